@@ -1,0 +1,104 @@
+"""One tree of errors; every failure a client can see is one of these.
+
+::
+
+    PdcdError                kind            what happened
+    ├── ConfigError          config          a setting, request or input file is wrong
+    ├── ProtocolError        protocol        a message on the socket is malformed or unknown
+    ├── BusyError            busy            another capture holds the rig
+    ├── DriverUnavailable    driver_unavailable   a driver is unknown or cannot be loaded
+    ├── DeviceLost           device_lost     a device stopped answering or was never there
+    ├── SyncError            sync            the panels missed refreshes
+    ├── ExposureError        exposure        the shutter or the exposure went wrong
+    ├── DecodeError          decode          a RAW file or a run folder cannot be read
+    ├── NoSpaceError         no_space        the disk is full, or would be
+    └── Cancelled            cancelled       the user, the client or a signal ended the job
+
+`kind` is stable and is what clients match on; the message says what failed, `device` on which
+device, and `hint` what to do.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class PdcdError(Exception):
+    """Base of every error of pdcd; carries the failing device and a hint for the user."""
+
+    kind: ClassVar[str] = "internal"
+
+    def __init__(self, message: str, *, device: str | None = None, hint: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.device = device
+        self.hint = hint
+
+    def __str__(self) -> str:
+        where = f"{self.device}: " if self.device else ""
+        what = f" ({self.hint})" if self.hint else ""
+        return f"{where}{self.message}{what}"
+
+
+class ConfigError(PdcdError):
+    """A setting, a request or an input file is wrong or out of range."""
+
+    kind = "config"
+
+
+class ProtocolError(PdcdError):
+    """A message on the socket is malformed, too long, or names an unknown method."""
+
+    kind = "protocol"
+
+
+class BusyError(PdcdError):
+    """Another capture holds the rig; `device` is empty, the hint names the holder."""
+
+    kind = "busy"
+
+
+class DriverUnavailable(PdcdError):  # noqa: N818 - reads as the state it reports
+    """A driver name is unknown, its module does not import, or its class is missing."""
+
+    kind = "driver_unavailable"
+
+
+class DeviceLost(PdcdError):  # noqa: N818
+    """A device stopped answering, was unplugged, or was never found."""
+
+    kind = "device_lost"
+
+
+class SyncError(PdcdError):
+    """The panels missed refreshes, or cannot be driven in lockstep."""
+
+    kind = "sync"
+
+
+class ExposureError(PdcdError):
+    """The shutter did not open or close, or the exposure is unusable."""
+
+    kind = "exposure"
+
+
+class DecodeError(PdcdError):
+    """A RAW file or a run folder is damaged, incomplete or of an unknown form."""
+
+    kind = "decode"
+
+
+class NoSpaceError(PdcdError):
+    """The disk is full, or the run would not fit on it."""
+
+    kind = "no_space"
+
+
+class Cancelled(PdcdError):  # noqa: N818
+    """The job was ended by a cancel request, a client that went away, or a signal."""
+
+    kind = "cancelled"
+
+
+KINDS = tuple(sorted({c.kind for c in PdcdError.__subclasses__()} | {PdcdError.kind}))
+"""Every `kind` a client may meet."""

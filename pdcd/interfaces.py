@@ -1,0 +1,240 @@
+"""What a driver must offer: one Protocol a device, and the values that cross it.
+
+A driver is a class with a classmethod ``create(context) -> driver``; the registry calls it. All
+methods block and are called from one worker thread of the daemon, never from two at once, save
+`Display.black` and `Shutter.close`, which must also be safe from any state, twice, and after a
+failure: they are how everything fails closed. Every method may raise `DeviceLost`.
+
+Times are integer nanoseconds of the injected `Clock`; lengths in seconds end in `_s`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Maturity = str
+"""One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
+
+BLACK = -1
+"""Pattern index of a black panel."""
+WHITE = -2
+"""Pattern index of a fully lit (projector) or fully open (mask) panel."""
+
+
+class Clock(Protocol):
+    """The only source of time above the drivers."""
+
+    def now_ns(self) -> int:
+        """Nanoseconds of a monotonic clock."""
+        ...
+
+    def sleep_until_ns(self, t_ns: int) -> None:
+        """Return when `now_ns() >= t_ns`; at once if that time has passed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What both panels are asked to show, refresh by refresh (F refreshes).
+
+    primal_bits, dual_bits : (P, ceil(L/8)) uint8
+        Patterns over the L lattice cells (row-major), packed by `numpy.packbits`.
+    primal_index, dual_index : (F,) int32
+        Which pattern each panel shows at each refresh; `BLACK` and `WHITE` are negative.
+    shift : (F,) uint8
+        Sub-shift 0..3 of both panels at this refresh (0 everywhere in whole-cell mode).
+        Bit 0 shifts by half a cell along columns, bit 1 along rows, towards the origin.
+    code : (F,) int32
+        Code that the refresh belongs to, counted over all passes; -1 before and after.
+    guard : (F,) bool
+        True where the mask is black by plan.
+    grid : (rows, cols)
+        Cells of the scene; `lattice` (rows, cols) is that of the patterns (one more of each in
+        quarter-window mode, so that shifted cells cover the borders).
+    window : "whole" or "quarter"
+        Part of each mask cell that opens: all of it, or its central half by half.
+    """
+
+    primal_bits: NDArray[np.uint8]
+    dual_bits: NDArray[np.uint8]
+    primal_index: NDArray[np.int32]
+    dual_index: NDArray[np.int32]
+    shift: NDArray[np.uint8]
+    code: NDArray[np.int32]
+    guard: NDArray[np.bool_]
+    grid: tuple[int, int]
+    lattice: tuple[int, int]
+    window: str
+
+    def __len__(self) -> int:
+        return int(self.primal_index.size)
+
+
+@dataclass(frozen=True)
+class FrameLog:
+    """What the panels really did, one row per refresh that was shown (F rows).
+
+    primal_shown, dual_shown : (F,) int32
+        Row of `Frames` whose content each panel carried (differs from the row number when a
+        frame was dropped or stale).
+    primal_ns, dual_ns : (F,) int64
+        When that content began to be sent to each panel, on the injected clock.
+    end_ns : (2,) int64
+        When each panel (primal, dual) went black after the last row.
+    missed : (F,) int32
+        Refreshes by which the row came late; 0 when on time.
+    source, verified :
+        Name of the time source, and whether it proves presentation rather than submission.
+    """
+
+    primal_shown: NDArray[np.int32]
+    dual_shown: NDArray[np.int32]
+    primal_ns: NDArray[np.int64]
+    dual_ns: NDArray[np.int64]
+    end_ns: NDArray[np.int64]
+    missed: NDArray[np.int32]
+    source: str
+    verified: bool
+
+    def __len__(self) -> int:
+        return int(self.primal_shown.size)
+
+
+@dataclass(frozen=True)
+class DisplayInfo:
+    """The two panels as found: size in pixels (width, height), refresh rate, identity."""
+
+    primal_size_px: tuple[int, int]
+    dual_size_px: tuple[int, int]
+    refresh_hz: float
+    identity: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """Settings of one exposure. `f_number` None means: leave the aperture as it is."""
+
+    iso: int
+    f_number: float | None
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """What the camera is and how it answers to light.
+
+    `responsivity_e` (3,) float64: electrons per scene unit per second, for R, G, B, at f/1; the
+    signal at aperture f is this divided by f squared. `profile` names the sensor profile.
+    """
+
+    model: str
+    serial: str
+    profile: str
+    responsivity_e: NDArray[np.float64]
+    isos: tuple[int, ...]
+    f_numbers: tuple[float, ...]
+    """Apertures that can be set from here; empty for a manual lens."""
+
+
+@dataclass(frozen=True)
+class RawFile:
+    """A RAW file on disk, as fetched: byte-for-byte the camera's own."""
+
+    path: Path
+    size_bytes: int
+    sha256: str
+
+
+class Display(Protocol):
+    """Two panels in lockstep: the projector (primal) and the mask (dual)."""
+
+    def connect(self) -> DisplayInfo:
+        """Open both panels, show black, measure the refresh. Both are black on return."""
+        ...
+
+    def load(self, frames: Frames) -> None:
+        """Take over all patterns of a shot; nothing is shown yet. Raises ConfigError if they do
+        not fit the panels."""
+        ...
+
+    def black(self) -> None:
+        """Both panels black on return. Safe in every state, idempotent."""
+        ...
+
+    def show(self, frames: Frames) -> None:
+        """Hold the first refresh of `frames` on both panels until `black` or `play`."""
+        ...
+
+    def play(
+        self, progress: Callable[[int, int, int], None], cancelled: Callable[[], bool]
+    ) -> FrameLog:
+        """Show the loaded frames once, then black; returns the log.
+
+        `progress(frame, frames, missed)` is called from time to time; `cancelled()` is asked at
+        least ten times a second and, when true, the panels go black and `Cancelled` is raised.
+        Raises SyncError when the panels cannot be kept in step.
+        """
+        ...
+
+    def disconnect(self) -> None:
+        """Black, then close both panels. Idempotent."""
+        ...
+
+
+class Shutter(Protocol):
+    """Opens and closes the exposure (bulb)."""
+
+    def connect(self) -> dict[str, str]:
+        """Make ready, closed; returns identity strings. Closed on return."""
+        ...
+
+    def open(self) -> int:
+        """Start the exposure; returns the time in ns by which it is surely open."""
+        ...
+
+    def close(self) -> int:
+        """End the exposure; returns the time in ns by which it is surely closed. Idempotent."""
+        ...
+
+    def disconnect(self) -> None:
+        """Close, then release the device. Idempotent."""
+        ...
+
+
+class Readout(Protocol):
+    """Sets the camera up and brings the RAW file home."""
+
+    def connect(self) -> CameraInfo:
+        """Find the camera and ask what it is."""
+        ...
+
+    def arm(self, settings: CameraSettings) -> None:
+        """Apply the settings and be ready for one exposure. Raises ConfigError with the list of
+        allowed values when the camera does not offer one."""
+        ...
+
+    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
+        """Wait for the file of the last exposure and store it as `folder/name.<suffix>`.
+
+        Raises ExposureError when no file comes, NoSpaceError when it cannot be stored.
+        """
+        ...
+
+    def disconnect(self) -> None:
+        """Release the camera. Idempotent."""
+        ...
+
+
+@dataclass(frozen=True)
+class DriverContext:
+    """What a driver's `create` gets: the whole checked configuration, the clock, and a place
+    where drivers of one rig meet (the mock bench is one object seen by three drivers)."""
+
+    config: Any
+    clock: Clock
+    shared: dict[str, Any]

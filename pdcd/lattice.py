@@ -1,0 +1,162 @@
+"""Where code cells lie on the two panels: sub-shifts, windows and misregistration.
+
+Positions are measured in cells of the scene's grid. Under sub-shift `l` the whole code lattice is
+moved towards the origin by half a cell along columns (bit 0) and rows (bit 1); a mask cell opens
+either as a whole or only in its central half by half ("quarter" window, the paper's robust
+coding). Everything is a product of two axes, and within a cell each axis falls into a few pieces
+("atoms") on which nothing changes. So the optics never need more than 4 fields per panel, however
+fine the panels' pixels are.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+SHIFTS = 4
+"""Sub-shifts of one code in quarter-window mode."""
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """A part of every cell on which one mask field and one projector field meet.
+
+    `step` is how many cells (rows, cols) the mask's code cell lies further than the scene's.
+    `dual_cell` (N,) int64 is the pixel of the mask field seen there; the last one, L, is the rest
+    of the panel, where the code's cells end.
+    """
+
+    dual_field: int
+    primal_field: int
+    step: tuple[int, int]
+    dual_cell: NDArray[np.int64]
+    area: float
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Geometry of the cells of both panels over a grid of N = rows x cols scene cells.
+
+    A *primal field* is one of the parts of each cell (1, or 2 x 2 halves) that always shows one
+    projector value; a *dual field* is one set of windows (1, or one for each sub-shift).
+
+    offset_cells : (rows, cols)
+        A scene point at x is seen through the mask at x + offset.
+    """
+
+    grid: tuple[int, int]
+    window: str = "whole"
+    offset_cells: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def fields(self) -> int:
+        """Number of primal fields, and of dual fields: 1 or 4."""
+        return SHIFTS if self.window == "quarter" else 1
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells of a code pattern: one more each way when shifts must cover the borders."""
+        more = 1 if self.window == "quarter" else 0
+        return self.grid[0] + more, self.grid[1] + more
+
+    @property
+    def cells(self) -> int:
+        """Scene cells, N."""
+        return self.grid[0] * self.grid[1]
+
+    @property
+    def lattice_cells(self) -> int:
+        """Code cells, L."""
+        return self.shape[0] * self.shape[1]
+
+    def primal_field_values(self, pattern: Bools, shift: int) -> Bools:
+        """What a pattern (L,) shown under a sub-shift puts on the primal fields, (fields, N)."""
+        full = pattern.reshape(self.shape)
+        rows, cols = self.grid
+        parts = []
+        for f in range(self.fields):
+            down = (f >> 1) & (shift >> 1)  # the lower half of a cell sees the next code cell
+            right = (f & 1) & (shift & 1)
+            parts.append(full[down : down + rows, right : right + cols].ravel())
+        return np.stack(parts)
+
+    def dual_field_values(self, pattern: Bools, shift: int) -> Bools:
+        """What a pattern (L,) shown under a sub-shift opens on the dual fields, (fields, L + 1)."""
+        values = np.zeros((self.fields, self.lattice_cells + 1), dtype=np.bool_)
+        values[shift, :-1] = pattern
+        return values
+
+    def dual_field_uniform(self, on: bool) -> Bools:
+        """Dual fields of a black or fully open mask, (fields, L + 1); the rest stays black."""
+        values = np.full((self.fields, self.lattice_cells + 1), on)
+        values[:, -1] = False
+        return values
+
+    @cached_property
+    def overlaps(self) -> tuple[Overlap, ...]:
+        """All parts of a cell with their area (they sum to 1)."""
+        r, c = np.divmod(np.arange(self.cells), self.grid[1])
+        areas: dict[tuple[int, int, int, int], float] = {}
+        for (wr, pr, dr, sr), (wc, pc, dc, sc) in itertools.product(
+            _atoms(self.window, self.offset_cells[0]), _atoms(self.window, self.offset_cells[1])
+        ):
+            key = (2 * dr + dc, 2 * pr + pc, sr, sc)
+            areas[key] = areas.get(key, 0.0) + wr * wc
+        found = []
+        panel_rows, panel_cols = self.shape
+        for (dual, primal, sr, sc), area in sorted(areas.items()):
+            jr, jc = r + sr, c + sc
+            inside = (jr >= 0) & (jr < panel_rows) & (jc >= 0) & (jc < panel_cols)
+            cell = np.where(inside, jr * panel_cols + jc, self.lattice_cells)
+            found.append(Overlap(dual, primal, (sr, sc), cell, area))
+        return tuple(found)
+
+    def seen(self, field: Floats, overlap: Overlap) -> Floats:
+        """Values of one dual field (R, L + 1) over the scene's cells, (R, rows, cols)."""
+        (down, right), (rows, cols) = overlap.step, self.grid
+        if 0 <= down <= self.shape[0] - rows and 0 <= right <= self.shape[1] - cols:
+            full = field[:, :-1].reshape(-1, *self.shape)  # a view: most overlaps need no copy
+            return full[:, down : down + rows, right : right + cols]
+        return field[:, overlap.dual_cell].reshape(-1, rows, cols)
+
+    @cached_property
+    def spread(self) -> sparse.csr_array:
+        """(fields * (L + 1), N): mean of the dual fields over each scene cell, `x @ spread`."""
+        width = self.lattice_cells + 1
+        rows = np.concatenate([o.dual_field * width + o.dual_cell for o in self.overlaps])
+        columns = np.tile(np.arange(self.cells), len(self.overlaps))
+        areas = np.repeat([o.area for o in self.overlaps], self.cells)
+        shape = (self.fields * width, self.cells)
+        return sparse.csr_array((areas, (rows, columns)), shape=shape)
+
+
+def _atoms(window: str, offset: float) -> list[tuple[float, int, int, int]]:
+    """Pieces of one axis of a cell: (width, primal half, dual shift bit, lattice step).
+
+    The lattice step is how many cells further the mask's code cell lies than the scene's.
+    """
+    edges = {0.0, -offset % 1.0}
+    if window == "quarter":
+        edges = {0.0, 0.5, (0.25 - offset) % 1.0, (0.75 - offset) % 1.0}
+    cuts = [*sorted(edges), 1.0]
+    pieces = []
+    for lo, hi in itertools.pairwise(cuts):
+        if hi - lo < 1e-14:  # two edges that differ by rounding only
+            continue
+        mid = 0.5 * (lo + hi)
+        if window == "quarter":
+            # Exactly one of the two shifts opens its window over any point.
+            bit = 0 if 0.25 <= (mid + offset) % 1.0 < 0.75 else 1
+            pieces.append((hi - lo, int(mid >= 0.5), bit, math.floor(mid + offset + 0.5 * bit)))
+        else:
+            pieces.append((hi - lo, 0, 0, math.floor(mid + offset)))
+    return pieces

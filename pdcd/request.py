@@ -1,0 +1,94 @@
+"""What a user asks for and what comes back: the types that every floor speaks.
+
+They are plain values without behaviour, so that the socket, the command line, the run folder and
+Python callers share one definition and one JSON Schema.
+"""
+
+from __future__ import annotations
+
+import secrets
+from datetime import UTC, datetime
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+GoalName = Literal["white", "indirect", "direct", "fraction"]
+FamilyName = Literal["bernoulli", "balanced", "hadamard"]
+WindowName = Literal["auto", "whole", "quarter"]
+BlackLevel = Literal["none", "mask", "ambient", "both"]
+JobState = Literal["queued", "running", "done", "failed", "cancelled"]
+
+
+class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One wanted photo, as `capture.start` and `pdcd capture` take it.
+
+    `goal` names what to keep of the light transport; `p` is the kept share of indirect light and
+    belongs to the goal `fraction` only. `codes` is the number of independent primal/dual pairs.
+    `exposure_s` asks for a total coded time; the codes are then shown in as many whole passes as
+    fit. Fields left out (None) take the value of the rig's configuration.
+    """
+
+    goal: GoalName
+    codes: Annotated[int, Meta(ge=1, le=65536)] | None = None
+    family: FamilyName | None = None
+    p: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
+    seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
+    exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
+    window: WindowName | None = None
+    guards: bool | None = None
+    black_level: BlackLevel | None = None
+    white: bool = True
+    """Take a white shot beside an indirect one, so that the run shows white, direct, indirect."""
+    out: str | None = None
+    """Folder the run folder is made in; below the state folder when asked for over the socket."""
+    note: Annotated[str, Meta(max_length=4096)] = ""
+
+
+class ShotSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One exposure of a plan."""
+
+    name: str
+    codes: int
+    refreshes: int
+    exposure_s: float
+    light_share: float
+    """Mean share of a floodlit exposure's light that an off-diagonal path keeps, 0..1."""
+
+
+class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
+
+    goal: str
+    family: str
+    codes: int
+    p: float
+    grid: tuple[int, int]
+    window: str
+    guards: bool
+    passes: int
+    shots: tuple[ShotSummary, ...]
+    refreshes: int
+    seconds: float
+    light_share: float
+    raw_files: int
+
+
+class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
+    """The end of a job: what `capture.wait` returns and `pdcd capture --json` prints last."""
+
+    job: str
+    state: JobState
+    folder: str | None = None
+    manifest_sha256: str | None = None
+    error: dict[str, str | None] | None = None
+    """`kind`, `message`, `device`, `hint` of the failure, when `state` is failed or cancelled."""
+    files: tuple[str, ...] = ()
+    """Paths kept, relative to `folder` (of the unfinished folder when the job did not finish)."""
+    summary: dict[str, float | int | str | None] = {}
+    """codes, refreshes, exposure_s, missed_refreshes, rms_error, wall_s ... for the table."""
+
+
+def new_job_id() -> str:
+    """Name of a new job: UTC time to the second and four random hex digits."""
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
