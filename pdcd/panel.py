@@ -45,6 +45,15 @@ class Panel:
         return np.array([0.0] + [1.0 / t if t > 0.0 else 1.0 for t in taus])
 
 
+def offset_cells(
+    projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]
+) -> tuple[float, float]:
+    """Misregistration of the mask in cells (rows, cols), from its offset in projector pixels."""
+    right_px, down_px = mask.offset_px
+    width_px, height_px = projector.size_px
+    return down_px * grid[0] / height_px, right_px * grid[1] / width_px
+
+
 class Trajectory:
     """The spans of one panel during an exposure, in order.
 

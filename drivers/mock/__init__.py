@@ -1,0 +1,12 @@
+"""The mock bench: two panels, a shutter and a camera in front of a virtual scene.
+
+Ordinary drivers that share one `Bench`: the panels write down when they showed what, the shutter
+when it was open, and the camera integrates the scene over both, exactly, and writes a real DNG.
+"""
+
+from drivers.mock.bench import Bench
+from drivers.mock.camera import MockReadout
+from drivers.mock.display import MockDisplay
+from drivers.mock.shutter import MockShutter
+
+__all__ = ["Bench", "MockDisplay", "MockReadout", "MockShutter"]

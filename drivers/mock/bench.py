@@ -1,0 +1,88 @@
+"""What the mock drivers share: the scene, and what it was shown while the shutter was open.
+
+Modelled: both panels' own refresh and phase, first-order response, black leak, skew, jitter and
+misregistration; sub-cell windows; ambient light; shutter lag and jitter. Not modelled: projector
+colour wheels and dithering, lens blur, vignetting and distortion, scan-out from top to bottom,
+panel pixels that do not divide a cell, motion. Panels are taken to have settled to black when the
+shutter opens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.config import Config
+from pdcd.errors import ExposureError
+from pdcd.interfaces import DriverContext, FrameLog, Frames
+from pdcd.panel import Panel, offset_cells
+from pdcd.realised import factors
+from pdcd.scene import Scene, build_scene
+
+KEY = "mock.bench"
+
+
+@dataclass
+class Bench:
+    """One virtual bench. The drivers set its fields; `photo` looks at them."""
+
+    config: Config
+    scene: Scene
+    frames: Frames | None = None
+    log: FrameLog | None = None
+    open_ns: int | None = None
+    close_ns: int | None = None
+    panels_black: bool = True
+    shutter_open: bool = field(default=False)
+
+    @classmethod
+    def of(cls, context: DriverContext) -> Bench:
+        """The bench of this rig; made by the first driver that asks."""
+        bench = context.shared.get(KEY)
+        if not isinstance(bench, cls):
+            bench = cls(context.config, build_scene(context.config.scene))
+            context.shared[KEY] = bench
+            # A rig that knows its scene says so: the engine then reports errors against truth.
+            context.shared["scene"] = bench.scene
+        return bench
+
+    def photo(self) -> NDArray[np.float64]:
+        """Light of the last exposure, (N, 3) float64 in scene units times seconds.
+
+        Raises ExposureError when no exposure has been completed.
+        """
+        if self.open_ns is None or self.close_ns is None:
+            raise ExposureError(
+                "there is no finished exposure", device="camera", hint="open and close the shutter"
+            )
+        config = self.config
+        light = np.zeros((self.scene.cells, 3))
+        if self.frames is None or self.log is None:
+            frames, log = _nothing(self.scene.grid, self.open_ns)
+        else:
+            frames, log = self.frames, self.log
+        for part in factors(
+            frames,
+            log,
+            Panel.from_config(config.projector),
+            Panel.from_config(config.mask),
+            open_ns=self.open_ns,
+            close_ns=self.close_ns,
+            offset_cells=offset_cells(config.projector, config.mask, self.scene.grid),
+        ):
+            light += self.scene.photo(part.left, part.right, part.coaxial, part.open_s)
+        return light
+
+
+def _nothing(grid: tuple[int, int], at_ns: int) -> tuple[Frames, FrameLog]:
+    """Frames and log of panels that stayed black."""
+    empty, none = np.zeros((0, 0), dtype=np.uint8), np.zeros(0, dtype=np.int32)
+    frames = Frames(
+        empty, empty, none, none, none.astype(np.uint8), none, none.astype(np.bool_),
+        grid, grid, "whole",
+    )  # fmt: skip
+    stamps = np.zeros(0, dtype=np.int64)
+    log = FrameLog(none, none, stamps, stamps, np.array([at_ns, at_ns]), none, "none", True)
+    return frames, log

@@ -1,0 +1,118 @@
+"""A Bayer camera that integrates the bench's scene and writes a real DNG."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mock.bench import Bench
+from drivers.mock.dng import write_dng
+from pdcd.config import CameraConfig
+from pdcd.errors import ConfigError, ExposureError
+from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+from pdcd.sensor import expose, load_profile
+
+RESPONSIVITY_E = (4.8e6, 8.6e6, 5.6e6)
+"""Electrons per scene unit and second at f/1: a half-grey scene fills the well of the "modern"
+sensor about two thirds in a default capture at f/8."""
+
+F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
+"""f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""
+
+READOUT_S = 0.2
+"""Time from the end of the exposure until the file is there."""
+
+
+class MockReadout:
+    """The bench's camera: one Bayer quad, or a block of them, per scene cell.
+
+    Each quad sees the mean over its cell; light finer than a cell is not resolved. Models the
+    noise of `pdcd.sensor`; not models optical black borders, hot pixels or lens shading.
+    """
+
+    maturity = "stable"
+
+    def __init__(self, bench: Bench, clock: Clock, config: CameraConfig) -> None:
+        self._bench = bench
+        self._clock = clock
+        self._config = config
+        self._profile = load_profile(config.profile)
+        self._responsivity_e = np.array(config.responsivity_e or RESPONSIVITY_E)
+        self._rng = np.random.default_rng([config.seed, 1])
+        self._settings: CameraSettings | None = None
+
+    @classmethod
+    def create(cls, context: DriverContext) -> MockReadout:
+        """The camera of this rig's bench."""
+        return cls(Bench.of(context), context.clock, context.config.camera)
+
+    def connect(self) -> CameraInfo:
+        """Report the sensor profile's ISOs and a lens with every aperture."""
+        fixed = self._config.f_number
+        return CameraInfo(
+            model=f"mock {self._profile.name}",
+            serial="virtual",
+            profile=self._config.profile,
+            responsivity_e=self._responsivity_e,
+            isos=self._profile.isos,
+            f_numbers=F_NUMBERS if fixed == "auto" else (float(fixed),),
+        )
+
+    def arm(self, settings: CameraSettings) -> None:
+        """Take over the settings; ConfigError when the profile lacks the ISO."""
+        self._profile.row(settings.iso)
+        if settings.f_number is None:
+            raise ConfigError(
+                "the mock lens has no ring to leave alone", device="camera", hint="set f_number"
+            )
+        self._settings = settings
+
+    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
+        """Integrate the last exposure and write it as `folder/name.dng`."""
+        bench, settings = self._bench, self._settings
+        if settings is None or settings.f_number is None:
+            raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
+        light = bench.photo()
+        self._clock.sleep_until_ns(self._clock.now_ns() + round(READOUT_S * 1e9))
+        exposure_s = ((bench.close_ns or 0) - (bench.open_ns or 0)) * 1e-9
+        electrons = self._mosaic(light * self._responsivity_e / settings.f_number**2)
+        rng = self._rng if self._config.noise == "full" else None
+        path = folder / f"{name}.dng"
+        write_dng(
+            path,
+            expose(electrons, self._profile, settings.iso, exposure_s, rng),
+            black=self._profile.black_dn,
+            white=self._profile.white_dn,
+            iso=settings.iso,
+            exposure_s=exposure_s,
+            f_number=settings.f_number,
+            model=f"pdcd mock {self._profile.name}",
+            date=datetime.now(UTC),
+            as_shot_neutral=self._neutral(),
+        )
+        bench.open_ns = bench.close_ns = None
+        data = path.read_bytes()
+        return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
+
+    def disconnect(self) -> None:
+        """Forget the settings."""
+        self._settings = None
+
+    def _mosaic(self, cells: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 3) per cell -> (H, W) RGGB mosaic."""
+        rows, cols = self._bench.scene.grid
+        per_cell = self._config.quads_per_cell
+        quads = cells.reshape(rows, cols, 3).repeat(per_cell, axis=0).repeat(per_cell, axis=1)
+        mosaic = np.empty((2 * quads.shape[0], 2 * quads.shape[1]))
+        mosaic[0::2, 0::2] = quads[..., 0]
+        mosaic[0::2, 1::2] = mosaic[1::2, 0::2] = quads[..., 1]
+        mosaic[1::2, 1::2] = quads[..., 2]
+        return mosaic
+
+    def _neutral(self) -> tuple[float, float, float]:
+        red, green, blue = self._responsivity_e / self._responsivity_e.max()
+        return float(red), float(green), float(blue)

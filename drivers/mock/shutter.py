@@ -1,0 +1,70 @@
+"""A bulb shutter with lag and jitter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivers.mock.bench import Bench
+from pdcd.config import TriggerConfig
+from pdcd.interfaces import Clock, DriverContext
+
+
+class MockShutter:
+    """Opens and closes the bench's shutter, late by the configured lag and its seeded jitter.
+
+    Does not model bounce, nor blades that take time to travel.
+    """
+
+    maturity = "stable"
+
+    def __init__(self, bench: Bench, clock: Clock, config: TriggerConfig, seed: int) -> None:
+        self._bench = bench
+        self._clock = clock
+        self._config = config
+        self._rng = np.random.default_rng([seed, 2])
+
+    @classmethod
+    def create(cls, context: DriverContext) -> MockShutter:
+        """The shutter of this rig's bench."""
+        config = context.config
+        return cls(Bench.of(context), context.clock, config.trigger, config.camera.seed)
+
+    def connect(self) -> dict[str, str]:
+        """Closed on return."""
+        self.close()
+        return {"model": "mock shutter"}
+
+    def open(self) -> int:
+        """Open within lag and four jitters; returns that time."""
+        bench = self._bench
+        asked_ns = self._clock.now_ns()
+        bench.open_ns = asked_ns + self._delay_ns()
+        bench.close_ns = None
+        bench.frames = bench.log = None
+        bench.shutter_open = True
+        sure_ns = asked_ns + self._longest_ns
+        self._clock.sleep_until_ns(sure_ns)
+        return sure_ns
+
+    def close(self) -> int:
+        """Close within lag and four jitters; returns that time, or now when it was closed."""
+        asked_ns = self._clock.now_ns()
+        if not self._bench.shutter_open:
+            return asked_ns
+        self._bench.close_ns = asked_ns + self._delay_ns()
+        self._bench.shutter_open = False
+        sure_ns = asked_ns + self._longest_ns
+        self._clock.sleep_until_ns(sure_ns)
+        return sure_ns
+
+    def disconnect(self) -> None:
+        """Close."""
+        self.close()
+
+    @property
+    def _longest_ns(self) -> int:
+        return round((self._config.lag_s + 4.0 * self._config.jitter_s) * 1e9)
+
+    def _delay_ns(self) -> int:
+        wobble = float(np.clip(self._rng.standard_normal(), -4.0, 4.0))
+        return max(0, round((self._config.lag_s + self._config.jitter_s * wobble) * 1e9))

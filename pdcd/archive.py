@@ -1,0 +1,253 @@
+"""The run folder: made beside its final name, finished by one rename, manifest last.
+
+::
+
+    <job>/capture.json    manifest; written last, so no manifest means unfinished
+    <job>/raw/            camera files, byte for byte, read-only
+    <job>/codes.npz       packed bits of every code
+    <job>/frames.csv      one row per refresh of every shot: what was asked, what was shown, when
+    <job>/linear/         float32 TIFF, linear, before any tone map
+    <job>/probe.npz       image and sigma, float64 (h, w, 3), in scene units
+    <job>/preview/        8-bit PNG, for humans only
+    <job>/log.jsonl       what happened
+
+While it is being filled the folder is called ``<job>.partial``; it is never deleted.
+"""
+
+from __future__ import annotations
+
+import csv
+import errno
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.codes import Codes
+from pdcd.errors import DecodeError, NoSpaceError, PdcdError
+from pdcd.interfaces import FrameLog, Frames
+from pdcd.record import Manifest, ShotRecord
+
+MANIFEST = "capture.json"
+COLUMNS = (
+    "shot", "refresh", "code", "shift", "guard", "primal_index", "dual_index",
+    "primal_shown", "dual_shown", "t_primal_ns", "t_dual_ns", "skew_ns", "missed", "dropped",
+)  # fmt: skip
+
+
+@contextmanager
+def disk_errors(device: str) -> Iterator[None]:
+    """Turn a full disk into NoSpaceError and any other refusal of the disk into PdcdError."""
+    try:
+        yield
+    except OSError as err:
+        if err.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise NoSpaceError(
+                "the disk is full", device=device, hint="free some space and run again"
+            ) from err
+        raise PdcdError(
+            f"cannot write: {err.strerror or err}", device=device, hint="check folder and rights"
+        ) from err
+
+
+class RunFolder:
+    """One run's folder while it is being filled."""
+
+    def __init__(self, parent: Path, job: str) -> None:
+        self.final = parent / job
+        self.path = parent / f"{job}.partial"
+
+    def create(self, *, min_free_bytes: int) -> None:
+        """Make the folder. Raises NoSpaceError when less than that would be left."""
+        with disk_errors(str(self.path.parent)):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            free = shutil.disk_usage(self.path.parent).free
+            if free < min_free_bytes:
+                raise NoSpaceError(
+                    f"only {free} bytes are free, {min_free_bytes} are kept in reserve",
+                    device=str(self.path.parent),
+                    hint="free some space, or lower limits.min_free_bytes",
+                )
+            self.path.mkdir()
+            for name in ("raw", "linear", "preview"):
+                (self.path / name).mkdir()
+
+    def log(self, event: str, t_mono_ns: int, fields: Mapping[str, Any]) -> None:
+        """Append one line to log.jsonl."""
+        line = json.dumps({"t_mono_ns": t_mono_ns, "event": event, **fields})
+        with disk_errors(str(self.path)), (self.path / "log.jsonl").open("a") as file:
+            file.write(line + "\n")
+
+    def files(self) -> tuple[str, ...]:
+        """Relative paths of all files so far, sorted."""
+        if not self.path.is_dir():
+            return ()
+        found = (p for p in self.path.rglob("*") if p.is_file())
+        return tuple(sorted(str(p.relative_to(self.path)) for p in found))
+
+    def write_codes(self, codes: Codes) -> None:
+        """Store the packed codes and where they came from."""
+        with disk_errors(str(self.path)), (self.path / "codes.npz").open("wb") as file:
+            np.savez_compressed(
+                file,
+                primal_bits=codes.primal_bits,
+                dual_bits=codes.dual_bits,
+                weight=codes.weight,
+                lattice=np.array(codes.lattice),
+                family=np.array(codes.family),
+                p=np.array(codes.p),
+                seed=np.array(codes.seed),
+            )
+
+    def write_frames(self, shot: str, frames: Frames, log: FrameLog) -> None:
+        """Append the refreshes of a shot to frames.csv."""
+        rows = np.arange(len(log))
+        columns: tuple[NDArray[np.generic], ...] = (
+            rows,
+            frames.code,
+            frames.shift,
+            frames.guard.astype(np.int64),
+            frames.primal_index,
+            frames.dual_index,
+            log.primal_shown,
+            log.dual_shown,
+            log.primal_ns,
+            log.dual_ns,
+            log.dual_ns - log.primal_ns,
+            log.missed,
+            ((log.primal_shown != rows) | (log.dual_shown != rows)).astype(np.int64),
+        )
+        path = self.path / "frames.csv"
+        with disk_errors(str(self.path)):
+            new = not path.exists()
+            with path.open("a", newline="") as file:
+                writer = csv.writer(file)
+                if new:
+                    writer.writerow(COLUMNS)
+                listed = zip(*(c.tolist() for c in columns), strict=True)
+                writer.writerows((shot, *row) for row in listed)
+
+    def finish(self, manifest: Manifest) -> str:
+        """Write the manifest, make everything durable, give the folder its final name.
+
+        Returns the SHA-256 of the manifest.
+        """
+        with disk_errors(str(self.path)):
+            for name in self.files():
+                if name.startswith("raw/"):
+                    (self.path / name).chmod(0o440)
+                _sync(self.path / name)
+            data = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
+            temporary = self.path / f"{MANIFEST}.new"
+            temporary.write_bytes(data)
+            _sync(temporary)
+            temporary.rename(self.path / MANIFEST)
+            for folder in (*self.path.iterdir(), self.path):
+                if folder.is_dir():
+                    _sync(folder)
+            self.path.rename(self.final)
+            _sync(self.final.parent)
+        return hashlib.sha256(data).hexdigest()
+
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 of every file so far."""
+        return {name: sha256_of(self.path / name) for name in self.files()}
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest of a finished run. Raises DecodeError when there is none or it is damaged."""
+    path = folder / MANIFEST
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Manifest)
+    except OSError as err:
+        raise DecodeError(
+            f"{folder} has no readable {MANIFEST}",
+            hint="give the folder of a finished run; one that ends in .partial is not",
+        ) from err
+    except msgspec.DecodeError as err:
+        raise DecodeError(f"{path} is damaged: {err}", hint="restore it from a copy") from err
+
+
+def read_codes(folder: Path) -> Codes:
+    """The codes of a run, as `RunFolder.write_codes` stored them."""
+    path = folder / "codes.npz"
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return Codes(
+                primal_bits=data["primal_bits"],
+                dual_bits=data["dual_bits"],
+                weight=data["weight"],
+                lattice=(int(data["lattice"][0]), int(data["lattice"][1])),
+                family=str(data["family"]),
+                p=float(data["p"]),
+                seed=int(data["seed"]),
+            )
+    except (OSError, KeyError, ValueError) as err:
+        raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
+
+
+def read_frames(
+    folder: Path, shot: ShotRecord, codes: Codes | None, *, grid: tuple[int, int], window: str
+) -> tuple[Frames, FrameLog]:
+    """What one shot was asked to show and what it showed, from frames.csv and codes.npz."""
+    path = folder / "frames.csv"
+    try:
+        with path.open(newline="") as file:
+            rows = [row for row in csv.DictReader(file) if row["shot"] == shot.name]
+        table = {
+            name: np.array([int(row[name]) for row in rows], dtype=np.int64) for name in COLUMNS[1:]
+        }
+    except (OSError, KeyError, ValueError, TypeError) as err:
+        raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
+    if len(rows) != shot.refreshes:
+        raise DecodeError(
+            f"{path} has {len(rows)} refreshes of shot {shot.name}, not {shot.refreshes}",
+            hint="restore it from a copy",
+        )
+    empty = np.zeros((0, 0), dtype=np.uint8)
+    more = 1 if window == "quarter" else 0
+    frames = Frames(
+        primal_bits=empty if codes is None else codes.primal_bits,
+        dual_bits=empty if codes is None else codes.dual_bits,
+        primal_index=table["primal_index"].astype(np.int32),
+        dual_index=table["dual_index"].astype(np.int32),
+        shift=table["shift"].astype(np.uint8),
+        code=table["code"].astype(np.int32),
+        guard=table["guard"].astype(np.bool_),
+        grid=grid,
+        lattice=(grid[0] + more, grid[1] + more),
+        window=window,
+    )
+    log = FrameLog(
+        primal_shown=table["primal_shown"].astype(np.int32),
+        dual_shown=table["dual_shown"].astype(np.int32),
+        primal_ns=table["t_primal_ns"],
+        dual_ns=table["t_dual_ns"],
+        end_ns=np.array(shot.end_ns, dtype=np.int64),
+        missed=table["missed"].astype(np.int32),
+        source=shot.source,
+        verified=shot.verified,
+    )
+    return frames, log
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,177 @@
+"""`pdcd capture`, `pdcd plan`, `pdcd wait`: over the socket, or with the rig in this process."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pwd
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import msgspec
+
+from pdcd.cli.exits import DONE
+from pdcd.cli.output import OnEvent, progress, say_json, say_result, say_table
+from pdcd.client import Client, Unreachable
+from pdcd.config import load, socket_path
+from pdcd.errors import ConfigError
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
+
+
+def capture(args: argparse.Namespace) -> int:
+    """Take a photo; the exit code tells how it ended."""
+    request = _request(args, out=args.out)
+    if args.local:
+        _refuse_daemon_options(args)
+        with progress() as on_event:
+            result = _capture_here(args.config, request, on_event)
+    else:
+        path = daemon_socket(args)
+        # A terminated command must end its job in good order, as an interrupted one does.
+        with (
+            _signals_to(signal.default_int_handler),
+            progress() as on_event,
+            Client(path) as client,
+        ):
+            result = client.capture(
+                request, detach=args.detach, queue=args.queue, on_event=on_event
+            )
+    return say_result(result, as_json=args.json)
+
+
+def wait(args: argparse.Namespace) -> int:
+    """Wait for the end of a job; the exit code tells how it ended."""
+    with progress() as on_event, Client(daemon_socket(args)) as client:
+        result = client.wait(args.job, on_event)
+    return say_result(result, as_json=args.json)
+
+
+def plan(args: argparse.Namespace) -> int:
+    """Print what a capture would do, without doing it."""
+    summary = _plan(args, _request(args, out=None))
+    if args.json:
+        say_json(summary)
+        return DONE
+    head = [
+        ["goal", summary.goal],
+        ["codes", f"{summary.codes} {summary.family}, p = {summary.p:g}"],
+        ["cells", f"{summary.grid[0]} x {summary.grid[1]}, window {summary.window}"],
+        ["passes", f"{summary.passes}, {'with' if summary.guards else 'without'} guards"],
+        ["light", f"{100.0 * summary.light_share:.3g} % of a floodlit exposure"],
+        ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
+        ["RAW files", str(summary.raw_files)],
+    ]
+    shots = [
+        [f"shot {s.name}", f"{s.codes} codes, {s.refreshes} refreshes, {s.exposure_s:.3f} s"]
+        for s in summary.shots
+    ]
+    say_table(head + shots)
+    return DONE
+
+
+def daemon_socket(args: argparse.Namespace) -> Path:
+    """Path of the daemon's socket: as given, else as the configuration says."""
+    given: Path | None = args.socket
+    return given if given is not None else socket_path(load(args.config))
+
+
+def _request(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
+    """Check what was typed against the types of a request. Raises ConfigError."""
+    fields = {
+        "goal": args.goal,
+        "codes": args.codes,
+        "family": args.family,
+        "p": args.p,
+        "seed": args.seed,
+        "exposure_s": args.exposure_s,
+        "window": args.window,
+        "guards": args.guards,
+        "black_level": args.black_level,
+        "white": args.white,
+        # The daemon has another current folder than we.
+        "out": None if out is None else str(out.absolute()),
+        "note": args.note,
+    }
+    try:
+        return msgspec.convert(fields, CaptureRequest)
+    except msgspec.ValidationError as err:
+        what, _, place = str(err).replace("`", "").partition(" - at $.")
+        raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
+
+
+def _refuse_daemon_options(args: argparse.Namespace) -> None:
+    given = [name for name in ("socket", "detach", "queue") if getattr(args, name)]
+    if given:
+        raise ConfigError(
+            f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
+        )
+
+
+def _plan(args: argparse.Namespace, request: CaptureRequest) -> PlanSummary:
+    """Ask the daemon, unless told to plan here; plan here too when no daemon was named or found."""
+    if args.local and args.socket is not None:
+        raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
+    if not args.local and args.config is None:
+        try:
+            with Client(daemon_socket(args)) as client:
+                return client.plan(request)
+        except Unreachable:
+            if args.socket is not None:
+                raise
+    from pdcd.engine import Engine
+
+    return Engine.from_config(load(args.config)).plan(request)
+
+
+def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEvent) -> CaptureResult:
+    """Run one capture with the rig in this process; panels black and shutter closed on return."""
+    from pdcd.engine import Engine
+
+    job = new_job_id()
+
+    def emit(kind: str, fields: dict[str, Any]) -> None:
+        on_event({"job": job, "type": kind, **fields})
+
+    interrupted = threading.Event()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if interrupted.is_set():  # the second time, the user does not want to wait
+            raise KeyboardInterrupt
+        interrupted.set()
+
+    engine = Engine.from_config(load(config))
+    with _signals_to(interrupt):
+        try:
+            engine.start()
+            return engine.capture(
+                request, job=job, owner=_owner(), emit=emit, cancelled=interrupted.is_set
+            )
+        finally:
+            engine.stop()
+
+
+@contextmanager
+def _signals_to(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+    """Send SIGINT and SIGTERM to `handler` for a while."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, handler) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handled in zip(numbers, before, strict=True):
+            signal.signal(number, handled)
+
+
+def _owner() -> dict[str, Any]:
+    """Who asks, in the same fields that the daemon learns from the kernel."""
+    uid = os.getuid()
+    try:
+        user = pwd.getpwuid(uid).pw_name
+    except KeyError:  # containers run under users that no table names
+        user = str(uid)
+    return {"uid": uid, "pid": os.getpid(), "user": user}

@@ -1,0 +1,90 @@
+"""`pdcd status`, `list`, `watch`, `cancel`: look at the daemon's jobs and end them."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from pdcd.cli.capture import daemon_socket
+from pdcd.cli.exits import DONE
+from pdcd.cli.output import progress, say, say_json, say_result, say_table
+from pdcd.client import Client
+from pdcd.errors import ConfigError
+
+
+def status(args: argparse.Namespace) -> int:
+    """Print what the daemon is doing."""
+    with Client(daemon_socket(args)) as client:
+        answer = client.status()
+    if args.json:
+        say_json(answer)
+        return DONE
+    running = answer["running"]
+    say_table(
+        [
+            ["version", answer["version"]],
+            ["state", answer["state"]],
+            ["running", _job_words(running) if running else "nothing"],
+            *(["queued", _job_words(job)] for job in answer["queued"]),
+            ["connections", str(answer["connections"])],
+            ["up", f"{answer['uptime_s']:.0f} s"],
+        ]
+    )
+    return DONE
+
+
+def list_jobs(args: argparse.Namespace) -> int:
+    """Print the jobs that the daemon remembers, oldest first."""
+    with Client(daemon_socket(args)) as client:
+        jobs = client.list()
+    if args.json:
+        say_json({"jobs": jobs})
+        return DONE
+    rows = [
+        [j["job"], j["state"], j["goal"], j["owner"]["user"], j.get("folder") or ""] for j in jobs
+    ]
+    say_table([["job", "state", "goal", "user", "folder"], *rows])
+    return DONE
+
+
+def watch(args: argparse.Namespace) -> int:
+    """Follow one job and report its end, or all jobs until interrupted."""
+    with Client(daemon_socket(args)) as client:
+        if args.job is None:
+            for event in client.events():
+                _say_event(event, as_json=args.json)
+            return DONE
+        if args.json:
+            result = client.wait(args.job, lambda event: _say_event(event, as_json=True))
+        else:
+            with progress() as on_event:
+                result = client.wait(args.job, on_event)
+    return say_result(result, as_json=args.json)
+
+
+def cancel(args: argparse.Namespace) -> int:
+    """End a job; the panels are black and the shutter is closed on return."""
+    with Client(daemon_socket(args)) as client:
+        job = args.job
+        if job is None:
+            running = client.status()["running"]
+            if running is None:
+                raise ConfigError("nothing is running", hint="queued jobs are cancelled by name")
+            job = running["job"]
+        result = client.cancel(job)
+    # The job's end is the news here, not a failure of this command.
+    say_result(result, as_json=args.json)
+    return DONE
+
+
+def _say_event(event: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        say_json(event)
+        return
+    rest = {k: v for k, v in event.items() if k not in ("job", "seq", "type", "t_mono_ns")}
+    words = " ".join(f"{k}={v}" for k, v in rest.items() if isinstance(v, str | int | float))
+    say(f"{event['job']} {event['type']} {words}".rstrip())
+
+
+def _job_words(job: dict[str, Any]) -> str:
+    return f"{job['job']} {job['goal']} by {job['owner']['user']}"

@@ -1,0 +1,148 @@
+"""What commands print: JSON objects, small tables, the end of a job, and progress."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+
+from pdcd.cli.exits import CANCELLED, DONE, exit_code
+from pdcd.errors import PdcdError
+from pdcd.request import CaptureResult
+
+OnEvent = Callable[[dict[str, Any]], None]
+"""Takes the fields of one event of the socket; `type` says which."""
+
+LINE_INTERVAL_S = 1.0
+"""Least time between two progress lines where no bar can be drawn."""
+
+SUMMARY: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
+    ("codes", "codes", str),
+    ("refreshes", "refreshes", str),
+    ("exposure_s", "exposure", lambda s: f"{s:.3f} s"),
+    ("missed_refreshes", "missed refreshes", str),
+    ("rms_error", "RMS error", lambda e: f"{100.0 * e:.3g} % of the scene's known truth"),
+    ("wall_s", "wall time", lambda s: f"{s:.2f} s"),
+)
+"""Lines of the table after a capture: key of the summary, label, how to write the value."""
+
+
+def say(text: str) -> None:
+    """Print one result line."""
+    sys.stdout.write(text + "\n")
+
+
+def tell(text: str) -> None:
+    """Print one line for the human who watches; never part of the result."""
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
+
+
+def say_json(value: Any) -> None:
+    """Print a wire object on one line and hand it on at once."""
+    say(msgspec.json.encode(value).decode())
+    sys.stdout.flush()
+
+
+def say_table(rows: Sequence[Sequence[str]]) -> None:
+    """Print rows in aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        say("  ".join(cells).rstrip())
+
+
+def say_result(result: CaptureResult, *, as_json: bool) -> int:
+    """Print the end of a job and return the exit code that goes with it."""
+    if as_json:
+        say_json(result)
+    else:
+        _say_plainly(result)
+    if result.error is not None and result.state in ("failed", "cancelled"):
+        error = PdcdError(
+            result.error.get("message") or result.state,
+            device=result.error.get("device"),
+            hint=result.error.get("hint"),
+        )
+        tell(f"pdcd: {error}")
+    if result.state == "failed":
+        return exit_code((result.error or {}).get("kind"))
+    return CANCELLED if result.state == "cancelled" else DONE
+
+
+def _say_plainly(result: CaptureResult) -> None:
+    rows = [["job", result.job], ["state", result.state]]
+    for key, label, write in SUMMARY:
+        value = result.summary.get(key)
+        if value is not None:
+            rows.append([label, write(value)])
+    if result.folder is not None:
+        rows.append(["folder", result.folder])
+    say_table(rows)
+
+
+@contextmanager
+def progress() -> Iterator[OnEvent]:
+    """Show events on stderr: a bar on a terminal, else lines at most one a second."""
+    if not sys.stderr.isatty():
+        yield _Lines()
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("waiting", total=None)
+
+        def show(event: dict[str, Any]) -> None:
+            if event["type"] == "progress":
+                bar.update(
+                    task,
+                    description=_words(event),
+                    completed=event["frame"],
+                    total=event["frames"],
+                )
+            else:
+                bar.update(task, description=_words(event))
+
+        yield show
+
+
+class _Lines:
+    """Progress where no bar can be drawn: in a pipe, a log, a terminal without movement."""
+
+    def __init__(self) -> None:
+        self._next_s = 0.0
+
+    def __call__(self, event: dict[str, Any]) -> None:
+        if event["type"] == "progress":
+            now_s = time.monotonic()
+            if now_s < self._next_s:
+                return
+            self._next_s = now_s + LINE_INTERVAL_S
+            tell(f"{_words(event)} {event['frame']}/{event['frames']} refreshes")
+        else:
+            tell(_words(event))
+
+
+def _words(event: dict[str, Any]) -> str:
+    """Say where the job stands: the shot, if the event names one, and the step or the misses."""
+    step = str(event["type"]).replace("_", " ")
+    if event["type"] == "progress":
+        step = f"{event['missed']} missed" if event.get("missed") else "on time"
+    return f"{event['shot']}: {step}" if event.get("shot") else step

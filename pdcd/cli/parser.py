@@ -1,0 +1,132 @@
+"""What can be typed: all commands and their options, without anything that is slow to import."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+# The names that `pdcd.request` defines; repeated, since importing them costs more than parsing.
+GOALS = ("white", "indirect", "direct", "fraction")
+FAMILIES = ("bernoulli", "balanced", "hadamard")
+WINDOWS = ("auto", "whole", "quarter")
+BLACK_LEVELS = ("none", "mask", "ambient", "both")
+
+EXIT_CODES = (
+    "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
+    "130 cancelled"
+)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser; it sets `run` to the "module:function" of the command."""
+    parser = argparse.ArgumentParser(
+        prog="pdcd",
+        description="Photograph chosen light paths: a projector, an LCD mask and a camera.",
+        epilog=EXIT_CODES,
+        allow_abbrev=False,
+    )
+    parser.set_defaults(json=False)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def add(name: str, run: str, text: str) -> argparse.ArgumentParser:
+        made = commands.add_parser(
+            name, help=text, description=text, epilog=EXIT_CODES, allow_abbrev=False
+        )
+        made.set_defaults(run=run)
+        return made
+
+    serve = add("serve", "tools:serve", "run the daemon in the foreground")
+    _rig_options(serve, socket="listen here")
+    serve.add_argument("--state-dir", type=Path, metavar="DIR", help="keep runs below this folder")
+
+    capture = add("capture", "capture:capture", "take a photo and wait for it")
+    _request_options(capture)
+    capture.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="make the run folder in DIR; over the socket, below the daemon's state folder",
+    )
+    capture.add_argument(
+        "--detach", action="store_true", help="start only; the job outlives this command"
+    )
+    capture.add_argument("--queue", action="store_true", help="wait while another capture runs")
+
+    plan = add("plan", "capture:plan", "say what a capture would do, without doing it")
+    _request_options(plan)
+
+    _client_options(add("status", "jobs:status", "say what the daemon is doing"))
+    watch = add("watch", "jobs:watch", "follow a job to its end, or all jobs until interrupted")
+    watch.add_argument("job", nargs="?", metavar="JOB")
+    _client_options(watch)
+    cancel = add("cancel", "jobs:cancel", "end a job: the one named, else the running one")
+    cancel.add_argument("job", nargs="?", metavar="JOB")
+    _client_options(cancel)
+    _client_options(add("list", "jobs:list_jobs", "list the jobs that the daemon remembers"))
+    wait = add("wait", "capture:wait", "wait for a job and report it as capture does")
+    wait.add_argument("job", metavar="JOB")
+    _client_options(wait)
+
+    _json_option(add("drivers", "tools:drivers", "list drivers and why some are unavailable"))
+    config = add("config", "tools:config", "check, show or describe the configuration")
+    config.add_argument("action", choices=("check", "show", "schema"))
+    config.add_argument("--config", type=Path, metavar="FILE", help="instead of the usual file")
+    decode = add("decode", "tools:decode", "decode a run folder again from its RAW files")
+    decode.add_argument("folder", type=Path, metavar="FOLDER")
+    _json_option(decode)
+    add("version", "tools:version", "print the version")
+    return parser
+
+
+def _rig_options(parser: argparse.ArgumentParser, *, socket: str) -> None:
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="configuration; default: the mock bench"
+    )
+    parser.add_argument("--socket", type=Path, metavar="PATH", help=socket)
+
+
+def _json_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print JSON, one object a line")
+
+
+def _client_options(parser: argparse.ArgumentParser) -> None:
+    _rig_options(parser, socket="where the daemon listens")
+    _json_option(parser)
+
+
+def _request_options(parser: argparse.ArgumentParser) -> None:
+    """Add one photo as asked for; what is left out takes the configuration's value."""
+    parser.add_argument(
+        "goal", choices=GOALS, metavar="GOAL", help=f"light to keep: {', '.join(GOALS)}"
+    )
+    _client_options(parser)
+    parser.add_argument(
+        "--local", action="store_true", help="drive the rig from this process, without a daemon"
+    )
+    parser.add_argument("--codes", type=int, metavar="K", help="number of primal/dual pairs")
+    parser.add_argument("--family", choices=FAMILIES, help="how the codes are made")
+    parser.add_argument(
+        "--p", type=float, metavar="P", help="share of indirect light to keep (goal fraction)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the codes; default 0")
+    parser.add_argument(
+        "--exposure", type=float, metavar="S", dest="exposure_s", help="coded time in seconds"
+    )
+    parser.add_argument("--window", choices=WINDOWS, help="part of a mask cell that opens")
+    parser.add_argument(
+        "--no-guards",
+        action="store_const",
+        const=False,
+        dest="guards",
+        help="no black mask between codes: more light, more error",
+    )
+    parser.add_argument(
+        "--black-level",
+        choices=BLACK_LEVELS,
+        dest="black_level",
+        help="black exposures to take and subtract",
+    )
+    parser.add_argument(
+        "--no-white", action="store_false", dest="white", help="skip the white shot beside it"
+    )
+    parser.add_argument("--note", default="", metavar="TEXT", help="kept with the run")

@@ -1,0 +1,75 @@
+"""`pdcd serve`, `drivers`, `config`, `decode`, `version`: what needs no daemon."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import msgspec
+
+from pdcd import __version__
+from pdcd.cli.exits import DONE, FAILED
+from pdcd.cli.output import say, say_json, say_table
+from pdcd.config import find, load, schema, show
+
+
+def serve(args: argparse.Namespace) -> int:
+    """Run the daemon until SIGTERM or SIGINT."""
+    from pdcd.engine import Engine
+    from pdcd.server.daemon import run
+
+    settings = load(args.config)
+    if args.state_dir is not None:
+        server = msgspec.structs.replace(settings.server, state_dir=str(args.state_dir.absolute()))
+        settings = msgspec.structs.replace(settings, server=server)
+    return run(settings, socket=args.socket, engine_factory=Engine.from_config)
+
+
+def drivers(args: argparse.Namespace) -> int:
+    """Print every known driver, where it comes from and why it may be unavailable."""
+    from pdcd.registry import describe_drivers
+
+    found = describe_drivers()
+    if args.json:
+        say_json(found)
+        return DONE
+    rows = [["role", "name", "maturity", "from", "state"]]
+    for d in found:
+        state = "available" if d["available"] else f"unavailable: {d['reason']}"
+        rows.append([str(d["role"]), str(d["name"]), str(d["maturity"] or "?")])
+        rows[-1] += [str(d["origin"]), state]
+    say_table(rows)
+    return DONE
+
+
+def config(args: argparse.Namespace) -> int:
+    """Check the configuration, print it with all defaults, or print its JSON Schema."""
+    if args.action == "schema":
+        say(json.dumps(schema(), indent=2))
+        return DONE
+    settings = load(args.config)
+    if args.action == "show":
+        say(show(settings).rstrip())
+    else:
+        source = find(args.config)
+        say(f"sound: {source}" if source else "sound: no file, the mock bench")
+    return DONE
+
+
+def decode(args: argparse.Namespace) -> int:
+    """Decode a run again; fails when a picture differs from the one kept."""
+    from pdcd.decode import decode_folder
+
+    report = decode_folder(args.folder)
+    if args.json:
+        say_json(report)
+    else:
+        for file in report["files"]:
+            say(f"{'identical' if file['identical'] else 'DIFFERS  '}  {file['name']}")
+    return DONE if report["identical"] else FAILED
+
+
+def version(args: argparse.Namespace) -> int:
+    """Print the version."""
+    say(f"pdcd {__version__}")
+    return DONE

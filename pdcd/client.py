@@ -1,0 +1,255 @@
+"""A blocking client of the daemon, for the command line and for scripts.
+
+::
+
+    with Client(socket_path(config)) as client:
+        result = client.capture(CaptureRequest(goal="indirect", codes=128), on_event=print)
+"""
+
+from __future__ import annotations
+
+import socket
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import msgspec
+
+from pdcd.errors import PdcdError, ProtocolError
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.server.messages import MAX_LINE, PROTOCOL
+
+OnEvent = Callable[[dict[str, Any]], None]
+"""Takes the fields of one event: job, seq, type, t_mono_ns and those of its type."""
+
+ENGINE_TIMEOUT_S = 60.0
+"""Time allowed to an answer that needs the devices, in seconds."""
+
+ENDED = ("done", "failed", "cancelled")
+"""Types of the last event of a job, which are also its last states."""
+
+
+class Unreachable(ConnectionError):  # noqa: N818 - reads as the state it reports
+    """No daemon answers, it went away, or it took too long; the message says where."""
+
+
+class Client:
+    """One connection to the daemon; a context manager that closes it.
+
+    `hello` holds the server's first words (see `docs/protocol.md`). Closing the connection ends
+    the jobs that were started on it, unless they were detached. `timeout_s` bounds the wait for
+    an answer that needs no device.
+
+    Raises Unreachable when nobody answers, and the error that the daemon gave when it refuses.
+    """
+
+    def __init__(self, socket_path: Path | str, timeout_s: float = 5.0) -> None:
+        self._path = str(socket_path)
+        self._timeout_s = timeout_s
+        self._next_id = 0
+        self._rest = bytearray()
+        self._lines: deque[bytes] = deque()
+        self._events: deque[dict[str, Any]] = deque()
+        self._sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._sock.settimeout(timeout_s)
+            self._connect()
+            first = self._receive(timeout_s)
+            if "error" in first:
+                raise _error_from(first["error"])
+            if first.get("method") != "hello":
+                raise ProtocolError("the server did not say hello", hint="is this pdcd's socket?")
+            self.hello: dict[str, Any] = first["params"]
+            self._check_version()
+        except BaseException:
+            self._sock.close()
+            raise
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Part from the daemon. Idempotent."""
+        self._sock.close()
+
+    def call(
+        self,
+        method: str,
+        params: dict[str, Any] | None = None,
+        *,
+        timeout_s: float | None = None,
+        on_event: OnEvent | None = None,
+    ) -> Any:
+        """Ask one thing and wait for the answer, up to `timeout_s` of silence.
+
+        Events that come meanwhile go to `on_event`, or are kept for `events`. Raises the PdcdError
+        that the daemon answered with, or Unreachable.
+        """
+        request_id = self._send(method, params)
+        limit_s = self._timeout_s if timeout_s is None else timeout_s
+        return self._answer(request_id, limit_s, on_event)
+
+    def capture(
+        self,
+        request: CaptureRequest,
+        *,
+        detach: bool = False,
+        queue: bool = False,
+        on_event: OnEvent | None = None,
+    ) -> CaptureResult:
+        """Take a photo and wait for its end; with `detach`, only start it.
+
+        A detached job is returned as it stands (queued or running). On KeyboardInterrupt the job
+        is cancelled, its end is awaited, and its result is returned.
+        """
+        if on_event is not None:
+            self.call("events.subscribe", {"jobs": "own"})
+        params = {**msgspec.to_builtins(request), "detach": detach, "queue": queue}
+        started = self.call("capture.start", params, on_event=on_event)
+        job = str(started["job"])
+        if detach:
+            return CaptureResult(job=job, state=started["state"])
+        try:
+            return self._wait(job, on_event)
+        except KeyboardInterrupt:
+            return self._result("capture.cancel", job, on_event)
+
+    def wait(self, job: str, on_event: OnEvent | None = None) -> CaptureResult:
+        """Wait for the end of any job; `on_event` gets the events of this job from now on."""
+        if on_event is not None:
+            self.call("events.subscribe", {"jobs": "all"})
+        return self._wait(job, on_event)
+
+    def cancel(self, job: str) -> CaptureResult:
+        """End a job; returns when the panels are black and the shutter is closed."""
+        return self._result("capture.cancel", job, None)
+
+    def status(self) -> dict[str, Any]:
+        """State of the rig, the running job and those that wait."""
+        answer: dict[str, Any] = self.call("rig.status")
+        return answer
+
+    def list(self) -> list[dict[str, Any]]:
+        """The jobs that the daemon knows, oldest first."""
+        jobs: list[dict[str, Any]] = self.call("capture.list")["jobs"]
+        return jobs
+
+    def plan(self, request: CaptureRequest) -> PlanSummary:
+        """What a capture would do."""
+        answer = self.call("capture.plan", msgspec.to_builtins(request), timeout_s=ENGINE_TIMEOUT_S)
+        return msgspec.convert(answer, PlanSummary)
+
+    def events(self, jobs: str = "all") -> Iterator[dict[str, Any]]:
+        """Subscribe, then yield events as they come, until the daemon closes the connection."""
+        self.call("events.subscribe", {"jobs": jobs})
+        while True:
+            while self._events:
+                yield self._events.popleft()
+            try:
+                message = self._receive(None)
+            except Unreachable:
+                return
+            if message.get("method") == "event":
+                self._events.append(message["params"])
+
+    def _connect(self) -> None:
+        try:
+            self._sock.connect(self._path)
+        except OSError as err:
+            raise Unreachable(
+                f"no daemon answers on {self._path}: {err.strerror or err}"
+                " (start one with pdcd serve, or name its socket with --socket)"
+            ) from err
+
+    def _check_version(self) -> None:
+        major, minor = self.hello["protocol"]
+        if major != PROTOCOL[0] or minor < PROTOCOL[1]:
+            raise ProtocolError(
+                f"the server speaks protocol {major}.{minor}, not {PROTOCOL[0]}.{PROTOCOL[1]}",
+                hint="use the client that came with this server",
+            )
+
+    def _wait(self, job: str, on_event: OnEvent | None) -> CaptureResult:
+        return self._result("capture.wait", job, on_event)
+
+    def _result(self, method: str, job: str, on_event: OnEvent | None) -> CaptureResult:
+        """Ask for a job's result and wait for as long as it takes; events of this job only."""
+
+        def only_this(event: dict[str, Any]) -> None:
+            if on_event is not None and event.get("job") == job:
+                on_event(event)
+
+        request_id = self._send(method, {"job": job})
+        return msgspec.convert(self._answer(request_id, None, only_this), CaptureResult)
+
+    def _send(self, method: str, params: dict[str, Any] | None) -> int:
+        self._next_id += 1
+        message = {
+            "jsonrpc": "2.0",
+            "id": self._next_id,
+            "method": method,
+            "params": params or {},
+        }
+        line = msgspec.json.encode(message) + b"\n"
+        if len(line) > MAX_LINE:
+            raise ProtocolError(
+                f"the request is {len(line)} bytes long", hint=f"at most {MAX_LINE} are allowed"
+            )
+        try:
+            self._sock.settimeout(self._timeout_s)
+            self._sock.sendall(line)
+        except OSError as err:
+            raise Unreachable(f"the daemon on {self._path} went away: {err}") from err
+        return self._next_id
+
+    def _answer(self, request_id: int, timeout_s: float | None, on_event: OnEvent | None) -> Any:
+        while True:
+            message = self._receive(timeout_s)
+            if message.get("method") == "event":
+                (self._events.append if on_event is None else on_event)(message["params"])
+            elif "error" in message and message.get("id") in (request_id, None):
+                raise _error_from(message["error"])
+            elif message.get("id") == request_id:
+                return message["result"]
+
+    def _receive(self, timeout_s: float | None) -> dict[str, Any]:
+        """The next message. Raises Unreachable at the end of the stream or after the timeout."""
+        while not self._lines:
+            try:
+                self._sock.settimeout(timeout_s)
+                data = self._sock.recv(65536)
+            except TimeoutError as err:
+                raise Unreachable(
+                    f"the daemon on {self._path} has not answered for {timeout_s:g} s"
+                    " (it may still be starting the rig: see its log)"
+                ) from err
+            except OSError as err:
+                raise Unreachable(f"the daemon on {self._path} went away: {err}") from err
+            if not data:
+                raise Unreachable(f"the daemon on {self._path} closed the connection")
+            *lines, last = (bytes(self._rest) + data).split(b"\n")
+            self._rest[:] = last
+            self._lines.extend(lines)
+        try:
+            message: dict[str, Any] = msgspec.json.decode(self._lines.popleft(), type=dict)
+        except msgspec.DecodeError as err:
+            raise ProtocolError(f"the server sent what is no message: {err}") from err
+        return message
+
+
+def _error_from(wire: dict[str, Any]) -> PdcdError:
+    """The error of our own tree for an error on the wire; an unknown kind becomes the base."""
+    data = wire.get("data") or {}
+    kinds = {kind.kind: kind for kind in PdcdError.__subclasses__()}
+    made = kinds.get(str(data.get("kind")), PdcdError)
+    return made(str(wire.get("message")), device=data.get("device"), hint=data.get("hint"))

@@ -1,0 +1,15 @@
+"""Code families: binary primal and dual sequences whose outer products build a probing matrix."""
+
+from pdcd.codes.colouring import colour_lattice
+from pdcd.codes.make import FAMILIES, Codes, make_codes
+from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders
+
+__all__ = [
+    "FAMILIES",
+    "Codes",
+    "colour_lattice",
+    "hadamard_columns",
+    "is_order",
+    "make_codes",
+    "nearest_orders",
+]

@@ -1,0 +1,127 @@
+"""Codes as a value, and the one function that makes them by the name of a family."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.codes.balanced import balanced
+from pdcd.codes.bernoulli import bernoulli
+from pdcd.codes.hadamard import hadamard
+from pdcd.errors import ConfigError
+
+Family = Callable[[tuple[int, int], int, float, np.random.Generator], NDArray[np.bool_]]
+"""(lattice, count K, p, rng) -> (K, L) bool: which cells the projector lights in each code."""
+
+FAMILIES: dict[str, Family] = {
+    "bernoulli": bernoulli,
+    "balanced": balanced,
+    "hadamard": hadamard,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Codes:
+    """K primal/dual pairs over a lattice of L = rows x cols cells, bit-packed.
+
+    primal_bits, dual_bits : (K, ceil(L/8)) uint8
+        Row-major cells, packed by `numpy.packbits` along axis 1; padding bits are 0.
+    weight : (K,) float64
+        Relative exposure weight of each code.
+    lattice : (rows, cols)
+        Cells of the patterns.
+    family, p, seed :
+        What the codes were made from; the same three and the same lattice give the same bits.
+    """
+
+    primal_bits: NDArray[np.uint8]
+    dual_bits: NDArray[np.uint8]
+    weight: NDArray[np.float64]
+    lattice: tuple[int, int]
+    family: str
+    p: float
+    seed: int
+
+    def __len__(self) -> int:
+        return int(self.primal_bits.shape[0])
+
+    def primal(self) -> NDArray[np.bool_]:
+        """Cells that the projector lights: (K, L) bool."""
+        return _unpack(self.primal_bits, self.lattice)
+
+    def dual(self) -> NDArray[np.bool_]:
+        """Cells at which the mask is open: (K, L) bool."""
+        return _unpack(self.dual_bits, self.lattice)
+
+
+def make_codes(
+    family: str,
+    lattice: tuple[int, int],
+    count: int,
+    *,
+    dual: Literal["complement", "same"],
+    p: float = 0.5,
+    seed: int = 0,
+) -> Codes:
+    """Make `count` primal/dual pairs.
+
+    Parameters
+    ----------
+    family : str
+        A key of `FAMILIES`.
+    lattice : (rows, cols)
+        Cells of the patterns.
+    count : int
+        Number K of independent pairs.
+    dual : "complement" or "same"
+        m = 1 - i keeps indirect light only (diagonal of the probing matrix exactly 0, elsewhere
+        p(1-p) on average); m = i keeps direct light and the fraction p of indirect light (p on
+        the diagonal, p^2 elsewhere). Paper, section 5.
+    p : float
+        Share of codes in which a cell is lit, 0 < p < 1.
+    seed : int
+        Non-negative; one seed always gives the same codes.
+
+    Raises
+    ------
+    ConfigError
+        An argument is out of range, or the family cannot serve this `count` and `p`.
+    """
+    rows, cols = lattice
+    if rows < 1 or cols < 1:
+        raise ConfigError(
+            f"a lattice of {rows} x {cols} cells is empty", hint="give at least 1 row and 1 column"
+        )
+    if count < 1:
+        raise ConfigError(f"{count} codes were asked for", hint="take at least 1 code")
+    if not 0.0 < p < 1.0:
+        raise ConfigError(f"p = {p} is not between 0 and 1", hint="take p = 0.5 for indirect light")
+    if seed < 0:
+        raise ConfigError(f"seed {seed} is negative", hint="take a seed of 0 or more")
+    if dual not in ("complement", "same"):
+        raise ConfigError(f"unknown dual {dual!r}", hint="take 'complement' or 'same'")
+    if family not in FAMILIES:
+        raise ConfigError(
+            f"unknown code family {family!r}", hint=f"take one of {', '.join(FAMILIES)}"
+        )
+    # The bit generator is named because default_rng may change it and old runs must replay.
+    rng = np.random.Generator(np.random.PCG64(seed))
+    primal = FAMILIES[family]((rows, cols), count, p, rng)
+    return Codes(
+        primal_bits=np.packbits(primal, axis=1),
+        dual_bits=np.packbits(primal if dual == "same" else ~primal, axis=1),
+        weight=np.ones(count),
+        lattice=(rows, cols),
+        family=family,
+        p=p,
+        seed=seed,
+    )
+
+
+def _unpack(bits: NDArray[np.uint8], lattice: tuple[int, int]) -> NDArray[np.bool_]:
+    cells = lattice[0] * lattice[1]
+    return np.unpackbits(bits, axis=1, count=cells).view(np.bool_)

@@ -1,0 +1,139 @@
+"""Hadamard matrices: which orders can be built, and any columns of them without the rest.
+
+Built from Sylvester's matrix of order 2, Paley's two constructions over prime fields (1933) and
+Kronecker products of these. All have a first column of ones, so that every other column sums to 0.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+
+
+def is_order(order: int) -> bool:
+    """Whether a Hadamard matrix of this order can be built here."""
+    return _factors(order) is not None
+
+
+def nearest_orders(order: int) -> tuple[int, ...]:
+    """Nearest orders of at least 2 below and above `order`, itself one or not, for `order` >= 1."""
+    below = next((n for n in range(order - 1, 1, -1) if is_order(n)), None)
+    # A power of two lies in that range, and every power of two is an order.
+    above = next(n for n in range(order + 1, 2 * order + 1) if is_order(n))
+    return (above,) if below is None else (below, above)
+
+
+def hadamard_columns(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
+    """Columns of a Hadamard matrix.
+
+    Parameters
+    ----------
+    order : int
+        An order for which `is_order` holds.
+    index : (n,) int64
+        Columns wanted, 0 .. order - 1; column 0 is all ones.
+
+    Returns
+    -------
+    (order, n) int8
+        Entries +1 and -1; two different columns have the scalar product 0.
+
+    Raises
+    ------
+    ConfigError
+        `is_order` does not hold for `order`.
+    """
+    factors = _factors(order)
+    if factors is None:
+        near = " or ".join(str(n) for n in nearest_orders(max(order, 1)))
+        raise ConfigError(
+            f"no Hadamard matrix of order {order} can be built", hint=f"take the order {near}"
+        )
+    columns = np.ones((1, index.size), dtype=np.int8)
+    rest = index
+    for factor in factors:
+        rest, inner = np.divmod(rest, factor)
+        outer = _primitive_columns(factor, inner)
+        columns = (outer[:, None, :] * columns[None, :, :]).reshape(-1, index.size)
+    return columns
+
+
+@cache
+def _factors(order: int) -> tuple[int, ...] | None:
+    """Orders of primitive matrices whose Kronecker product has this order; None if there are none.
+
+    Powers of two are Sylvester's, whatever else would give them.
+    """
+    if order < 1:
+        return None
+    if order & (order - 1) == 0:
+        return (2,) * (order.bit_length() - 1)
+    if _is_paley_one(order) or _is_paley_two(order):
+        return (order,)
+    for first in range(2, order):
+        if order % first == 0 and (first == 2 or _is_paley_one(first) or _is_paley_two(first)):
+            others = _factors(order // first)
+            if others is not None:
+                return (first, *others)
+    return None
+
+
+def _is_prime(n: int) -> bool:
+    return n >= 2 and all(n % d for d in range(2, int(n**0.5) + 1))
+
+
+def _is_paley_one(order: int) -> bool:
+    return order % 4 == 0 and _is_prime(order - 1)
+
+
+def _is_paley_two(order: int) -> bool:
+    return order % 4 == 0 and order // 2 % 4 == 2 and _is_prime(order // 2 - 1)
+
+
+def _primitive_columns(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
+    if order == 2:
+        return np.stack([np.ones_like(index), 1 - 2 * index]).astype(np.int8)
+    return _paley_one(order, index) if _is_paley_one(order) else _paley_two(order, index)
+
+
+def _residues(q: int) -> NDArray[np.int8]:
+    """Quadratic character modulo the prime q: 0 at 0, +1 at squares, -1 elsewhere; (q,) int8."""
+    character = np.full(q, -1, dtype=np.int8)
+    character[np.arange(1, q, dtype=np.int64) ** 2 % q] = 1
+    character[0] = 0
+    return character
+
+
+def _paley_one(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
+    """Columns of Paley's first matrix, I + S with S skew, rows below the first negated."""
+    q = order - 1
+    character = _residues(q)
+    character[0] = 1  # the identity falls on the zeros of the character
+    columns = np.ones((order, index.size), dtype=np.int8)
+    inner = index > 0
+    columns[1:, inner] = -character[(np.arange(q)[:, None] - (index[inner] - 1)) % q]
+    return columns
+
+
+def _paley_two(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
+    """Columns of Paley's second matrix, C x [[1, 1], [1, -1]] + I x [[1, -1], [-1, -1]].
+
+    C is the symmetric conference matrix of order q + 1, and x the Kronecker product.
+    """
+    q = order // 2 - 1
+    block, side = np.divmod(index, 2)
+    conference = np.ones((q + 1, index.size), dtype=np.int8)
+    conference[0, block == 0] = 0
+    inner = block > 0
+    conference[1:, inner] = _residues(q)[(np.arange(q)[:, None] - (block[inner] - 1)) % q]
+    identity = (np.arange(q + 1)[:, None] == block).astype(np.int8)
+    flip = (1 - 2 * side).astype(np.int8)  # +1 for the left column of a block, -1 for the right
+    upper = conference + identity * flip
+    lower = conference * flip - identity
+    columns = np.stack([upper, lower], axis=1).reshape(order, index.size)
+    columns[1] *= -1  # the one row that does not begin with +1
+    return columns

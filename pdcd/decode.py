@@ -1,0 +1,124 @@
+"""From the RAW files, codes and frame log of a run to its pictures; the only way pictures are made.
+
+A capture ends here and `pdcd decode` starts here, so what a run folder shows can always be made
+again from what it holds, bit for bit.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdcd.archive import disk_errors, read_codes, read_frames, read_manifest, sha256_of
+from pdcd.combine import Exposed, Picture, combine, realised_photo
+from pdcd.develop import preview, write_png, write_tiff
+from pdcd.goals import goal
+from pdcd.panel import Panel, offset_cells
+from pdcd.raw import read_raw, rgb_variance, to_rgb
+from pdcd.realised import collect, factors
+from pdcd.recipe import Recipe, make_recipe
+from pdcd.record import RunRecord, ShotRecord
+from pdcd.report import Deviation, deviation
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """All pictures of a run by name, the answer first, and the shots they were made from."""
+
+    recipe: Recipe
+    shots: dict[str, Exposed]
+    pictures: dict[str, Picture]
+
+    def deviations(self) -> dict[str, Deviation]:
+        """For each photo, its realised probing matrix against the wanted one."""
+        return {
+            p.name: deviation(realised_photo(p.shots, self.shots), p.wanted)
+            for p in self.recipe.photos
+        }
+
+
+def decode(folder: Path, record: RunRecord) -> Decoded:
+    """Read everything below `folder` and compute the pictures; nothing is written."""
+    wanted = goal(record.goal, record.p)
+    recipe = make_recipe(wanted, black_level=record.black_level, white=record.white)
+    codes = read_codes(folder) if recipe.dual is not None else None
+    coded = {shot.name: shot.coded for shot in recipe.shots}
+    shots = {
+        shot.name: _expose(folder, record, shot, codes if coded[shot.name] else None)
+        for shot in record.shots
+    }
+    return Decoded(recipe, shots, combine(recipe, shots))
+
+
+def write_pictures(folder: Path, decoded: Decoded) -> None:
+    """Write linear/*.tif, probe.npz and preview/*.png below `folder`.
+
+    All previews share one exposure scale, that of the brightest picture, so that they compare.
+    """
+    with disk_errors(str(folder)):
+        answer = next(iter(decoded.pictures.values()))
+        with (folder / "probe.npz").open("wb") as file:
+            np.savez(file, image=answer.image, sigma=answer.sigma)
+        brightest = max(float(np.percentile(p.image, 99.0)) for p in decoded.pictures.values())
+        scale = 0.9 / brightest if brightest > 0.0 else 1.0
+        for name, picture in decoded.pictures.items():
+            write_tiff(folder / "linear" / f"{name}.tif", picture.image.astype(np.float32))
+            shown = preview(picture.image, exposure=scale)
+            write_png(folder / "preview" / f"{name}.png", shown)
+
+
+def decode_folder(folder: Path) -> dict[str, Any]:
+    """Decode a finished run again and compare with the TIFFs it holds.
+
+    Returns ``{"identical": bool, "files": [{"name", "identical"}, ...]}``. Raises DecodeError when
+    the folder is not a finished run or its files are damaged.
+    """
+    manifest = read_manifest(folder)
+    decoded = decode(folder, manifest.run)
+    with tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch:
+        again = Path(scratch)
+        for name in ("linear", "preview"):
+            (again / name).mkdir()
+        write_pictures(again, decoded)
+        files = []
+        for path in sorted((again / "linear").iterdir()):
+            kept = folder / "linear" / path.name
+            same = kept.is_file() and sha256_of(kept) == sha256_of(path)
+            files.append({"name": f"linear/{path.name}", "identical": same})
+    return {"identical": all(f["identical"] for f in files), "files": files}
+
+
+def _expose(folder: Path, record: RunRecord, shot: ShotRecord, codes: Any) -> Exposed:
+    frames, log = read_frames(folder, shot, codes, grid=record.grid, window=record.window)
+    realised = collect(
+        factors(
+            frames,
+            log,
+            Panel.from_config(record.projector),
+            Panel.from_config(record.mask),
+            open_ns=shot.open_ns,
+            close_ns=shot.close_ns,
+            offset_cells=offset_cells(record.projector, record.mask, record.grid),
+        )
+    )
+    profile = record.profile
+    raw = read_raw(
+        folder / shot.raw,
+        sha256=shot.sha256,
+        size_bytes=shot.size_bytes,
+        saturation_dn=profile.saturation_dn(shot.iso),
+    )
+    gain = profile.row(shot.iso).gain_e_per_dn
+    # From DN to scene units times seconds: electrons, then the camera's calibrated responsivity.
+    to_units = gain * shot.f_number**2 / np.array(record.responsivity_e)
+    exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
+    return Exposed(
+        light=to_rgb(raw.planes) * to_units,
+        variance=rgb_variance(raw.planes, profile, shot.iso, exposure_s) * to_units**2,
+        saturated=raw.saturated,
+        realised=realised,
+    )

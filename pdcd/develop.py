@@ -1,0 +1,144 @@
+"""Linear images -> pictures: the last step, after all sums and differences.
+
+White balance, then exposure, then gamma: the order matters, and negative values (noise around
+black) live until here. Also the image files of a run folder, PNG to look at and TIFF to compute
+with, and the geometric correction by a homography.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdcd.errors import ConfigError, DecodeError, NoSpaceError
+
+_WHITE_PERCENTILE = 99.0
+_WHITE_LEVEL = 0.9
+_TIFF_UNCOMPRESSED = 1
+
+
+def preview(
+    image: NDArray[np.float64],
+    *,
+    white_balance: ArrayLike | None = None,
+    exposure: float | None = None,
+    gamma: float = 2.2,
+    min_width_px: int = 640,
+) -> NDArray[np.uint8]:
+    """An image to look at.
+
+    Parameters
+    ----------
+    image : (h, w, 3) float
+        Linear RGB, signed; negative and undefined (NaN) values become black.
+    white_balance : (3,) float, optional
+        Factors of R, G, B that make a white surface grey.
+    exposure : float, optional
+        Factor to the balanced image, 1.0 being white. None puts its 99th percentile at 0.9.
+    gamma
+        Pixel = 255 * value^(1/gamma).
+    min_width_px
+        A narrower image is enlarged by a whole factor, each pixel becoming a square block.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB order, H and W a multiple of h and w.
+    """
+    balanced = np.asarray(image, dtype=np.float64)
+    if white_balance is not None:
+        balanced = balanced * np.asarray(white_balance, dtype=np.float64)
+    scale = _auto_exposure(balanced) if exposure is None else exposure
+    linear = np.clip(np.nan_to_num(balanced * scale, nan=0.0), 0.0, 1.0)
+    picture = np.rint(255.0 * linear ** (1.0 / gamma)).astype(np.uint8)
+    factor = -(-min_width_px // picture.shape[1])
+    return picture.repeat(max(factor, 1), axis=0).repeat(max(factor, 1), axis=1)
+
+
+def _auto_exposure(balanced: NDArray[np.float64]) -> float:
+    values = balanced[np.isfinite(balanced)]
+    bright = float(np.percentile(values, _WHITE_PERCENTILE)) if values.size else 0.0
+    return _WHITE_LEVEL / bright if bright > 0.0 else 1.0
+
+
+def warp(
+    image: NDArray[np.float64], matrix: ArrayLike, size_px: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Geometric correction: rotation, flip, perspective.
+
+    Parameters
+    ----------
+    image : (h, w, C) or (h, w) float64
+        Linear values; C up to 4.
+    matrix : (3, 3) float
+        Homography from (column, row, 1) of the input to that of the output, in pixels whose
+        centres have whole coordinates.
+    size_px : (width, height)
+        Size of the output.
+
+    Returns
+    -------
+    (height, width, C) or (height, width) float64
+        Bilinear between input pixels (offsets are rounded to 1/32 pixel), 0 outside.
+    """
+    homography = np.asarray(matrix, dtype=np.float64)
+    usable = homography.shape == (3, 3) and bool(np.isfinite(homography).all())
+    if not usable or np.linalg.det(homography) == 0.0:
+        raise ConfigError(
+            "a warp needs an invertible 3x3 matrix", hint="repeat the geometric calibration"
+        )
+    warped = cv2.warpPerspective(
+        np.asarray(image, dtype=np.float64), homography, size_px, flags=cv2.INTER_LINEAR
+    )
+    return np.asarray(warped, dtype=np.float64)
+
+
+def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Write an (H, W, 3) uint8 RGB picture as PNG. Raises `NoSpaceError`, `ConfigError`."""
+    _write(path, ".png", picture, [])
+
+
+def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
+    """Write an (h, w, 3) RGB image as uncompressed float32 TIFF: float32 values, negative and NaN
+    ones too, come back exactly. Raises `NoSpaceError`, `ConfigError`."""
+    flags = [cv2.IMWRITE_TIFF_COMPRESSION, _TIFF_UNCOMPRESSED]
+    _write(path, ".tiff", image.astype(np.float32), flags)
+
+
+def read_tiff(path: Path) -> NDArray[np.float32]:
+    """Read what `write_tiff` wrote, as (h, w, 3) float32 RGB. Raises `DecodeError`."""
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    except OSError as err:
+        raise DecodeError(f"cannot read {path}: {err.strerror}") from err
+    except cv2.error as err:  # an empty file, or a size beyond OpenCV's limits
+        raise DecodeError(f"cannot decode {path.name}: {err.err}") from err
+    if image is None or image.dtype != np.float32 or image.ndim != 3 or image.shape[2] != 3:
+        raise DecodeError(
+            f"{path.name} is not a whole float32 RGB TIFF", hint="develop the run again"
+        )
+    return np.asarray(image[..., ::-1], dtype=np.float32).copy()
+
+
+def _write(path: Path, suffix: str, rgb: NDArray[np.generic], flags: Sequence[int]) -> None:
+    if rgb.ndim != 3 or rgb.shape[2] != 3 or not rgb.size:
+        raise ConfigError(f"{path.name}: an image needs shape (h, w, 3), not {rgb.shape}")
+    # Encoded in memory and written here, as cv2.imwrite reports a full disk only as False.
+    bgr = np.ascontiguousarray(rgb[..., ::-1])
+    _, data = cv2.imencode(suffix, bgr, flags)
+    try:
+        path.write_bytes(data.tobytes())
+    except OSError as err:
+        if err.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise NoSpaceError(
+                f"no space left to write {path}", hint="free some space and develop the run again"
+            ) from err
+        raise ConfigError(
+            f"cannot write {path}: {err.strerror}", hint="name a folder that can be written"
+        ) from err

@@ -1,0 +1,96 @@
+"""A virtual scene: a sum of effects on a grid of cells, and what a camera sees of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.scene.effects import Array, Effect
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene with known light transport ``T = sum_e tint_e T_e``.
+
+    name : str
+    grid : (rows, cols)
+        Cells, one of the projector and one of the camera each; N = rows * cols, row-major.
+    effects : tuple of Effect
+        What the scene has; an effect that is absent costs nothing.
+    ambient : (N, 3) float64 or None
+        Light at the camera that is not the projector's, in scene units; None: there is none.
+    """
+
+    name: str
+    grid: tuple[int, int]
+    effects: tuple[Effect, ...]
+    ambient: Array | None = None
+
+    @property
+    def cells(self) -> int:
+        """Number of cells N."""
+        return self.grid[0] * self.grid[1]
+
+    def apply(self, light: Array) -> Array:
+        """Return what the camera sees, (B, N, 3), under B illuminations `light` (B, N).
+
+        Ambient light is left out, so the result is linear in `light`.
+        """
+        seen = np.zeros((*light.shape, 3))
+        for effect in self.effects:
+            seen += effect.apply(light)[..., None] * effect.tint
+        return seen
+
+    def white(self) -> Array:
+        """Return the scene under full white light, ``T 1`` (N, 3)."""
+        seen: Array = self.apply(np.ones((1, self.cells)))[0]
+        return seen
+
+    def split(self) -> tuple[Array, Array]:
+        """Return the true direct and indirect images, (N, 3) each; their sum is `white`.
+
+        Direct is the diagonal of the whole T: it holds every path that ends in the cell it
+        started from, also those inside a medium (row 1 of Table 2 of the paper).
+        """
+        direct = np.zeros((self.cells, 3))
+        for effect in self.effects:
+            direct += effect.diagonal()[:, None] * effect.tint
+        return direct, self.white() - direct
+
+    def dense(self) -> Array:
+        """Return T for each channel, (3, N, N); for small grids only."""
+        whole = np.zeros((3, self.cells, self.cells))
+        for effect in self.effects:
+            whole += effect.tint[:, None, None] * effect.dense()
+        return whole
+
+    def photo(self, left: Array, right: Array, coaxial: Array, open_s: Array) -> Array:
+        """Return what one exposure collects, (N, 3): ``(P o T) 1`` plus the ambient light.
+
+        Parameters
+        ----------
+        left, right : (R, N) float64
+            The realised probing matrix between cells, ``P = left^T right``, in seconds.
+        coaxial : (N,) float64
+            Time for which direct light passed at each cell, in seconds. It replaces the diagonal
+            of P for effects that return light at the very point it fell on, because panels that
+            open parts of a cell treat such light differently from light that wandered.
+        open_s : (N,) float64
+            Time for which the mask let ambient light through, in seconds.
+
+        Notes
+        -----
+        The result is additive: the sum over R may be done in chunks, with `coaxial` and `open_s`
+        given once and zero in all other calls.
+        """
+        seen = np.zeros((self.cells, 3))
+        for effect in self.effects:
+            if effect.coaxial:
+                share = effect.diagonal() * coaxial
+            else:
+                share = effect.probe(left, right)
+            seen += share[:, None] * effect.tint
+        if self.ambient is not None:
+            seen += self.ambient * open_s[:, None]
+        return seen

@@ -1,0 +1,89 @@
+"""One connected client as the server sees it: who it is, and what it has yet to be told."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+
+from pdcd.server.access import Peer
+from pdcd.server.messages import Interest
+
+logger = logging.getLogger(__name__)
+
+QUEUE_LINES = 256
+"""Lines that wait for a slow client before progress is dropped, and then the client."""
+
+STUCK_S = 5.0
+"""How long a client may leave its socket full, in seconds."""
+
+
+class Client:
+    """One connection: who it is, what it listens to, and the lines it has yet to take."""
+
+    def __init__(self, number: int, peer: Peer, writer: asyncio.StreamWriter) -> None:
+        self.number = number
+        self.peer = peer
+        self.interest: Interest = "none"
+        self._writer = writer
+        self._lines: deque[tuple[bytes, bool]] = deque()
+        self._changed = asyncio.Event()
+        self._finishing = False
+        # An empty transport buffer, so that lines wait where progress can still be dropped.
+        writer.transport.set_write_buffer_limits(high=0)
+
+    def send(self, line: bytes, *, droppable: bool = False) -> None:
+        """Put a line in the queue; never blocks. A full queue costs progress, then the client."""
+        if self._finishing:
+            return
+        if len(self._lines) >= QUEUE_LINES:
+            if droppable:
+                return
+            stale = next((entry for entry in self._lines if entry[1]), None)
+            if stale is None:
+                self.abort("its queue is full")
+                return
+            self._lines.remove(stale)
+        self._lines.append((line, droppable))
+        self._changed.set()
+
+    async def room(self) -> None:
+        """Wait until half the queue is free, so that a burst of requests is no reason to part."""
+        while len(self._lines) > QUEUE_LINES // 2 and not self._writer.is_closing():
+            await self._wait_change()
+
+    async def pump(self) -> None:
+        """Write the queued lines until `finish`; a client that is stuck is cut off."""
+        try:
+            while self._lines or not self._finishing:
+                if not self._lines:
+                    await self._wait_change()
+                    continue
+                line, _ = self._lines.popleft()
+                self._changed.set()
+                self._writer.write(line)
+                async with asyncio.timeout(STUCK_S):
+                    await self._writer.drain()
+        except TimeoutError:
+            self.abort(f"it has not read for {STUCK_S:g} s")
+        except OSError:
+            self._cut()  # it has closed its end: nothing to remark on
+
+    def finish(self) -> None:
+        """Let `pump` end when the queue is empty."""
+        self._finishing = True
+        self._changed.set()
+
+    def abort(self, reason: str) -> None:
+        """Cut the connection; its reader then sees the end of the stream."""
+        logger.warning("client dropped connection=%d reason=%r", self.number, reason)
+        self._cut()
+
+    def _cut(self) -> None:
+        self._lines.clear()
+        self._writer.transport.abort()
+        self.finish()
+
+    async def _wait_change(self) -> None:
+        self._changed.clear()
+        await self._changed.wait()

@@ -1,0 +1,243 @@
+"""The socket layer: accept, check who it is, read lines, answer, deliver events.
+
+Nothing here knows what a method does, and nothing here blocks: a client that does not read is
+cut off, and never holds up another one or the panels.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from pdcd.errors import BusyError, ConfigError, PdcdError, ProtocolError
+from pdcd.server.access import Access, Peer, peer_of
+from pdcd.server.clients import Client
+from pdcd.server.jobs import Job
+from pdcd.server.messages import Hello
+from pdcd.server.protocol import (
+    Connection,
+    Fault,
+    Request,
+    encode_error,
+    encode_notification,
+    encode_reply,
+)
+
+logger = logging.getLogger(__name__)
+
+LINGER_S = 2.0
+"""How long requests made before an end of stream may still be answered, in seconds."""
+
+OPEN_REQUESTS = 64
+"""Requests of one client that may be unanswered at a time."""
+
+
+READ_BYTES = 65536
+"""Most that is taken from a socket at a time."""
+
+
+class Service(Protocol):
+    """What the methods do; see `pdcd.server.methods`."""
+
+    def hello(self) -> Hello:
+        """The first words to a new client."""
+        ...
+
+    async def handle(self, client: Client, request: Request) -> Any:
+        """Do what is asked and return the result. Raises PdcdError."""
+        ...
+
+    def gone(self, client: Client) -> None:
+        """The client has left."""
+        ...
+
+
+class Server:
+    """Serves a listening socket, which it closes in the end.
+
+    `connections` is the most clients at a time; `access` decides who may be one. `peercred` is
+    for tests: it yields the peer of a socket.
+    """
+
+    def __init__(
+        self,
+        sock: socket.socket,
+        access: Access,
+        *,
+        connections: int,
+        peercred: Callable[[socket.socket], Peer] = peer_of,
+    ) -> None:
+        self._sock = sock
+        self._access = access
+        self._limit = connections
+        self._peercred = peercred
+        self._clients: dict[int, Client] = {}
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._accepted = 0
+        self._server: asyncio.Server | None = None
+
+    @property
+    def connections(self) -> int:
+        """How many clients there are."""
+        return len(self._clients)
+
+    async def open(self, service: Service) -> None:
+        """Begin to accept."""
+
+        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            await self._serve(service, reader, writer)
+
+        # Not start_unix_server: from Python 3.13 on it removes the socket file when it closes,
+        # which is not ours if it was passed to us.
+        self._server = await asyncio.start_server(serve, sock=self._sock)
+
+    async def close(self) -> None:
+        """Accept no more, deliver what is queued for up to a second, and part from all."""
+        if self._server is None:
+            self._sock.close()
+            return
+        self._server.close()
+        for client in self._clients.values():
+            client.finish()
+        if self._tasks:
+            await asyncio.wait(self._tasks, timeout=1.0)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._server.wait_closed()
+
+    def publish(self, job: Job, event: dict[str, Any]) -> None:
+        """Send an event to those who listen. Never blocks."""
+        try:
+            line = encode_notification("event", event)
+        except ProtocolError:
+            logger.exception("event not sent job=%s type=%s", job.name, event["type"])
+            return
+        for client in list(self._clients.values()):
+            own = client.interest == "own" and job.owner.connection == client.number
+            if own or client.interest == "all":
+                client.send(line, droppable=event["type"] == "progress")
+
+    async def _serve(
+        self, service: Service, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        """One connection, from accept to close."""
+        task = asyncio.current_task()
+        self._tasks |= {task} if task else set()
+        peer = self._peercred(writer.get_extra_info("socket"))
+        self._accepted += 1
+        client = Client(self._accepted, peer, writer)
+        refusal = self._refusal(peer)
+        logger.info(
+            "accepted connection=%d pid=%d uid=%d gid=%d user=%s refused=%s",
+            *(client.number, peer.pid, peer.uid, peer.gid, peer.user, refusal is not None),
+        )
+        try:
+            if refusal is not None:
+                client.send(encode_error(None, refusal))
+                client.finish()
+                await client.pump()
+            else:
+                await self._converse(service, client, reader)
+        finally:
+            # By now the kernel has all lines, or the client is cut off: nothing is left to flush.
+            writer.transport.abort()
+            with contextlib.suppress(OSError):
+                await writer.wait_closed()
+            logger.info("closed connection=%d", client.number)
+            self._tasks -= {task} if task else set()
+
+    async def _converse(
+        self, service: Service, client: Client, reader: asyncio.StreamReader
+    ) -> None:
+        """Hello, then requests and answers until either side has had enough."""
+        self._clients[client.number] = client
+        client.send(encode_notification("hello", service.hello()))
+        open_requests: set[asyncio.Task[None]] = set()
+        pump = asyncio.create_task(client.pump())
+        read = asyncio.create_task(_read(service, client, reader, open_requests))
+        try:
+            await asyncio.wait({pump, read}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            del self._clients[client.number]
+            service.gone(client)
+            read.cancel()
+            if open_requests and not pump.done():
+                await asyncio.wait(open_requests, timeout=LINGER_S)
+            client.finish()
+            for request in open_requests:
+                request.cancel()
+            await asyncio.gather(read, pump, *open_requests, return_exceptions=True)
+
+    def _refusal(self, peer: Peer) -> PdcdError | None:
+        """Why this peer cannot be served, or None."""
+        if not self._access.permits(peer):
+            return ConfigError(
+                f"user {peer.user} (uid {peer.uid}) may not use this rig",
+                hint="join the group of the socket, or be listed in [server] allow_uids",
+            )
+        if len(self._clients) >= self._limit:
+            return BusyError(
+                f"{self._limit} clients are connected already",
+                hint="close one, or raise [limits] connections",
+            )
+        return None
+
+
+async def _read(
+    service: Service,
+    client: Client,
+    reader: asyncio.StreamReader,
+    open_requests: set[asyncio.Task[None]],
+) -> None:
+    """Take requests until the end of the stream; each is answered by a task of its own."""
+    machine = Connection()
+    try:
+        while not machine.closed and (data := await reader.read(READ_BYTES)):
+            for item in machine.receive(data):
+                await client.room()
+                if isinstance(item, Fault):
+                    logger.info("fault connection=%d error=%s", client.number, item.error)
+                    if item.line is not None:
+                        client.send(item.line)
+                elif len(open_requests) >= OPEN_REQUESTS:
+                    _refuse_more(client, item)
+                else:
+                    task = asyncio.create_task(_answer(service, client, item))
+                    open_requests.add(task)
+                    task.add_done_callback(open_requests.discard)
+                    # Its first steps come before the next line is looked at: what needs no
+                    # waiting is done and answered in the order in which it was asked.
+                    await asyncio.sleep(0)
+    except ConnectionError:
+        logger.info("reset connection=%d", client.number)
+
+
+async def _answer(service: Service, client: Client, request: Request) -> None:
+    """Do one request and queue its answer, if it wants one."""
+    try:
+        result = await service.handle(client, request)
+        line = b"" if request.id is None else encode_reply(request.id, result)
+    except PdcdError as err:
+        logger.info("refused method=%s error=%s", request.method, err)
+        line = b"" if request.id is None else encode_error(request.id, err)
+    # A fault of ours must not leave the client without an answer.
+    except Exception as err:
+        logger.exception("method failed method=%s", request.method)
+        fault = PdcdError(f"{type(err).__name__}: {err}", hint="see the daemon's log")
+        line = b"" if request.id is None else encode_error(request.id, fault)
+    if line:
+        client.send(line)
+
+
+def _refuse_more(client: Client, request: Request) -> None:
+    error = BusyError(
+        f"{OPEN_REQUESTS} requests of this connection are unanswered",
+        hint="wait for answers before asking more",
+    )
+    if request.id is not None:
+        client.send(encode_error(request.id, error))

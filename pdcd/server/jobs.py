@@ -1,0 +1,267 @@
+"""The job table: who may capture when, and what a job has told so far. No sockets, no threads.
+
+::
+
+    admit ──> queued ──> running ──> done | failed | cancelled
+                └── cancel ──> cancelled
+
+One job runs at a time. All of this is used from one thread (the event loop's); only
+`Job.cancel_flag` and `Coalescer` are touched by the thread that captures.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any, Protocol
+
+from pdcd.errors import BusyError, Cancelled, ConfigError, PdcdError
+from pdcd.request import CaptureRequest, CaptureResult, JobState, PlanSummary, new_job_id
+from pdcd.server.messages import JobView, OwnerView, error_fields
+
+ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
+"""States that a job never leaves."""
+
+PROGRESS_INTERVAL_NS = 100_000_000
+"""Least time between two progress events of a job: at most ten a second."""
+
+
+class EngineLike(Protocol):
+    """What the daemon asks of the engine. All calls come from one and the same thread."""
+
+    def start(self) -> None:
+        """Connect the devices; both panels are black and the shutter is closed on return.
+
+        Raises PdcdError when the rig cannot be used.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Panels black, shutter closed, devices released. Idempotent."""
+        ...
+
+    def describe(self) -> dict[str, Any]:
+        """The rig as found, made of JSON types only."""
+        ...
+
+    def plan(self, request: CaptureRequest) -> PlanSummary:
+        """What the capture would do. Raises ConfigError when it cannot be done."""
+        ...
+
+    def capture(
+        self,
+        request: CaptureRequest,
+        *,
+        job: str,
+        owner: dict[str, Any],
+        emit: Callable[[str, dict[str, Any]], None],
+        cancelled: Callable[[], bool],
+    ) -> CaptureResult:
+        """Run one job to its end; a failure of the run is a result, not an exception.
+
+        `cancelled()` is asked at least ten times a second, which also proves that the thread
+        lives; `emit(type, fields)` takes armed, shutter_open, progress (frame, frames, missed,
+        shot), shutter_closed and decoding. On return the panels are black, the shutter closed.
+        """
+        ...
+
+    def show(self, pattern: str, index: int) -> None:
+        """Both panels show "black", "white", "checker" or pattern `index` of "code"."""
+        ...
+
+    def preview(self) -> dict[str, Any]:
+        """Take a test photo; returns its path, sha256 and shape."""
+        ...
+
+
+@dataclass(frozen=True)
+class Owner:
+    """Who started a job: kernel credentials, and the number of the connection."""
+
+    uid: int
+    pid: int
+    user: str
+    connection: int
+
+    def view(self) -> OwnerView:
+        """The part that others may see."""
+        return OwnerView(uid=self.uid, pid=self.pid, user=self.user)
+
+
+@dataclass(eq=False)
+class Job:
+    """One wanted capture and what became of it."""
+
+    name: str
+    request: CaptureRequest
+    owner: Owner
+    detach: bool
+    created_utc: str
+    state: JobState = "queued"
+    result: CaptureResult | None = None
+    cancel_flag: threading.Event = field(default_factory=threading.Event)
+    _next_seq: int = 0
+
+    def event(self, kind: str, t_mono_ns: int, fields: dict[str, Any]) -> dict[str, Any]:
+        """The next event of this job, numbered."""
+        seq = self._next_seq
+        self._next_seq += 1
+        return {**fields, "job": self.name, "seq": seq, "type": kind, "t_mono_ns": t_mono_ns}
+
+    def view(self) -> JobView:
+        """The job as clients see it."""
+        return JobView(
+            job=self.name,
+            state=self.state,
+            goal=self.request.goal,
+            owner=self.owner.view(),
+            detach=self.detach,
+            created_utc=self.created_utc,
+            folder=None if self.result is None else self.result.folder,
+        )
+
+
+class JobTable:
+    """All jobs: the running one, those that wait, and the last `history` that ended."""
+
+    def __init__(self, *, history: int = 64, queue_limit: int = 64) -> None:
+        self._history = history
+        self._queue_limit = queue_limit
+        self._jobs: dict[str, Job] = {}
+        self._ended: deque[Job] = deque()
+        self.queue: deque[Job] = deque()
+        self.running: Job | None = None
+        self.stopping = False
+        """True once no more jobs are taken."""
+
+    def admit(self, request: CaptureRequest, owner: Owner, *, detach: bool, queue: bool) -> Job:
+        """Take a job: it runs at once (state running) if the rig is free, else waits its turn.
+
+        Raises BusyError when the rig is taken and `queue` is false, when the queue is full, or
+        when the daemon is stopping.
+        """
+        if self.stopping:
+            raise BusyError("the daemon is stopping", hint="start the capture again in a moment")
+        if self.running is not None:
+            if not queue:
+                raise self.busy()
+            if len(self.queue) >= self._queue_limit:
+                raise BusyError(
+                    f"{len(self.queue)} jobs are waiting already", hint="wait until some have ended"
+                )
+        job = Job(self._new_name(), request, owner, detach, _utc_now())
+        self._jobs[job.name] = job
+        if self.running is None:
+            self._run(job)
+        else:
+            self.queue.append(job)
+        return job
+
+    def busy(self) -> BusyError:
+        """The refusal that names the holder of the rig."""
+        holder = self.running
+        if holder is None:
+            return BusyError("the rig is busy", hint="try again in a moment")
+        owner = holder.owner
+        return BusyError(
+            f"job {holder.name} of {owner.user} (uid {owner.uid}) holds the rig",
+            hint='wait for it with capture.wait, or start with "queue": true',
+        )
+
+    def get(self, name: str) -> Job:
+        """The job of that name. Raises ConfigError when it is unknown or forgotten."""
+        try:
+            return self._jobs[name]
+        except KeyError as err:
+            raise ConfigError(
+                f"no job {name!r}",
+                hint=f"capture.list names the jobs; the last {self._history} that ended are kept",
+            ) from err
+
+    def all(self) -> list[Job]:
+        """Every job known, oldest first."""
+        return list(self._jobs.values())
+
+    def cancel(self, job: Job) -> bool:
+        """Ask for the end of a job; true if it ended by this at once (it was waiting).
+
+        A running job is told by its flag and ends through `finish`; an ended one stays as it is.
+        """
+        if job.state in ENDED:
+            return False
+        job.cancel_flag.set()
+        if job.state != "queued":
+            return False
+        self.queue.remove(job)
+        error = Cancelled("cancelled before it began", hint="nothing was exposed")
+        self._end(job, CaptureResult(job=job.name, state="cancelled", error=error_fields(error)))
+        return True
+
+    def owned_by(self, connection: int) -> list[Job]:
+        """The jobs that must end when this connection does."""
+        active = [*([] if self.running is None else [self.running]), *self.queue]
+        return [j for j in active if j.owner.connection == connection and not j.detach]
+
+    def finish(self, job: Job, result: CaptureResult) -> Job | None:
+        """Enter the result of the running job; returns the job that runs next, if one waits."""
+        self._end(job, result)
+        self.running = None
+        if self.queue:
+            self._run(self.queue.popleft())
+        return self.running
+
+    def _run(self, job: Job) -> None:
+        job.state = "running"
+        self.running = job
+
+    def _end(self, job: Job, result: CaptureResult) -> None:
+        job.state = result.state
+        job.result = result
+        self._ended.append(job)
+        if len(self._ended) > self._history:
+            del self._jobs[self._ended.popleft().name]
+
+    def _new_name(self) -> str:
+        # Four random digits a second can meet by chance; the folder must not.
+        while (name := new_job_id()) in self._jobs:
+            pass
+        return name
+
+
+def failed_result(job: Job, error: Exception) -> CaptureResult:
+    """The result of a job whose engine call raised instead of returning one."""
+    if not isinstance(error, PdcdError):
+        message = f"{type(error).__name__}: {error}"
+        error = PdcdError(message, hint="a fault of the program: see the daemon's log")
+    state: JobState = "cancelled" if isinstance(error, Cancelled) else "failed"
+    return CaptureResult(job=job.name, state=state, error=error_fields(error))
+
+
+class Coalescer:
+    """Thins progress to one in `interval_ns`; of those held back the newest wins."""
+
+    def __init__(self, interval_ns: int = PROGRESS_INTERVAL_NS) -> None:
+        self._interval_ns = interval_ns
+        self._last_ns: int | None = None
+        self._held: tuple[int, dict[str, Any]] | None = None
+
+    def offer(self, now_ns: int, fields: dict[str, Any]) -> dict[str, Any] | None:
+        """The fields if they may go out now; else they are held and None is returned."""
+        if self._last_ns is not None and now_ns - self._last_ns < self._interval_ns:
+            self._held = (now_ns, fields)
+            return None
+        self._last_ns = now_ns
+        self._held = None
+        return fields
+
+    def flush(self) -> tuple[int, dict[str, Any]] | None:
+        """Time and fields of what is held, to go out before any other event; None if nothing."""
+        held, self._held = self._held, None
+        return held
+
+
+def _utc_now() -> str:
+    return f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"

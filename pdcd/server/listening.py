@@ -1,0 +1,105 @@
+"""Getting hold of the listening socket: passed by the service manager, or bound by ourselves."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import socket
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from pdcd.config import ServerConfig
+from pdcd.errors import ConfigError
+from pdcd.server.notify import FIRST_FD, listen_fds
+
+logger = logging.getLogger(__name__)
+
+
+@contextlib.contextmanager
+def claimed(path: Path, config: ServerConfig) -> Iterator[socket.socket]:
+    """A listening socket: the one that was passed to us, else one bound at `path`.
+
+    A socket file of ours is removed in the end; a passed one belongs to the service manager.
+    Raises ConfigError when the path is taken or cannot be bound.
+    """
+    # Users who are not in the group are let in by the check at accept, not by the file's mode.
+    mode = 0o666 if config.allow_uids else 0o660
+    passed = listen_fds()
+    if passed:
+        with _passed(passed) as sock:
+            yield sock
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as sock:
+        _bind(sock, path, mode)
+        made = path.stat()
+        try:
+            yield sock
+        finally:
+            with contextlib.suppress(FileNotFoundError):
+                now = path.stat()
+                if (now.st_dev, now.st_ino) == (made.st_dev, made.st_ino):
+                    path.unlink()
+
+
+def _passed(count: int) -> socket.socket:
+    """The one socket of socket activation. Raises ConfigError when it is none we can serve."""
+    if count != 1:
+        raise ConfigError(f"{count} sockets were passed", hint="pdcd.socket needs one ListenStream")
+    os.set_inheritable(FIRST_FD, False)
+    sock = socket.socket(fileno=FIRST_FD)
+    listening = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+    if sock.family != socket.AF_UNIX or sock.type != socket.SOCK_STREAM or not listening:
+        sock.close()
+        raise ConfigError(
+            "the passed socket is no listening unix stream socket",
+            hint="use ListenStream=/run/pdcd.sock and Accept=no",
+        )
+    return sock
+
+
+def _bind(sock: socket.socket, path: Path, mode: int) -> None:
+    """Bind and listen at `path`, in place of a stale socket file if one lies there."""
+    _clear_stale(path)
+    # The mode is set by the umask, not after the fact: there is no moment of wider access.
+    umask = os.umask(0o777 & ~mode)
+    try:
+        sock.bind(str(path))
+        sock.listen()
+    except OSError as err:
+        raise ConfigError(
+            f"cannot listen on {path}: {err.strerror or err}",
+            hint="choose another path by --socket or [server] socket",
+        ) from err
+    finally:
+        os.umask(umask)
+
+
+def _clear_stale(path: Path) -> None:
+    """Remove a socket file on which nobody answers.
+
+    Raises ConfigError when a daemon does, or when the file is something else.
+    """
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return  # nothing there, or nothing to be seen: bind says what is wrong
+    if not stat.S_ISSOCK(mode):
+        raise ConfigError(
+            f"{path} is there and is no socket", hint="remove it, or use another path"
+        )
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        # A full backlog must not hold us up: it, too, means that a daemon is there.
+        probe.setblocking(False)
+        try:
+            probe.connect(str(path))
+        except ConnectionRefusedError:
+            logger.warning("removing a stale socket path=%s", path)
+            path.unlink(missing_ok=True)
+            return
+        except OSError as err:
+            raise ConfigError(f"{path} is in use: {err.strerror}", hint="use another path") from err
+    raise ConfigError(
+        f"another daemon answers on {path}", hint="stop it first, or give this one --socket"
+    )

@@ -1,0 +1,316 @@
+"""Every message of the socket as a value, and the table of methods.
+
+The wire is JSON-RPC 2.0, one object a line (https://www.jsonrpc.org/specification). Parameters
+refuse unknown fields, so that a misspelt one is not silently ignored; what the server sends may
+gain fields, and clients ignore those they do not know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from numbers import Integral, Real
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from pdcd.errors import KINDS, PdcdError
+from pdcd.request import CaptureRequest, CaptureResult, JobState, PlanSummary
+
+PROTOCOL = (1, 0)
+"""Major and minor version: a major change breaks clients, a minor one only adds."""
+
+MAX_LINE = 2**20
+"""Longest line either way, in bytes, its newline included."""
+
+PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS, INTERNAL_ERROR = (
+    -32700,
+    -32600,
+    -32601,
+    -32602,
+    -32603,
+)
+"""The codes that JSON-RPC 2.0 reserves (section 5.1)."""
+
+CODES: Mapping[str, int] = MappingProxyType(
+    {
+        "protocol": INVALID_REQUEST,
+        "config": INVALID_PARAMS,
+        "internal": INTERNAL_ERROR,
+        # The range left to applications; the order is frozen, new kinds go to the end.
+        "busy": -32001,
+        "cancelled": -32002,
+        "device_lost": -32003,
+        "driver_unavailable": -32004,
+        "sync": -32005,
+        "exposure": -32006,
+        "decode": -32007,
+        "no_space": -32008,
+    }
+)
+"""JSON-RPC code of each error kind."""
+
+EventType = Literal[
+    "queued",
+    "armed",
+    "shutter_open",
+    "progress",
+    "shutter_closed",
+    "decoding",
+    "done",
+    "failed",
+    "cancelled",
+]
+RigState = Literal["idle", "busy", "stopping"]
+Interest = Literal["all", "own", "none"]
+
+
+class _Params(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of all parameters: nothing unknown."""
+
+
+class NoParams(_Params, frozen=True):
+    """The method takes nothing."""
+
+
+class HelloParams(_Params, frozen=True):
+    """What a client needs: the lowest protocol version (major, minor) that serves it."""
+
+    protocol: tuple[int, int]
+
+
+class StartParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`capture.start`: the request, whether it outlives its connection, whether it may wait."""
+
+    detach: bool = False
+    queue: bool = False
+
+    def request(self) -> CaptureRequest:
+        """The request alone, as the engine takes it."""
+        return CaptureRequest(**{f: getattr(self, f) for f in CaptureRequest.__struct_fields__})
+
+
+class JobParams(_Params, frozen=True):
+    """Names one job."""
+
+    job: Annotated[str, Meta(max_length=64)]
+
+
+class ShowParams(_Params, frozen=True):
+    """`display.show`: a test picture; `index` picks the code of the pattern "code"."""
+
+    pattern: Literal["black", "white", "checker", "code"]
+    index: Annotated[int, Meta(ge=0, lt=2**31)] = 0
+
+
+class SubscribeParams(_Params, frozen=True):
+    """`events.subscribe`: events of all jobs, or of those started on this connection."""
+
+    jobs: Literal["all", "own"] = "own"
+
+
+class ClockAnchor(msgspec.Struct, frozen=True):
+    """One instant on two clocks: ns since boot (as all event times are) and ISO 8601 UTC."""
+
+    mono_ns: int
+    utc: str
+
+
+class Hello(msgspec.Struct, frozen=True, kw_only=True):
+    """What the server says first, as a notification `hello`."""
+
+    server: str
+    version: str
+    protocol: tuple[int, int]
+    max_line: int
+    drivers: dict[str, str]
+    state: RigState
+    clock: ClockAnchor
+
+
+class Started(msgspec.Struct, frozen=True, kw_only=True):
+    """Answer of `capture.start`."""
+
+    job: str
+    state: JobState
+
+
+class OwnerView(msgspec.Struct, frozen=True, kw_only=True):
+    """Who started a job, as the kernel vouches for it (SO_PEERCRED)."""
+
+    uid: int
+    pid: int
+    user: str
+
+
+class JobView(msgspec.Struct, frozen=True, kw_only=True):
+    """One job as `capture.list` and `rig.status` show it."""
+
+    job: str
+    state: JobState
+    goal: str
+    owner: OwnerView
+    detach: bool
+    created_utc: str
+    folder: str | None = None
+
+
+class JobList(msgspec.Struct, frozen=True):
+    """Answer of `capture.list`: oldest first; finished jobs are kept up to a bound."""
+
+    jobs: list[JobView]
+
+
+class Status(msgspec.Struct, frozen=True, kw_only=True):
+    """Answer of `rig.status`."""
+
+    version: str
+    state: RigState
+    running: JobView | None
+    queued: list[JobView]
+    connections: int
+    uptime_s: float
+    clock: ClockAnchor
+
+
+class Subscription(msgspec.Struct, frozen=True):
+    """Answer of `events.subscribe` and `events.unsubscribe`: what is now delivered."""
+
+    jobs: Interest
+
+
+class Shown(msgspec.Struct, frozen=True):
+    """Answer of `display.show`: what both panels show now."""
+
+    pattern: str
+    index: int
+
+
+class Pong(msgspec.Struct, frozen=True):
+    """Answer of `ping`."""
+
+    clock: ClockAnchor
+
+
+class Agreed(msgspec.Struct, frozen=True):
+    """Answer of `hello`: the server's protocol version."""
+
+    protocol: tuple[int, int]
+
+
+class Event(msgspec.Struct, kw_only=True):
+    """What every notification `event` carries; each type may add fields.
+
+    `seq` counts the events of one job from 0; a gap means that progress was dropped for a slow
+    client. `t_mono_ns` is when it happened, in ns of the clock that `hello` anchors.
+    """
+
+    job: str
+    seq: int
+    type: EventType
+    t_mono_ns: int
+
+
+class ProgressEvent(Event, kw_only=True):
+    """Type `progress`: refreshes shown of the shot, and refreshes that came late so far."""
+
+    frame: int
+    frames: int
+    missed: int
+    shot: str
+
+
+class ErrorData(msgspec.Struct, frozen=True, kw_only=True):
+    """The part of an error that clients match on."""
+
+    kind: str
+    device: str | None = None
+    hint: str | None = None
+
+
+class ErrorObject(msgspec.Struct, frozen=True):
+    """`error` of a reply (JSON-RPC 2.0, section 5.1)."""
+
+    code: int
+    message: str
+    data: ErrorData
+
+
+@dataclass(frozen=True)
+class Method:
+    """What a method takes and gives; `result` is used for the schema only."""
+
+    params: type[msgspec.Struct]
+    result: Any
+
+
+METHODS: Mapping[str, Method] = MappingProxyType(
+    {
+        "hello": Method(HelloParams, Agreed),
+        "ping": Method(NoParams, Pong),
+        "rig.status": Method(NoParams, Status),
+        "rig.describe": Method(NoParams, dict[str, Any]),
+        "config.get": Method(NoParams, dict[str, Any]),
+        "capture.plan": Method(CaptureRequest, PlanSummary),
+        "capture.start": Method(StartParams, Started),
+        "capture.wait": Method(JobParams, CaptureResult),
+        "capture.cancel": Method(JobParams, CaptureResult),
+        "capture.list": Method(NoParams, JobList),
+        "display.show": Method(ShowParams, Shown),
+        "preview.grab": Method(NoParams, dict[str, Any]),
+        "events.subscribe": Method(SubscribeParams, Subscription),
+        "events.unsubscribe": Method(NoParams, Subscription),
+    }
+)
+"""Every method of the socket, by name."""
+
+
+def plain(value: Any) -> Any:
+    """The value in JSON types; numpy's numbers become Python's. Raises TypeError otherwise."""
+    return msgspec.to_builtins(value, enc_hook=_number)
+
+
+def _number(value: Any) -> int | float:
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    raise TypeError(f"{type(value).__name__} cannot be sent as JSON")
+
+
+def error_fields(error: PdcdError) -> dict[str, str | None]:
+    """The error as `CaptureResult.error` holds it: kind, message, device, hint."""
+    return {
+        "kind": error.kind,
+        "message": error.message,
+        "device": error.device,
+        "hint": error.hint,
+    }
+
+
+def error_object(error: PdcdError, code: int | None = None) -> ErrorObject:
+    """The error as a reply carries it; `code` overrides the one of its kind."""
+    data = ErrorData(kind=error.kind, device=error.device, hint=error.hint)
+    return ErrorObject(CODES[error.kind] if code is None else code, error.message, data)
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of every message, for `rig.describe`.
+
+    Returns ``{"methods": {name: {"params", "result"}}, "notifications": {...}, "error", "kinds",
+    "$defs"}``, where each leaf is a schema that refers into `$defs`.
+    """
+    leaves: list[Any] = [t for m in METHODS.values() for t in (m.params, m.result)]
+    notifications = {"hello": Hello, "event": Event, "event.progress": ProgressEvent}
+    leaves += [*notifications.values(), ErrorObject]
+    schemas, definitions = msgspec.json.schema_components(leaves, ref_template="#/$defs/{name}")
+    made = iter(schemas)
+    return {
+        "methods": {name: {"params": next(made), "result": next(made)} for name in METHODS},
+        "notifications": {name: next(made) for name in notifications},
+        "error": next(made),
+        "kinds": list(KINDS),
+        "$defs": definitions,
+    }

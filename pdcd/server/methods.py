@@ -1,0 +1,210 @@
+"""What each method of the socket does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Awaitable, Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, cast
+
+import msgspec
+
+from pdcd import __version__
+from pdcd.config import Config
+from pdcd.errors import BusyError, ConfigError
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.server import messages
+from pdcd.server.clients import Client
+from pdcd.server.jobs import EngineLike, Owner
+from pdcd.server.messages import (
+    Agreed,
+    ClockAnchor,
+    Hello,
+    JobList,
+    JobParams,
+    Pong,
+    RigState,
+    Shown,
+    ShowParams,
+    Started,
+    StartParams,
+    Status,
+    SubscribeParams,
+    Subscription,
+)
+from pdcd.server.protocol import Request
+from pdcd.server.runner import Runner
+from pdcd.server.worker import Worker
+
+
+class Methods:
+    """The service behind the connections; used from the event loop only.
+
+    `state_dir` bounds where clients may have results written; `connections` counts the clients.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        engine: EngineLike,
+        worker: Worker,
+        runner: Runner,
+        *,
+        state_dir: Path,
+        connections: Callable[[], int],
+    ) -> None:
+        self._config = config
+        self._engine = engine
+        self._worker = worker
+        self._runner = runner
+        self._state_dir = state_dir
+        self._connections = connections
+        self._started_ns = time.monotonic_ns()
+        self._description: dict[str, Any] = {}
+        self._table: dict[str, Callable[[Client, Any], Awaitable[Any]]] = {
+            "hello": self._hello,
+            "ping": self._ping,
+            "rig.status": self._status,
+            "rig.describe": self._describe,
+            "config.get": self._config_get,
+            "capture.plan": self._plan,
+            "capture.start": self._start,
+            "capture.wait": self._wait,
+            "capture.cancel": self._cancel,
+            "capture.list": self._list,
+            "display.show": self._show,
+            "preview.grab": self._preview,
+            "events.subscribe": self._subscribe,
+            "events.unsubscribe": self._unsubscribe,
+        }
+
+    @property
+    def state(self) -> RigState:
+        """Idle, busy with a capture, or about to end."""
+        if self._runner.table.stopping:
+            return "stopping"
+        return "idle" if self._runner.table.running is None else "busy"
+
+    def hello(self) -> Hello:
+        """The first words to a new client."""
+        config = self._config
+        return Hello(
+            server="pdcd",
+            version=__version__,
+            protocol=messages.PROTOCOL,
+            max_line=messages.MAX_LINE,
+            drivers={
+                "display": config.display.driver,
+                "shutter": config.trigger.driver,
+                "readout": config.camera.driver,
+            },
+            state=self.state,
+            clock=_clock(),
+        )
+
+    async def handle(self, client: Client, request: Request) -> Any:
+        """Do what is asked and return the result. Raises PdcdError."""
+        return await self._table[request.method](client, request.params)
+
+    def gone(self, client: Client) -> None:
+        """The client has left: its jobs end."""
+        self._runner.drop(client.number)
+
+    async def _hello(self, client: Client, params: msgspec.Struct) -> Agreed:
+        return Agreed(messages.PROTOCOL)
+
+    async def _ping(self, client: Client, params: msgspec.Struct) -> Pong:
+        return Pong(_clock())
+
+    async def _status(self, client: Client, params: msgspec.Struct) -> Status:
+        table = self._runner.table
+        return Status(
+            version=__version__,
+            state=self.state,
+            running=None if table.running is None else table.running.view(),
+            queued=[job.view() for job in table.queue],
+            connections=self._connections(),
+            uptime_s=(time.monotonic_ns() - self._started_ns) / 1e9,
+            clock=_clock(),
+        )
+
+    async def _describe(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
+        # During a capture the last description must do: the engine's thread is taken.
+        if self.state == "idle" or not self._description:
+            found = await self._worker.call(self._engine.describe)
+            self._description = messages.plain(found)
+        return {"rig": self._description, "schema": messages.schema()}
+
+    async def _config_get(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
+        return cast(dict[str, Any], messages.plain(self._config))
+
+    async def _plan(self, client: Client, request: CaptureRequest) -> PlanSummary:
+        self._refuse_if_taken()
+        return await self._worker.call(self._engine.plan, self._confined(request))
+
+    async def _start(self, client: Client, params: StartParams) -> Started:
+        peer = client.peer
+        owner = Owner(peer.uid, peer.pid, peer.user, client.number)
+        job = self._runner.start(
+            self._confined(params.request()), owner, detach=params.detach, queue=params.queue
+        )
+        return Started(job=job.name, state=job.state)
+
+    async def _wait(self, client: Client, params: JobParams) -> CaptureResult:
+        return await self._runner.wait(params.job)
+
+    async def _cancel(self, client: Client, params: JobParams) -> CaptureResult:
+        return await self._runner.cancel(params.job)
+
+    async def _list(self, client: Client, params: msgspec.Struct) -> JobList:
+        return JobList([job.view() for job in self._runner.table.all()])
+
+    async def _show(self, client: Client, params: ShowParams) -> Shown:
+        self._refuse_if_taken()
+        await self._worker.call(self._engine.show, params.pattern, params.index)
+        return Shown(params.pattern, params.index)
+
+    async def _preview(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
+        self._refuse_if_taken()
+        return cast(dict[str, Any], messages.plain(await self._worker.call(self._engine.preview)))
+
+    async def _subscribe(self, client: Client, params: SubscribeParams) -> Subscription:
+        client.interest = params.jobs
+        return Subscription(client.interest)
+
+    async def _unsubscribe(self, client: Client, params: msgspec.Struct) -> Subscription:
+        client.interest = "none"
+        return Subscription(client.interest)
+
+    def _refuse_if_taken(self) -> None:
+        """Raise BusyError while a capture holds the rig: a short call would wait for all of it."""
+        if self._runner.table.stopping:
+            raise BusyError("the daemon is stopping", hint="ask again in a moment")
+        if self._runner.table.running is not None:
+            raise self._runner.table.busy()
+
+    def _confined(self, request: CaptureRequest) -> CaptureRequest:
+        """The request with `out` made absolute. Raises ConfigError when it leaves the state folder.
+
+        A relative path is taken from the state folder; symbolic links are followed first.
+        """
+        if request.out is None:
+            return request
+        try:
+            home = self._state_dir.resolve()
+            out = (home / request.out).resolve()
+        except (OSError, ValueError, RuntimeError) as err:
+            raise ConfigError(
+                f"out is not a usable path: {err}", hint="name a folder below the state folder"
+            ) from err
+        if not out.is_relative_to(home):
+            raise ConfigError(
+                f"out leaves the daemon's state folder: {out}",
+                hint=f"choose a folder below {home}, or run pdcd capture --local",
+            )
+        return msgspec.structs.replace(request, out=str(out))
+
+
+def _clock() -> ClockAnchor:
+    return ClockAnchor(time.monotonic_ns(), datetime.now(UTC).isoformat())

@@ -1,0 +1,227 @@
+"""The protocol without a socket: bytes in, typed requests and faults out; values in, lines out.
+
+`Connection` is the state machine of one client. It never raises on what a client sends: all that
+is wrong becomes a `Fault`, which says what to answer and whether the connection can go on.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+from pdcd.errors import ConfigError, PdcdError, ProtocolError
+from pdcd.server import messages
+from pdcd.server.messages import MAX_LINE, METHODS, PROTOCOL, HelloParams
+
+Id = str | int
+"""Request id. The limits below keep an echoed id exact in every client and the reply short."""
+
+_WireId = (
+    Annotated[str, Meta(max_length=128)] | Annotated[int, Meta(gt=-(2**53), lt=2**53)] | UnsetType
+)
+
+
+@dataclass(frozen=True)
+class Request:
+    """A checked call; `id` is None for a notification, which gets no answer."""
+
+    id: Id | None
+    method: str
+    params: msgspec.Struct
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something wrong that a client sent.
+
+    `line` is the answer, None when there is none to give (a faulty notification); `close` tells
+    that nothing sensible can follow on this connection.
+    """
+
+    error: PdcdError
+    line: bytes | None
+    close: bool = False
+
+
+class _Envelope(msgspec.Struct):
+    """A request before its parameters are looked at; unknown members are ignored."""
+
+    jsonrpc: str
+    method: str
+    id: _WireId = UNSET
+    params: Any = UNSET
+
+
+class _IdOnly(msgspec.Struct):
+    """To answer a malformed request by its id where that at least is sound."""
+
+    id: _WireId = UNSET
+
+
+class Connection:
+    """Cuts a byte stream into lines and lines into requests.
+
+    `max_line` is the longest line accepted, in bytes, its newline included.
+    """
+
+    def __init__(self, max_line: int = MAX_LINE) -> None:
+        self._max_line = max_line
+        self._rest = bytearray()
+        self.closed = False
+        """True after a fault that ends the connection; all further bytes are ignored."""
+
+    def receive(self, data: bytes) -> list[Request | Fault]:
+        """Take the next bytes, of any cut, and return what they complete, in order."""
+        found: list[Request | Fault] = []
+        self._rest += data
+        while not self.closed:
+            # A line is looked for in no more than its allowed length, so that a client cannot
+            # make us search or keep megabytes.
+            end = self._rest.find(b"\n", 0, self._max_line)
+            if end < 0:
+                break
+            line = bytes(self._rest[:end])
+            del self._rest[: end + 1]
+            # Blank lines are let pass: people type at this socket.
+            if line.strip():
+                found.append(self._close_on(parse(line)))
+        if not self.closed and len(self._rest) >= self._max_line:
+            error = ProtocolError(
+                f"a line is longer than {self._max_line} bytes",
+                hint="send large data as files; every message is one short line",
+            )
+            found.append(
+                self._close_on(Fault(error, encode_error(None, error, messages.PARSE_ERROR), True))
+            )
+        if self.closed:
+            self._rest.clear()
+        return found
+
+    def _close_on(self, item: Request | Fault) -> Request | Fault:
+        self.closed = isinstance(item, Fault) and item.close
+        return item
+
+
+def parse(line: bytes) -> Request | Fault:
+    """Check one line, without its newline: a `Request`, or what is wrong with it."""
+    try:
+        value = msgspec.json.decode(line)
+    except (ValueError, RecursionError) as err:
+        # ValueError covers bad syntax, NaN and Infinity, bad UTF-8 and numbers out of range.
+        error = ProtocolError(
+            f"not a JSON text: {err}", hint="send one JSON-RPC 2.0 object a line, in UTF-8"
+        )
+        return Fault(error, encode_error(None, error, messages.PARSE_ERROR))
+    if isinstance(value, list):
+        error = ProtocolError("batches are not supported", hint="send one object a line")
+        return Fault(error, encode_error(None, error))
+    try:
+        envelope = msgspec.convert(value, _Envelope)
+        if envelope.jsonrpc != "2.0":
+            raise ValueError('`jsonrpc` is not "2.0"')
+    except ValueError as err:
+        error = ProtocolError(
+            f"not a JSON-RPC 2.0 request: {err}",
+            hint='a request is {"jsonrpc":"2.0","id":1,"method":"rig.status","params":{}}',
+        )
+        return Fault(error, encode_error(_sound_id(value), error))
+    return _typed(envelope)
+
+
+def _sound_id(value: Any) -> Id | None:
+    try:
+        found = msgspec.convert(value, _IdOnly).id
+    except ValueError:
+        return None
+    return None if isinstance(found, UnsetType) else found
+
+
+def _typed(envelope: _Envelope) -> Request | Fault:
+    """Check method and parameters of a sound envelope."""
+    notification = isinstance(envelope.id, UnsetType)
+    request_id = None if isinstance(envelope.id, UnsetType) else envelope.id
+    code: int | None = None
+    close = False
+    error: PdcdError
+    try:
+        method = METHODS.get(envelope.method)
+        if method is None:
+            code = messages.METHOD_NOT_FOUND
+            raise ProtocolError(
+                f"unknown method {_short(envelope.method)}",
+                hint="methods are: " + ", ".join(METHODS),
+            )
+        raw = {} if envelope.params is UNSET else envelope.params
+        params = _params(envelope.method, raw, method.params)
+        if isinstance(params, HelloParams):
+            close = True
+            _agree(params.protocol)
+    except PdcdError as err:
+        error = err
+    else:
+        return Request(request_id, envelope.method, params)
+    line = None if notification else encode_error(request_id, error, code)
+    return Fault(error, line, close)
+
+
+def _agree(wanted: tuple[int, int]) -> None:
+    if wanted[0] != PROTOCOL[0] or wanted[1] > PROTOCOL[1]:
+        raise ProtocolError(
+            f"protocol {wanted[0]}.{wanted[1]} is not spoken here",
+            hint=f"this server speaks {PROTOCOL[0]}.{PROTOCOL[1]}; use a matching client",
+        )
+
+
+def _params(method: str, raw: Any, kind: type[msgspec.Struct]) -> msgspec.Struct:
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as err:
+        raise ConfigError(f"{method}: {_short(str(err))}", hint=_hint(kind, str(err))) from err
+
+
+def _hint(kind: type[msgspec.Struct], message: str) -> str:
+    """What the field at fault takes, as JSON Schema, or which fields there are."""
+    at = re.search(r"`\$\.(\w+)", message)
+    if at is None or at[1] not in kind.__struct_fields__:
+        names = ", ".join(kind.__struct_fields__) or "none"
+        return f"fields are: {names}; see rig.describe for their types"
+    schema = msgspec.json.schema(kind)["$defs"][kind.__name__]["properties"][at[1]]
+    return f"{at[1]} takes {json.dumps(schema)}"
+
+
+def _short(text: str, limit: int = 200) -> str:
+    """Quote a client's own text without echoing a megabyte of it."""
+    return text if len(text) <= limit else text[:limit] + "..."
+
+
+def encode_line(message: Mapping[str, Any]) -> bytes:
+    """One message as a line. Raises ProtocolError when it is longer than `MAX_LINE`."""
+    line = msgspec.json.encode(message) + b"\n"
+    if len(line) > MAX_LINE:
+        raise ProtocolError(
+            f"the answer is {len(line)} bytes, longer than a line may be",
+            hint="read it from the run folder instead",
+        )
+    return line
+
+
+def encode_reply(request_id: Id, result: Any) -> bytes:
+    """The answer to a request. Raises ProtocolError when it does not fit into a line."""
+    return encode_line({"jsonrpc": "2.0", "id": request_id, "result": result})
+
+
+def encode_error(request_id: Id | None, error: PdcdError, code: int | None = None) -> bytes:
+    """The answer to a request that failed; id None where the id could not be read."""
+    body = messages.error_object(error, code)
+    return encode_line({"jsonrpc": "2.0", "id": request_id, "error": body})
+
+
+def encode_notification(method: str, params: Any) -> bytes:
+    """A message that asks for no answer: `hello` or `event`."""
+    return encode_line({"jsonrpc": "2.0", "method": method, "params": params})

@@ -1,0 +1,162 @@
+"""Carries jobs from the table to the engine and their events back to the event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from pdcd.errors import PdcdError
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.server.jobs import ENDED, Coalescer, EngineLike, Job, JobTable, Owner, failed_result
+from pdcd.server.messages import plain
+from pdcd.server.worker import Worker
+
+logger = logging.getLogger(__name__)
+
+Publish = Callable[[Job, dict[str, Any]], None]
+"""Takes an event of a job, in the loop's thread."""
+
+
+class Runner:
+    """Runs the jobs of a table, one at a time, in the worker's thread.
+
+    All methods are called from the event loop. `publish` must not block.
+    """
+
+    def __init__(self, engine: EngineLike, worker: Worker, publish: Publish) -> None:
+        self.table = JobTable()
+        self._engine = engine
+        self._worker = worker
+        self._publish = publish
+        self._ended: dict[str, asyncio.Event] = {}
+        self._task: asyncio.Task[None] | None = None
+
+    def start(
+        self, request: CaptureRequest, owner: Owner, *, detach: bool = False, queue: bool = False
+    ) -> Job:
+        """Take a job and return at once. Raises BusyError as `JobTable.admit` does."""
+        job = self.table.admit(request, owner, detach=detach, queue=queue)
+        self._ended[job.name] = asyncio.Event()
+        logger.info(
+            "capture admitted job=%s state=%s goal=%s uid=%d user=%s detach=%s",
+            *(job.name, job.state, request.goal, owner.uid, owner.user, detach),
+        )
+        # One turn of the loop later, so that the caller learns the job's name before its events.
+        asyncio.get_running_loop().call_soon(self._begin, job)
+        return job
+
+    async def wait(self, name: str) -> CaptureResult:
+        """The result of a job, when it has ended. Raises ConfigError for an unknown job."""
+        job = self.table.get(name)
+        ended = self._ended.get(name)
+        if ended is not None:
+            await ended.wait()
+        if job.result is None:
+            raise PdcdError(f"job {name} ended without a result")
+        return job.result
+
+    async def cancel(self, name: str) -> CaptureResult:
+        """End a job and return its result when it has ended; harmless on an ended one.
+
+        Raises ConfigError for an unknown job.
+        """
+        job = self.table.get(name)
+        self._cancel(job)
+        return await self.wait(name)
+
+    def drop(self, connection: int) -> None:
+        """A client is gone: end its jobs that were not detached."""
+        for job in self.table.owned_by(connection):
+            logger.warning("client gone, cancelling job=%s pid=%d", job.name, job.owner.pid)
+            self._cancel(job)
+
+    async def drain(self) -> None:
+        """Take no more jobs, cancel all there are, and return when the last has ended."""
+        self.table.stopping = True
+        running = self.table.running
+        for job in [*self.table.queue, *([] if running is None else [running])]:
+            self._cancel(job)
+        for ended in list(self._ended.values()):
+            await ended.wait()
+        if self._task is not None:
+            await self._task
+
+    def _begin(self, job: Job) -> None:
+        """Announce an admitted job, and run it if it is the one to run."""
+        if job.state in ENDED:
+            return  # cancelled in the very turn in which it was admitted
+        ahead = list(self.table.queue).index(job) + 1 if job in self.table.queue else 0
+        self._tell(job, "queued", time.monotonic_ns(), {"ahead": ahead})
+        if job is self.table.running and self._task is None:
+            self._task = asyncio.get_running_loop().create_task(self._run(job))
+
+    async def _run(self, job: Job) -> None:
+        """Run this job and all that wait behind it."""
+        current: Job | None = job
+        while current is not None:
+            try:
+                result = await self._worker.call(self._capture, current, asyncio.get_running_loop())
+            # The job must end for its waiters whatever the engine did, so nothing is let through.
+            except Exception as err:
+                logger.exception("engine raised job=%s", current.name)
+                result = failed_result(current, err)
+            following = self.table.finish(current, result)
+            self._announce_end(current, result)
+            current = following
+        self._task = None
+
+    def _capture(self, job: Job, loop: asyncio.AbstractEventLoop) -> CaptureResult:
+        """In the worker's thread: the engine call, with events thinned and sent to the loop."""
+        progress = Coalescer()
+
+        def tell(kind: str, t_ns: int, fields: dict[str, Any]) -> None:
+            loop.call_soon_threadsafe(self._tell, job, kind, t_ns, fields)
+
+        def flush() -> None:
+            held = progress.flush()
+            if held is not None:
+                tell("progress", *held)
+
+        def emit(kind: str, fields: dict[str, Any]) -> None:
+            self._worker.beat()
+            # A copy in JSON types: what is not one shall fail here, in the engine's own call.
+            fields = plain(fields)
+            now_ns = time.monotonic_ns()
+            if kind != "progress":
+                flush()
+                tell(kind, now_ns, fields)
+            elif progress.offer(now_ns, fields) is not None:
+                tell(kind, now_ns, fields)
+
+        def cancelled() -> bool:
+            self._worker.beat()
+            return job.cancel_flag.is_set()
+
+        owner = plain(job.owner.view())
+        try:
+            result = self._engine.capture(
+                job.request, job=job.name, owner=owner, emit=emit, cancelled=cancelled
+            )
+        finally:
+            flush()
+        if result.state not in ENDED:
+            raise PdcdError(f"the engine returned in state {result.state}")
+        # By way of JSON types, so that nothing unencodable gets as far as the socket.
+        return msgspec.convert(plain(result), CaptureResult)
+
+    def _cancel(self, job: Job) -> None:
+        if self.table.cancel(job) and job.result is not None:
+            self._announce_end(job, job.result)
+
+    def _announce_end(self, job: Job, result: CaptureResult) -> None:
+        logger.info("capture ended job=%s state=%s", job.name, result.state)
+        self._ended.pop(job.name).set()
+        self._tell(job, result.state, time.monotonic_ns(), plain(result))
+
+    def _tell(self, job: Job, kind: str, t_mono_ns: int, fields: dict[str, Any]) -> None:
+        self._publish(job, job.event(kind, t_mono_ns, fields))

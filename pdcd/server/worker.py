@@ -1,0 +1,42 @@
+"""The one thread in which every engine call runs, and its pulse.
+
+Devices and GL contexts belong to a thread, and an exposure must not be disturbed by a second
+call; so there is exactly one thread, and calls line up before it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Worker:
+    """Runs calls one after the other in one thread of its own."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="pdcd-engine")
+        self._probe: Future[None] | None = None
+        self.beats = 0
+        """Grows while the thread lives; written by the thread, read by the watchdog."""
+
+    def beat(self) -> None:
+        """Called in the thread from inside a long call, to show that it is not stuck."""
+        self.beats += 1
+
+    def probe(self) -> None:
+        """Make an idle thread beat; a busy one beats by itself or is not well."""
+        if self._probe is None or self._probe.done():
+            self._probe = self._pool.submit(self.beat)
+
+    async def call(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Run the call in the thread and wait for what it returns or raises."""
+        return await asyncio.wrap_future(self._pool.submit(function, *args, **kwargs))
+
+    def close(self) -> None:
+        """End the thread after the calls that were made. Blocks until then."""
+        self._pool.shutdown(wait=True)

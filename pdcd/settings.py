@@ -1,0 +1,168 @@
+"""The tables of the configuration file as types; `pdcd.config` reads, checks and re-exports them.
+
+`Config()` with nothing given is the mock bench. Units are in the names.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, field
+
+from pdcd.request import BlackLevel, FamilyName, WindowName
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NonNegative = Annotated[float, Meta(ge=0.0)]
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file: immutable, nothing unknown."""
+
+
+class RigConfig(_Table, frozen=True):
+    """[rig] what holds for the bench as a whole."""
+
+    name: str = "mock bench"
+    on_miss: Literal["abort", "flag"] = "abort"
+    settle_s: NonNegative = 0.05
+    """Time on black between the shutter being open and the first code, and after the last."""
+    misregistration_px: NonNegative = 0.0
+    """Largest remaining offset between projector and mask, in projector pixels."""
+    clock: Literal["virtual", "real"] = "virtual"
+    """The mock bench runs as fast as it can, or in real time; real devices are always real."""
+
+
+class PanelConfig(_Table, frozen=True):
+    """[projector] or [mask]: one panel, as measured (real) or as it shall behave (mock)."""
+
+    size_px: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
+    refresh_hz: Positive = 60.0
+    phase_s: float = 0.0
+    """When this panel's vblank falls, relative to the projector's nominal grid."""
+    skew_s: float = 0.0
+    """Delay from the vblank to the light (negative: the panel leads)."""
+    jitter_s: NonNegative = 0.0
+    """Standard deviation of that delay, refresh by refresh."""
+    rise_s: NonNegative = 0.0
+    fall_s: NonNegative = 0.0
+    """First-order time constants towards white and towards black."""
+    contrast: Positive | None = None
+    """White over black; None is a perfect black."""
+    offset_px: tuple[float, float] = (0.0, 0.0)
+    """Mask only: its image against the projector's (right, down), in projector pixels."""
+
+
+class FaultsConfig(_Table, frozen=True):
+    """[display.faults] what the mock panels shall do wrong, by refresh number."""
+
+    late: dict[str, Annotated[int, Meta(ge=1)]] = field(default_factory=dict)
+    """Refresh -> by how many refreshes it comes late (the one before is stretched)."""
+    dropped: tuple[int, ...] = ()
+    """Refreshes never shown: the one before stays for their time."""
+    stale_mask: tuple[int, ...] = ()
+    """Refreshes at which the mask keeps what it showed while the projector moves on."""
+    stale_projector: tuple[int, ...] = ()
+
+
+class DisplayConfig(_Table, frozen=True):
+    """[display] the driver of both panels."""
+
+    driver: str = "mock"
+    faults: FaultsConfig = field(default_factory=FaultsConfig)
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class CameraConfig(_Table, frozen=True):
+    """[camera] readout, exposure settings and, for the mock, the sensor."""
+
+    driver: str = "mock"
+    profile: str = "modern"
+    """Sensor profile: a name below config/sensors, or the path of a TOML file."""
+    iso: int | None = None
+    """None: the profile's lowest."""
+    f_number: Positive | Literal["auto"] = "auto"
+    """"auto" takes test exposures and sets the aperture so that nothing saturates."""
+    noise: Literal["none", "full"] = "full"
+    quads_per_cell: Annotated[int, Meta(ge=1, le=64)] = 1
+    responsivity_e: tuple[Positive, Positive, Positive] | None = None
+    """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
+    seed: Annotated[int, Meta(ge=0)] = 0
+    fetch_timeout_s: Positive = 60.0
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class TriggerConfig(_Table, frozen=True):
+    """[trigger] the shutter."""
+
+    driver: str = "mock"
+    lag_s: NonNegative = 0.06
+    jitter_s: NonNegative = 0.01
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class SceneConfig(_Table, frozen=True):
+    """[scene] the virtual scene of the mock bench.
+
+    `kind` is a preset name (see `pdcd.scene.presets`) or "matrix" with `path` to an .npz.
+    """
+
+    kind: str = "open-book"
+    path: str | None = None
+    grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]] | None = None
+    """Rows, columns of cells; None: 48 x 64, or the matrix file's own."""
+    ambient: NonNegative = 0.0
+    """Light that is not the projector's, in scene units."""
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class ScheduleConfig(_Table, frozen=True):
+    """[schedule] defaults of the codes and of their timing."""
+
+    codes: Annotated[int, Meta(ge=1, le=65536)] = 128
+    family: FamilyName = "hadamard"
+    window: WindowName = "auto"
+    guards: bool = True
+    black_level: BlackLevel = "none"
+
+
+class LimitsConfig(_Table, frozen=True):
+    """[limits] what the daemon refuses to exceed."""
+
+    max_exposure_s: Positive = 600.0
+    min_free_bytes: Annotated[int, Meta(ge=0)] = 256 * 1024 * 1024
+    connections: Annotated[int, Meta(ge=1)] = 16
+
+
+class ServerConfig(_Table, frozen=True):
+    """[server] the socket and the state folder."""
+
+    socket: str | None = None
+    """None: $RUNTIME_DIRECTORY/../pdcd.sock under systemd, else $XDG_RUNTIME_DIR/pdcd.sock."""
+    state_dir: str | None = None
+    """None: $STATE_DIRECTORY under systemd, else $XDG_STATE_HOME/pdcd."""
+    allow_uids: tuple[int, ...] = ()
+    """More users than the daemon's own, root and its group's members (by socket mode)."""
+
+
+def _projector() -> PanelConfig:
+    return PanelConfig(size_px=(1024, 768))
+
+
+def _mask() -> PanelConfig:
+    return PanelConfig(size_px=(1600, 1200))
+
+
+class Config(_Table, frozen=True):
+    """The whole file."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    projector: PanelConfig = field(default_factory=_projector)
+    mask: PanelConfig = field(default_factory=_mask)
+    display: DisplayConfig = field(default_factory=DisplayConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    trigger: TriggerConfig = field(default_factory=TriggerConfig)
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
+    server: ServerConfig = field(default_factory=ServerConfig)

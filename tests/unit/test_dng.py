@@ -1,0 +1,159 @@
+"""The mock's DNG files as LibRaw, dcraw and exiftool read them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rawpy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from drivers.mock.dng import MIN_SIDE, write_dng
+from pdcd.errors import ConfigError
+
+needs_dcraw = pytest.mark.skipif(
+    shutil.which("dcraw") is None,
+    reason="dcraw IS MISSING: the DNG writer is not checked by it (install package dcraw)",
+)
+needs_exiftool = pytest.mark.skipif(
+    shutil.which("exiftool") is None,
+    reason="exiftool IS MISSING: the DNG tags are not checked (install libimage-exiftool-perl)",
+)
+SIDES = st.integers(1, 40).map(lambda quads: 2 * quads)
+
+
+def random_mosaic(height: int, width: int, seed: int = 0) -> NDArray[np.uint16]:
+    """14-bit samples; the corners hold the lowest and the highest value."""
+    mosaic = np.random.default_rng(seed).integers(0, 16384, (height, width)).astype(np.uint16)
+    mosaic[0, 0], mosaic[-1, -1] = 16383, 0
+    return mosaic
+
+
+def write(path: Path, mosaic: NDArray[np.uint16], **changes: Any) -> int:
+    fields: dict[str, Any] = {
+        "black": 512,
+        "white": 16383,
+        "iso": 400,
+        "exposure_s": 25.6,
+        "f_number": 5.6,
+        "model": "Virtual camera",
+        "date": datetime(2024, 2, 29, 23, 59, 58),
+    }
+    return write_dng(path, mosaic, **(fields | changes))
+
+
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(height=SIDES, width=SIDES, seed=st.integers(0, 1000))
+def test_libraw_reads_the_same_mosaic_at_any_size(
+    tmp_path_factory: pytest.TempPathFactory, height: int, width: int, seed: int
+) -> None:
+    path = tmp_path_factory.mktemp("dng") / "a.dng"
+    mosaic = random_mosaic(height, width, seed)
+    size_bytes = write(path, mosaic)
+    assert path.stat().st_size == size_bytes
+    with rawpy.imread(str(path)) as raw:
+        visible = raw.raw_image_visible
+        if min(height, width) >= MIN_SIDE:
+            assert visible.shape == mosaic.shape
+        else:
+            assert (raw.sizes.crop_height, raw.sizes.crop_width) == mosaic.shape
+            assert (raw.sizes.crop_top_margin, raw.sizes.crop_left_margin) == (0, 0)
+            border = visible.copy()
+            border[:height, :width] = 512
+            assert np.all(border == 512)
+        assert np.array_equal(visible[:height, :width], mosaic)
+
+
+def test_libraw_reads_levels_pattern_and_exposure(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    write(path, random_mosaic(48, 64), as_shot_neutral=(0.5, 1.0, 0.8))
+    with rawpy.imread(str(path)) as raw:
+        assert raw.black_level_per_channel == [512] * 4
+        assert raw.white_level == 16383
+        assert raw.raw_pattern is not None
+        assert "".join("RGBG"[index] for index in raw.raw_pattern.ravel()) == "RGGB"
+        assert raw.other.shutter_speed == pytest.approx(25.6, rel=1e-6)
+        assert raw.other.iso_speed == 400
+        assert raw.other.aperture == pytest.approx(5.6, rel=1e-6)
+        assert raw.sizes.flip == 0
+        assert raw.camera_whitebalance[:3] == pytest.approx([2.0, 1.0, 1.25])
+
+
+@needs_dcraw
+@pytest.mark.parametrize(("height", "width"), [(48, 64), (22, 30), (100, 24)])
+def test_dcraw_reads_the_same_mosaic(tmp_path: Path, height: int, width: int) -> None:
+    path = tmp_path / "a.dng"
+    mosaic = random_mosaic(height, width)
+    write(path, mosaic)
+    pgm = subprocess.run(["dcraw", "-4", "-D", "-c", path], capture_output=True, check=True).stdout
+    magic, size, _, samples = pgm.split(b"\n", 3)
+    assert magic == b"P5"
+    assert size.split() == [str(width).encode(), str(height).encode()]
+    assert np.array_equal(np.frombuffer(samples, ">u2").reshape(height, width), mosaic)
+
+
+@needs_exiftool
+def test_exiftool_reads_the_tags_and_finds_no_fault(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    write(path, random_mosaic(48, 64), exposure_s=30 / 512, model="Caméra 1")
+    command = ["exiftool", "-j", "-n", "-validate", "-warning", "-a", str(path)]
+    (verdict,) = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    assert verdict["Validate"] in ("0 0 0", "OK"), verdict
+    (tags,) = json.loads(
+        subprocess.run(["exiftool", "-j", "-n", path], capture_output=True, check=True).stdout
+    )
+    expected = {
+        "ImageWidth": 64,
+        "ImageHeight": 48,
+        "BlackLevel": "512 512 512 512",
+        "WhiteLevel": 16383,
+        "CFAPattern": "2 2 0 1 1 2",
+        "ExposureTime": 30 / 512,
+        "ISO": 400,
+        "FNumber": 5.6,
+        "Model": "Cam?ra 1",
+        "DateTimeOriginal": "2024:02:29 23:59:58",
+        "DefaultCropSize": "64 48",
+    }
+    assert {name: tags.get(name) for name in expected} == expected
+
+
+@needs_exiftool
+def test_an_unknown_aperture_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    write(path, random_mosaic(48, 64), f_number=None)
+    (tags,) = json.loads(
+        subprocess.run(["exiftool", "-j", "-n", path], capture_output=True, check=True).stdout
+    )
+    assert "FNumber" not in tags
+    assert tags["ExposureTime"] == 25.6
+
+
+@pytest.mark.parametrize(
+    "mosaic",
+    [
+        np.zeros((3, 4), np.uint16),
+        np.zeros((4, 5), np.uint16),
+        np.zeros((0, 4), np.uint16),
+        np.zeros((4, 4, 1), np.uint16),
+        np.zeros((4, 4), np.float64),
+    ],
+)
+def test_other_than_whole_quads_are_refused(tmp_path: Path, mosaic: NDArray[Any]) -> None:
+    with pytest.raises(ConfigError, match="mosaic"):
+        write(tmp_path / "a.dng", mosaic)
+    assert not (tmp_path / "a.dng").exists()
+
+
+@pytest.mark.parametrize("side", [2, 1000])
+def test_full_disk_is_reported(side: int) -> None:
+    with pytest.raises(OSError, match="No space left"):
+        write(Path("/dev/full"), random_mosaic(side, side))

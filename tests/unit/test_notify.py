@@ -1,0 +1,102 @@
+"""What the service manager hears, and what it is believed."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pdcd.server.notify import Notifier, listen_fds, watchdog_s
+
+
+def test_lines_arrive_as_one_datagram(tmp_path: Path) -> None:
+    address = str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(address)
+        Notifier({"NOTIFY_SOCKET": address}).send("READY=1", "STATUS=idle")
+        assert manager.recv(4096) == b"READY=1\nSTATUS=idle"
+
+
+def test_an_abstract_address_begins_with_an_at_sign() -> None:
+    name = f"pdcd-test-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind("\0" + name)
+        Notifier({"NOTIFY_SOCKET": "@" + name}).send("WATCHDOG=1")
+        assert manager.recv(4096) == b"WATCHDOG=1"
+
+
+def test_without_a_manager_nothing_happens(caplog: pytest.LogCaptureFixture) -> None:
+    Notifier({}).send("READY=1")
+    assert not caplog.records
+
+
+def test_a_manager_that_is_gone_is_only_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    Notifier({"NOTIFY_SOCKET": str(tmp_path / "gone")}).send("READY=1")
+    assert [record.levelno for record in caplog.records] == [logging.WARNING]
+
+
+def test_a_manager_that_does_not_read_does_not_hold_us_up(tmp_path: Path) -> None:
+    address = str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(address)
+        notifier = Notifier({"NOTIFY_SOCKET": address})
+        for _ in range(2000):
+            notifier.send("STATUS=" + "x" * 200)
+        assert manager.recv(4096).startswith(b"STATUS=")
+
+
+@pytest.mark.parametrize(
+    ("environ", "expected_s"),
+    [
+        ({}, None),
+        ({"WATCHDOG_USEC": "20000000"}, 20.0),
+        ({"WATCHDOG_USEC": "20000000", "WATCHDOG_PID": str(os.getpid())}, 20.0),
+        ({"WATCHDOG_USEC": "20000000", "WATCHDOG_PID": "1"}, None),
+        ({"WATCHDOG_USEC": "0"}, None),
+        ({"WATCHDOG_USEC": "soon"}, None),
+    ],
+)
+def test_the_watchdog_is_for_this_process_only(
+    environ: dict[str, str], expected_s: float | None
+) -> None:
+    assert watchdog_s(environ) == expected_s
+
+
+@pytest.mark.parametrize(
+    ("environ", "expected"),
+    [
+        ({}, 0),
+        ({"LISTEN_FDS": "1"}, 0),
+        ({"LISTEN_FDS": "1", "LISTEN_PID": "1"}, 0),
+        ({"LISTEN_FDS": "1", "LISTEN_PID": str(os.getpid())}, 1),
+        ({"LISTEN_FDS": "x", "LISTEN_PID": str(os.getpid())}, 0),
+    ],
+)
+def test_sockets_are_taken_only_when_meant_for_us(environ: dict[str, str], expected: int) -> None:
+    assert listen_fds(environ) == expected
+
+
+@pytest.mark.parametrize("journal", [True, False])
+def test_log_lines_carry_priorities_under_the_journal_only(tmp_path: Path, journal: bool) -> None:
+    target = tmp_path / "log"
+    target.touch()
+    found = target.stat()
+    environ = {**os.environ, "JOURNAL_STREAM": f"{found.st_dev}:{found.st_ino + (not journal)}"}
+    script = (
+        "import logging; from pdcd.server import log; log.to_stderr();"
+        "logging.getLogger('x').warning('two\\nlines'); logging.getLogger('x').info('more')"
+    )
+    with target.open("w") as stderr:
+        subprocess.run([sys.executable, "-c", script], env=environ, stderr=stderr, check=True)
+    lines = target.read_text().splitlines()
+    if journal:
+        assert lines == ["<4>x: two", "<4>lines", "<6>x: more"]
+    else:
+        assert len(lines) == 3 and not any(line.startswith("<") for line in lines)

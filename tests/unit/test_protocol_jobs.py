@@ -1,0 +1,176 @@
+"""The job table: who runs, who waits, what ends, and how progress is thinned."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.server.jobs import ENDED, Coalescer, Job, JobTable, Owner, failed_result
+
+WHITE = CaptureRequest(goal="white")
+ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)
+BERT = Owner(uid=1001, pid=12, user="bert", connection=2)
+
+
+def admit(table: JobTable, owner: Owner = ANNA, *, queue: bool = True, detach: bool = False) -> Job:
+    return table.admit(WHITE, owner, queue=queue, detach=detach)
+
+
+def done(job: Job) -> CaptureResult:
+    return CaptureResult(job=job.name, state="done", folder=f"/x/{job.name}")
+
+
+def test_the_first_job_runs_and_is_named_by_time_and_chance() -> None:
+    table = JobTable()
+    job = admit(table, queue=False)
+    assert job.state == "running" and table.running is job
+    assert re.fullmatch(r"\d{8}T\d{6}Z-[0-9a-f]{4}", job.name)
+
+
+def test_a_second_job_is_refused_with_the_name_of_the_holder() -> None:
+    table = JobTable()
+    holder = admit(table)
+    with pytest.raises(BusyError, match=r"anna \(uid 1000\)") as caught:
+        admit(table, BERT, queue=False)
+    assert holder.name in str(caught.value)
+    assert table.all() == [holder]
+
+
+def test_queued_jobs_run_in_order() -> None:
+    table = JobTable()
+    jobs = [admit(table) for _ in range(4)]
+    assert [job.state for job in jobs] == ["running", "queued", "queued", "queued"]
+    order = [jobs[0]]
+    while (following := table.finish(order[-1], done(order[-1]))) is not None:
+        assert following.state == "running"
+        order.append(following)
+    assert order == jobs
+    assert table.running is None
+    assert {job.state for job in jobs} == {"done"}
+
+
+def test_the_queue_is_bounded() -> None:
+    table = JobTable(queue_limit=2)
+    for _ in range(3):
+        admit(table)
+    with pytest.raises(BusyError, match="2 jobs are waiting"):
+        admit(table)
+
+
+def test_a_stopping_table_takes_nothing() -> None:
+    table = JobTable()
+    table.stopping = True
+    with pytest.raises(BusyError, match="stopping"):
+        admit(table)
+
+
+def test_cancel_ends_a_waiting_job_at_once_and_flags_a_running_one() -> None:
+    table = JobTable()
+    running, waiting, third = admit(table), admit(table), admit(table)
+    assert table.cancel(waiting)
+    assert waiting.state == "cancelled"
+    assert waiting.result is not None and waiting.result.error is not None
+    assert waiting.result.error["kind"] == "cancelled" and waiting.result.files == ()
+    assert not table.cancel(running)
+    assert running.cancel_flag.is_set()
+    assert table.running is running
+    assert table.finish(running, done(running)) is third
+    assert not table.cancel(running)
+    assert running.state == "done"
+
+
+def test_a_leaving_client_takes_its_jobs_but_not_the_detached_ones() -> None:
+    table = JobTable()
+    own = admit(table)
+    detached = admit(table, detach=True)
+    other = admit(table, BERT)
+    waiting = admit(table)
+    assert table.owned_by(ANNA.connection) == [own, waiting]
+    assert table.owned_by(BERT.connection) == [other]
+    table.finish(own, done(own))
+    assert table.running is detached
+    assert table.owned_by(ANNA.connection) == [waiting]
+
+
+def test_history_is_bounded_and_forgets_the_oldest() -> None:
+    table = JobTable(history=2)
+    jobs = []
+    for _ in range(4):
+        jobs.append(admit(table))
+        table.finish(jobs[-1], done(jobs[-1]))
+    assert table.all() == jobs[2:]
+    assert table.get(jobs[3].name) is jobs[3]
+    with pytest.raises(ConfigError, match="no job"):
+        table.get(jobs[0].name)
+
+
+def test_events_are_numbered_by_job_and_cannot_be_relabelled() -> None:
+    table = JobTable()
+    first, second = admit(table), admit(table)
+    assert [first.event("armed", 5, {})["seq"] for _ in range(3)] == [0, 1, 2]
+    event = second.event("progress", 7, {"frame": 1, "job": "other", "seq": 99, "type": "done"})
+    assert event == {"job": second.name, "seq": 0, "type": "progress", "t_mono_ns": 7, "frame": 1}
+
+
+def test_the_view_shows_the_owner_but_not_the_connection() -> None:
+    job = admit(JobTable(), detach=True)
+    view = job.view()
+    assert (view.owner.uid, view.owner.pid, view.owner.user) == (1000, 11, "anna")
+    assert view.detach and view.goal == "white" and view.folder is None
+
+
+def test_an_engine_that_raises_gives_a_failed_result() -> None:
+    job = admit(JobTable())
+    error = failed_result(job, ValueError("oops")).error
+    assert error is not None and error["kind"] == "internal" and "oops" in str(error["message"])
+    assert failed_result(job, Cancelled("stop")).state == "cancelled"
+    lost = failed_result(job, DeviceLost("gone", device="camera")).error
+    assert lost is not None and (lost["kind"], lost["device"]) == ("device_lost", "camera")
+
+
+def test_progress_is_thinned_to_the_interval_and_the_newest_wins() -> None:
+    thin = Coalescer(interval_ns=100)
+    passed = [t for t in range(0, 1000, 7) if thin.offer(t, {"frame": t}) is not None]
+    assert passed[0] == 0
+    assert min(b - a for a, b in pairwise(passed)) >= 100
+    assert len(passed) == 10
+    assert thin.flush() == (994, {"frame": 994})
+    assert thin.flush() is None
+
+
+def test_nothing_is_held_after_progress_that_passed() -> None:
+    thin = Coalescer(interval_ns=100)
+    thin.offer(0, {"frame": 0})
+    thin.offer(50, {"frame": 1})
+    assert thin.offer(100, {"frame": 2}) == {"frame": 2}
+    assert thin.flush() is None
+
+
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(st.lists(st.sampled_from(["admit", "finish", "cancel first", "cancel last"]), max_size=30))
+def test_never_two_at_a_time_and_never_out_of_an_end(steps: list[str]) -> None:
+    table = JobTable(history=100)
+    ended: dict[str, str] = {}
+    for step in steps:
+        if step == "admit":
+            admit(table)
+        elif step == "finish" and table.running is not None:
+            table.finish(table.running, done(table.running))
+        elif step.startswith("cancel") and table.all():
+            table.cancel(table.all()[0 if step == "cancel first" else -1])
+        running = [job for job in table.all() if job.state == "running"]
+        assert running == ([] if table.running is None else [table.running])
+        assert [job for job in table.all() if job.state == "queued"] == list(table.queue)
+        assert table.running is not None or not table.queue
+        for job in table.all():
+            if job.name in ended:
+                assert job.state == ended[job.name]
+            elif job.state in ENDED:
+                ended[job.name] = job.state
+                assert job.result is not None and job.result.state == job.state
