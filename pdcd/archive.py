@@ -31,6 +31,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd import __version__
 from pdcd.codes import Codes
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError
 from pdcd.interfaces import FrameLog, Frames
@@ -93,18 +94,20 @@ class RunFolder:
         found = (p for p in self.path.rglob("*") if p.is_file())
         return tuple(sorted(str(p.relative_to(self.path)) for p in found))
 
-    def write_codes(self, codes: Codes) -> None:
-        """Store the packed codes and where they came from."""
+    def write_codes(self, codes: Codes | None, lattice: tuple[int, int]) -> None:
+        """Store the packed codes and where they came from; none of them for a white photo."""
+        bits = np.zeros((0, 0), dtype=np.uint8)
         with disk_errors(str(self.path)), (self.path / "codes.npz").open("wb") as file:
             np.savez_compressed(
                 file,
-                primal_bits=codes.primal_bits,
-                dual_bits=codes.dual_bits,
-                weight=codes.weight,
-                lattice=np.array(codes.lattice),
-                family=np.array(codes.family),
-                p=np.array(codes.p),
-                seed=np.array(codes.seed),
+                primal_bits=bits if codes is None else codes.primal_bits,
+                dual_bits=bits if codes is None else codes.dual_bits,
+                weight=np.zeros(0) if codes is None else codes.weight,
+                lattice=np.array(lattice),
+                family=np.array("none" if codes is None else codes.family),
+                p=np.array(0.0 if codes is None else codes.p),
+                seed=np.array(0 if codes is None else codes.seed),
+                generator=np.array(f"pdcd {__version__}, numpy {np.__version__} PCG64"),
             )
 
     def write_frames(self, shot: str, frames: Frames, log: FrameLog) -> None:

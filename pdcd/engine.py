@@ -22,6 +22,7 @@ from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.goals import Goal
 from pdcd.interfaces import CameraInfo, CameraSettings
+from pdcd.lattice import Lattice
 from pdcd.metering import MAX_TESTS, METER_CODES, next_aperture, peak_share
 from pdcd.plan import Plan, make_plan
 from pdcd.raw import read_raw
@@ -196,8 +197,7 @@ class _Run:
         plan = make_plan(request, self.config, grid)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
         self.notify("started", {"job": job, "goal": request.goal})
-        if plan.codes is not None:
-            self.folder.write_codes(plan.codes)
+        self.folder.write_codes(plan.codes, Lattice(grid, plan.window).shape)
         for shot in plan.recipe.shots:
             self._take(plan, shot, camera)
         self.notify("decoding", {"shots": len(self.shots)})

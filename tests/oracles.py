@@ -124,6 +124,17 @@ def pair_integrals(
     primal: Timeline, dual: Timeline, panel_i: Panel, panel_m: Panel, exposure_s: float
 ) -> Floats:
     """(mask pixels, projector pixels) integrals of m i, by matrix exponentials; to rounding."""
+    # Pixels that are asked the same at all times are followed once.
+    lit, which_lit = np.unique(primal.on, axis=1, return_inverse=True)
+    seen, which_seen = np.unique(dual.on, axis=1, return_inverse=True)
+    primal, dual = Timeline(primal.start_s, lit), Timeline(dual.start_s, seen)
+    pairs = _pairs(primal, dual, panel_i, panel_m, exposure_s)
+    return np.asarray(pairs[np.ix_(which_seen.ravel(), which_lit.ravel())])
+
+
+def _pairs(
+    primal: Timeline, dual: Timeline, panel_i: Panel, panel_m: Panel, exposure_s: float
+) -> Floats:
     instant = panel_i.rise_s == panel_i.fall_s == panel_m.rise_s == panel_m.fall_s == 0.0
     edges = _edges(primal, dual, exposure_s)
     nm, ni = dual.on.shape[1], primal.on.shape[1]
@@ -141,7 +152,9 @@ def pair_integrals(
         m_on, i_on = _at(dual, lo), _at(primal, lo)
         new = np.empty_like(state)
         for m_lit, i_lit in itertools.product((False, True), repeat=2):
-            where = np.ix_(np.arange(5), np.flatnonzero(m_on == m_lit), np.flatnonzero(i_on == i_lit))
+            where = np.ix_(
+                np.arange(5), np.flatnonzero(m_on == m_lit), np.flatnonzero(i_on == i_lit)
+            )
             step = expm(_generator(panel_m, panel_i, m_lit, i_lit) * (hi - lo))
             new[where] = np.tensordot(step, state[where], axes=1)
         state = new

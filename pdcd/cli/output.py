@@ -25,7 +25,7 @@ SUMMARY: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("refreshes", "refreshes", str),
     ("exposure_s", "exposure", lambda s: f"{s:.3f} s"),
     ("missed_refreshes", "missed refreshes", str),
-    ("rms_error", "RMS error", lambda e: f"{100.0 * e:.3g} % of the scene's known truth"),
+    ("rms_error", "RMS error", lambda e: f"{100.0 * e:.3g} % against the scene's known truth"),
     ("wall_s", "wall time", lambda s: f"{s:.2f} s"),
 )
 """Lines of the table after a capture: key of the summary, label, how to write the value."""
@@ -135,14 +135,16 @@ class _Lines:
             if now_s < self._next_s:
                 return
             self._next_s = now_s + LINE_INTERVAL_S
-            tell(f"{_words(event)} {event['frame']}/{event['frames']} refreshes")
+            tell(_words(event))
         else:
             tell(_words(event))
 
 
 def _words(event: dict[str, Any]) -> str:
-    """Say where the job stands: the shot, if the event names one, and the step or the misses."""
+    """Say where the job stands: the shot, if the event names one, and the step or the refreshes."""
     step = str(event["type"]).replace("_", " ")
     if event["type"] == "progress":
-        step = f"{event['missed']} missed" if event.get("missed") else "on time"
+        step = f"{event['frame']}/{event['frames']} refreshes"
+        if event["missed"]:
+            step += f", {event['missed']} missed"
     return f"{event['shot']}: {step}" if event.get("shot") else step

@@ -23,6 +23,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from pdcd.scene.effects import Array, Tinted, sum_of_products
 
@@ -193,11 +194,14 @@ def form_kernel(relief: Relief, shape: tuple[int, int]) -> Array:
 
     leaving = normals @ points.T - np.sum(normals * points, axis=1)[:, None]
     facing = np.maximum(leaving, 0.0)
+    facing *= facing.T > 0.0
+    first, second = np.nonzero(np.triu(facing))
+    hidden = ~clear_pairs(relief, points[first], points[second])
+    facing[first[hidden], second[hidden]] = 0.0
     square = np.sum((points[:, None] - points[None]) ** 2, axis=-1)
     mean_area = np.sqrt(area[:, None] * area)
     # Both cosines carry a factor d; the tiny term only keeps a point apart from itself.
     fine = facing * facing.T / (np.maximum(square, 1e-30) * (np.pi * square + mean_area))
-    fine *= visible(relief, points)
 
     size = 2 * shape[1]
     split = fine.reshape(shape[0], 2, shape[1], 2, shape[0], 2, shape[1], 2)
@@ -208,19 +212,19 @@ def form_kernel(relief: Relief, shape: tuple[int, int]) -> Array:
     return limited
 
 
-def visible(relief: Relief, points: Array, steps: int = 8) -> NDArray[np.bool_]:
-    """Return which of the surface `points` (s, 3) see each other, (s, s) bool.
+def clear_pairs(relief: Relief, start: Array, end: Array, steps: int = 8) -> NDArray[np.bool_]:
+    """Return whether the surface leaves the line from `start` to `end` free, for s pairs, (s,).
 
-    The line between two points is compared with the surface below at `steps` places.
+    `start`, `end` (s, 3) are points of the surface; the line is compared with the surface, linear
+    between cells, at `steps` places.
     """
-    size = np.asarray(relief.height.shape)[::-1]
-    pitch = np.asarray(relief.pitch)[::-1]
-    # The relief is known to half a cell, so a line may graze it by half a cell's size.
-    slack = 0.5 * float(pitch.max())
-    clear = np.ones((len(points), len(points)), dtype=np.bool_)
+    pitch = np.asarray(relief.pitch)
+    # A line that just grazes the surface is let through: it is seldom hidden as a whole.
+    slack = 0.1 * float(pitch.max())
+    clear = np.ones(len(start), dtype=np.bool_)
     for part in (np.arange(steps) + 0.5) / steps:
-        line = (1.0 - part) * points[:, None] + part * points[None]
-        column, row = np.moveaxis(np.rint(line[..., :2] / pitch).astype(int), -1, 0)
-        ground = relief.height[np.clip(row, 0, size[1] - 1), np.clip(column, 0, size[0] - 1)]
-        clear &= ground <= line[..., 2] + slack
-    return clear & clear.T
+        line = start + part * (end - start)
+        place = (line[:, 1::-1] / pitch).T
+        ground = ndimage.map_coordinates(relief.height, place, order=1, mode="nearest")
+        clear &= ground <= line[:, 2] + slack
+    return clear

@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import Callable
 from typing import Any, Protocol
 
 from pdcd.errors import BusyError, ConfigError, PdcdError, ProtocolError
@@ -59,22 +58,13 @@ class Service(Protocol):
 class Server:
     """Serves a listening socket, which it closes in the end.
 
-    `connections` is the most clients at a time; `access` decides who may be one. `peercred` is
-    for tests: it yields the peer of a socket.
+    `connections` is the most clients at a time; `access` decides who may be one.
     """
 
-    def __init__(
-        self,
-        sock: socket.socket,
-        access: Access,
-        *,
-        connections: int,
-        peercred: Callable[[socket.socket], Peer] = peer_of,
-    ) -> None:
+    def __init__(self, sock: socket.socket, access: Access, *, connections: int) -> None:
         self._sock = sock
         self._access = access
         self._limit = connections
-        self._peercred = peercred
         self._clients: dict[int, Client] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
         self._accepted = 0
@@ -128,7 +118,7 @@ class Server:
         """One connection, from accept to close."""
         task = asyncio.current_task()
         self._tasks |= {task} if task else set()
-        peer = self._peercred(writer.get_extra_info("socket"))
+        peer = peer_of(writer.get_extra_info("socket"))
         self._accepted += 1
         client = Client(self._accepted, peer, writer)
         refusal = self._refusal(peer)

@@ -22,6 +22,7 @@ from pdcd.server.access import Access
 from pdcd.server.connections import Server
 from pdcd.server.jobs import EngineLike, Job
 from pdcd.server.listening import claimed
+from pdcd.server.messages import plain
 from pdcd.server.methods import Methods
 from pdcd.server.notify import Notifier, watchdog_s
 from pdcd.server.runner import Runner
@@ -114,6 +115,7 @@ async def _serve(
         engine,
         worker,
         runner,
+        description=plain(await worker.call(engine.describe)),
         state_dir=state_dir(config),
         connections=lambda: server.connections,
     )

@@ -41,7 +41,7 @@ from pdcd.server.worker import Worker
 class Methods:
     """The service behind the connections; used from the event loop only.
 
-    `state_dir` bounds where clients may have results written; `connections` counts the clients.
+    `description` is the engine's at the start; `state_dir` bounds where clients may have results written; `connections` counts the clients.
     """
 
     def __init__(
@@ -51,6 +51,7 @@ class Methods:
         worker: Worker,
         runner: Runner,
         *,
+        description: dict[str, Any],
         state_dir: Path,
         connections: Callable[[], int],
     ) -> None:
@@ -61,7 +62,7 @@ class Methods:
         self._state_dir = state_dir
         self._connections = connections
         self._started_ns = time.monotonic_ns()
-        self._description: dict[str, Any] = {}
+        self._description = description
         self._table: dict[str, Callable[[Client, Any], Awaitable[Any]]] = {
             "hello": self._hello,
             "ping": self._ping,
@@ -131,7 +132,7 @@ class Methods:
 
     async def _describe(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
         # During a capture the last description must do: the engine's thread is taken.
-        if self.state == "idle" or not self._description:
+        if self.state == "idle":
             found = await self._worker.call(self._engine.describe)
             self._description = messages.plain(found)
         return {"rig": self._description, "schema": messages.schema()}

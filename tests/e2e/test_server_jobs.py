@@ -91,7 +91,7 @@ def test_a_second_capture_is_refused_while_the_rig_is_busy(tmp_path: Path) -> No
             assert status["state"] == "busy" and status["running"]["job"] == job
             assert (await other.result("rig.describe"))["schema"]["kinds"]
 
-    # `rig.describe` above must not have waited for the capture, which only ends with the daemon.
+    # `rig.describe` above cannot have waited for the capture, which only ends with its client.
     asyncio.run(scenario())
 
 
@@ -102,7 +102,7 @@ def test_queued_captures_run_one_after_the_other(tmp_path: Path) -> None:
             jobs = [await begin(wire, queue=True) for _ in range(3)]
             results = [await wire.result("capture.wait", job=job) for job in jobs]
             assert [result["state"] for result in results] == ["done"] * 3
-            assert running.engine.calls == ["start", *["capture", "closed"] * 3]
+            assert running.engine.calls == ["start", "describe", *["capture", "closed"] * 3]
             ahead = [event["ahead"] for event in wire.events if event["type"] == "queued"]
             assert ahead == [0, 1, 2]
 

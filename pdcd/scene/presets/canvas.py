@@ -46,13 +46,15 @@ class Canvas:
 
     def fill(self, colour: Sequence[float]) -> Array:
         """Return an image of one colour (3,)."""
-        return np.full((*self.x.shape, 3), np.asarray(colour, dtype=np.float64))
+        image: Array = np.ones((*self.x.shape, 1)) * np.asarray(colour, dtype=np.float64)
+        return image
 
     def cells(self, image: NDArray[Any]) -> Array:
         """Average an image or a shape over cells: (N, 3) or (N,) float64."""
         rows, cols = self.grid
         parts = image.reshape(rows, FINE, cols, FINE, -1).mean(axis=(1, 3), dtype=np.float64)
-        return parts.reshape(rows * cols, *image.shape[2:])
+        averaged: Array = parts.reshape(rows * cols, *image.shape[2:])
+        return averaged
 
     def disk(self, x: float, y: float, radius: float) -> Shape:
         """Return a disk."""

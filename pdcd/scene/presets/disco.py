@@ -83,7 +83,8 @@ def _room(canvas: Canvas) -> Array:
     """Return the colours of wall, floor boards and the thread that holds the ball."""
     image = canvas.fill((0.56, 0.51, 0.46))
     floor = _floor_rise(canvas.y) > _side_rise(canvas.x)
-    boards = np.where(np.floor(5.0 * canvas.x / (0.5 + 0.8 * canvas.y)) % 2 == 0, 1.0, 0.75)
+    fan = np.maximum(0.5 + 0.8 * canvas.y, 0.1)
+    boards = np.where(np.floor(5.0 * canvas.x / fan) % 2 == 0, 1.0, 0.75)
     image[floor] = np.array((0.60, 0.42, 0.26)) * boards[floor][:, None]
     image[(np.abs(canvas.x - CENTRE[0]) < 0.018) & (canvas.y < CENTRE[1])] = 0.08
     return image

@@ -1,0 +1,24 @@
+# make demo: one capture on the mock bench. make test: all tests. Both install what is missing.
+.PHONY: demo test lint bench clean
+
+demo:
+	@.ci/setup
+	@.venv/bin/pdcd demo
+
+test:
+	@.ci/setup dev
+	.venv/bin/python -m pytest -q -n 2 --dist loadfile
+
+lint:
+	@.ci/setup dev
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/mypy
+	.venv/bin/lint-imports
+
+bench:
+	@.ci/setup dev
+	.venv/bin/python -m tests.bench
+
+clean:
+	rm -rf .venv demo .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

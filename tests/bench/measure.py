@@ -1,0 +1,68 @@
+"""Time and memory of one function, in a process of its own.
+
+``python -m tests.bench.measure MODULE:FUNCTION JSON`` calls the function with the keywords in the
+JSON and prints what it returns as JSON; `alone` runs that and reads the answer.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+REPEATS = 3
+TIMEOUT_S = 300.0
+
+
+def alone(function: str, **keywords: Any) -> Any:
+    """Result of "module:function" below `tests.bench`, called in a fresh interpreter."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.bench.measure", function, json.dumps(keywords)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=TIMEOUT_S,
+    )
+    if done.returncode != 0:
+        raise RuntimeError(f"{function} {keywords} failed:\n{done.stderr}")
+    return json.loads(done.stdout)
+
+
+def median_s(run: Callable[[], object], repeats: int = REPEATS) -> float:
+    """Median wall time of `repeats` calls, in seconds."""
+    times = []
+    for _ in range(repeats):
+        begun_s = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - begun_s)
+    return statistics.median(times)
+
+
+def peak_mib() -> float:
+    """Most memory that this process ever held in RAM, in MiB.
+
+    Read from the kernel's VmHWM. `ru_maxrss` would start from the peak of the parent process,
+    which Linux carries over when a child is started.
+    """
+    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) / 1024.0
+    raise RuntimeError("the kernel does not tell the peak memory (VmHWM)")
+
+
+def _main() -> None:
+    module, _, name = sys.argv[1].partition(":")
+    function = getattr(importlib.import_module(f"tests.bench.{module}"), name)
+    sys.stdout.write(json.dumps(function(**json.loads(sys.argv[2]))) + "\n")
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,94 @@
+"""Small mock rigs for tests: a matrix scene written to disk, and ready-made configurations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mock import Bench
+from pdcd.config import (
+    CameraConfig,
+    Config,
+    DisplayConfig,
+    FaultsConfig,
+    LimitsConfig,
+    PanelConfig,
+    RigConfig,
+    SceneConfig,
+    ScheduleConfig,
+    ServerConfig,
+)
+from pdcd.engine import Engine
+from pdcd.request import CaptureRequest, CaptureResult
+
+Floats = NDArray[np.float64]
+
+DATA = Path(__file__).parent / "data"
+GRID = (3, 4)
+
+
+def transport(grid: tuple[int, int] = GRID, seed: int = 0) -> Floats:
+    """A random transport matrix with a strong diagonal, (N, N)."""
+    n = grid[0] * grid[1]
+    rng = np.random.default_rng(seed)
+    return np.asarray(0.05 * rng.random((n, n)) + np.diag(0.3 + 0.4 * rng.random(n)))
+
+
+def matrix_scene(folder: Path, grid: tuple[int, int] = GRID, ambient: float = 0.0) -> SceneConfig:
+    path = folder / "scene.npz"
+    np.savez(path, transport=transport(grid), grid=np.array(grid))
+    return SceneConfig(kind="matrix", path=str(path), ambient=ambient)
+
+
+DEFECTS = {
+    "projector": PanelConfig(
+        size_px=(1024, 768), rise_s=0.001, fall_s=0.003, contrast=500.0, jitter_s=2e-4, skew_s=1e-3
+    ),
+    "mask": PanelConfig(
+        size_px=(1600, 1200),
+        refresh_hz=59.7,
+        phase_s=0.004,
+        rise_s=0.009,
+        fall_s=0.005,
+        contrast=300.0,
+        jitter_s=3e-4,
+        skew_s=-2e-3,
+    ),
+    "display": DisplayConfig(
+        faults=FaultsConfig(late={"5": 2}, dropped=(8,), stale_mask=(13,), stale_projector=(17,))
+    ),
+}
+
+
+def config(folder: Path, *, grid: tuple[int, int] = GRID, **tables: Any) -> Config:
+    """The mock bench without noise, on a matrix scene, with its state below `folder`."""
+    given = {
+        "scene": matrix_scene(folder, grid),
+        "camera": CameraConfig(noise="none"),
+        "schedule": ScheduleConfig(codes=8),
+        "limits": LimitsConfig(min_free_bytes=0),
+        "server": ServerConfig(state_dir=str(folder / "state")),
+        **tables,
+    }
+    return Config(**given)
+
+
+def with_defects(folder: Path, **tables: Any) -> Config:
+    """Everything wrong at once, misses tolerated."""
+    given = {**DEFECTS, "rig": RigConfig(on_miss="flag"), **tables}
+    return config(folder, **given)
+
+
+def bench_of(engine: Engine) -> Bench:
+    """The virtual bench behind an engine."""
+    bench = engine._rig._context.shared["mock.bench"]
+    assert isinstance(bench, Bench)
+    return bench
+
+
+def capture(engine: Engine, request: CaptureRequest, job: str = "job") -> CaptureResult:
+    """Run one job with nobody listening."""
+    return engine.capture(request, job=job, owner={}, emit=lambda *_: None, cancelled=lambda: False)
