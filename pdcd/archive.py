@@ -22,10 +22,12 @@ import hashlib
 import json
 import os
 import shutil
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import msgspec
 import numpy as np
@@ -183,7 +185,7 @@ def read_codes(folder: Path) -> Codes:
     """The codes of a run, as `RunFolder.write_codes` stored them."""
     path = folder / "codes.npz"
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             return Codes(
                 primal_bits=data["primal_bits"],
                 dual_bits=data["dual_bits"],
@@ -193,7 +195,7 @@ def read_codes(folder: Path) -> Codes:
                 p=float(data["p"]),
                 seed=int(data["seed"]),
             )
-    except (OSError, KeyError, ValueError) as err:
+    except (OSError, KeyError, ValueError, EOFError, BadZipFile, zlib.error) as err:
         raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
 
 

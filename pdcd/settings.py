@@ -140,7 +140,7 @@ class ServerConfig(_Table, frozen=True):
     socket: str | None = None
     """None: $RUNTIME_DIRECTORY/../pdcd.sock under systemd, else $XDG_RUNTIME_DIR/pdcd.sock."""
     state_dir: str | None = None
-    """None: $STATE_DIRECTORY under systemd, else $XDG_STATE_HOME/pdcd."""
+    """None: $STATE_DIRECTORY under systemd, else $XDG_STATE_HOME/pdcd, else ~/.local/state/pdcd."""
     allow_uids: tuple[int, ...] = ()
     """More users than the daemon's own, root and its group's members (by socket mode)."""
 

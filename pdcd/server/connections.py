@@ -79,7 +79,9 @@ class Server:
         """Begin to accept."""
 
         async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            await self._serve(service, reader, writer)
+            # Only `close` cancels; asyncio's own callback would report that as an error.
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._serve(service, reader, writer)
 
         # Not start_unix_server: from Python 3.13 on it removes the socket file when it closes,
         # which is not ours if it was passed to us.

@@ -7,6 +7,7 @@ gain fields, and clients ignore those they do not know.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -296,6 +297,7 @@ def error_object(error: PdcdError, code: int | None = None) -> ErrorObject:
     return ErrorObject(CODES[error.kind] if code is None else code, error.message, data)
 
 
+@functools.cache
 def schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of every message, for `rig.describe`.
 

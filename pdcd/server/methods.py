@@ -41,7 +41,8 @@ from pdcd.server.worker import Worker
 class Methods:
     """The service behind the connections; used from the event loop only.
 
-    `description` is the engine's at the start; `state_dir` bounds where clients may have results written; `connections` counts the clients.
+    `description` is the engine's at the start; `state_dir` bounds where clients may have results
+    written; `connections` counts the clients.
     """
 
     def __init__(

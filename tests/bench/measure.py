@@ -14,9 +14,11 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 ROOT = Path(__file__).parents[2]
+T = TypeVar("T")
+
 REPEATS = 3
 TIMEOUT_S = 300.0
 
@@ -36,14 +38,15 @@ def alone(function: str, **keywords: Any) -> Any:
     return json.loads(done.stdout)
 
 
-def median_s(run: Callable[[], object], repeats: int = REPEATS) -> float:
-    """Median wall time of `repeats` calls, in seconds."""
+def timed(run: Callable[[], T], repeats: int = REPEATS) -> tuple[float, T]:
+    """Median wall time of `repeats` calls in seconds, and what the last one returned."""
     times = []
     for _ in range(repeats):
+        result: T | None = None  # let go of the last one first: it would count as peak memory
         begun_s = time.perf_counter()
-        run()
+        result = run()
         times.append(time.perf_counter() - begun_s)
-    return statistics.median(times)
+    return statistics.median(times), cast(T, result)
 
 
 def peak_mib() -> float:

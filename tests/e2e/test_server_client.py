@@ -92,15 +92,16 @@ def test_an_interrupt_cancels_the_capture_and_yields_its_result(tmp_path: Path) 
         assert client.status()["state"] == "idle"
 
 
-def test_events_end_with_the_daemon(tmp_path: Path) -> None:
+def test_events_come_until_the_connection_ends(tmp_path: Path) -> None:
     with threaded_daemon(tmp_path) as running, Client(running.path) as client:
+        client.call("events.subscribe", {"jobs": "all"})
         job = client.capture(WHITE, detach=True).job
         seen: list[tuple[str, str]] = []
         for event in client.events():
             seen.append((event["job"], event["type"]))
             if event["type"] == "done":
                 break
-        assert seen[-1] == (job, "done")
+        assert seen[0] == (job, "queued") and seen[-1] == (job, "done")
         client.capture(SLOW, detach=True)
         for event in client.events():
             if event["type"] == "shutter_open":

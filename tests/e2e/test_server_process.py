@@ -121,6 +121,7 @@ def test_a_signal_in_mid_exposure_closes_the_shutter_and_exits_0(
         heard = manager.until("READY=1")
         assert heard[0] == "STATUS=starting the rig"
         with Client(path) as client:
+            client.call("events.subscribe", {"jobs": "all"})
             job = client.capture(SLOW, detach=True).job
             events = client.events()
             assert any(event["type"] == "shutter_open" for event in events)

@@ -27,7 +27,6 @@ WALL = -0.5
 """Height of the wall behind the ball."""
 BUDGET = 0.35
 """Most that all spots on one cell may return together, so that no cell returns more than it got."""
-
 STRIDE, STEPS = 0.01, 250
 """How finely, and how far, the light of a facet is followed."""
 

@@ -1,0 +1,109 @@
+"""What every Shutter and Readout driver must do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdcd.errors import ConfigError, ExposureError
+from pdcd.interfaces import CameraSettings
+from pdcd.raw import read_raw
+from pdcd.rig import Rig
+from tests import bench_rig
+
+SETTINGS = CameraSettings(iso=100, f_number=8.0)
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Rig:
+    rig = Rig(bench_rig.config(tmp_path))
+    rig.connect()
+    return rig
+
+
+def expose(rig: Rig, seconds: float = 0.5) -> None:
+    rig.readout.arm(SETTINGS)
+    opened = rig.shutter.open()
+    rig.clock.sleep_until_ns(opened + round(seconds * 1e9))
+    rig.shutter.close()
+
+
+class TestMockShutterContract:
+    """The contract, on the mock bench."""
+
+    def test_open_returns_when_it_is_surely_open(self, rig: Rig) -> None:
+        before = rig.clock.now_ns()
+        sure = rig.shutter.open()
+        assert before <= sure <= rig.clock.now_ns()
+        bench = rig._context.shared["mock.bench"]
+        assert before <= bench.open_ns <= sure
+
+    def test_close_is_idempotent_and_safe_at_any_time(self, rig: Rig) -> None:
+        rig.shutter.close()
+        rig.shutter.open()
+        first = rig.shutter.close()
+        assert rig.shutter.close() >= first
+        rig.shutter.disconnect()
+        rig.shutter.disconnect()
+
+    def test_connect_leaves_it_closed(self, rig: Rig) -> None:
+        rig.shutter.open()
+        assert rig.shutter.connect()["model"]
+        assert not rig._context.shared["mock.bench"].shutter_open
+
+
+class TestMockReadoutContract:
+    """The contract, on the mock bench."""
+
+    def test_connect_says_what_it_is(self, rig: Rig) -> None:
+        info = rig.readout.connect()
+        assert info.model and info.isos
+        assert info.responsivity_e.shape == (3,) and np.all(info.responsivity_e > 0)
+
+    def test_iso_that_is_not_offered_is_refused_with_the_list(self, rig: Rig) -> None:
+        with pytest.raises(ConfigError) as caught:
+            rig.readout.arm(CameraSettings(iso=77, f_number=8.0))
+        assert "100" in str(caught.value)
+
+    def test_a_file_comes_home_whole(self, rig: Rig, tmp_path: Path) -> None:
+        expose(rig)
+        raw = rig.readout.fetch(tmp_path, "photo", 5.0)
+        assert raw.path == tmp_path / "photo.dng"
+        assert raw.path.stat().st_size == raw.size_bytes
+        frame = read_raw(raw.path, sha256=raw.sha256, size_bytes=raw.size_bytes)
+        assert frame.iso == 100
+        assert frame.exposure_s == pytest.approx(0.5 + 0.1, abs=0.1)
+        assert frame.planes.shape == (4, *bench_rig.GRID)
+
+    def test_one_file_per_exposure(self, rig: Rig, tmp_path: Path) -> None:
+        expose(rig)
+        rig.readout.fetch(tmp_path, "photo", 5.0)
+        with pytest.raises(ExposureError):
+            rig.readout.fetch(tmp_path, "again", 5.0)
+
+    def test_fetch_without_arm_is_refused(self, rig: Rig, tmp_path: Path) -> None:
+        rig.shutter.open()
+        rig.shutter.close()
+        with pytest.raises(ExposureError, match="arm"):
+            rig.readout.fetch(tmp_path, "photo", 5.0)
+
+    def test_disconnect_twice(self, rig: Rig) -> None:
+        rig.readout.disconnect()
+        rig.readout.disconnect()
+
+
+def test_panels_that_stay_black_leave_a_dark_frame(rig: Rig, tmp_path: Path) -> None:
+    expose(rig)
+    frame = read_raw(rig.readout.fetch(tmp_path, "dark", 5.0).path)
+    assert np.abs(frame.planes).max() == 0.0
+
+
+def test_several_quads_per_cell_repeat_the_cell(tmp_path: Path) -> None:
+    camera = type(bench_rig.config(tmp_path).camera)(noise="none", quads_per_cell=3)
+    rig = Rig(bench_rig.config(tmp_path, camera=camera))
+    rig.connect()
+    expose(rig)
+    frame = read_raw(rig.readout.fetch(tmp_path, "photo", 5.0).path)
+    assert frame.planes.shape == (4, 9, 12)

@@ -1,0 +1,140 @@
+"""What every Display driver must do. One class; a driver joins by a fixture of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdcd.codes import make_codes
+from pdcd.config import Config, DisplayConfig, FaultsConfig, PanelConfig
+from pdcd.errors import Cancelled, ConfigError
+from pdcd.interfaces import Display, Frames
+from pdcd.rig import Rig
+from pdcd.schedule import build_frames
+from tests import bench_rig
+
+GRID = bench_rig.GRID
+
+
+def frames(count: int = 8, grid: tuple[int, int] = GRID) -> Frames:
+    codes = make_codes("balanced", grid, count, dual="complement")
+    return build_frames(codes, grid, window="whole", guards=True, passes=1)
+
+
+def mock_display(config: Config) -> Display:
+    return Rig(config).display
+
+
+class TestMockDisplayContract:
+    """The contract, on the mock bench; a driver for real panels subclasses and overrides."""
+
+    @pytest.fixture
+    def display(self, tmp_path: Path) -> Display:
+        display = mock_display(bench_rig.config(tmp_path))
+        display.connect()
+        return display
+
+    def test_connect_reports_two_panels_and_a_refresh(self, display: Display) -> None:
+        info = display.connect()
+        assert min(info.primal_size_px + info.dual_size_px) > 0
+        assert info.refresh_hz > 0.0
+
+    def test_play_logs_every_refresh_in_order(self, display: Display) -> None:
+        asked = frames()
+        display.load(asked)
+        log = display.play(lambda *_: None, lambda: False)
+        assert len(log) == len(asked)
+        assert np.all(np.diff(log.primal_ns) > 0) and np.all(np.diff(log.dual_ns) > 0)
+        assert log.end_ns[0] > log.primal_ns[-1] and log.end_ns[1] > log.dual_ns[-1]
+
+    def test_a_load_serves_several_plays(self, display: Display) -> None:
+        display.load(frames())
+        first = display.play(lambda *_: None, lambda: False)
+        second = display.play(lambda *_: None, lambda: False)
+        assert second.primal_ns[0] > first.end_ns.max() - 1
+
+    def test_progress_ends_at_the_last_refresh(self, display: Display) -> None:
+        seen: list[tuple[int, int, int]] = []
+        asked = frames(64)
+        display.load(asked)
+        display.play(lambda *a: seen.append(a), lambda: False)
+        assert seen[0][0] == 0
+        assert seen[-1] == (len(asked), len(asked), 0)
+        assert [s[0] for s in seen] == sorted(s[0] for s in seen)
+
+    def test_cancel_raises(self, display: Display) -> None:
+        display.load(frames())
+        with pytest.raises(Cancelled):
+            display.play(lambda *_: None, lambda: True)
+
+    def test_black_is_safe_in_every_state(self, display: Display) -> None:
+        display.black()
+        display.show(frames())
+        display.black()
+        display.black()
+        display.disconnect()
+        display.disconnect()
+
+    def test_play_without_load_is_refused(self, tmp_path: Path) -> None:
+        display = mock_display(bench_rig.config(tmp_path))
+        display.connect()
+        with pytest.raises(ConfigError, match="no frames"):
+            display.play(lambda *_: None, lambda: False)
+
+    def test_cells_that_do_not_fit_are_refused(self, tmp_path: Path) -> None:
+        small = PanelConfig(size_px=(3, 2))
+        display = mock_display(bench_rig.config(tmp_path, projector=small))
+        with pytest.raises(ConfigError, match="do not fit"):
+            display.load(frames())
+
+
+def with_panels(folder: Path, **mask: float) -> Config:
+    return bench_rig.config(folder, mask=PanelConfig(size_px=(1600, 1200), **mask))
+
+
+def test_equal_panels_keep_their_phase(tmp_path: Path) -> None:
+    display = mock_display(with_panels(tmp_path, phase_s=0.005))
+    display.load(frames())
+    log = display.play(lambda *_: None, lambda: False)
+    assert not log.missed.any()
+    # The first commit falls between any two vblanks: the mask lags by its phase, or leads.
+    np.testing.assert_allclose((log.dual_ns - log.primal_ns) % (1e9 / 60), 5e6, atol=2)
+
+
+def test_unequal_rates_slip_and_cost_a_refresh_each_time_around(tmp_path: Path) -> None:
+    """60 against 59.4 Hz: the slower throttles both; a refresh is lost each 1/0.6 s."""
+    display = mock_display(with_panels(tmp_path, refresh_hz=59.4))
+    display.load(frames(128))
+    log = display.play(lambda *_: None, lambda: False)
+    seconds = (log.end_ns.max() - log.primal_ns[0]) * 1e-9
+    assert log.missed.sum() == pytest.approx(seconds * 0.6, abs=1.0)
+    assert len(log) / seconds == pytest.approx(59.4, rel=2e-3)
+
+
+def test_jitter_is_seeded(tmp_path: Path) -> None:
+    def stamps(seed: int) -> list[int]:
+        config = with_panels(tmp_path, jitter_s=1e-4)
+        camera = type(config.camera)(noise="none", seed=seed)
+        display = mock_display(bench_rig.config(tmp_path, mask=config.mask, camera=camera))
+        display.load(frames())
+        log = display.play(lambda *_: None, lambda: False)
+        return np.asarray(log.dual_ns - log.primal_ns).tolist()
+
+    assert stamps(1) == stamps(1)
+    assert stamps(1) != stamps(2)
+    assert np.std(stamps(1)) == pytest.approx(1e5, rel=0.5)
+
+
+def test_faults_appear_in_the_log(tmp_path: Path) -> None:
+    faults = FaultsConfig(late={"4": 3}, dropped=(7,), stale_mask=(10,), stale_projector=(12,))
+    display = mock_display(bench_rig.config(tmp_path, display=DisplayConfig(faults=faults)))
+    display.load(frames())
+    log = display.play(lambda *_: None, lambda: False)
+    np.testing.assert_array_equal(np.flatnonzero(log.missed), [4, 7, 10, 12])
+    assert log.missed[4] == 3
+    assert log.primal_ns[4] - log.primal_ns[3] == pytest.approx(4e9 / 60, abs=3)
+    assert (log.primal_shown[7], log.dual_shown[7]) == (6, 6)
+    assert (log.primal_shown[10], log.dual_shown[10]) == (10, 9)
+    assert (log.primal_shown[12], log.dual_shown[12]) == (11, 12)
