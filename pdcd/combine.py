@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,14 @@ class Exposed:
         Scene units times seconds, signed, and its variance by the sensor model.
     saturated : (h, w) bool
     realised : the probing matrix that the panels really gave it.
+    exif : what its RAW file says of itself.
     """
 
     light: Floats
     variance: Floats
     saturated: NDArray[np.bool_]
     realised: Factors
+    exif: dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ import numpy as np
 
 from pdcd.archive import disk_errors, read_codes, read_frames, read_manifest, sha256_of
 from pdcd.combine import Exposed, Picture, combine, realised_photo
-from pdcd.develop import preview, write_png, write_tiff
+from pdcd.config import Homography
+from pdcd.develop import preview, warp, write_png, write_tiff
 from pdcd.goals import goal
 from pdcd.panel import Panel, offset_cells
 from pdcd.raw import read_raw, rgb_variance, to_rgb
@@ -51,7 +52,10 @@ def decode(folder: Path, record: RunRecord) -> Decoded:
         shot.name: _expose(folder, record, shot, codes if coded[shot.name] else None)
         for shot in record.shots
     }
-    return Decoded(recipe, shots, combine(recipe, shots))
+    pictures = combine(recipe, shots)
+    if record.homography is not None:
+        pictures = {name: _warped(p, record.homography) for name, p in pictures.items()}
+    return Decoded(recipe, shots, pictures)
 
 
 def write_pictures(folder: Path, decoded: Decoded) -> None:
@@ -121,4 +125,23 @@ def _expose(folder: Path, record: RunRecord, shot: ShotRecord, codes: Any) -> Ex
         variance=rgb_variance(raw.planes, profile, shot.iso, exposure_s) * to_units**2,
         saturated=raw.saturated,
         realised=realised,
+        exif={
+            "model": raw.model,
+            "iso": raw.iso,
+            "exposure_s": raw.exposure_s,
+            "f_number": raw.f_number,
+            "black_dn": raw.black.tolist(),
+            "white_dn": raw.white,
+        },
     )
+
+
+def _warped(picture: Picture, homography: Homography) -> Picture:
+    """Geometric correction: after all sums and differences, still linear and signed."""
+    matrix = np.array(homography).reshape(3, 3)
+    size_px = (picture.image.shape[1], picture.image.shape[0])
+    # Where a saturated pixel or the world outside the picture has a share, nothing is known.
+    known = np.isfinite(picture.sigma)
+    sigma = warp(np.where(known, picture.sigma, 0.0), matrix, size_px)
+    whole = warp(known.astype(np.float64), matrix, size_px) > 1.0 - 1e-9
+    return Picture(warp(picture.image, matrix, size_px), np.where(whole, sigma, np.inf))

@@ -151,6 +151,7 @@ class Engine:
             parent = Path(request.out) if request.out else state_dir(self._config) / "captures"
         run = _Run(self._config, self._rig, self._profile, RunFolder(parent.resolve(), job))
         run.watch(emit, cancelled)
+        safe = False
         try:
             return run.execute(request, self.grid, job, owner, self.describe())
         except PdcdError as err:
@@ -159,8 +160,8 @@ class Engine:
             logger.exception("capture failed job=%s", job)
             failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
         finally:
-            self._rig.make_safe()
-        return run.failed(job, failure)
+            safe = self._rig.make_safe()
+        return run.failed(job, failure, safe=safe)
 
 
 @dataclass
@@ -226,6 +227,8 @@ class _Run:
             summary=summary,
             warnings=tuple(self.warnings),
             versions=_versions(),
+            git_commit=_git_commit(),
+            exif={name: shot.exif for name, shot in decoded.shots.items()},
             drivers=description,
             config=msgspec.to_builtins(self.config),
             meter=tuple(self.meter),
@@ -242,9 +245,12 @@ class _Run:
             summary=summary,
         )
 
-    def failed(self, job: str, error: PdcdError) -> CaptureResult:
-        """The result of a job that did not finish; its folder keeps the name that says so."""
-        state = "cancelled" if isinstance(error, Cancelled) else "failed"
+    def failed(self, job: str, error: PdcdError, *, safe: bool) -> CaptureResult:
+        """The result of a job that did not finish; its folder keeps the name that says so.
+
+        `safe` is whether panels are black and the shutter is closed; log.jsonl keeps it.
+        """
+        cancelled = isinstance(error, Cancelled)
         fields = {
             "kind": error.kind,
             "message": error.message,
@@ -253,13 +259,14 @@ class _Run:
         }
         exists = self.folder.path.is_dir()
         if exists:
+            event = "cancelled" if cancelled else "failed"
             try:
-                self.folder.log(state, self.rig.clock.now_ns(), fields)
+                self.folder.log(event, self.rig.clock.now_ns(), {**fields, "safe": safe})
             except PdcdError as err:
                 logger.warning("cannot write log.jsonl error=%s", err)
         return CaptureResult(
             job=job,
-            state="cancelled" if isinstance(error, Cancelled) else "failed",
+            state="cancelled" if cancelled else "failed",
             folder=str(self.folder.path) if exists else None,
             error=fields,
             files=self.folder.files(),
@@ -388,7 +395,7 @@ class _Run:
             responsivity_e=(red, green, blue),
             profile=self.profile,
             shots=tuple(self.shots),
-            quads_per_cell=self.config.camera.quads_per_cell,
+            homography=self.config.camera.homography,
         )
 
     def _warn(self, decoded: Decoded) -> None:
@@ -420,9 +427,12 @@ class _Run:
         }
 
     def _truth(self, goal: Goal) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-        """What the goal's image is in truth, (h, w, 3), where the scene is known."""
+        """What the goal's image is in truth, (h, w, 3), where the scene is known.
+
+        A picture that was warped has no cell left to compare with.
+        """
         scene = self.rig.scene
-        if scene is None:
+        if scene is None or self.config.camera.homography is not None:
             return None
         direct, indirect = scene.split()
         truth = goal.diagonal * direct + goal.off * indirect
@@ -439,3 +449,13 @@ def _versions() -> dict[str, str]:
     names = ("pdcd", "numpy", "scipy", "msgspec", "rawpy", "opencv-contrib-python-headless")
     found = {name: importlib.metadata.version(name) for name in names}
     return {"python": platform.python_version(), **found}
+
+
+def _git_commit() -> str | None:
+    """Commit of the source tree that runs, or None where it is not a checkout."""
+    git = Path(__file__).resolve().parents[1] / ".git"
+    try:
+        head = (git / "HEAD").read_text().strip()
+        return head if not head.startswith("ref: ") else (git / head[5:]).read_text().strip()
+    except OSError:
+        return None

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from pdcd.config import PanelConfig
+from pdcd.config import Homography, PanelConfig
 from pdcd.request import BlackLevel
 from pdcd.sensor import SensorProfile
 
@@ -47,7 +47,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     responsivity_e: tuple[float, float, float]
     profile: SensorProfile
     shots: tuple[ShotRecord, ...]
-    quads_per_cell: int
+    homography: Homography | None
+    """Geometric correction of the pictures; see [camera]."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
@@ -68,6 +69,9 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     summary: dict[str, float | int | str | None]
     warnings: tuple[str, ...]
     versions: dict[str, str]
+    git_commit: str | None
+    exif: dict[str, dict[str, Any]]
+    """What each shot's RAW file says of itself."""
     drivers: dict[str, Any]
     config: dict[str, Any]
     meter: tuple[dict[str, Any], ...]

@@ -98,19 +98,23 @@ class Rig:
             with suppress(PdcdError, OSError):
                 device.disconnect()
 
-    def make_safe(self) -> None:
+    def make_safe(self) -> bool:
         """Both panels black and the shutter closed, whatever state the devices are in.
 
-        A device that fails is asked again; what cannot be made safe is logged as critical.
+        A device that fails is asked again; what cannot be made safe is logged as critical, and
+        False is returned.
         """
+        safe = True
         for name, action in (("display", self.display.black), ("shutter", self.shutter.close)):
             for left in range(SAFE_TRIES - 1, -1, -1):
                 try:
                     action()
                     break
                 except Exception as err:
+                    safe = safe and left > 0
                     level = logging.WARNING if left else logging.CRITICAL
                     logger.log(level, "not safe device=%s error=%s tries_left=%d", name, err, left)
+        return safe
 
     def expose(
         self,

@@ -15,6 +15,8 @@ from pdcd.request import BlackLevel, FamilyName, WindowName
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
 
+Homography = tuple[float, float, float, float, float, float, float, float, float]
+
 
 class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of the file: immutable, nothing unknown."""
@@ -87,6 +89,9 @@ class CameraConfig(_Table, frozen=True):
     quads_per_cell: Annotated[int, Meta(ge=1, le=64)] = 1
     responsivity_e: tuple[Positive, Positive, Positive] | None = None
     """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
+    homography: Homography | None = None
+    """Rotation, flip and perspective of the pictures: 3 x 3 row by row, image to image, in Bayer
+    quads (column, row, 1). None leaves them as the sensor has them."""
     seed: Annotated[int, Meta(ge=0)] = 0
     fetch_timeout_s: Positive = 60.0
     options: dict[str, Any] = field(default_factory=dict)

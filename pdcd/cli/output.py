@@ -106,7 +106,7 @@ def progress() -> Iterator[OnEvent]:
         TaskProgressColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("waiting", total=None)
 
         def show(event: dict[str, Any]) -> None:

@@ -52,6 +52,11 @@ def build_parser() -> argparse.ArgumentParser:
     )
     capture.add_argument("--queue", action="store_true", help="wait while another capture runs")
 
+    demo = add("demo", "demo:demo", "start a daemon on the mock bench and take one photo with it")
+    demo.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="default: demo")
+    demo.add_argument("--codes", type=int, default=128, metavar="K")
+    demo.add_argument("--seed", type=int, default=0, metavar="N")
+
     plan = add("plan", "capture:plan", "say what a capture would do, without doing it")
     _request_options(plan)
 

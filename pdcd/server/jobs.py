@@ -63,8 +63,9 @@ class EngineLike(Protocol):
         """Run one job to its end; a failure of the run is a result, not an exception.
 
         `cancelled()` is asked at least ten times a second, which also proves that the thread
-        lives; `emit(type, fields)` takes armed, shutter_open, progress (frame, frames, missed,
-        shot), shutter_closed and decoding. On return the panels are black, the shutter closed.
+        lives; `emit(type, fields)` takes started, armed, shutter_open, progress (frame, frames,
+        missed, shot), shutter_closed, decoding and archived. On return the panels are black and
+        the shutter is closed.
         """
         ...
 

@@ -55,11 +55,13 @@ CODES: Mapping[str, int] = MappingProxyType(
 
 EventType = Literal[
     "queued",
+    "started",
     "armed",
     "shutter_open",
     "progress",
     "shutter_closed",
     "decoding",
+    "archived",
     "done",
     "failed",
     "cancelled",

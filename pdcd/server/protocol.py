@@ -192,7 +192,9 @@ def _hint(kind: type[msgspec.Struct], message: str) -> str:
         names = ", ".join(kind.__struct_fields__) or "none"
         return f"fields are: {names}; see rig.describe for their types"
     schema = msgspec.json.schema(kind)["$defs"][kind.__name__]["properties"][at[1]]
-    return f"{at[1]} takes {json.dumps(schema)}"
+    # What may also be null, and stands for a default, is better shown by its first alternative.
+    shown = {key: value for key, value in schema.items() if key not in ("anyOf", "default")}
+    return f"{at[1]} takes {json.dumps(shown or schema['anyOf'][0])}"
 
 
 def _short(text: str, limit: int = 200) -> str:

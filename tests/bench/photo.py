@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pdcd.realised import Factors, collect, factors
 from pdcd.scene import PRESETS, Scene
 from tests.bench.cases import Case, make_case
-from tests.bench.measure import timed, peak_mib
+from tests.bench.measure import peak_mib, timed
 
 SCENE = "open-book"
 

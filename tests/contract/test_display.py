@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,12 +91,12 @@ class TestMockDisplayContract:
             display.load(frames())
 
 
-def with_panels(folder: Path, **mask: float) -> Config:
+def with_mask(folder: Path, **mask: Any) -> Config:
     return bench_rig.config(folder, mask=PanelConfig(size_px=(1600, 1200), **mask))
 
 
 def test_equal_panels_keep_their_phase(tmp_path: Path) -> None:
-    display = mock_display(with_panels(tmp_path, phase_s=0.005))
+    display = mock_display(with_mask(tmp_path, phase_s=0.005))
     display.load(frames())
     log = display.play(lambda *_: None, lambda: False)
     assert not log.missed.any()
@@ -105,7 +106,7 @@ def test_equal_panels_keep_their_phase(tmp_path: Path) -> None:
 
 def test_unequal_rates_slip_and_cost_a_refresh_each_time_around(tmp_path: Path) -> None:
     """60 against 59.4 Hz: the slower throttles both; a refresh is lost each 1/0.6 s."""
-    display = mock_display(with_panels(tmp_path, refresh_hz=59.4))
+    display = mock_display(with_mask(tmp_path, refresh_hz=59.4))
     display.load(frames(128))
     log = display.play(lambda *_: None, lambda: False)
     seconds = (log.end_ns.max() - log.primal_ns[0]) * 1e-9
@@ -115,12 +116,12 @@ def test_unequal_rates_slip_and_cost_a_refresh_each_time_around(tmp_path: Path) 
 
 def test_jitter_is_seeded(tmp_path: Path) -> None:
     def stamps(seed: int) -> list[int]:
-        config = with_panels(tmp_path, jitter_s=1e-4)
+        config = with_mask(tmp_path, jitter_s=1e-4)
         camera = type(config.camera)(noise="none", seed=seed)
         display = mock_display(bench_rig.config(tmp_path, mask=config.mask, camera=camera))
         display.load(frames())
         log = display.play(lambda *_: None, lambda: False)
-        return np.asarray(log.dual_ns - log.primal_ns).tolist()
+        return [int(t) for t in log.dual_ns - log.primal_ns]
 
     assert stamps(1) == stamps(1)
     assert stamps(1) != stamps(2)

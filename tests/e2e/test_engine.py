@@ -217,6 +217,20 @@ def test_saturation_is_flagged(tmp_path: Path) -> None:
     assert any("saturated" in w for w in read_manifest(folder).warnings)
 
 
+def test_homography_flips_the_picture_after_all_differences(tmp_path: Path) -> None:
+    plain, _ = run(bench_rig.config(tmp_path), goal="direct", codes=8)
+    camera = CameraConfig(noise="none", homography=(-1, 0, 3, 0, 1, 0, 0, 0, 1))
+    config = bench_rig.config(tmp_path, camera=camera)
+    flipped, _ = run(config, goal="direct", codes=8, out=str(tmp_path / "flipped"))
+    np.testing.assert_allclose(image_of(flipped), image_of(plain)[:, ::-1], rtol=1e-12)
+    shifted = CameraConfig(noise="none", homography=(1, 0, 1.5, 0, 1, 0, 0, 0, 1))
+    config = bench_rig.config(tmp_path, camera=shifted)
+    folder, _ = run(config, codes=8, out=str(tmp_path / "shifted"))
+    with np.load(folder / "probe.npz") as data:
+        assert np.all(np.isinf(data["sigma"][:, :2]))
+        assert np.all(np.isfinite(data["sigma"][:, 2:]))
+
+
 @pytest.mark.parametrize("grid", [(1, 1), (1, 7), (5, 1), (7, 11)])
 @pytest.mark.parametrize("window", ["whole", "quarter"])
 def test_odd_grids(tmp_path: Path, grid: tuple[int, int], window: str) -> None:

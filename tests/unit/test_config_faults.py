@@ -38,6 +38,9 @@ def fault_lines(path: Path) -> list[str]:
     return [line.strip() for line in lines]
 
 
+X11 = "\n[display]\ndriver = 'x11'"
+
+
 @pytest.mark.parametrize(
     ("text", "starts", "says"),
     [
@@ -69,8 +72,8 @@ def fault_lines(path: Path) -> list[str]:
         ("[mask]\noffset_px = [0, -inf]", "mask.offset_px[1]: ", "finite"),
         ("[scene.options]\na = [{b = nan}]", "scene.options.a[0].b: ", "finite"),
         ("[camera]\nseed = 9007199254740992", "camera.seed: ", "2**53"),
-        ("[projector]\nrefresh_hz = 75\n[display]\ndriver = 'x11'", "mask.refresh_hz: ", "one rate"),
-        ("[mask]\nrefresh_hz = 59.94\n[display]\ndriver = 'x11'", "mask.refresh_hz: ", "one rate"),
+        ("[projector]\nrefresh_hz = 75" + X11, "mask.refresh_hz: ", "one rate"),
+        ("[mask]\nrefresh_hz = 59.94" + X11, "mask.refresh_hz: ", "one rate"),
         ("[mask]\nphase_s = 0.017", "mask.phase_s: ", "more than one refresh"),
         ("[mask]\ncontrast = 1.0", "mask.contrast: ", "exceeds 1"),
         ("[projector]\noffset_px = [1, 0]", "projector.offset_px: ", "mask.offset_px"),

@@ -17,7 +17,7 @@ def exposed(matrix: np.ndarray, light: float, *, blown: bool = False) -> Exposed
     n = matrix.shape[0]
     factors = Factors(np.eye(n), matrix.astype(float), np.diag(matrix).astype(float), np.ones(n))
     image = np.full((1, n, 3), light)
-    return Exposed(image, np.full((1, n, 3), 4.0), np.full((1, n), blown), factors)
+    return Exposed(image, np.full((1, n, 3), 4.0), np.full((1, n), blown), factors, {})
 
 
 OFF = np.ones((3, 3)) - np.eye(3)

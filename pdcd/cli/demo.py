@@ -1,0 +1,64 @@
+"""`pdcd demo`: the main job once, as a user would do it: a daemon, a request, a run folder."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pdcd.cli.output import progress, say, say_result, tell
+from pdcd.client import Client, Unreachable
+from pdcd.request import CaptureRequest
+
+START_S = 20.0
+"""Longest time the daemon may take to get ready on a slow machine."""
+
+
+def demo(args: argparse.Namespace) -> int:
+    """Start a daemon on the mock bench, photograph its scene's indirect light, show the run."""
+    folder: Path = args.out.absolute()
+    with tempfile.TemporaryDirectory(prefix="pdcd-demo-") as scratch:
+        socket = Path(scratch) / "pdcd.sock"
+        tell(f"pdcd serve --socket {socket}")
+        with _daemon(socket, folder, Path(scratch) / "daemon.log") as client:
+            request = CaptureRequest(goal="indirect", codes=args.codes, seed=args.seed)
+            tell(f"capture.start: indirect light, {args.codes} codes")
+            with progress() as on_event:
+                result = client.capture(request, on_event=on_event)
+    code = say_result(result, as_json=False)
+    if result.folder is not None:
+        for name in result.files:
+            say(f"  {name}")
+        say("look at preview/white.png, preview/direct.png, preview/indirect.png")
+    return code
+
+
+@contextmanager
+def _daemon(socket: Path, state: Path, log: Path) -> Iterator[Client]:
+    """A client of a daemon of its own, which is stopped in the end."""
+    command = [sys.executable, "-m", "pdcd", "serve"]
+    command += ["--socket", str(socket), "--state-dir", str(state)]
+    with log.open("wb") as out, subprocess.Popen(command, stderr=out) as process:
+        try:
+            with _connect(socket, process, log) as client:
+                yield client
+        finally:
+            process.terminate()
+
+
+def _connect(socket: Path, process: subprocess.Popen[bytes], log: Path) -> Client:
+    """Wait for the daemon to answer. Raises Unreachable with its log when it does not."""
+    give_up_s = time.monotonic() + START_S
+    while True:
+        try:
+            return Client(socket)
+        except Unreachable:
+            if process.poll() is not None or time.monotonic() > give_up_s:
+                tell(log.read_text())
+                raise
+        time.sleep(0.02)

@@ -1,0 +1,49 @@
+"""Entry point: ``python -m tests.bench [--quick]`` from the root of the repository."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.bench import alternatives, closed_form, code_error, machine, report, throughput
+from tests.bench import whole_capture as capture
+from tests.bench.measure import ROOT
+from tests.bench.tables import Section
+
+SECTIONS: tuple[Callable[..., Section], ...] = (
+    closed_form.run,
+    alternatives.run,
+    code_error.run,
+    capture.run,
+    throughput.run,
+)
+
+
+def main() -> None:
+    """Measure everything, print the tables, write the report and the plots."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer cases, below a minute")
+    parser.add_argument(
+        "--out", type=Path, default=ROOT / "docs", help="folder of benchmarks.md and plots/"
+    )
+    args = parser.parse_args()
+    facts = machine.describe()
+    begun_s = time.perf_counter()
+    sections = []
+    for run in SECTIONS:
+        section = run(quick=args.quick, folder=args.out / "plots")
+        sections.append(section)
+        for table in section.tables:
+            sys.stdout.write(table.text())
+        sys.stdout.flush()
+    took_s = time.perf_counter() - begun_s
+    facts.append(("this run", f"{'quick, ' if args.quick else ''}{took_s:.0f} s"))
+    sys.stdout.write(report.aims_table(sections).text())
+    report.write(args.out / "benchmarks.md", sections, facts, "plots")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,139 @@
+"""Whole captures on the mock bench: in this process, and through a daemon on its socket."""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from pdcd.client import Client, Unreachable
+from pdcd.config import Config, SceneConfig
+from pdcd.engine import Engine
+from pdcd.request import CaptureRequest, CaptureResult, FamilyName
+from pdcd.scene import PRESETS
+from tests.bench.measure import REPEATS, ROOT, peak_mib, timed
+
+PDCD = Path(sys.executable).with_name("pdcd")
+START_LIMIT_S = 60.0
+POLL_S = 0.001
+
+
+def config_for(scene: str, grid: tuple[int, int] | None = None) -> Config:
+    """The mock bench before a preset scene of that grid, or before a matrix of tests/data."""
+    table = SceneConfig(kind=scene, grid=grid)
+    if scene not in PRESETS:
+        table = SceneConfig(kind="matrix", path=str(ROOT / "tests" / "data" / f"{scene}.npz"))
+    return msgspec.structs.replace(Config(), scene=table)
+
+
+def noisy_error(scene: str, count: int, family: str, seed: int) -> float:
+    """RMS error of one indirect capture with full sensor noise, as its summary states it."""
+    config = config_for(scene)
+    camera = msgspec.structs.replace(config.camera, seed=seed)
+    config = msgspec.structs.replace(config, camera=camera)
+    name = msgspec.convert(family, FamilyName)
+    request = CaptureRequest(goal="indirect", codes=count, family=name, seed=seed, white=False)
+    with _engine(config) as engine, tempfile.TemporaryDirectory() as folder:
+        error = _capture(engine, request, Path(folder), f"noisy-{seed}").summary["rms_error"]
+    if not isinstance(error, float):
+        raise RuntimeError(f"the capture of {scene} knows no error")
+    return error
+
+
+def measure_engine(grid: tuple[int, int], count: int, window: str) -> dict[str, float]:
+    """Seconds and peak MiB of a default indirect capture (and its white shot), in process."""
+    request = _request(count, window)
+    with _engine(config_for("open-book", (grid[0], grid[1]))) as engine:
+        with tempfile.TemporaryDirectory() as folder:
+            jobs = iter(range(1000))
+            time_s, _ = timed(lambda: _capture(engine, request, Path(folder), f"job-{next(jobs)}"))
+    return {"time_s": time_s, "peak_mib": peak_mib()}
+
+
+def measure_socket(count: int, window: str) -> dict[str, float]:
+    """A real `pdcd serve`: seconds to its first words, seconds of a capture, its peak in MiB."""
+    request = _request(count, window)
+    with tempfile.TemporaryDirectory() as folder:
+        hello_s = statistics.median(_hello_s(Path(folder)) for _ in range(REPEATS))
+        with _daemon(Path(folder)) as (process, socket):
+            with _connected(socket) as client:
+                time_s, result = timed(lambda: client.capture(request))
+                if result.state != "done":
+                    raise RuntimeError(f"the capture over the socket failed: {result.error}")
+            peak = peak_mib(process.pid)
+    return {"hello_s": hello_s, "time_s": time_s, "peak_mib": peak}
+
+
+def measure_help(repeats: int) -> float:
+    """Seconds that `pdcd --help` takes, from start to end of the process."""
+    time_s, _ = timed(
+        lambda: subprocess.run([PDCD, "--help"], stdout=subprocess.DEVNULL, check=True), repeats
+    )
+    return time_s
+
+
+def _request(count: int, window: str) -> CaptureRequest:
+    values = {"goal": "indirect", "codes": count, "window": window}
+    return msgspec.convert(values, CaptureRequest)
+
+
+@contextmanager
+def _engine(config: Config) -> Iterator[Engine]:
+    engine = Engine.from_config(config)
+    engine.start()
+    try:
+        yield engine
+    finally:
+        engine.stop()
+
+
+def _capture(engine: Engine, request: CaptureRequest, folder: Path, job: str) -> CaptureResult:
+    result = engine.capture(
+        request,
+        job=job,
+        owner={},
+        emit=lambda *_: None,
+        cancelled=lambda: False,
+        parent=folder,
+    )
+    if result.state != "done":
+        raise RuntimeError(f"a capture failed: {result.error}")
+    return result
+
+
+def _hello_s(folder: Path) -> float:
+    """From the start of a daemon to its first words, which it says when the rig is open."""
+    begun_s = time.perf_counter()
+    with _daemon(folder) as (_, socket), _connected(socket):
+        return time.perf_counter() - begun_s
+
+
+@contextmanager
+def _daemon(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    socket = folder / "pdcd.sock"
+    command = [str(PDCD), "serve", "--socket", str(socket), "--state-dir", str(folder / "state")]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        yield process, socket
+    finally:
+        process.terminate()
+        process.wait(timeout=START_LIMIT_S)
+
+
+def _connected(socket: Path) -> Client:
+    """A client, as soon as the daemon answers."""
+    limit_s = time.perf_counter() + START_LIMIT_S
+    while True:
+        try:
+            return Client(socket, timeout_s=START_LIMIT_S)
+        except Unreachable:
+            if time.perf_counter() > limit_s:
+                raise
+            time.sleep(POLL_S)

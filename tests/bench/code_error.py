@@ -1,0 +1,130 @@
+"""Error of the indirect image over the number of codes, for every family and scene."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.codes import Codes, make_codes
+from pdcd.goals import INDIRECT
+from pdcd.realised import Factors
+from pdcd.report import weight_s
+from pdcd.scene import PRESETS, Scene, load_matrix, matrix_effects
+from tests.bench import plots
+from tests.bench.captures import noisy_error
+from tests.bench.measure import ROOT
+from tests.bench.tables import Section, Table, percent
+
+FAMILIES = ("bernoulli", "balanced", "hadamard")
+COUNTS = (8, 32, 128, 512, 1024)
+SEEDS = 5
+GRID = (48, 64)
+MATRICES = ("corner_32x24", "mirror_32x24")
+
+NOISY_SCENES = ("open-book", "mirror_32x24")
+NOISY_COUNTS = (8, 32, 128, 512)
+NOISY_SEEDS = 2
+
+Errors = dict[tuple[str, int, str], float]
+"""(scene, number of codes, family) -> RMS error over the RMS of the true indirect image."""
+
+
+def run(*, quick: bool, folder: Path) -> Section:
+    """Evaluate all scenes, without noise and with it."""
+    counts = (8, 128) if quick else COUNTS
+    ideal = _ideal_errors(counts, 2 if quick else SEEDS)
+    noisy_counts = (8, 128) if quick else NOISY_COUNTS
+    noisy = _noisy_errors(noisy_counts, 1 if quick else NOISY_SEEDS)
+    _plot(ideal, folder / "code-error.png", "no sensor noise")
+    _plot(noisy, folder / "code-error-noise.png", "full sensor noise")
+    return Section(
+        title="Error of the indirect image over the number of codes",
+        text=(
+            "RMS error of the indirect photo over the RMS of the true indirect image, each photo "
+            "scaled by its own least-squares weight, as decoding does it. Whole windows, ideal "
+            "panels. Behind each error stands how many times smaller it is than that of as many "
+            "`bernoulli` codes (independent coins, as in the paper). Smooth transport favours "
+            "`hadamard`; single sharp paths, as mirrors throw them, are its hard case: two "
+            "cells with the same column see each other too strongly. With full sensor noise the "
+            "error cannot fall below what photon and read noise of one exposure leave."
+        ),
+        tables=[
+            _table(ideal, f"Without noise, mean over {2 if quick else SEEDS} seeds"),
+            _table(noisy, f"Full sensor noise, mean over {1 if quick else NOISY_SEEDS} captures"),
+        ],
+        plots=[
+            ("code-error.png", "Error against the number of codes, without noise."),
+            ("code-error-noise.png", "The same with photon, read and dark noise of the sensor."),
+        ],
+    )
+
+
+def _scenes() -> Iterator[Scene]:
+    for name in MATRICES:
+        transport, grid = load_matrix(ROOT / "tests" / "data" / f"{name}.npz")
+        yield Scene(name, grid, matrix_effects(transport))
+    for build in PRESETS.values():
+        yield build(GRID, {})
+
+
+def _ideal_errors(counts: tuple[int, ...], seeds: int) -> Errors:
+    errors: dict[tuple[str, int, str], list[float]] = {}
+    for grid, group in itertools.groupby(_scenes(), key=lambda scene: scene.grid):
+        known = [(scene, scene.split()[1]) for scene in group]
+        for count, family, seed in itertools.product(counts, FAMILIES, range(seeds)):
+            codes = make_codes(family, grid, count, dual="complement", seed=seed)
+            matrix, scale = _probing(codes)
+            for scene, truth in known:
+                photo = scene.photo(matrix.left, matrix.right, matrix.coaxial, matrix.open_s)
+                error = float(np.sqrt(np.mean((photo / scale - truth) ** 2) / np.mean(truth**2)))
+                errors.setdefault((scene.name, count, family), []).append(error)
+    return {key: float(np.mean(values)) for key, values in errors.items()}
+
+
+def _probing(codes: Codes) -> tuple[Factors, float]:
+    """Matrix that ideal panels give these codes, one second each, and its weight."""
+    left, right = codes.dual().astype(np.float64), codes.primal().astype(np.float64)
+    coaxial: NDArray[np.float64] = (left * right).sum(axis=0)
+    matrix = Factors(left, right, coaxial, left.sum(axis=0))
+    return matrix, weight_s(matrix, INDIRECT)
+
+
+def _noisy_errors(counts: tuple[int, ...], seeds: int) -> Errors:
+    return {
+        (scene, count, family): float(
+            np.mean([noisy_error(scene, count, family, seed) for seed in range(seeds)])
+        )
+        for scene, count, family in itertools.product(NOISY_SCENES, counts, FAMILIES)
+    }
+
+
+def _table(errors: Errors, title: str) -> Table:
+    table = Table(title, ("scene", "K", *FAMILIES))
+    for scene, count in dict.fromkeys(key[:2] for key in errors):
+        base = errors[scene, count, FAMILIES[0]]
+        cells = [percent(base)]
+        for family in FAMILIES[1:]:
+            error = errors[scene, count, family]
+            cells.append(f"{percent(error)} ({base / error:.3g}x)")
+        table.add(scene, str(count), *cells)
+    return table
+
+
+def _plot(errors: Errors, path: Path, what: str) -> None:
+    scenes = list(dict.fromkeys(key[0] for key in errors))
+    across = min(len(scenes), 4)
+    figure, axes = plots.panels(across, -(-len(scenes) // across), scale=0.66)
+    for scene, one in zip(scenes, axes, strict=False):
+        for family in FAMILIES:
+            counts = [key[1] for key in errors if key[0] == scene and key[2] == family]
+            shares = [100.0 * errors[scene, count, family] for count in counts]
+            one.plot(counts, shares, "o-", color=plots.colour(family), label=family)
+        plots.finish(one, f"{scene}, {what}", "number of codes K", "RMS error in %")
+    for empty in axes[len(scenes) :]:
+        empty.set_axis_off()
+    axes[0].legend(fontsize=8)
+    plots.save(figure, path)
