@@ -20,13 +20,16 @@ class RealClock:
 
 
 class VirtualClock:
-    """A clock that nobody waits for: sleeping moves it. For the mock bench only."""
+    """A clock that nobody waits for: sleeping moves it. For the mock bench only.
+
+    It always starts at the same time, so that a run with the same seeds is the same to the bit.
+    """
 
     def __init__(self) -> None:
-        self._now_ns = time.monotonic_ns()
+        self._now_ns = 1_000_000_000
 
     def now_ns(self) -> int:
-        """Nanoseconds: those of the machine at the start, plus all that was slept."""
+        """Nanoseconds: one second, plus all that was slept."""
         return self._now_ns
 
     def sleep_until_ns(self, t_ns: int) -> None:

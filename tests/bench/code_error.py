@@ -25,6 +25,9 @@ SEEDS = 5
 GRID = (48, 64)
 MATRICES = ("corner_32x24", "mirror_32x24")
 
+ROUNDING = 1e-12
+"""Errors below this are rounding: the codes are exact, and have no point in the plot."""
+
 NOISY_SCENES = ("open-book", "mirror_32x24")
 NOISY_COUNTS = (8, 32, 128, 512)
 NOISY_SEEDS = 2
@@ -57,7 +60,10 @@ def run(*, quick: bool, folder: Path) -> Section:
             _table(noisy, f"Full sensor noise, mean over {1 if quick else NOISY_SEEDS} captures"),
         ],
         plots=[
-            ("code-error.png", "Error against the number of codes, without noise."),
+            (
+                "code-error.png",
+                "Error against the number of codes, without noise; exact sets have no point.",
+            ),
             ("code-error-noise.png", "The same with photon, read and dark noise of the sensor."),
         ],
     )
@@ -109,7 +115,8 @@ def _table(errors: Errors, title: str) -> Table:
         cells = [percent(base)]
         for family in FAMILIES[1:]:
             error = errors[scene, count, family]
-            cells.append(f"{percent(error)} ({base / error:.3g}x)")
+            exact = error < ROUNDING
+            cells.append("exact" if exact else f"{percent(error)} ({base / error:.3g}x)")
         table.add(scene, str(count), *cells)
     return table
 
@@ -121,7 +128,8 @@ def _plot(errors: Errors, path: Path, what: str) -> None:
     for scene, one in zip(scenes, axes, strict=False):
         for family in FAMILIES:
             counts = [key[1] for key in errors if key[0] == scene and key[2] == family]
-            shares = [100.0 * errors[scene, count, family] for count in counts]
+            values = np.array([errors[scene, count, family] for count in counts])
+            shares = np.where(values < ROUNDING, np.nan, 100.0 * values)
             one.plot(counts, shares, "o-", color=plots.colour(family), label=family)
         plots.finish(one, f"{scene}, {what}", "number of codes K", "RMS error in %")
     for empty in axes[len(scenes) :]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +34,8 @@ def run(*, quick: bool, folder: Path) -> Section:
         lattice = Lattice(grid, "quarter").shape
         for family in FAMILIES:
             for count in COUNTS:
-                code_s[family, grid, count] = timed(
-                    lambda: make_codes(family, lattice, count, dual="complement", seed=1)
-                )[0]
+                make = partial(make_codes, family, lattice, count, dual="complement", seed=1)
+                code_s[family, grid, count] = timed(make)[0]
     _plot(code_s, folder / "codes.png")
     return Section(
         title="Codes and RAW files",
@@ -67,20 +67,20 @@ def _raw_table() -> Table:
         path = Path(folder) / "photo.dng"
         for width, height in SIZES_PX:
             mosaic = rng.integers(BLACK_DN, WHITE_DN, size=(height, width), dtype=np.uint16)
-            write_s, size = timed(
-                lambda: write_dng(
-                    path,
-                    mosaic,
-                    black=BLACK_DN,
-                    white=WHITE_DN,
-                    iso=100,
-                    exposure_s=1.0,
-                    f_number=8.0,
-                    model="bench",
-                    date=datetime(2012, 8, 5, tzinfo=UTC),
-                )
+            write = partial(
+                write_dng,
+                path,
+                mosaic,
+                black=BLACK_DN,
+                white=WHITE_DN,
+                iso=100,
+                exposure_s=1.0,
+                f_number=8.0,
+                model="bench",
+                date=datetime(2012, 8, 5, tzinfo=UTC),
             )
-            read_s, _ = timed(lambda: read_raw(path))
+            write_s, size = timed(write)
+            read_s, _ = timed(partial(read_raw, path))
             table.add(
                 f"{width}x{height}",
                 f"{size / MIB:.1f} MiB",

@@ -42,8 +42,7 @@ def run(*, quick: bool, folder: Path) -> Section:
     return Section(
         title="Whole captures",
         text=(
-            "An indirect capture on the mock bench (`open-book`, full sensor noise, virtual clock): "
-            "metering, the indirect shot and its white companion, RAW files written and decoded, "
+            "An indirect capture on the mock bench (`open-book`, full noise, virtual clock): metering, the indirect shot and its white companion, RAW files written and decoded, "
             "error maps, the report, previews, all files hashed and made durable. Over the socket: "
             "a real daemon, from the request to its answer; peak memory is the daemon's. Its first "
             "words come when the rig is open. Times are medians of "

@@ -222,7 +222,7 @@ def test_homography_flips_the_picture_after_all_differences(tmp_path: Path) -> N
     camera = CameraConfig(noise="none", homography=(-1, 0, 3, 0, 1, 0, 0, 0, 1))
     config = bench_rig.config(tmp_path, camera=camera)
     flipped, _ = run(config, goal="direct", codes=8, out=str(tmp_path / "flipped"))
-    np.testing.assert_allclose(image_of(flipped), image_of(plain)[:, ::-1], rtol=1e-12)
+    np.testing.assert_allclose(image_of(flipped), image_of(plain)[:, ::-1], rtol=1e-6)
     shifted = CameraConfig(noise="none", homography=(1, 0, 1.5, 0, 1, 0, 0, 0, 1))
     config = bench_rig.config(tmp_path, camera=shifted)
     folder, _ = run(config, codes=8, out=str(tmp_path / "shifted"))

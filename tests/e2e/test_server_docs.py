@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, get_args
 
 import pytest
 
@@ -170,7 +170,7 @@ def test_every_method_error_and_event_is_in_its_table() -> None:
         assert str(CODES[kind]) in codes.split(", ")
     first = re.findall(r"^\| (`.*?`) \|", section("Events"), re.MULTILINE)
     types = [word for row in first for word in re.findall(r"`(\w+)`", row)]
-    assert types == list(messages.EventType.__args__)  # type: ignore[attr-defined]
+    assert types == list(get_args(messages.EventType))
 
 
 def test_the_limits_are_those_of_the_program() -> None:
