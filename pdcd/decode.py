@@ -7,6 +7,7 @@ again from what it holds, bit for bit.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from pdcd.archive import disk_errors, read_codes, read_frames, read_manifest, sha256_of
+from pdcd.codes import Codes
 from pdcd.combine import Exposed, Picture, combine, realised_photo
 from pdcd.config import Homography
 from pdcd.develop import preview, warp, write_png, write_tiff
 from pdcd.goals import goal
 from pdcd.panel import Panel, offset_cells
 from pdcd.raw import read_raw, rgb_variance, to_rgb
-from pdcd.realised import collect, factors
+from pdcd.realised import Factors, collect, factors
 from pdcd.recipe import Recipe, make_recipe
 from pdcd.record import RunRecord, ShotRecord
 from pdcd.report import Deviation, deviation
@@ -34,22 +36,25 @@ class Decoded:
     shots: dict[str, Exposed]
     pictures: dict[str, Picture]
 
-    def deviations(self) -> dict[str, Deviation]:
+    def deviations(self, alive: Callable[[], None] = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one."""
         return {
-            p.name: deviation(realised_photo(p.shots, self.shots), p.wanted)
+            p.name: deviation(realised_photo(p.shots, self.shots), p.wanted, alive)
             for p in self.recipe.photos
         }
 
 
-def decode(folder: Path, record: RunRecord) -> Decoded:
-    """Read everything below `folder` and compute the pictures; nothing is written."""
+def decode(folder: Path, record: RunRecord, alive: Callable[[], None] = lambda: None) -> Decoded:
+    """Read everything below `folder` and compute the pictures; nothing is written.
+
+    `alive` is called every few hundredths of a second, and may raise to end the work.
+    """
     wanted = goal(record.goal, record.p)
     recipe = make_recipe(wanted, black_level=record.black_level, white=record.white)
     codes = read_codes(folder) if recipe.dual is not None else None
     coded = {shot.name: shot.coded for shot in recipe.shots}
     shots = {
-        shot.name: _expose(folder, record, shot, codes if coded[shot.name] else None)
+        shot.name: _expose(folder, record, shot, codes if coded[shot.name] else None, alive)
         for shot in record.shots
     }
     pictures = combine(recipe, shots)
@@ -96,19 +101,25 @@ def decode_folder(folder: Path) -> dict[str, Any]:
     return {"identical": all(f["identical"] for f in files), "files": files}
 
 
-def _expose(folder: Path, record: RunRecord, shot: ShotRecord, codes: Any) -> Exposed:
+def _expose(
+    folder: Path,
+    record: RunRecord,
+    shot: ShotRecord,
+    codes: Codes | None,
+    alive: Callable[[], None],
+) -> Exposed:
     frames, log = read_frames(folder, shot, codes, grid=record.grid, window=record.window)
-    realised = collect(
-        factors(
-            frames,
-            log,
-            Panel.from_config(record.projector),
-            Panel.from_config(record.mask),
-            open_ns=shot.open_ns,
-            close_ns=shot.close_ns,
-            offset_cells=offset_cells(record.projector, record.mask, record.grid),
-        )
+    alive()
+    chunks = factors(
+        frames,
+        log,
+        Panel.from_config(record.projector),
+        Panel.from_config(record.mask),
+        open_ns=shot.open_ns,
+        close_ns=shot.close_ns,
+        offset_cells=offset_cells(record.projector, record.mask, record.grid),
     )
+    realised = collect(_watched(chunks, alive))
     profile = record.profile
     raw = read_raw(
         folder / shot.raw,
@@ -134,6 +145,12 @@ def _expose(folder: Path, record: RunRecord, shot: ShotRecord, codes: Any) -> Ex
             "white_dn": raw.white,
         },
     )
+
+
+def _watched(chunks: Iterator[Factors], alive: Callable[[], None]) -> Iterator[Factors]:
+    for chunk in chunks:
+        alive()
+        yield chunk
 
 
 def _warped(picture: Picture, homography: Homography) -> Picture:

@@ -3,41 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import logging
-import platform
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import numpy as np
-
 from pdcd.archive import RunFolder
 from pdcd.config import Config, state_dir
-from pdcd.decode import Decoded, decode, write_pictures
-from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
-from pdcd.goals import Goal
-from pdcd.interfaces import CameraInfo, CameraSettings
-from pdcd.lattice import Lattice
-from pdcd.metering import MAX_TESTS, METER_CODES, next_aperture, peak_share
-from pdcd.plan import Plan, make_plan
-from pdcd.raw import read_raw
-from pdcd.recipe import Shot
-from pdcd.record import SCHEMA_VERSION, Manifest, RunRecord, ShotRecord
+from pdcd.errors import DeviceLost, PdcdError
+from pdcd.plan import make_plan
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
-from pdcd.rig import Exposure, Rig
-from pdcd.sensor import SensorProfile, load_profile
+from pdcd.rig import Rig
+from pdcd.run import Emit, Run
+from pdcd.sensor import load_profile
 from pdcd.show import pattern_frames
 
 logger = logging.getLogger(__name__)
-
-Emit = Callable[[str, dict[str, Any]], None]
-FIRST_F_NUMBER = 8.0
-"""Aperture of the first test exposure."""
 
 DEFAULT_GRID = (48, 64)
 """Code cells of a rig that neither knows its scene nor is told a grid."""
@@ -149,7 +132,7 @@ class Engine:
         """
         if parent is None:
             parent = Path(request.out) if request.out else state_dir(self._config) / "captures"
-        run = _Run(self._config, self._rig, self._profile, RunFolder(parent.resolve(), job))
+        run = Run(self._config, self._rig, self._profile, RunFolder(parent.resolve(), job))
         run.watch(emit, cancelled)
         safe = False
         try:
@@ -162,300 +145,3 @@ class Engine:
         finally:
             safe = self._rig.make_safe()
         return run.failed(job, failure, safe=safe)
-
-
-@dataclass
-class _Run:
-    """One job: its folder and what it has gathered so far."""
-
-    config: Config
-    rig: Rig
-    profile: SensorProfile
-    folder: RunFolder
-    shots: list[ShotRecord] = field(default_factory=list)
-    meter: list[dict[str, Any]] = field(default_factory=list)
-    apertures: dict[bool, float] = field(default_factory=dict)
-    """Metered f-number of coded and of white shots."""
-    warnings: list[str] = field(default_factory=list)
-
-    def watch(self, emit: Emit, cancelled: Callable[[], bool]) -> None:
-        """Who is told, and who may cancel."""
-        self._emit = emit
-        self._cancelled = cancelled
-
-    def execute(
-        self,
-        request: CaptureRequest,
-        grid: tuple[int, int],
-        job: str,
-        owner: dict[str, Any],
-        description: dict[str, Any],
-    ) -> CaptureResult:
-        started, begun_s = _utc(), time.perf_counter()
-        camera = self.rig.camera_info
-        if camera is None:
-            raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
-        plan = make_plan(request, self.config, grid)
-        self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
-        self.notify("started", {"job": job, "goal": request.goal})
-        self.folder.write_codes(plan.codes, Lattice(grid, plan.window).shape)
-        for shot in plan.recipe.shots:
-            self._take(plan, shot, camera)
-        self.notify("decoding", {"shots": len(self.shots)})
-        record = self._record(plan, request, camera)
-        decoded = decode(self.folder.path, record)
-        write_pictures(self.folder.path, decoded)
-        self._warn(decoded)
-        self.look_for_cancel()
-        deviations = decoded.deviations()
-        self.look_for_cancel()
-        summary = self._summary(plan, decoded)
-        summary["wall_s"] = time.perf_counter() - begun_s
-        self.notify("archived", {"job": job})  # the last line of log.jsonl: hashes come after it
-        manifest = Manifest(
-            schema=SCHEMA_VERSION,
-            job=job,
-            state="done",
-            mock=self.rig.mock,
-            owner=owner,
-            started_utc=started,
-            finished_utc=_utc(),
-            request=msgspec.to_builtins(request),
-            plan=msgspec.to_builtins(plan.summary()),
-            run=record,
-            realised={name: msgspec.to_builtins(d) for name, d in deviations.items()},
-            summary=summary,
-            warnings=tuple(self.warnings),
-            versions=_versions(),
-            git_commit=_git_commit(),
-            exif={name: shot.exif for name, shot in decoded.shots.items()},
-            drivers=description,
-            config=msgspec.to_builtins(self.config),
-            meter=tuple(self.meter),
-            files=self.folder.hashes(),
-        )
-        files = (*self.folder.files(), "capture.json")
-        digest = self.folder.finish(manifest)
-        return CaptureResult(
-            job=job,
-            state="done",
-            folder=str(self.folder.final),
-            manifest_sha256=digest,
-            files=files,
-            summary=summary,
-        )
-
-    def failed(self, job: str, error: PdcdError, *, safe: bool) -> CaptureResult:
-        """The result of a job that did not finish; its folder keeps the name that says so.
-
-        `safe` is whether panels are black and the shutter is closed; log.jsonl keeps it.
-        """
-        cancelled = isinstance(error, Cancelled)
-        fields = {
-            "kind": error.kind,
-            "message": error.message,
-            "device": error.device,
-            "hint": error.hint,
-        }
-        exists = self.folder.path.is_dir()
-        if exists:
-            event = "cancelled" if cancelled else "failed"
-            try:
-                self.folder.log(event, self.rig.clock.now_ns(), {**fields, "safe": safe})
-            except PdcdError as err:
-                logger.warning("cannot write log.jsonl error=%s", err)
-        return CaptureResult(
-            job=job,
-            state="cancelled" if cancelled else "failed",
-            folder=str(self.folder.path) if exists else None,
-            error=fields,
-            files=self.folder.files(),
-        )
-
-    def notify(self, event: str, fields: dict[str, Any]) -> None:
-        """Tell the client and log.jsonl; then see whether the job is still wanted."""
-        self.folder.log(event, self.rig.clock.now_ns(), fields)
-        self._emit(event, fields)
-        self.look_for_cancel()
-
-    def look_for_cancel(self) -> None:
-        """Raise Cancelled when somebody asked for it."""
-        if self._cancelled():
-            raise Cancelled("the job was cancelled")
-
-    def _take(self, plan: Plan, shot: Shot, camera: CameraInfo) -> None:
-        """Meter if needed, expose, write the frame log, check for missed refreshes."""
-        settings = CameraSettings(self._iso(camera), self._aperture(plan, shot, camera))
-        frames = plan.frames(shot)
-        done = self._expose(plan, shot, shot.name, settings)
-        self.folder.write_frames(shot.name, frames, done.log)
-        lost = int(done.log.missed.sum())
-        if lost and self.config.rig.on_miss == "abort":
-            raise SyncError(
-                f"{lost} refreshes were missed in shot {shot.name}",
-                device="display",
-                hint="see frames.csv; rig.on_miss = 'flag' keeps such shots and reports the error",
-            )
-        if lost:
-            self.warnings.append(f"shot {shot.name}: {lost} refreshes were missed")
-        if not done.log.verified:
-            self.warnings.append(f"shot {shot.name}: presentation times are not verified")
-        self.shots.append(
-            ShotRecord(
-                name=shot.name,
-                raw=str(done.raw.path.relative_to(self.folder.path)),
-                sha256=done.raw.sha256,
-                size_bytes=done.raw.size_bytes,
-                iso=settings.iso,
-                f_number=settings.f_number if settings.f_number is not None else 1.0,
-                open_ns=done.open_ns,
-                close_ns=done.close_ns,
-                end_ns=(int(done.log.end_ns[0]), int(done.log.end_ns[1])),
-                refreshes=len(frames),
-                missed=lost,
-                source=done.log.source,
-                verified=done.log.verified,
-            )
-        )
-
-    def _expose(
-        self,
-        plan: Plan,
-        shot: Shot,
-        name: str,
-        settings: CameraSettings,
-        *,
-        codes: int | None = None,
-    ) -> Exposure:
-        def progress(frame: int, frames: int, missed: int) -> None:
-            fields = {"shot": name, "frame": frame, "frames": frames, "missed": missed}
-            self._emit("progress", fields)
-
-        return self.rig.expose(
-            plan.frames(shot, codes=codes),
-            settings,
-            self.folder.path / "raw",
-            name,
-            notify=self.notify,
-            progress=progress,
-            cancelled=self._cancelled,
-        )
-
-    def _iso(self, camera: CameraInfo) -> int:
-        iso = self.config.camera.iso
-        if iso is None:
-            return min(camera.isos)
-        if iso not in camera.isos:
-            raise ConfigError(
-                f"ISO {iso} is not offered",
-                device="camera",
-                hint=f"take one of {', '.join(map(str, camera.isos))}",
-            )
-        return iso
-
-    def _aperture(self, plan: Plan, shot: Shot, camera: CameraInfo) -> float | None:
-        """The f-number for a shot: as configured, or by test exposures, once for each side."""
-        if not camera.f_numbers:
-            return None
-        if self.config.camera.f_number != "auto":
-            return self.config.camera.f_number
-        if shot.coded not in self.apertures:
-            self.apertures[shot.coded] = self._metered(plan, shot, camera)
-        return self.apertures[shot.coded]
-
-    def _metered(self, plan: Plan, shot: Shot, camera: CameraInfo) -> float:
-        iso = self._iso(camera)
-        saturation_dn = self.profile.saturation_dn(iso)
-        codes = min(METER_CODES, plan.count)
-        ratio = plan.count * plan.passes / codes if shot.coded else float(plan.white_slots)
-        f_number = min(camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
-        for test in range(1, MAX_TESTS + 1):
-            name = f"meter-{shot.name}-{test}"
-            done = self._expose(plan, shot, name, CameraSettings(iso, f_number), codes=codes)
-            raw = read_raw(done.raw.path, sha256=done.raw.sha256, saturation_dn=saturation_dn)
-            peak = peak_share(raw.planes, raw.saturated, saturation_dn)
-            self.meter.append({"raw": f"raw/{name}.dng", "f_number": f_number, "peak": peak})
-            f_number, settled = next_aperture(camera.f_numbers, f_number, peak, ratio)
-            if settled:
-                return f_number
-        self.warnings.append(f"metering of {shot.name} did not settle; took f/{f_number:g}")
-        return f_number
-
-    def _record(self, plan: Plan, request: CaptureRequest, camera: CameraInfo) -> RunRecord:
-        red, green, blue = (float(r) for r in camera.responsivity_e)
-        return RunRecord(
-            goal=request.goal,
-            p=request.p,
-            black_level=request.black_level or self.config.schedule.black_level,
-            white=request.white,
-            grid=plan.grid,
-            window=plan.window,
-            projector=self.config.projector,
-            mask=self.config.mask,
-            responsivity_e=(red, green, blue),
-            profile=self.profile,
-            shots=tuple(self.shots),
-            homography=self.config.camera.homography,
-        )
-
-    def _warn(self, decoded: Decoded) -> None:
-        for name, shot in decoded.shots.items():
-            blown = int(shot.saturated.sum())
-            if blown:
-                self.warnings.append(f"shot {name}: {blown} pixels are saturated")
-        if self.profile.estimated:
-            self.warnings.append(f"sensor profile {self.profile.name} is an estimate")
-
-    def _summary(self, plan: Plan, decoded: Decoded) -> dict[str, float | int | str | None]:
-        answer = next(iter(decoded.pictures.values()))
-        truth = self._truth(plan.recipe.goal)
-        error = None
-        if truth is not None:
-            scale = float(np.sqrt(np.mean(truth**2)))
-            error = float(np.sqrt(np.mean((answer.image - truth) ** 2))) / scale if scale else None
-        exposures = [(s.close_ns - s.open_ns) * 1e-9 for s in self.shots]
-        return {
-            "goal": plan.recipe.goal.name,
-            "family": plan.family,
-            "codes": plan.count,
-            "passes": plan.passes,
-            "shots": len(self.shots),
-            "refreshes": sum(s.refreshes for s in self.shots),
-            "exposure_s": sum(exposures),
-            "missed_refreshes": sum(s.missed for s in self.shots),
-            "rms_error": error,
-        }
-
-    def _truth(self, goal: Goal) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-        """What the goal's image is in truth, (h, w, 3), where the scene is known.
-
-        A picture that was warped has no cell left to compare with.
-        """
-        scene = self.rig.scene
-        if scene is None or self.config.camera.homography is not None:
-            return None
-        direct, indirect = scene.split()
-        truth = goal.diagonal * direct + goal.off * indirect
-        per_cell = self.config.camera.quads_per_cell
-        image = truth.reshape(*scene.grid, 3)
-        return image.repeat(per_cell, axis=0).repeat(per_cell, axis=1)
-
-
-def _utc() -> str:
-    return datetime.now(UTC).isoformat()
-
-
-def _versions() -> dict[str, str]:
-    names = ("pdcd", "numpy", "scipy", "msgspec", "rawpy", "opencv-contrib-python-headless")
-    found = {name: importlib.metadata.version(name) for name in names}
-    return {"python": platform.python_version(), **found}
-
-
-def _git_commit() -> str | None:
-    """Commit of the source tree that runs, or None where it is not a checkout."""
-    git = Path(__file__).resolve().parents[1] / ".git"
-    try:
-        head = (git / "HEAD").read_text().strip()
-        return head if not head.startswith("ref: ") else (git / head[5:]).read_text().strip()
-    except OSError:
-        return None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import msgspec
 import numpy as np
 
@@ -42,14 +44,20 @@ def weight_s(realised: Factors, wanted: Goal) -> float:
     return inner / norm
 
 
-def deviation(realised: Factors, wanted: Goal) -> Deviation:
-    """Compare every entry, block by block; O(R N^2) time, O(N) memory."""
+def deviation(
+    realised: Factors, wanted: Goal, alive: Callable[[], None] = lambda: None
+) -> Deviation:
+    """Compare every entry, block by block; O(R N^2) time, O(N) memory.
+
+    `alive` is called at every block, and may raise to end the work.
+    """
     weight = weight_s(realised, wanted)
     cells = realised.coaxial.size
     scale = weight if weight != 0.0 else 1.0
     diagonal = realised.coaxial / scale - wanted.diagonal
     worst, square = 0.0, 0.0
     for start in range(0, cells, BLOCK):
+        alive()
         stop = min(start + BLOCK, cells)
         rows = realised.left[:, start:stop].T @ realised.right
         rows /= scale

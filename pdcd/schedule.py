@@ -23,8 +23,10 @@ Side = Literal["codes", "black", "white"]
 GUARDED_REFRESHES = 3
 """Refreshes of one code with a black mask before and after it."""
 
-WHOLE_CELL_LIMIT = 0.01
-"""Misregistration in cells up to which whole cells leak less direct light than 1 %."""
+WHOLE_CELL_LIMIT = 0.001
+"""Misregistration in cells up to which whole cells are worth more than quarter windows: they let
+about that share of the direct light into an indirect photo, whose own light is often ten times
+weaker."""
 
 QUARTER_LIMIT = 0.25
 """Misregistration in cells that quarter windows tolerate without any leak."""

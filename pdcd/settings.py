@@ -84,7 +84,8 @@ class CameraConfig(_Table, frozen=True):
     iso: int | None = None
     """None: the profile's lowest."""
     f_number: Positive | Literal["auto"] = "auto"
-    """"auto" takes test exposures and sets the aperture so that nothing saturates."""
+    """"auto" takes test exposures and sets the aperture so that nothing saturates.
+    A lens that cannot be set from here needs its own f-number, at which photos are scaled."""
     noise: Literal["none", "full"] = "full"
     quads_per_cell: Annotated[int, Meta(ge=1, le=64)] = 1
     responsivity_e: tuple[Positive, Positive, Positive] | None = None

@@ -64,7 +64,7 @@ def plan(args: argparse.Namespace) -> int:
         ["passes", f"{summary.passes}, {'with' if summary.guards else 'without'} guards"],
         ["light", f"{100.0 * summary.light_share:.3g} % of a floodlit exposure"],
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
-        ["RAW files", str(summary.raw_files)],
+        ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
     shots = [
         [f"shot {s.name}", f"{s.codes} codes, {s.refreshes} refreshes, {s.exposure_s:.3f} s"]

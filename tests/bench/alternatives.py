@@ -42,6 +42,11 @@ def run(*, quick: bool, folder: Path) -> Section:
             for way in WAYS
         }
     _plot(found, folder / "alternatives.png")
+    base_s = {setup: ways["closed form"][0]["time_s"] for setup, ways in found.items()}
+    dense = [ways["dense"][0]["time_s"] / base_s[setup] for setup, ways in found.items()]
+    finest = {setup: ways["time steps"][-1] for setup, ways in found.items()}
+    steps = [values["time_s"] / base_s[setup] for setup, values in finest.items()]
+    errors = [values["error"] for values in finest.values()]
     return Section(
         title="Closed form, dense evaluation and time steps",
         text=(
@@ -54,7 +59,10 @@ def run(*, quick: bool, folder: Path) -> Section:
             "products, and are given the pixels' targets for nothing, while the closed form's time "
             "includes that. The ratio is the time of a way over that of the closed form; time "
             "steps are never more exact than the closed form, so theirs is a lower bound of the "
-            "ratio at equal error."
+            f"ratio at equal error. In this run dense evaluation, at equal error, took "
+            f"{min(dense):.3g} to {max(dense):.3g} times as long as the closed form; the finest "
+            f"time steps still had errors of {min(errors):.1e} to {max(errors):.1e} and took "
+            f"{min(steps):.3g} to {max(steps):.3g} times as long."
         ),
         tables=[_table(found)],
         plots=[
@@ -91,14 +99,14 @@ def _name(setup: Setup) -> str:
 
 def _plot(found: dict[Setup, dict[str, list[dict[str, Any]]]], path: Path) -> None:
     figure, (axes,) = plots.panels(1)
-    for setup, ways in found.items():
-        colour = plots.colour(setup)
+    for index, (setup, ways) in enumerate(found.items()):
+        colour = plots.colour(index)
         for way, style in zip(WAYS, ("*", "s", "o-"), strict=True):
             times = [values["time_s"] for values in ways[way]]
             errors = [values["error"] for values in ways[way]]
             label = _name(setup) if way == "time steps" else None
             axes.plot(times, errors, style, color=colour, label=label, markersize=6)
-    title = "Error against time (star: closed form, square: dense, line: time steps)"
+    title = "Star: closed form; square: dense; line: time steps"
     plots.finish(axes, title, "wall time in s", "largest relative error", base=10)
-    axes.legend(fontsize=7, title="cells, K, window", title_fontsize=7)
+    plots.legend(axes, "cells, K, window")
     plots.save(figure, path)

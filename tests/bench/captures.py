@@ -19,6 +19,7 @@ from pdcd.engine import Engine
 from pdcd.request import CaptureRequest, CaptureResult, FamilyName
 from pdcd.scene import PRESETS
 from tests.bench.measure import REPEATS, ROOT, peak_mib, timed
+from tests.bench.photo import SCENE
 
 PDCD = Path(sys.executable).with_name("pdcd")
 START_LIMIT_S = 60.0
@@ -50,7 +51,7 @@ def noisy_error(scene: str, count: int, family: str, seed: int) -> float:
 def measure_engine(grid: tuple[int, int], count: int, window: str) -> dict[str, float]:
     """Seconds and peak MiB of a default indirect capture (and its white shot), in process."""
     request = _request(count, window)
-    with _engine(config_for("open-book", (grid[0], grid[1]))) as engine:
+    with _engine(config_for(SCENE, (grid[0], grid[1]))) as engine:
         with tempfile.TemporaryDirectory() as folder:
             jobs = iter(range(1000))
             time_s, _ = timed(lambda: _capture(engine, request, Path(folder), f"job-{next(jobs)}"))

@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from PIL import Image
 
 mpl.use("Agg")
 
-WIDTH_IN, HEIGHT_IN, DPI = 5.0, 3.8, 90
+DPI, COLOURS = 110, 64
+WIDTH_IN, HEIGHT_IN = 5.0, 3.8
 """Size of one pair of axes."""
 
-_COLOURS: dict[object, str] = {}
 _PALETTE = ("#1b6ca8", "#d1495b", "#2e933c", "#8d5a97", "#e08e0b", "#555555", "#17a2a2")
 
 
-def colour(key: object) -> str:
-    """A colour for anything; the same thing has the same colour in all plots of a run."""
-    return _COLOURS.setdefault(key, _PALETTE[len(_COLOURS) % len(_PALETTE)])
+def colour(index: int) -> str:
+    """Colour of the index-th line of a plot."""
+    return _PALETTE[index % len(_PALETTE)]
 
 
-def panels(across: int, down: int = 1, *, scale: float = 1.0) -> tuple[Figure, list[Any]]:
-    """An empty figure and its axes, row by row."""
+def panels(
+    across: int, down: int = 1, *, scale: float = 1.0, same_y: bool = False
+) -> tuple[Figure, list[Any]]:
+    """An empty figure and its axes, row by row; with one scale of y for all, if wanted."""
     size_in = (scale * WIDTH_IN * across, scale * HEIGHT_IN * down)
     figure = Figure(figsize=size_in, layout="constrained")
-    axes = figure.subplots(down, across, squeeze=False)
+    axes = figure.subplots(down, across, squeeze=False, sharey=same_y)
     return figure, list(axes.ravel())
 
 
@@ -41,6 +45,13 @@ def finish(axes: Any, title: str, x_label: str, y_label: str, *, base: int = 2) 
     axes.grid(alpha=0.3)
     if base == 2:
         axes.xaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%d"))
+        for which in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            which(mpl.ticker.LogFormatter(minor_thresholds=(2, 0.5)))
+
+
+def legend(axes: Any, title: str | None = None) -> None:
+    """A small legend, with lines long enough to tell dashes."""
+    axes.legend(fontsize=7, title=title, title_fontsize=7, handlelength=3.0)
 
 
 def limit(axes: Any, value: float, label: str) -> None:
@@ -51,6 +62,8 @@ def limit(axes: Any, value: float, label: str) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write as PNG."""
+    """Write as PNG with a palette: a third of the size, and plots have few colours anyway."""
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=DPI)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+    Image.open(drawn).convert("RGB").quantize(COLOURS).save(path, optimize=True)

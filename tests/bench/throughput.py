@@ -93,10 +93,10 @@ def _raw_table() -> Table:
 def _plot(code_s: CodeTimes, path: Path) -> None:
     figure, (axes,) = plots.panels(1)
     for grid, style in zip(dict.fromkeys(key[1] for key in code_s), ("-", "--"), strict=False):
-        for family in FAMILIES:
+        for index, family in enumerate(FAMILIES):
             times = [code_s[family, grid, count] for count in COUNTS]
             label = f"{family}, {grid_name(grid)} cells"
-            axes.plot(COUNTS, times, style, marker="o", color=plots.colour(family), label=label)
+            axes.plot(COUNTS, times, style, marker="o", color=plots.colour(index), label=label)
     plots.finish(axes, "Time to make a set of codes", "number of codes K", "wall time in s")
-    axes.legend(fontsize=7)
+    plots.legend(axes)
     plots.save(figure, path)

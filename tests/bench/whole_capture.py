@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pdcd.scene import DEFAULT_GRID
 from tests.bench import plots
 from tests.bench.captures import measure_help, measure_socket
 from tests.bench.cases import GRIDS
 from tests.bench.measure import REPEATS, alone
+from tests.bench.photo import SCENE
 from tests.bench.tables import Aim, Section, Table, grid_name, seconds
 
 COUNTS = (8, 128, 512)
 WINDOWS = ("whole", "quarter")
 SOCKET_COUNT, SOCKET_WINDOW = 128, "quarter"
+CELLS = grid_name(DEFAULT_GRID)
 HELP_REPEATS = 10
 SOCKET_LIMIT_S, HELP_LIMIT_S, HELLO_LIMIT_S = 3.0, 0.150, 1.0
 
@@ -42,16 +45,18 @@ def run(*, quick: bool, folder: Path) -> Section:
     return Section(
         title="Whole captures",
         text=(
-            "An indirect capture on the mock bench (`open-book`, full noise, virtual clock): metering, the indirect shot and its white companion, RAW files written and decoded, "
-            "error maps, the report, previews, all files hashed and made durable. Over the socket: "
-            "a real daemon, from the request to its answer; peak memory is the daemon's. Its first "
+            f"An indirect capture of the scene `{SCENE}` on the mock bench, with full sensor noise "
+            "and a virtual clock: metering, the indirect shot and its white companion, RAW files "
+            "written and decoded, error maps, the report, previews, all files hashed and made "
+            "durable. From the shell: a real `pdcd serve`, timed from the request to its answer "
+            f"at {CELLS} cells; the peak memory is the daemon's, and its first "
             "words come when the rig is open. Times are medians of "
             f"{REPEATS}, that of `--help` of {HELP_REPEATS}."
         ),
         tables=[ends, _table(found)],
         plots=[("capture.png", "Time of a whole capture in process.")],
         aims=[
-            Aim(f"capture, 64x48 cells, {name}", "s", socket["time_s"], SOCKET_LIMIT_S),
+            Aim(f"capture, {CELLS} cells, {name}", "s", socket["time_s"], SOCKET_LIMIT_S),
             Aim("`pdcd --help`", "s", help_s, HELP_LIMIT_S),
             Aim("`pdcd serve` to its first words", "s", socket["hello_s"], HELLO_LIMIT_S),
         ],
@@ -73,13 +78,15 @@ def _table(found: Found) -> Table:
 def _plot(found: Found, path: Path) -> None:
     figure, (axes,) = plots.panels(1)
     for window, style in zip(WINDOWS, ("--", "-"), strict=True):
-        for grid in dict.fromkeys(key[1] for key in found):
+        for index, grid in enumerate(dict.fromkeys(key[1] for key in found)):
             counts = [key[2] for key in found if key[:2] == (window, grid)]
             times = [found[window, grid, count]["time_s"] for count in counts]
             label = f"{grid_name(grid)} cells, {window}"
-            axes.plot(counts, times, style, marker="o", color=plots.colour(grid), label=label)
-    plots.limit(axes, SOCKET_LIMIT_S, f"{SOCKET_LIMIT_S:g} s at 64x48, 128, quarter")
+            axes.plot(counts, times, style, marker="o", color=plots.colour(index), label=label)
+    plots.limit(
+        axes, SOCKET_LIMIT_S, f"{SOCKET_LIMIT_S:g} s for {CELLS}, {SOCKET_COUNT}, {SOCKET_WINDOW}"
+    )
     title = "Whole capture on the mock bench, in process"
     plots.finish(axes, title, "number of codes K", "wall time in s")
-    axes.legend(fontsize=7)
+    plots.legend(axes)
     plots.save(figure, path)

@@ -1,4 +1,4 @@
-"""What every Display driver must do. One class; a driver joins by a fixture of its own."""
+"""What every Display driver must do, in one class, and what the mock panels do beyond it."""
 
 from __future__ import annotations
 
@@ -28,14 +28,16 @@ def mock_display(config: Config) -> Display:
     return Rig(config).display
 
 
-class TestMockDisplayContract:
-    """The contract, on the mock bench; a driver for real panels subclasses and overrides."""
+@pytest.fixture
+def display(tmp_path: Path) -> Display:
+    """The display that is tested, connected; another driver's test module overrides it."""
+    display = mock_display(bench_rig.config(tmp_path))
+    display.connect()
+    return display
 
-    @pytest.fixture
-    def display(self, tmp_path: Path) -> Display:
-        display = mock_display(bench_rig.config(tmp_path))
-        display.connect()
-        return display
+
+class DisplayContract:
+    """Uses nothing but the Protocol."""
 
     def test_connect_reports_two_panels_and_a_refresh(self, display: Display) -> None:
         info = display.connect()
@@ -78,11 +80,13 @@ class TestMockDisplayContract:
         display.disconnect()
         display.disconnect()
 
-    def test_play_without_load_is_refused(self, tmp_path: Path) -> None:
-        display = mock_display(bench_rig.config(tmp_path))
-        display.connect()
+    def test_play_without_load_is_refused(self, display: Display) -> None:
         with pytest.raises(ConfigError, match="no frames"):
             display.play(lambda *_: None, lambda: False)
+
+
+class TestMockDisplay(DisplayContract):
+    """The mock bench's panels."""
 
     def test_cells_that_do_not_fit_are_refused(self, tmp_path: Path) -> None:
         small = PanelConfig(size_px=(3, 2))
