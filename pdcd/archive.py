@@ -220,8 +220,8 @@ def read_frames(
     empty = np.zeros((0, 0), dtype=np.uint8)
     more = 1 if window == "quarter" else 0
     frames = Frames(
-        primal_bits=empty if codes is None else codes.primal_bits,
-        dual_bits=empty if codes is None else codes.dual_bits,
+        primal_patterns=empty if codes is None else codes.primal_bits,
+        dual_patterns=empty if codes is None else codes.dual_bits,
         primal_index=table["primal_index"].astype(np.int32),
         dual_index=table["dual_index"].astype(np.int32),
         shift=table["shift"].astype(np.uint8),

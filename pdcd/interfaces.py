@@ -18,6 +18,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.patterns import Patterns
+
 Maturity = str
 """One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
 
@@ -43,8 +45,9 @@ class Clock(Protocol):
 class Frames:
     """What both panels are asked to show, refresh by refresh (F refreshes).
 
-    primal_bits, dual_bits : (P, ceil(L/8)) uint8
-        Patterns over the L lattice cells (row-major), packed by `numpy.packbits`.
+    primal_patterns, dual_patterns : (P, ceil(L/8)) uint8 or (P, L) float32
+        Patterns over the L lattice cells (row-major), as `pdcd.patterns` describes: packed bits
+        or grey levels.
     primal_index, dual_index : (F,) int32
         Which pattern each panel shows at each refresh; `BLACK` and `WHITE` are negative.
     shift : (F,) uint8
@@ -61,8 +64,8 @@ class Frames:
         Part of each mask cell that opens: all of it, or its central half by half.
     """
 
-    primal_bits: NDArray[np.uint8]
-    dual_bits: NDArray[np.uint8]
+    primal_patterns: Patterns
+    dual_patterns: Patterns
     primal_index: NDArray[np.int32]
     dual_index: NDArray[np.int32]
     shift: NDArray[np.uint8]

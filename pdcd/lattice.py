@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 SHIFTS = 4
@@ -78,7 +77,7 @@ class Lattice:
         """Code cells, L."""
         return self.shape[0] * self.shape[1]
 
-    def primal_field_values(self, pattern: Bools, shift: int) -> Bools:
+    def primal_field_values(self, pattern: Floats, shift: int) -> Floats:
         """What a pattern (L,) shown under a sub-shift puts on the primal fields, (fields, N)."""
         full = pattern.reshape(self.shape)
         rows, cols = self.grid
@@ -89,16 +88,16 @@ class Lattice:
             parts.append(full[down : down + rows, right : right + cols].ravel())
         return np.stack(parts)
 
-    def dual_field_values(self, pattern: Bools, shift: int) -> Bools:
+    def dual_field_values(self, pattern: Floats, shift: int) -> Floats:
         """What a pattern (L,) shown under a sub-shift opens on the dual fields, (fields, L + 1)."""
-        values = np.zeros((self.fields, self.lattice_cells + 1), dtype=np.bool_)
+        values = np.zeros((self.fields, self.lattice_cells + 1))
         values[shift, :-1] = pattern
         return values
 
-    def dual_field_uniform(self, on: bool) -> Bools:
+    def dual_field_uniform(self, level: float) -> Floats:
         """Dual fields of a black or fully open mask, (fields, L + 1); the rest stays black."""
-        values = np.full((self.fields, self.lattice_cells + 1), on)
-        values[:, -1] = False
+        values = np.full((self.fields, self.lattice_cells + 1), level)
+        values[:, -1] = 0.0
         return values
 
     @cached_property

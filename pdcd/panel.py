@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from pdcd.config import PanelConfig
 
-Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 
@@ -64,11 +63,11 @@ class Trajectory:
         Start of each span, from the opening of the shutter, ascending, first 0; a panel is at
         rest on black before.
     targets : callable
-        ``targets(s) -> (P,) bool``: what span s asks each of the P pixels to be.
+        ``targets(s) -> (P,) float64``: the level 0..1 that span s asks each of the P pixels for.
     """
 
     def __init__(
-        self, panel: Panel, starts_s: Floats, pixels: int, targets: Callable[[int], Bools]
+        self, panel: Panel, starts_s: Floats, pixels: int, targets: Callable[[int], Floats]
     ) -> None:
         self._panel = panel
         self._starts_s = starts_s
@@ -99,22 +98,24 @@ class Trajectory:
     def _advance(self, span: int, fields: Floats) -> None:
         """Write the fields of the next span and move the state to its end."""
         panel = self._panel
-        on = self._targets(span)
+        asked = self._targets(span)
         level = fields[0]
-        np.multiply(on, 1.0 - panel.leak, out=level)
+        np.multiply(asked, 1.0 - panel.leak, out=level)
         level += panel.leak
-        level[on] = 1.0  # exactly: an ideal panel must leave nothing behind
+        if panel.leak:
+            level[asked == 1.0] = 1.0  # exactly, whatever the rounding: full light has no leak
         if self.fields == 1:
             return
+        rising = level >= self._state
         # A zero time constant jumps: nothing of the deviation is left.
         deviation = np.subtract(self._state, level, out=fields[1])
         if panel.rise_s == 0.0:
-            deviation[on] = 0.0
+            deviation[rising] = 0.0
         if panel.fall_s == 0.0:
-            deviation[~on] = 0.0
+            deviation[~rising] = 0.0
         if self.fields == 3:
-            np.multiply(deviation, ~on, out=fields[2])
-            deviation *= on
+            np.multiply(deviation, ~rising, out=fields[2])
+            deviation *= rising
         if span + 1 < self._starts_s.size:
             elapsed_s = self._starts_s[span + 1] - self._starts_s[span]
             left = np.exp(-panel.rates[1:] * elapsed_s)

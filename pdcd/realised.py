@@ -24,8 +24,8 @@ from scipy import sparse
 from pdcd.interfaces import BLACK, WHITE, FrameLog, Frames
 from pdcd.lattice import Lattice
 from pdcd.panel import Panel, Trajectory, decay_integral
+from pdcd.patterns import levels_of
 
-Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
@@ -204,16 +204,16 @@ def _spans(
     return rows, np.maximum(starts, 0.0)
 
 
-def _target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) -> Bools:
-    """What one span asks of every pixel of a panel, (P,)."""
+def _target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) -> Floats:
+    """Level that one span asks of every pixel of a panel, (P,)."""
     index = frames.primal_index if primal_side else frames.dual_index
     which = BLACK if row < 0 else int(index[row])
     if which in (BLACK, WHITE):
         if primal_side:
-            return np.full(lattice.fields * lattice.cells, which == WHITE)
-        return lattice.dual_field_uniform(which == WHITE).ravel()
-    bits = (frames.primal_bits if primal_side else frames.dual_bits)[which]
-    pattern = np.unpackbits(bits, count=lattice.lattice_cells).astype(np.bool_)
+            return np.full(lattice.fields * lattice.cells, float(which == WHITE))
+        return lattice.dual_field_uniform(float(which == WHITE)).ravel()
+    patterns = frames.primal_patterns if primal_side else frames.dual_patterns
+    pattern = levels_of(patterns, which, lattice.lattice_cells)
     place = lattice.primal_field_values if primal_side else lattice.dual_field_values
     return place(pattern, int(frames.shift[row])).ravel()
 

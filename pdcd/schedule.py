@@ -84,8 +84,8 @@ def build_frames(
     pattern = code % count
     empty = np.zeros((0, 0), dtype=np.uint8)
     return Frames(
-        primal_bits=empty if codes is None else codes.primal_bits,
-        dual_bits=empty if codes is None else codes.dual_bits,
+        primal_patterns=empty if codes is None else codes.primal_bits,
+        dual_patterns=empty if codes is None else codes.dual_bits,
         primal_index=_index(primal, pattern),
         dual_index=np.where(guard, BLACK, _index(dual, pattern)).astype(np.int32),
         shift=np.repeat(slot_shift, per_slot).astype(np.uint8),

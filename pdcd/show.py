@@ -32,8 +32,8 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
     which = WHITE if pattern == "white" else 0
     one = np.array([which], dtype=np.int32)
     return Frames(
-        primal_bits=np.packbits(primal.reshape(1, -1), axis=1),
-        dual_bits=np.packbits(~primal.reshape(1, -1), axis=1),
+        primal_patterns=np.packbits(primal.reshape(1, -1), axis=1),
+        dual_patterns=np.packbits(~primal.reshape(1, -1), axis=1),
         primal_index=one,
         dual_index=one,
         shift=np.zeros(1, dtype=np.uint8),

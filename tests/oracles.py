@@ -55,7 +55,7 @@ def _primal_pixel(frames: Frames, row: int, index: int, at: tuple[float, float])
         return index == WHITE
     shift = int(frames.shift[row])
     cy, cx = int(np.floor(at[0] + 0.5 * (shift >> 1))), int(np.floor(at[1] + 0.5 * (shift & 1)))
-    return _code_bit(frames, frames.primal_bits[index], cy, cx)
+    return _code_bit(frames, frames.primal_patterns[index], cy, cx)
 
 
 def _dual_pixel(frames: Frames, row: int, index: int, at: tuple[float, float]) -> bool:
@@ -71,7 +71,7 @@ def _dual_pixel(frames: Frames, row: int, index: int, at: tuple[float, float]) -
             return index == WHITE
         if int(frames.shift[row]) != shift:
             return False
-        return _code_bit(frames, frames.dual_bits[index], cy, cx)
+        return _code_bit(frames, frames.dual_patterns[index], cy, cx)
     raise AssertionError("no window covers this point")
 
 

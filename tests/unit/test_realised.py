@@ -150,7 +150,7 @@ def test_without_guards_the_leak_equals_the_formula(skew: float) -> None:
     log = log_for(frames, start_ns=40_000_000)
     dual = Panel(skew_ns=round(skew * REFRESH_NS))
     got = collect(factors(frames, log, Panel(), dual, open_ns=0, close_ns=close_ns(log)))
-    on = np.unpackbits(frames.primal_bits, axis=1)[:, :12].astype(float)
+    on = np.unpackbits(frames.primal_patterns.astype(np.uint8), axis=1)[:, :12].astype(float)
     closed = 1.0 - on
     meets = closed[:-1] * on[1:] if skew > 0 else closed[1:] * on[:-1]
     want = abs(dual.skew_ns) * 1e-9 * meets.sum(axis=0)
@@ -167,7 +167,7 @@ def test_slow_panels_leak_as_the_report_says() -> None:
     end = 3 * REFRESH_NS
     got = collect(factors(frames, log, primal, dual, open_ns=0, close_ns=end))
     t = REFRESH_NS * 1e-9
-    on = np.unpackbits(frames.primal_bits, axis=1)[0, :4].astype(bool)
+    on = np.unpackbits(frames.primal_patterns.astype(np.uint8), axis=1)[0, :4].astype(bool)
     # A lit cell's mask never opens: it leaks for all three refreshes.
     np.testing.assert_allclose(got.coaxial[on], 3 * t * leak, rtol=1e-12)
     assert np.all(got.coaxial[~on] == 0.0)

@@ -1,0 +1,38 @@
+"""Patterns of one panel over L lattice cells: packed bits, or grey levels where bits do not do.
+
+An array of patterns is either (P, ceil(L/8)) uint8, packed by `numpy.packbits` along axis 1, or
+(P, L) float32, the share of full light that each cell is to show, 0..1. Grey levels ask for panels
+with a calibrated response; binary ones need none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Patterns = NDArray[np.uint8] | NDArray[np.float32]
+
+
+def pack(on: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """(P, L) bool -> packed patterns."""
+    return np.packbits(on, axis=1)
+
+
+def compact(levels: NDArray[np.floating]) -> Patterns:
+    """(P, L) levels 0..1 -> packed bits when they are all 0 or 1, else float32."""
+    if np.all((levels == 0.0) | (levels == 1.0)):
+        return pack(levels.astype(np.bool_))
+    return levels.astype(np.float32)
+
+
+def none() -> NDArray[np.uint8]:
+    """No patterns at all, for panels that are black or white throughout."""
+    return np.zeros((0, 0), dtype=np.uint8)
+
+
+def levels_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.float64]:
+    """One pattern as levels, (L,) float64."""
+    row = patterns[index]
+    if row.dtype == np.uint8:
+        row = np.unpackbits(row.astype(np.uint8), count=cells)
+    return np.asarray(row, dtype=np.float64)
