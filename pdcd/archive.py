@@ -4,7 +4,7 @@
 
     <job>/capture.json    manifest; written last, so no manifest means unfinished
     <job>/raw/            camera files, byte for byte, read-only
-    <job>/codes.npz       packed bits of every code
+    <job>/codes.npz       what both panels showed: packed bits or levels, seed, generator
     <job>/frames.csv      one row per refresh of every shot: what was asked, what was shown, when
     <job>/linear/         float32 TIFF, linear, before any tone map
     <job>/probe.npz       image and sigma, float64 (h, w, 3), in scene units
@@ -34,9 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd import __version__
-from pdcd.codes import Codes
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError
 from pdcd.interfaces import FrameLog, Frames
+from pdcd.lattice import Lattice
+from pdcd.patterns import Patterns
+from pdcd.plan import Plan
 from pdcd.record import Manifest, ShotRecord
 
 MANIFEST = "capture.json"
@@ -96,21 +98,21 @@ class RunFolder:
         found = (p for p in self.path.rglob("*") if p.is_file())
         return tuple(sorted(str(p.relative_to(self.path)) for p in found))
 
-    def write_codes(self, codes: Codes | None, lattice: tuple[int, int]) -> None:
-        """Store the packed codes and where they came from; none of them for a white photo."""
-        bits = np.zeros((0, 0), dtype=np.uint8)
+    def write_patterns(self, plan: Plan, seed: int) -> None:
+        """Store what both panels are to show, what made it, and the arrays of the goal."""
+        goal = plan.recipe.goal
+        arrays: dict[str, NDArray[Any]] = {
+            "family": np.array(plan.family),
+            "codes": np.array(plan.count),
+            "seed": np.array(seed),
+            "generator": np.array(f"pdcd {__version__}, numpy {np.__version__} PCG64"),
+        }
+        for name, (primal, dual) in plan.patterns.items():
+            arrays[f"{name}.primal"], arrays[f"{name}.dual"] = primal, dual
+        for name, array in {**goal.planes, **goal.matrices}.items():
+            arrays[f"goal.{name}"] = array
         with disk_errors(str(self.path)), (self.path / "codes.npz").open("wb") as file:
-            np.savez_compressed(
-                file,
-                primal_bits=bits if codes is None else codes.primal_bits,
-                dual_bits=bits if codes is None else codes.dual_bits,
-                weight=np.zeros(0) if codes is None else codes.weight,
-                lattice=np.array(lattice),
-                family=np.array("none" if codes is None else codes.family),
-                p=np.array(0.0 if codes is None else codes.p),
-                seed=np.array(0 if codes is None else codes.seed),
-                generator=np.array(f"pdcd {__version__}, numpy {np.__version__} PCG64"),
-            )
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     def write_frames(self, shot: str, frames: Frames, log: FrameLog) -> None:
         """Append the refreshes of a shot to frames.csv."""
@@ -181,28 +183,20 @@ def read_manifest(folder: Path) -> Manifest:
         raise DecodeError(f"{path} is damaged: {err}", hint="restore it from a copy") from err
 
 
-def read_codes(folder: Path) -> Codes:
-    """The codes of a run, as `RunFolder.write_codes` stored them."""
+def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of codes.npz, as `RunFolder.write_patterns` stored them."""
     path = folder / "codes.npz"
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            return Codes(
-                primal_bits=data["primal_bits"],
-                dual_bits=data["dual_bits"],
-                weight=data["weight"],
-                lattice=(int(data["lattice"][0]), int(data["lattice"][1])),
-                family=str(data["family"]),
-                p=float(data["p"]),
-                seed=int(data["seed"]),
-            )
+            return {name: data[name] for name in data.files}
     except (OSError, KeyError, ValueError, EOFError, BadZipFile, zlib.error) as err:
         raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
 
 
 def read_frames(
-    folder: Path, shot: ShotRecord, codes: Codes | None, *, grid: tuple[int, int], window: str
+    folder: Path, shot: ShotRecord, pair: tuple[Patterns, Patterns], *, grid: tuple[int, int]
 ) -> tuple[Frames, FrameLog]:
-    """What one shot was asked to show and what it showed, from frames.csv and codes.npz."""
+    """What one shot was asked to show and what it showed, from frames.csv and its patterns."""
     path = folder / "frames.csv"
     try:
         with path.open(newline="") as file:
@@ -217,19 +211,17 @@ def read_frames(
             f"{path} has {len(rows)} refreshes of shot {shot.name}, not {shot.refreshes}",
             hint="restore it from a copy",
         )
-    empty = np.zeros((0, 0), dtype=np.uint8)
-    more = 1 if window == "quarter" else 0
     frames = Frames(
-        primal_patterns=empty if codes is None else codes.primal_bits,
-        dual_patterns=empty if codes is None else codes.dual_bits,
+        primal_patterns=pair[0],
+        dual_patterns=pair[1],
         primal_index=table["primal_index"].astype(np.int32),
         dual_index=table["dual_index"].astype(np.int32),
         shift=table["shift"].astype(np.uint8),
         code=table["code"].astype(np.int32),
         guard=table["guard"].astype(np.bool_),
         grid=grid,
-        lattice=(grid[0] + more, grid[1] + more),
-        window=window,
+        lattice=Lattice(grid, shot.window).shape,
+        window=shot.window,
     )
     log = FrameLog(
         primal_shown=table["primal_shown"].astype(np.int32),

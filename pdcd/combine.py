@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.realised import Factors, signed_sum
-from pdcd.recipe import Combination, Recipe
-from pdcd.report import weight_s
+from pdcd.recipe import Combination, Photo, Recipe
+from pdcd.report import row_weights_s, weight_s
 
 Floats = NDArray[np.float64]
 
@@ -52,19 +52,33 @@ def combine(recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Picture]:
     """
     scaled: dict[str, Picture] = {}
     for photo in recipe.photos:
-        weight = weight_s(realised_photo(photo.shots, shots), photo.wanted)
-        if not weight > 0.0:
-            raise DecodeError(
-                f"photo {photo.name} has no light on the paths it is to keep",
-                hint="look at frames.csv: did the panels show the codes while the shutter was open",
-            )
+        realised = realised_photo(photo.shots, shots)
         light = _sum(sign * shots[name].light for sign, name in photo.shots)
         variance = _sum(shots[name].variance for _, name in photo.shots)
         blown = np.logical_or.reduce([shots[name].saturated for _, name in photo.shots])
+        weight = _weight(photo, realised, light.shape[:2])
         sigma = np.sqrt(variance) / weight
         sigma[blown] = np.inf
         scaled[photo.name] = Picture(light / weight, sigma)
     return {name: _combination(parts, scaled) for name, parts in recipe.pictures.items()}
+
+
+def _weight(photo: Photo, realised: Factors, shape: tuple[int, int]) -> Floats:
+    """What to divide a photo by, (h, w, 1) or one number: see `Photo.row_weights`."""
+    common = weight_s(realised, photo.wanted)
+    if not common > 0.0:
+        raise DecodeError(
+            f"photo {photo.name} has no light on the paths it is to keep",
+            hint="look at frames.csv: did the panels show the codes while the shutter was open",
+        )
+    if not photo.row_weights:
+        return np.array(common)
+    inner, norm = row_weights_s(realised, photo.wanted)
+    usable = (norm > 0.0) & (inner > 0.0)
+    own = np.where(usable, inner / np.where(norm > 0.0, norm, 1.0), common)
+    cells = own.reshape(photo.wanted.grid)
+    per_cell = (shape[0] // cells.shape[0], shape[1] // cells.shape[1])
+    return cells.repeat(per_cell[0], axis=0).repeat(per_cell[1], axis=1)[..., None]
 
 
 def realised_photo(terms: Combination, shots: Mapping[str, Exposed]) -> Factors:

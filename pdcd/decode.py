@@ -13,14 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pdcd.archive import disk_errors, read_codes, read_frames, read_manifest, sha256_of
-from pdcd.codes import Codes
+from pdcd.archive import disk_errors, read_frames, read_manifest, read_patterns, sha256_of
 from pdcd.combine import Exposed, Picture, combine, realised_photo
 from pdcd.config import Homography
 from pdcd.develop import preview, warp, write_png, write_tiff
-from pdcd.goals import goal
+from pdcd.errors import DecodeError
+from pdcd.goals import MATRICES, PLANES, Goal
 from pdcd.panel import Panel, offset_cells
+from pdcd.patterns import Patterns, none
 from pdcd.raw import read_raw, rgb_variance, to_rgb
 from pdcd.realised import Factors, collect, factors
 from pdcd.recipe import Recipe, make_recipe
@@ -49,12 +51,16 @@ def decode(folder: Path, record: RunRecord, alive: Callable[[], None] = lambda: 
 
     `alive` is called every few hundredths of a second, and may raise to end the work.
     """
-    wanted = goal(record.goal, record.p)
-    recipe = make_recipe(wanted, black_level=record.black_level, white=record.white)
-    codes = read_codes(folder) if recipe.dual is not None else None
-    coded = {shot.name: shot.coded for shot in recipe.shots}
+    stored = read_patterns(folder)
+    recipe = make_recipe(
+        _goal(record, stored),
+        black_level=record.black_level,
+        white=record.white,
+        codes=record.codes,
+    )
+    program = {shot.name: shot.program for shot in recipe.shots if not shot.white}
     shots = {
-        shot.name: _expose(folder, record, shot, codes if coded[shot.name] else None, alive)
+        shot.name: _expose(folder, record, shot, _pair(stored, program.get(shot.name)), alive)
         for shot in record.shots
     }
     pictures = combine(recipe, shots)
@@ -101,14 +107,41 @@ def decode_folder(folder: Path) -> dict[str, Any]:
     return {"identical": all(f["identical"] for f in files), "files": files}
 
 
+def _goal(record: RunRecord, stored: dict[str, NDArray[Any]]) -> Goal:
+    """The goal of a run, its arrays as they were stored with it."""
+    arrays = {key[5:]: value for key, value in stored.items() if key.startswith("goal.")}
+    return Goal(
+        name=record.goal,
+        grid=record.grid,
+        p=record.p,
+        shift=record.shift,
+        radius=record.radius,
+        mix=record.mix,
+        planes={name: a for name, a in arrays.items() if name in PLANES},
+        matrices={name: a for name, a in arrays.items() if name in MATRICES},
+    )
+
+
+def _pair(stored: dict[str, NDArray[Any]], program: str | None) -> tuple[Patterns, Patterns]:
+    """Patterns of a program; of none, for a white shot."""
+    if program is None:
+        return none(), none()
+    try:
+        return stored[f"{program}.primal"], stored[f"{program}.dual"]
+    except KeyError as err:
+        raise DecodeError(
+            f"codes.npz lacks the patterns of {program}", hint="restore it from a copy"
+        ) from err
+
+
 def _expose(
     folder: Path,
     record: RunRecord,
     shot: ShotRecord,
-    codes: Codes | None,
+    pair: tuple[Patterns, Patterns],
     alive: Callable[[], None],
 ) -> Exposed:
-    frames, log = read_frames(folder, shot, codes, grid=record.grid, window=record.window)
+    frames, log = read_frames(folder, shot, pair, grid=record.grid)
     alive()
     chunks = factors(
         frames,

@@ -11,8 +11,8 @@ TARGET = 0.6
 USABLE = (0.02, 0.95)
 """A test exposure whose brightest sample lies outside tells too little: too dark, or clipped."""
 
-METER_CODES = 16
-"""Codes of a test exposure: enough that no cell is far from its mean."""
+METER_PAIRS = 16
+"""Pairs of patterns in a test exposure: enough that no cell is far from its mean."""
 
 MAX_TESTS = 6
 

@@ -18,9 +18,9 @@ def pack(on: NDArray[np.bool_]) -> NDArray[np.uint8]:
     return np.packbits(on, axis=1)
 
 
-def compact(levels: NDArray[np.floating]) -> Patterns:
+def compact(levels: NDArray[np.float64] | NDArray[np.bool_]) -> Patterns:
     """(P, L) levels 0..1 -> packed bits when they are all 0 or 1, else float32."""
-    if np.all((levels == 0.0) | (levels == 1.0)):
+    if levels.dtype == np.bool_ or np.all((levels == 0.0) | (levels == 1.0)):
         return pack(levels.astype(np.bool_))
     return levels.astype(np.float32)
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from pdcd.codes import Codes, make_codes
+import numpy as np
+
+from pdcd import planes
+from pdcd.codes import make_codes
 from pdcd.config import Config
 from pdcd.errors import ConfigError
-from pdcd.goals import WHITE, goal
+from pdcd.goals import MATRICES, PLANES, Goal, check_goal
 from pdcd.interfaces import Frames
 from pdcd.lattice import Lattice
+from pdcd.patterns import Patterns, compact, levels_of
+from pdcd.programs import Program, extended
 from pdcd.recipe import Recipe, Shot, make_recipe
 from pdcd.request import BlackLevel, CaptureRequest, PlanSummary, ShotSummary
 from pdcd.schedule import GUARDED_REFRESHES, build_frames, choose_window
+
+Pair = tuple[Patterns, Patterns]
 
 
 @dataclass(frozen=True)
@@ -20,7 +27,8 @@ class Plan:
     """All that the engine needs to know; `frames` builds the refreshes of a shot on demand."""
 
     recipe: Recipe
-    codes: Codes | None
+    patterns: dict[str, Pair]
+    """Projector and mask patterns of each program."""
     family: str
     count: int
     p: float
@@ -32,46 +40,55 @@ class Plan:
     refresh_hz: float
     settle_s: float
 
-    def frames(self, shot: Shot, *, codes: int | None = None) -> Frames:
-        """Refreshes of a shot; `codes` limits it to that many codes, once (test exposures)."""
-        shown = self.codes if shot.coded else None
-        passes = self.passes if shot.coded else self.white_slots
-        if codes is not None:
-            passes = 1
-            if shown is not None:
-                shown = replace(
-                    shown,
-                    primal_bits=shown.primal_bits[:codes],
-                    dual_bits=shown.dual_bits[:codes],
-                    weight=shown.weight[:codes],
-                )
+    def window_of(self, shot: Shot) -> str:
+        """Window mode of a shot: that of the rig for codes, whole cells for all else."""
+        coded = not shot.white and self.recipe.programs[shot.program].coded
+        return self.window if coded else "whole"
+
+    def passes_of(self, shot: Shot) -> int:
+        """How often a shot's sequence is shown: exact ones fill as many slots as codes would."""
+        if shot.white:
+            return self.white_slots
+        if self.recipe.programs[shot.program].coded:
+            return self.passes
+        return max(1, round(self.count * self.passes / len(self.patterns[shot.program][0])))
+
+    def pairs_of(self, shot: Shot) -> int:
+        """Pairs of patterns in a shot's sequence."""
+        return 1 if shot.white else len(self.patterns[shot.program][0])
+
+    def frames(self, shot: Shot, *, pairs: int | None = None) -> Frames:
+        """Refreshes of a shot; `pairs` limits it to that many pairs, once (test exposures)."""
+        shown = None
+        if not shot.white:
+            primal, dual = self.patterns[shot.program]
+            shown = (primal[:pairs], dual[:pairs])
         return build_frames(
             shown,
             self.grid,
-            window=self.window,
+            window=self.window_of(shot),
             guards=self.guards,
-            passes=passes,
-            primal=shot.primal,
-            dual=shot.dual,
+            passes=self.passes_of(shot) if pairs is None else 1,
+            primal_black=shot.primal_black,
+            dual_black=shot.dual_black,
         )
 
     def refreshes(self, shot: Shot) -> int:
         """Number of refreshes of a shot, without building them."""
-        slots = self.white_slots
-        if shot.coded:
-            slots = self.count * self.passes * Lattice(self.grid, self.window).fields
+        fields = 1 if shot.white else Lattice(self.grid, self.window_of(shot)).fields
+        slots = self.pairs_of(shot) * self.passes_of(shot) * fields
         return slots * (GUARDED_REFRESHES if self.guards else 1)
 
     def light_share(self, shot: Shot) -> float:
-        """Share of a floodlit exposure of the same length that an off-diagonal path keeps."""
+        """Mean share of a floodlit exposure of the same length that a path keeps."""
         duty = 1.0 / (GUARDED_REFRESHES if self.guards else 1)
-        if "black" in (shot.primal, shot.dual):
+        if shot.primal_black or shot.dual_black:
             return 0.0
-        if not shot.coded:
+        if shot.white:
             return duty
-        p = self.p
-        kept = p * (1.0 - p) if self.recipe.dual == "complement" else p * p
-        return duty * kept / Lattice(self.grid, self.window).fields
+        lattice = Lattice(self.grid, self.window_of(shot))
+        kept = _kept(self.patterns[shot.program], lattice.lattice_cells)
+        return duty * kept / lattice.fields
 
     def exposure_s(self, shot: Shot) -> float:
         """Planned time between opening and closing the shutter."""
@@ -82,14 +99,15 @@ class Plan:
         shots = tuple(
             ShotSummary(
                 name=s.name,
-                codes=self.count if s.coded else 0,
+                codes=0 if s.white else self.pairs_of(s),
                 refreshes=self.refreshes(s),
                 exposure_s=self.exposure_s(s),
                 light_share=self.light_share(s),
             )
             for s in self.recipe.shots
         )
-        main = self.recipe.answer[-1][1]
+        photos = {photo.name: photo for photo in self.recipe.photos}
+        main = photos[self.recipe.answer[-1][1]].shots[0][1]
         return PlanSummary(
             goal=self.recipe.goal.name,
             family=self.family,
@@ -107,15 +125,41 @@ class Plan:
         )
 
 
+def goal_of(request: CaptureRequest, grid: tuple[int, int]) -> Goal:
+    """The goal a request asks for, with all its arrays read. Raises ConfigError."""
+    given = {name: getattr(request, name) for name in (*PLANES, *MATRICES)}
+    arrays = {name: planes.load(name, v) for name, v in given.items() if v is not None}
+    for name in PLANES:
+        if name in arrays and arrays[name].shape != grid:
+            raise ConfigError(
+                f"{name} is {arrays[name].shape[0]} x {arrays[name].shape[1]}, the grid is "
+                f"{grid[0]} x {grid[1]} cells",
+                hint="give one value for each cell",
+            )
+    return check_goal(
+        Goal(
+            name=request.goal,
+            grid=grid,
+            p=request.p,
+            shift=request.shift,
+            radius=request.radius,
+            mix=request.mix,
+            planes={name: a.ravel() for name, a in arrays.items() if name in PLANES},
+            matrices={name: a for name, a in arrays.items() if name in MATRICES},
+        )
+    )
+
+
 def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> Plan:
     """Resolve a request against the configuration.
 
     Raises ConfigError when the request contradicts itself, the rig, or the limits.
     """
     schedule = config.schedule
-    wanted = goal(request.goal, request.p)
+    count = request.codes if request.codes is not None else schedule.codes
     black: BlackLevel = request.black_level or schedule.black_level
-    recipe = make_recipe(wanted, black_level=black, white=request.white)
+    wanted = goal_of(request, grid)
+    recipe = make_recipe(wanted, black_level=black, white=request.white, codes=count)
     cell_px = min(config.projector.size_px[1] / grid[0], config.projector.size_px[0] / grid[1])
     if cell_px < 1.0:
         raise ConfigError(
@@ -127,19 +171,15 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         request.window or schedule.window, config.rig.misregistration_px / cell_px
     )
     guards = schedule.guards if request.guards is None else request.guards
-    count = request.codes if request.codes is not None else schedule.codes
-    p = request.p if request.p is not None else 0.5
-    family = request.family or schedule.family
-    if request.family is None and family == "hadamard" and p != 0.5:
-        family = "balanced"  # Hadamard columns are lit half of the time
-    codes = None
-    if recipe.dual is not None:
-        lattice = Lattice(grid, window)
-        codes = make_codes(family, lattice.shape, count, dual=recipe.dual, p=p, seed=request.seed)
+    family = _family(request, schedule.family, recipe)
+    patterns = {
+        name: _compile(program, recipe, Lattice(grid, window), family, count, request.seed)
+        for name, program in recipe.programs.items()
+    }
     refresh_hz = min(config.projector.refresh_hz, config.mask.refresh_hz)
-    per_slot = GUARDED_REFRESHES if guards else 1
-    fields = Lattice(grid, window).fields if codes is not None else 1
-    one_pass_s = count * fields * per_slot / refresh_hz
+    coded = any(program.coded for program in recipe.programs.values())
+    fields = Lattice(grid, window).fields if coded else 1
+    one_pass_s = count * fields * (GUARDED_REFRESHES if guards else 1) / refresh_hz
     passes = 1
     if request.exposure_s is not None:
         passes = int(request.exposure_s / one_pass_s + 1e-9)
@@ -149,20 +189,17 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
                 f"{count} codes ({one_pass_s:.3g} s)",
                 hint="ask for fewer codes or a longer exposure",
             )
-    # A white shot that gathers about as much light as the indirect one keeps the camera at one
-    # setting; as the goal itself it takes as many slots as codes were asked for.
-    share = p * (1.0 - p) if recipe.goal != WHITE else 1.0
     plan = Plan(
         recipe=recipe,
-        codes=codes,
-        family=family if codes is not None else "none",
+        patterns=patterns,
+        family=family if coded else "none",
         count=count,
-        p=p,
+        p=next((p.p for p in recipe.programs.values() if p.coded), 0.5),
         grid=grid,
         window=window,
         guards=guards,
         passes=passes,
-        white_slots=max(1, round(count * passes * share)),
+        white_slots=_white_slots(recipe, patterns, Lattice(grid, window), count * passes),
         refresh_hz=refresh_hz,
         settle_s=config.rig.settle_s,
     )
@@ -174,3 +211,52 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
             hint="ask for fewer codes, or raise limits.max_exposure_s",
         )
     return plan
+
+
+def _family(request: CaptureRequest, default: str, recipe: Recipe) -> str:
+    """The family asked for. Hadamard columns are lit half of the time: where codes must be lit
+    less often, balanced ones stand in for them unless they were asked for by name."""
+    family = request.family or default
+    main = next((p.p for p in recipe.programs.values() if p.coded), 0.5)
+    if family == "hadamard" and main != 0.5 and request.family is None:
+        return "balanced"
+    return family
+
+
+def _compile(
+    program: Program, recipe: Recipe, lattice: Lattice, family: str, count: int, seed: int
+) -> Pair:
+    """Patterns of a program over its own lattice, under the goal's illumination."""
+    if not program.coded:
+        flat = Lattice(recipe.goal.grid)
+        primal, dual = program.pairs(np.zeros((0, 0), dtype=np.bool_), flat)
+        return compact(primal), compact(dual)
+    p = program.p
+    if p != 0.5 and recipe.goal.p is None:
+        # The best share of lit cells, rounded to what balanced codes can do.
+        p = max(1, round(p * count)) / count
+        family = "bernoulli" if family == "bernoulli" else "balanced"
+    bits = make_codes(family, lattice.shape, count, dual="same", p=p, seed=seed).primal()
+    primal, dual = program.pairs(bits, lattice)
+    if recipe.goal.light is not None:
+        primal = primal * extended(recipe.goal.light, lattice)
+    return compact(primal), compact(dual)
+
+
+def _white_slots(recipe: Recipe, patterns: dict[str, Pair], lattice: Lattice, slots: int) -> int:
+    """Slots of a white shot: as the goal itself, all; beside a coded one, as many as gather about
+    its light, which keeps the camera at one setting."""
+    for name, program in recipe.programs.items():
+        if program.coded:
+            slots = round(slots * _kept(patterns[name], lattice.lattice_cells))
+            break
+    return max(1, slots)
+
+
+def _kept(pair: Pair, cells: int) -> float:
+    """Mean over pairs and paths of the product of both panels' levels."""
+    primal, dual = (
+        np.array([levels_of(patterns, k, cells).mean() for k in range(len(patterns))])
+        for patterns in pair
+    )
+    return float(np.mean(primal * dual))

@@ -17,6 +17,8 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One exposure as it was taken. Times are ns of the rig's clock."""
 
     name: str
+    window: str
+    """Window mode of its frames."""
     raw: str
     """Path in the run folder."""
     sha256: str
@@ -38,10 +40,13 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     goal: str
     p: float | None
+    shift: tuple[int, int] | None
+    radius: int | None
+    mix: tuple[float, float] | None
+    codes: int
     black_level: BlackLevel
     white: bool
     grid: tuple[int, int]
-    window: str
     projector: PanelConfig
     mask: PanelConfig
     responsivity_e: tuple[float, float, float]

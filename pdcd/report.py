@@ -1,14 +1,17 @@
-"""How far a realised probing matrix is from the wanted one."""
+"""How far a realised probing matrix is from the wanted one, and by what it must be divided."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from pdcd.goals import Goal
 from pdcd.realised import Factors
+from pdcd.wanted import Wanted
+
+Floats = NDArray[np.float64]
 
 BLOCK = 512
 """Rows of the matrix looked at together; bounds the memory of the report."""
@@ -29,43 +32,57 @@ class Deviation(msgspec.Struct, frozen=True, kw_only=True):
     off_rms: float
 
 
-def weight_s(realised: Factors, wanted: Goal) -> float:
+def row_weights_s(realised: Factors, wanted: Wanted) -> tuple[Floats, Floats]:
+    """Inner products of wanted and realised, and of wanted with itself, row by row, (N,) each.
+
+    The diagonal of the realised matrix is `coaxial`: what direct light sees. Goals that treat all
+    pairs alike need no matrix at all; others are looked at block by block.
+    """
+    cells = wanted.cells
+    if wanted.uniform is not None:
+        diagonal, off = wanted.uniform
+        sums = np.sum(realised.left * realised.right.sum(axis=1)[:, None], axis=0)
+        inside = np.sum(realised.left * realised.right, axis=0)
+        inner = diagonal * realised.coaxial + off * (sums - inside)
+        return inner, np.full(cells, diagonal**2 + (cells - 1) * off**2)
+    inner, norm = np.empty(cells), np.empty(cells)
+    for start, stop, got, want in _blocks(realised, wanted):
+        inner[start:stop] = np.sum(got * want, axis=1)
+        norm[start:stop] = np.sum(want * want, axis=1)
+    return inner, norm
+
+
+def weight_s(realised: Factors, wanted: Wanted) -> float:
     """Least-squares factor between a realised and a wanted matrix, in seconds.
 
     Falls back to the mean open time where the wanted matrix is zero everywhere (one single cell
     has no indirect light).
     """
-    cells = realised.coaxial.size
-    norm = cells * wanted.diagonal**2 + cells * (cells - 1) * wanted.off**2
-    if norm == 0.0:
-        return float(realised.open_s.mean())
-    off = realised.total_s - realised.trace_s
-    inner = wanted.diagonal * float(realised.coaxial.sum()) + wanted.off * off
-    return inner / norm
+    inner, norm = row_weights_s(realised, wanted)
+    total = float(norm.sum())
+    return float(inner.sum()) / total if total > 0.0 else float(realised.open_s.mean())
 
 
 def deviation(
-    realised: Factors, wanted: Goal, alive: Callable[[], None] = lambda: None
+    realised: Factors, wanted: Wanted, alive: Callable[[], None] = lambda: None
 ) -> Deviation:
     """Compare every entry, block by block; O(R N^2) time, O(N) memory.
 
     `alive` is called at every block, and may raise to end the work.
     """
     weight = weight_s(realised, wanted)
-    cells = realised.coaxial.size
     scale = weight if weight != 0.0 else 1.0
-    diagonal = realised.coaxial / scale - wanted.diagonal
+    diagonal = np.empty(wanted.cells)
     worst, square = 0.0, 0.0
-    for start in range(0, cells, BLOCK):
+    for start, stop, got, want in _blocks(realised, wanted):
         alive()
-        stop = min(start + BLOCK, cells)
-        rows = realised.left[:, start:stop].T @ realised.right
-        rows /= scale
-        rows -= wanted.off
-        rows[np.arange(stop - start), np.arange(start, stop)] = 0.0
-        worst = max(worst, float(rows.max()), -float(rows.min()))
-        square += float(np.einsum("ij,ij->", rows, rows))
-    pairs = max(cells * (cells - 1), 1)
+        error = got / scale - want
+        rows, columns = np.arange(stop - start), np.arange(start, stop)
+        diagonal[start:stop] = error[rows, columns]
+        error[rows, columns] = 0.0
+        worst = max(worst, float(error.max()), -float(error.min()))
+        square += float(np.einsum("ij,ij->", error, error))
+    pairs = max(wanted.cells * (wanted.cells - 1), 1)
     return Deviation(
         weight_s=weight,
         diagonal_max=float(np.abs(diagonal).max()),
@@ -73,3 +90,12 @@ def deviation(
         off_max=worst,
         off_rms=float(np.sqrt(square / pairs)),
     )
+
+
+def _blocks(realised: Factors, wanted: Wanted) -> Iterator[tuple[int, int, Floats, Floats]]:
+    """(start, stop, realised rows, wanted rows), the realised diagonal being `coaxial`."""
+    for start in range(0, wanted.cells, BLOCK):
+        stop = min(start + BLOCK, wanted.cells)
+        got = realised.left[:, start:stop].T @ realised.right
+        got[np.arange(stop - start), np.arange(start, stop)] = realised.coaxial[start:stop]
+        yield start, stop, got, wanted.rows(start, stop)

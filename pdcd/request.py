@@ -13,7 +13,25 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-GoalName = Literal["white", "indirect", "direct", "fraction"]
+GoalName = Literal[
+    "white",
+    "indirect",
+    "direct",
+    "fraction",
+    "illuminated",
+    "diagonal",
+    "off-diagonal",
+    "warped",
+    "two-samples",
+    "relit",
+    "long-range",
+    "short-range",
+    "blocked",
+    "descattered",
+    "filtered",
+]
+Table = str | tuple[tuple[float, ...], ...]
+"""Path of an image or `.npy` file that the daemon can read, or rows of numbers."""
 FamilyName = Literal["bernoulli", "balanced", "hadamard"]
 WindowName = Literal["auto", "whole", "quarter"]
 BlackLevel = Literal["none", "mask", "ambient", "both"]
@@ -23,16 +41,29 @@ JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One wanted photo, as `capture.start` and `pdcd capture` take it.
 
-    `goal` names what to keep of the light transport; `p` is the kept share of indirect light and
-    belongs to the goal `fraction` only. `codes` is the number of independent primal/dual pairs.
-    `exposure_s` asks for a total coded time; the codes are then shown in as many whole passes as
-    fit. Fields left out (None) take the value of the rig's configuration.
+    `goal` names what to keep of the light transport; the fields from `p` to `matrix` are the
+    parameters of goals, each of which takes its own (see `pdcd.goals`). `codes` is the number of
+    independent primal/dual pairs. `exposure_s` asks for a total coded time; the codes are then
+    shown in as many whole passes as fit. Fields left out (None) take the value of the rig's
+    configuration.
     """
 
     goal: GoalName
     codes: Annotated[int, Meta(ge=1, le=65536)] | None = None
     family: FamilyName | None = None
     p: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
+    shift: tuple[int, int] | None = None
+    """Cells down and right from each camera cell to its projector cell."""
+    radius: Annotated[int, Meta(ge=0)] | None = None
+    mix: tuple[float, float] | None = None
+    """Weights of `warp` and `warp_b`."""
+    illumination: Table | None = None
+    warp: Table | None = None
+    warp_b: Table | None = None
+    region_a: Table | None = None
+    region_b: Table | None = None
+    kernel: Table | None = None
+    matrix: Table | None = None
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None

@@ -15,10 +15,8 @@ from pdcd.archive import RunFolder
 from pdcd.config import Config
 from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
-from pdcd.goals import Goal
 from pdcd.interfaces import CameraInfo, CameraSettings
-from pdcd.lattice import Lattice
-from pdcd.metering import MAX_TESTS, METER_CODES, next_aperture, peak_share
+from pdcd.metering import MAX_TESTS, METER_PAIRS, next_aperture, peak_share
 from pdcd.plan import Plan, make_plan
 from pdcd.provenance import git_commit, utc_now, versions
 from pdcd.raw import read_raw
@@ -27,6 +25,8 @@ from pdcd.record import SCHEMA_VERSION, Manifest, RunRecord, ShotRecord
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.rig import Exposure, Rig
 from pdcd.sensor import SensorProfile
+from pdcd.truth import probe
+from pdcd.wanted import Wanted
 
 logger = logging.getLogger(__name__)
 
@@ -45,8 +45,8 @@ class Run:
     folder: RunFolder
     shots: list[ShotRecord] = field(default_factory=list)
     meter: list[dict[str, Any]] = field(default_factory=list)
-    apertures: dict[bool, float] = field(default_factory=dict)
-    """Metered f-number of coded and of white shots."""
+    apertures: dict[str, float] = field(default_factory=dict)
+    """Metered f-number of each program; white shots have none, so theirs is under ''."""
     warnings: list[str] = field(default_factory=list)
 
     def watch(self, emit: Emit, cancelled: Callable[[], bool]) -> None:
@@ -70,7 +70,7 @@ class Run:
         plan = make_plan(request, self.config, grid)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
         self.notify("started", {"job": job, "goal": request.goal})
-        self.folder.write_codes(plan.codes, Lattice(grid, plan.window).shape)
+        self.folder.write_patterns(plan, request.seed)
         for shot in plan.recipe.shots:
             self._take(plan, shot, camera)
         self.notify("decoding", {"shots": len(self.shots)})
@@ -174,6 +174,7 @@ class Run:
         self.shots.append(
             ShotRecord(
                 name=shot.name,
+                window=plan.window_of(shot),
                 raw=str(done.raw.path.relative_to(self.folder.path)),
                 sha256=done.raw.sha256,
                 size_bytes=done.raw.size_bytes,
@@ -196,14 +197,14 @@ class Run:
         name: str,
         settings: CameraSettings,
         *,
-        codes: int | None = None,
+        pairs: int | None = None,
     ) -> Exposure:
         def progress(frame: int, frames: int, missed: int) -> None:
             fields = {"shot": name, "frame": frame, "frames": frames, "missed": missed}
             self._emit("progress", fields)
 
         return self.rig.expose(
-            plan.frames(shot, codes=codes),
+            plan.frames(shot, pairs=pairs),
             settings,
             self.folder.path / "raw",
             name,
@@ -225,7 +226,7 @@ class Run:
         return iso
 
     def _aperture(self, plan: Plan, shot: Shot, camera: CameraInfo) -> float:
-        """The f-number of a shot: as configured, or by test exposures, once for each side."""
+        """The f-number of a shot: as configured, or by test exposures, once for each program."""
         if self.config.camera.f_number != "auto":
             return self.config.camera.f_number
         if not camera.f_numbers:
@@ -234,19 +235,19 @@ class Run:
                 device="camera",
                 hint="set camera.f_number to what its ring says",
             )
-        if shot.coded not in self.apertures:
-            self.apertures[shot.coded] = self._metered(plan, shot, camera)
-        return self.apertures[shot.coded]
+        if shot.program not in self.apertures:
+            self.apertures[shot.program] = self._metered(plan, shot, camera)
+        return self.apertures[shot.program]
 
     def _metered(self, plan: Plan, shot: Shot, camera: CameraInfo) -> float:
         iso = self._iso(camera)
         saturation_dn = self.profile.saturation_dn(iso)
-        codes = min(METER_CODES, plan.count)
-        ratio = plan.count * plan.passes / codes if shot.coded else float(plan.white_slots)
+        pairs = min(METER_PAIRS, plan.pairs_of(shot))
+        ratio = plan.pairs_of(shot) * plan.passes_of(shot) / pairs
         f_number = min(camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
         for test in range(1, MAX_TESTS + 1):
             name = f"meter-{shot.name}-{test}"
-            done = self._expose(plan, shot, name, CameraSettings(iso, f_number), codes=codes)
+            done = self._expose(plan, shot, name, CameraSettings(iso, f_number), pairs=pairs)
             raw = read_raw(done.raw.path, sha256=done.raw.sha256, saturation_dn=saturation_dn)
             peak = peak_share(raw.planes, raw.saturated, saturation_dn)
             self.meter.append({"raw": f"raw/{name}.dng", "f_number": f_number, "peak": peak})
@@ -261,10 +262,13 @@ class Run:
         return RunRecord(
             goal=request.goal,
             p=request.p,
+            shift=request.shift,
+            radius=request.radius,
+            mix=request.mix,
+            codes=plan.count,
             black_level=request.black_level or self.config.schedule.black_level,
             white=request.white,
             grid=plan.grid,
-            window=plan.window,
             projector=self.config.projector,
             mask=self.config.mask,
             responsivity_e=(red, green, blue),
@@ -283,7 +287,7 @@ class Run:
 
     def _summary(self, plan: Plan, decoded: Decoded) -> dict[str, float | int | str | None]:
         answer = next(iter(decoded.pictures.values()))
-        truth = self._truth(plan.recipe.goal)
+        truth = self._truth(plan.recipe.wanted)
         error = None
         if truth is not None:
             scale = float(np.sqrt(np.mean(truth**2)))
@@ -301,7 +305,7 @@ class Run:
             "rms_error": error,
         }
 
-    def _truth(self, goal: Goal) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    def _truth(self, wanted: Wanted) -> np.ndarray[Any, np.dtype[np.float64]] | None:
         """What the goal's image is in truth, (h, w, 3), where the scene is known.
 
         A picture that was warped has no cell left to compare with.
@@ -309,8 +313,7 @@ class Run:
         scene = self.rig.scene
         if scene is None or self.config.camera.homography is not None:
             return None
-        direct, indirect = scene.split()
-        truth = goal.diagonal * direct + goal.off * indirect
+        truth = probe(scene, wanted)
         per_cell = self.config.camera.quads_per_cell
         image = truth.reshape(*scene.grid, 3)
         return image.repeat(per_cell, axis=0).repeat(per_cell, axis=1)

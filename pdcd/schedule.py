@@ -8,17 +8,13 @@ in the centre of its cells only (the paper's twelve-refresh sequence, as reconst
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes import Codes
 from pdcd.errors import ConfigError
 from pdcd.interfaces import BLACK, WHITE, Frames
 from pdcd.lattice import Lattice
-
-Side = Literal["codes", "black", "white"]
+from pdcd.patterns import Patterns, none
 
 GUARDED_REFRESHES = 3
 """Refreshes of one code with a black mask before and after it."""
@@ -50,44 +46,48 @@ def choose_window(asked: str, misregistration_cells: float) -> str:
 
 
 def build_frames(
-    codes: Codes | None,
+    pairs: tuple[Patterns, Patterns] | None,
     grid: tuple[int, int],
     *,
     window: str,
     guards: bool,
     passes: int,
-    primal: Side = "codes",
-    dual: Side = "codes",
+    primal_black: bool = False,
+    dual_black: bool = False,
 ) -> Frames:
     """Frames of one shot.
 
     Parameters
     ----------
-    codes : the patterns, over ``Lattice(grid, window).shape``; None when neither side shows them,
-        then `passes` counts slots.
+    pairs : patterns of projector and mask, P of each, over ``Lattice(grid, window).shape``; None
+        shows full light through a fully open mask, `passes` times.
     passes : how often the whole sequence is shown.
-    primal, dual : what each panel shows in its slots; "black" for the shots that measure leaks.
+    primal_black, dual_black : keep that panel black, for the shots that measure leaks.
     """
     lattice = Lattice(grid, window)
-    if codes is not None and codes.lattice != lattice.shape:
-        raise ConfigError(
-            f"codes of {codes.lattice} cells do not cover a lattice of {lattice.shape}",
-            hint="make the codes for the lattice of this window mode",
-        )
-    count = 1 if codes is None else len(codes)
-    shifts = lattice.fields if codes is not None else 1
+    primal, dual = (none(), none()) if pairs is None else pairs
+    for patterns in (primal, dual):
+        width = -(-lattice.lattice_cells // 8) if patterns.dtype == np.uint8 else None
+        if pairs is not None and patterns.shape[1] != (width or lattice.lattice_cells):
+            raise ConfigError(
+                f"patterns do not cover a lattice of {lattice.shape} cells",
+                hint="make the codes for the lattice of this window mode",
+            )
+    count = 1 if pairs is None else len(primal)
+    shifts = 1 if pairs is None else lattice.fields
     slot_code = np.repeat(np.arange(count * passes), shifts)
     slot_shift = np.tile(np.arange(shifts), count * passes)
     per_slot = GUARDED_REFRESHES if guards else 1
     code = np.repeat(slot_code, per_slot)
     guard = np.tile(np.arange(per_slot) != per_slot // 2, slot_code.size)
     pattern = code % count
-    empty = np.zeros((0, 0), dtype=np.uint8)
     return Frames(
-        primal_patterns=empty if codes is None else codes.primal_bits,
-        dual_patterns=empty if codes is None else codes.dual_bits,
-        primal_index=_index(primal, pattern),
-        dual_index=np.where(guard, BLACK, _index(dual, pattern)).astype(np.int32),
+        primal_patterns=primal,
+        dual_patterns=dual,
+        primal_index=_index(pattern, uniform=pairs is None, black=primal_black),
+        dual_index=np.where(
+            guard, BLACK, _index(pattern, uniform=pairs is None, black=dual_black)
+        ).astype(np.int32),
         shift=np.repeat(slot_shift, per_slot).astype(np.uint8),
         code=code.astype(np.int32),
         guard=guard,
@@ -97,8 +97,7 @@ def build_frames(
     )
 
 
-def _index(side: Side, pattern: NDArray[np.int64]) -> NDArray[np.int32]:
-    fixed = {"black": BLACK, "white": WHITE}
-    if side in fixed:
-        return np.full(pattern.size, fixed[side], dtype=np.int32)
+def _index(pattern: NDArray[np.int64], *, uniform: bool, black: bool) -> NDArray[np.int32]:
+    if black or uniform:
+        return np.full(pattern.size, BLACK if black else WHITE, dtype=np.int32)
     return pattern.astype(np.int32)

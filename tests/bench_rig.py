@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock import Bench
+from pdcd.codes import Codes
 from pdcd.config import (
     CameraConfig,
     Config,
@@ -22,7 +23,9 @@ from pdcd.config import (
     ServerConfig,
 )
 from pdcd.engine import Engine
+from pdcd.patterns import Patterns
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.wanted import Match, Uniform, Wanted
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +38,18 @@ def transport(grid: tuple[int, int] = GRID, seed: int = 0) -> Floats:
     n = grid[0] * grid[1]
     rng = np.random.default_rng(seed)
     return np.asarray(0.05 * rng.random((n, n)) + np.diag(0.3 + 0.4 * rng.random(n)))
+
+
+def pairs(codes: Codes) -> tuple[Patterns, Patterns]:
+    """Patterns of projector and mask, as `build_frames` takes them."""
+    return codes.primal_bits, codes.dual_bits
+
+
+def uniform(grid: tuple[int, int], diagonal: float, off: float) -> Wanted:
+    """The wanted matrix ``diagonal * I + off * (1 - I)``."""
+    n = grid[0] * grid[1]
+    same = Match(np.arange(n))
+    return Wanted(grid, ((off, Uniform(n)), (diagonal - off, same)))
 
 
 def matrix_scene(folder: Path, grid: tuple[int, int] = GRID, ambient: float = 0.0) -> SceneConfig:

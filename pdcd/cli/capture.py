@@ -22,6 +22,9 @@ from pdcd.config import load, socket_path
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 
+FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
+"""Options that name a file the daemon is to read."""
+
 
 def capture(args: argparse.Namespace) -> int:
     """Take a photo; the exit code tells how it ended."""
@@ -82,8 +85,18 @@ def daemon_socket(args: argparse.Namespace) -> Path:
 
 def _request(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     """Check what was typed against the types of a request. Raises ConfigError."""
+    # The daemon has another current folder than we.
+    files = {
+        name: None if path is None else str(path.absolute())
+        for name in FILES
+        for path in [getattr(args, name)]
+    }
     fields = {
+        **files,
         "goal": args.goal,
+        "shift": args.shift,
+        "radius": args.radius,
+        "mix": args.mix,
         "codes": args.codes,
         "family": args.family,
         "p": args.p,
@@ -93,7 +106,6 @@ def _request(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "guards": args.guards,
         "black_level": args.black_level,
         "white": args.white,
-        # The daemon has another current folder than we.
         "out": None if out is None else str(out.absolute()),
         "note": args.note,
     }

@@ -21,7 +21,7 @@ GRID = bench_rig.GRID
 
 def frames(count: int = 8, grid: tuple[int, int] = GRID) -> Frames:
     codes = make_codes("balanced", grid, count, dual="complement")
-    return build_frames(codes, grid, window="whole", guards=True, passes=1)
+    return build_frames(bench_rig.pairs(codes), grid, window="whole", guards=True, passes=1)
 
 
 def mock_display(config: Config) -> Display:

@@ -99,7 +99,7 @@ def test_a_run_folder_holds_everything(tmp_path: Path) -> None:
     assert events.index("shutter_open") < events.index("shutter_closed") < events.index("decoding")
     assert (folder / "raw" / "coded.dng").stat().st_mode & 0o222 == 0
     codes = np.load(folder / "codes.npz")
-    assert codes["primal_bits"].shape == (8, 2)
+    assert codes["coded.primal"].shape == codes["coded.dual"].shape == (8, 2)
     assert "pdcd" in str(codes["generator"])
     picture = cv2.imread(str(folder / "preview" / "indirect.png"))
     assert picture is not None and picture.shape[1] >= 640 and picture.std() > 1

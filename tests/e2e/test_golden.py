@@ -83,7 +83,9 @@ def test_mock_photo_with_every_defect_on_equals_the_dense_evaluation(
     codes = make_codes(
         "balanced", Lattice(bench_rig.GRID, window).shape, 8, dual="complement", seed=4
     )
-    frames = build_frames(codes, bench_rig.GRID, window=window, guards=guards, passes=1)
+    frames = build_frames(
+        bench_rig.pairs(codes), bench_rig.GRID, window=window, guards=guards, passes=1
+    )
     bench = expose(defective(tmp_path), frames)
     assert bench.log is not None
     if guards:
@@ -100,7 +102,7 @@ def test_path_traced_scene_with_instant_panels(name: str, tmp_path: Path) -> Non
     data = np.load(bench_rig.DATA / f"{name}.npz")
     t, grid = data["transport"].astype(np.float64), (24, 32)
     codes = make_codes("hadamard", grid, 32, dual="complement", seed=1)
-    frames = build_frames(codes, grid, window="whole", guards=True, passes=1)
+    frames = build_frames(bench_rig.pairs(codes), grid, window="whole", guards=True, passes=1)
     scene = type(bench_rig.matrix_scene(tmp_path))(
         kind="matrix", path=str(bench_rig.DATA / f"{name}.npz")
     )

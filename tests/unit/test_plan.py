@@ -27,13 +27,13 @@ def test_the_papers_capture() -> None:
     summary = plan_of(codes=128, window="quarter", white=False).summary()
     assert summary.refreshes == 1536
     assert summary.shots[0].exposure_s == pytest.approx(25.7)
-    assert summary.light_share == pytest.approx(1 / 48)
+    assert summary.light_share == pytest.approx(1 / 48, rel=1e-3)
 
 
 def test_the_white_shot_gathers_as_much_light_as_the_indirect_one() -> None:
     shots = {s.name: s for s in plan_of(codes=128).summary().shots}
     coded = shots["coded"].refreshes * shots["coded"].light_share
-    assert shots["white"].refreshes * shots["white"].light_share == pytest.approx(coded)
+    assert shots["white"].refreshes * shots["white"].light_share == pytest.approx(coded, rel=1e-2)
 
 
 def test_plan_counts_the_frames_it_will_build() -> None:

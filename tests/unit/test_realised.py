@@ -7,14 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes import make_codes
-from pdcd.goals import INDIRECT, WHITE
 from pdcd.interfaces import FrameLog, Frames
 from pdcd.lattice import Lattice
 from pdcd.panel import Panel
 from pdcd.realised import collect, factors, signed_sum
 from pdcd.report import deviation, weight_s
 from pdcd.schedule import build_frames
-from tests import oracles
+from tests import bench_rig, oracles
 
 REFRESH_NS = 16_666_667
 FINE = 4
@@ -26,7 +25,7 @@ def frames_for(
     codes = make_codes(
         "bernoulli", Lattice(grid, window).shape, count, dual="complement", seed=seed
     )
-    return build_frames(codes, grid, window=window, guards=guards, passes=1)
+    return build_frames(bench_rig.pairs(codes), grid, window=window, guards=guards, passes=1)
 
 
 def log_for(
@@ -171,7 +170,7 @@ def test_slow_panels_leak_as_the_report_says() -> None:
     # A lit cell's mask never opens: it leaks for all three refreshes.
     np.testing.assert_allclose(got.coaxial[on], 3 * t * leak, rtol=1e-12)
     assert np.all(got.coaxial[~on] == 0.0)
-    report = deviation(got, INDIRECT)
+    report = deviation(got, bench_rig.uniform((2, 2), 0.0, 1.0))
     assert report.diagonal_max == pytest.approx(3 * t * leak / report.weight_s, rel=1e-12)
 
 
@@ -181,7 +180,7 @@ def test_slow_panels_leak_as_the_report_says() -> None:
 def test_indirect_codes_have_an_exactly_zero_diagonal(family: str, window: str, count: int) -> None:
     grid = (5, 7)
     codes = make_codes(family, Lattice(grid, window).shape, count, dual="complement", seed=5)
-    frames = build_frames(codes, grid, window=window, guards=True, passes=2)
+    frames = build_frames(bench_rig.pairs(codes), grid, window=window, guards=True, passes=2)
     log = log_for(frames)
     got = collect(factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log)))
     assert got.coaxial.max() == 0.0
@@ -193,7 +192,7 @@ def test_windows_tile_the_mask() -> None:
     """Every point is open under exactly one sub-shift: the open time is one refresh a code."""
     grid = (4, 3)
     codes = make_codes("hadamard", Lattice(grid, "quarter").shape, 64, dual="same", seed=5)
-    frames = build_frames(codes, grid, window="quarter", guards=True, passes=1)
+    frames = build_frames(bench_rig.pairs(codes), grid, window="quarter", guards=True, passes=1)
     log = log_for(frames)
     got = collect(factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log)))
     np.testing.assert_allclose(got.open_s, 32 * REFRESH_NS * 1e-9, rtol=1e-12)
@@ -220,8 +219,9 @@ def test_weight_is_the_least_squares_factor_and_report_is_the_dense_difference()
     n = 12
     off = ~np.eye(n, dtype=bool)
     matrix = got.dense()
-    assert weight_s(got, INDIRECT) == pytest.approx(matrix[off].mean(), rel=1e-12)
-    report = deviation(got, INDIRECT)
+    indirect = bench_rig.uniform((3, 4), 0.0, 1.0)
+    assert weight_s(got, indirect) == pytest.approx(matrix[off].mean(), rel=1e-12)
+    report = deviation(got, indirect)
     error = matrix[off] / report.weight_s - 1.0
     assert report.off_max == pytest.approx(np.abs(error).max(), rel=1e-10)
     assert report.off_rms == pytest.approx(np.sqrt((error**2).mean()), rel=1e-10)
@@ -235,12 +235,10 @@ def test_black_level_shots_leave_the_codes_alone() -> None:
     codes = make_codes("hadamard", grid, 8, dual="complement", seed=2)
     parts = []
     for sign, p, d in [
-        (1.0, "codes", "codes"), (-1.0, "codes", "black"),
-        (-1.0, "black", "codes"), (1.0, "black", "black"),
+        (1.0, False, False), (-1.0, False, True), (-1.0, True, False), (1.0, True, True),
     ]:  # fmt: skip
-        frames = build_frames(
-            codes, grid, window="whole", guards=True, passes=1,
-            primal=p, dual=d,  # type: ignore[arg-type]
+        frames = build_frames(bench_rig.pairs(codes), grid, window="whole", guards=True, passes=1,
+            primal_black=p, dual_black=d,
         )  # fmt: skip
         log = log_for(frames)
         one = collect(factors(frames, log, primal, dual, open_ns=0, close_ns=close_ns(log)))
@@ -253,10 +251,14 @@ def test_black_level_shots_leave_the_codes_alone() -> None:
 
 def test_white_frames_open_everything() -> None:
     frames = build_frames(
-        None, (3, 4), window="quarter", guards=True, passes=5, primal="white", dual="white"
+        None,
+        (3, 4),
+        window="quarter",
+        guards=True,
+        passes=5,
     )
     log = log_for(frames)
     got = collect(factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log)))
-    report = deviation(got, WHITE)
+    report = deviation(got, bench_rig.uniform((3, 4), 1.0, 1.0))
     assert report.weight_s == pytest.approx(5 * REFRESH_NS * 1e-9, rel=1e-12)
     assert max(report.off_max, report.diagonal_max) < 1e-12

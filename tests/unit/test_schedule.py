@@ -10,12 +10,13 @@ from pdcd.errors import ConfigError
 from pdcd.interfaces import BLACK, WHITE
 from pdcd.lattice import Lattice
 from pdcd.schedule import build_frames, choose_window
+from tests import bench_rig
 
 
 def test_twelve_refresh_sequence_of_one_code() -> None:
     """H4 and R-rows: [P P P] / [0 M 0] under each of the four sub-shifts."""
     codes = make_codes("bernoulli", (4, 5), 2, dual="complement")
-    frames = build_frames(codes, (3, 4), window="quarter", guards=True, passes=1)
+    frames = build_frames(bench_rig.pairs(codes), (3, 4), window="quarter", guards=True, passes=1)
     assert len(frames) == 24
     np.testing.assert_array_equal(frames.primal_index[:12], 0)
     np.testing.assert_array_equal(frames.dual_index[:12], [BLACK, 0, BLACK] * 4)
@@ -27,14 +28,14 @@ def test_twelve_refresh_sequence_of_one_code() -> None:
 def test_paper_counts() -> None:
     """Printed 512 codes are 128 pairs under 4 shifts: 1536 refreshes, 25.6 s at 60 Hz (H5)."""
     codes = make_codes("hadamard", (49, 65), 128, dual="complement")
-    frames = build_frames(codes, (48, 64), window="quarter", guards=True, passes=1)
+    frames = build_frames(bench_rig.pairs(codes), (48, 64), window="quarter", guards=True, passes=1)
     assert len(frames) == 1536
     assert len(frames) / 60.0 == pytest.approx(25.6)
 
 
 def test_passes_repeat_the_whole_sequence() -> None:
     codes = make_codes("balanced", (3, 4), 4, dual="same")
-    frames = build_frames(codes, (3, 4), window="whole", guards=False, passes=3)
+    frames = build_frames(bench_rig.pairs(codes), (3, 4), window="whole", guards=False, passes=3)
     np.testing.assert_array_equal(frames.primal_index, list(range(4)) * 3)
     np.testing.assert_array_equal(frames.code, range(12))
     assert not frames.guard.any()
@@ -43,8 +44,10 @@ def test_passes_repeat_the_whole_sequence() -> None:
 @pytest.mark.parametrize("side", ["primal", "dual"])
 def test_black_level_shots_keep_the_timing(side: str) -> None:
     codes = make_codes("balanced", (3, 4), 4, dual="same")
-    black = {side: "black"}
-    frames = build_frames(codes, (3, 4), window="whole", guards=True, passes=1, **black)  # type: ignore[arg-type]
+    black = {f"{side}_black": True}
+    frames = build_frames(
+        bench_rig.pairs(codes), (3, 4), window="whole", guards=True, passes=1, **black
+    )
     index = frames.primal_index if side == "primal" else frames.dual_index
     assert len(frames) == 12
     assert np.all(index == BLACK)
@@ -52,7 +55,11 @@ def test_black_level_shots_keep_the_timing(side: str) -> None:
 
 def test_white_slots() -> None:
     frames = build_frames(
-        None, (3, 4), window="quarter", guards=True, passes=2, primal="white", dual="white"
+        None,
+        (3, 4),
+        window="quarter",
+        guards=True,
+        passes=2,
     )
     np.testing.assert_array_equal(frames.primal_index, WHITE)
     np.testing.assert_array_equal(frames.dual_index, [BLACK, WHITE, BLACK] * 2)
@@ -61,7 +68,7 @@ def test_white_slots() -> None:
 def test_codes_of_another_lattice_are_refused() -> None:
     codes = make_codes("balanced", (3, 4), 4, dual="same")
     with pytest.raises(ConfigError, match="do not cover"):
-        build_frames(codes, (3, 4), window="quarter", guards=True, passes=1)
+        build_frames(bench_rig.pairs(codes), (3, 4), window="quarter", guards=True, passes=1)
 
 
 @pytest.mark.parametrize(

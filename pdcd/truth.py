@@ -1,0 +1,34 @@
+"""What a goal's image is on a scene whose transport is known."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.scene import Scene
+from pdcd.wanted import Wanted
+
+BLOCK = 256
+"""Rows of the wanted matrix taken together; bounds the memory."""
+
+
+def probe(scene: Scene, wanted: Wanted) -> NDArray[np.float64]:
+    """``(Pi o T) 1`` with the wanted matrix itself, (N, 3), in scene units, without ambient light.
+
+    Eq. 2 of the paper, evaluated row by row for matrices without structure.
+    """
+    if wanted.uniform is not None:
+        diagonal, off = wanted.uniform
+        direct, indirect = scene.split()
+        return diagonal * direct + off * indirect
+    image = np.zeros((scene.cells, 3))
+    nothing = np.zeros(scene.cells)
+    for start in range(0, scene.cells, BLOCK):
+        stop = min(start + BLOCK, scene.cells)
+        rows = wanted.rows(start, stop)
+        pick = np.zeros((stop - start, scene.cells))
+        pick[np.arange(stop - start), np.arange(start, stop)] = 1.0
+        own = nothing.copy()
+        own[start:stop] = rows[np.arange(stop - start), np.arange(start, stop)]
+        image += scene.photo(pick, rows, own, nothing)
+    return image
