@@ -21,13 +21,14 @@ from pdcd.config import Homography
 from pdcd.develop import preview, warp, write_png, write_tiff
 from pdcd.errors import DecodeError
 from pdcd.goals import MATRICES, PLANES, Goal
+from pdcd.learn import Learned, corrections, learn
 from pdcd.panel import Panel, offset_cells
 from pdcd.patterns import Patterns, none
 from pdcd.raw import read_raw, rgb_variance, to_rgb
 from pdcd.realised import Factors, collect, factors
-from pdcd.recipe import Recipe, make_recipe
+from pdcd.recipe import Recipe, Shot, make_recipe
 from pdcd.record import RunRecord, ShotRecord
-from pdcd.report import Deviation, deviation
+from pdcd.report import Deviation, deviation, weight_s
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class Decoded:
     recipe: Recipe
     shots: dict[str, Exposed]
     pictures: dict[str, Picture]
+    learned: Learned | None = None
 
     def deviations(self, alive: Callable[[], None] = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one."""
@@ -57,16 +59,22 @@ def decode(folder: Path, record: RunRecord, alive: Callable[[], None] = lambda: 
         black_level=record.black_level,
         white=record.white,
         codes=record.codes,
+        pilot=record.pilot,
     )
-    program = {shot.name: shot.program for shot in recipe.shots if not shot.white}
+    by_name = {shot.name: shot for shot in recipe.shots}
     shots = {
-        shot.name: _expose(folder, record, shot, _pair(stored, program.get(shot.name)), alive)
+        shot.name: _expose(folder, record, shot, _pair(stored, by_name[shot.name]), alive)
         for shot in record.shots
     }
-    pictures = combine(recipe, shots)
+    learned = None
+    if record.pilot:
+        learned = learn(recipe, shots, _bits(stored, recipe), record.codes + record.pilot)
+    if not all(name in shots for photo in recipe.photos for _, name in photo.shots):
+        return Decoded(recipe, shots, {}, learned)  # a run in the middle, which wants to learn
+    pictures = combine(recipe, shots, _missing(recipe, shots, learned), normalise=record.normalise)
     if record.homography is not None:
         pictures = {name: _warped(p, record.homography) for name, p in pictures.items()}
-    return Decoded(recipe, shots, pictures)
+    return Decoded(recipe, shots, pictures, learned)
 
 
 def write_pictures(folder: Path, decoded: Decoded) -> None:
@@ -117,21 +125,46 @@ def _goal(record: RunRecord, stored: dict[str, NDArray[Any]]) -> Goal:
         shift=record.shift,
         radius=record.radius,
         mix=record.mix,
+        period=record.period,
         planes={name: a for name, a in arrays.items() if name in PLANES},
         matrices={name: a for name, a in arrays.items() if name in MATRICES},
     )
 
 
-def _pair(stored: dict[str, NDArray[Any]], program: str | None) -> tuple[Patterns, Patterns]:
-    """Patterns of a program; of none, for a white shot."""
-    if program is None:
+def _pair(stored: dict[str, NDArray[Any]], shot: Shot) -> tuple[Patterns, Patterns]:
+    """Patterns of a shot; none for a white one."""
+    if shot.white:
         return none(), none()
     try:
-        return stored[f"{program}.primal"], stored[f"{program}.dual"]
+        pair = stored[f"{shot.program}.primal"], stored[f"{shot.program}.dual"]
     except KeyError as err:
         raise DecodeError(
-            f"codes.npz lacks the patterns of {program}", hint="restore it from a copy"
+            f"codes.npz lacks the patterns of {shot.program}", hint="restore it from a copy"
         ) from err
+    if shot.only is None:
+        return pair
+    return pair[0][shot.only : shot.only + 1], pair[1][shot.only : shot.only + 1]
+
+
+def _bits(stored: dict[str, NDArray[Any]], recipe: Recipe) -> NDArray[np.bool_]:
+    """What the projector showed in the single-code photos, (K, N)."""
+    cells = recipe.goal.grid[0] * recipe.goal.grid[1]
+    return np.unpackbits(stored["pilot.primal"], axis=1, count=cells).astype(np.bool_)
+
+
+def _missing(
+    recipe: Recipe, shots: dict[str, Exposed], learned: Learned | None
+) -> dict[str, NDArray[np.float64]]:
+    """What the coded photo gets wrong of the paths that a pilot found."""
+    if learned is None:
+        return {}
+    photo = next(p for p in recipe.photos if p.name == "coded")
+    realised = realised_photo(photo.shots, shots)
+    cells = corrections(learned, realised, weight_s(realised, photo.wanted))
+    height, width = shots[photo.shots[0][1]].light.shape[:2]
+    rows, cols = recipe.goal.grid
+    image = cells.reshape(rows, cols, 3)
+    return {"coded": image.repeat(height // rows, axis=0).repeat(width // cols, axis=1)}
 
 
 def _expose(
@@ -177,6 +210,7 @@ def _expose(
             "black_dn": raw.black.tolist(),
             "white_dn": raw.white,
         },
+        missed=shot.missed,
     )
 
 

@@ -49,6 +49,7 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
     "blocked": (("region_a", "region_b"), "all but light from B to A (Table 2, row 5)"),
     "descattered": (("shift",), "direct light less that of a neighbour (Table 2, row 6)"),
     "filtered": (("kernel",), "a filter over shifts (Table 2, row 7)"),
+    "split": (("period",), "indirect light that is sharp, and that is smooth (Fig. 10)"),
 }
 
 
@@ -56,7 +57,8 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
 class Goal:
     """A goal and its parameters.
 
-    shift : (down, right) cells; radius : cells; mix : weights of the two warps; p : 0..1.
+    shift : (down, right) cells; radius, period : cells; mix : weights of the two warps;
+    p : 0..1.
     planes : name -> (N,) float64; matrices : name -> 2-D float64.
     """
 
@@ -66,6 +68,7 @@ class Goal:
     shift: tuple[int, int] | None = None
     radius: int | None = None
     mix: tuple[float, float] | None = None
+    period: int | None = None
     planes: Mapping[str, Floats] = field(default_factory=dict)
     matrices: Mapping[str, Floats] = field(default_factory=dict)
 
@@ -80,7 +83,8 @@ def check_goal(goal: Goal) -> Goal:
     if goal.name not in GOALS:
         raise ConfigError(f"unknown goal {goal.name!r}", hint=f"known goals: {', '.join(GOALS)}")
     needs, _ = GOALS[goal.name]
-    single = {"p": goal.p, "shift": goal.shift, "radius": goal.radius, "mix": goal.mix}
+    names = ("p", "shift", "radius", "mix", "period")
+    single = {name: getattr(goal, name) for name in names}
     given = {name for name, value in single.items() if value is not None}
     given |= set(goal.planes) | set(goal.matrices)
     allowed = set(needs) if goal.name == "relit" else {*needs, "illumination"}
@@ -121,6 +125,12 @@ def _check_numbers(goal: Goal) -> None:
             )
         if goal.name == "descattered" and goal.shift == (0, 0):
             raise ConfigError("descattered needs a shift other than 0 0", hint="such as 0 -1")
+    if goal.period is not None and (goal.period % 4 or not 4 <= goal.period <= goal.grid[1]):
+        raise ConfigError(
+            f"stripes with a period of {goal.period} cells cannot be moved by a quarter of it "
+            f"across {goal.grid[1]} columns",
+            hint="take 4, or another multiple of 4 that fits the grid",
+        )
     if goal.mix is not None and not np.isfinite(goal.mix).all():
         raise ConfigError("the two weights must be finite numbers")
 

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
 
 from pdcd import planes
 from pdcd.codes import make_codes
+from pdcd.codes.prior import prior_codes
 from pdcd.config import Config
 from pdcd.errors import ConfigError
 from pdcd.goals import MATRICES, PLANES, Goal, check_goal
 from pdcd.interfaces import Frames
+from pdcd.isolation import FAMILIES as ISOLATION
+from pdcd.isolation import isolated
 from pdcd.lattice import Lattice
 from pdcd.patterns import Patterns, compact, levels_of
-from pdcd.programs import Program, extended
+from pdcd.pilot import pilot_codes
+from pdcd.programs import Floodlit, Program, extended
 from pdcd.recipe import Recipe, Shot, make_recipe
 from pdcd.request import BlackLevel, CaptureRequest, PlanSummary, ShotSummary
 from pdcd.schedule import GUARDED_REFRESHES, build_frames, choose_window
@@ -31,6 +38,7 @@ class Plan:
     """Projector and mask patterns of each program."""
     family: str
     count: int
+    pilot: int
     p: float
     grid: tuple[int, int]
     window: str
@@ -42,27 +50,29 @@ class Plan:
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""
-        coded = not shot.white and self.recipe.programs[shot.program].coded
-        return self.window if coded else "whole"
+        windowed = not shot.white and _windowed(self.recipe.programs[shot.program])
+        return self.window if windowed else "whole"
 
     def passes_of(self, shot: Shot) -> int:
         """How often a shot's sequence is shown: exact ones fill as many slots as codes would."""
         if shot.white:
             return self.white_slots
-        if self.recipe.programs[shot.program].coded:
+        if self.recipe.programs[shot.program].coded or shot.only is not None:
             return self.passes
         return max(1, round(self.count * self.passes / len(self.patterns[shot.program][0])))
 
     def pairs_of(self, shot: Shot) -> int:
         """Pairs of patterns in a shot's sequence."""
-        return 1 if shot.white else len(self.patterns[shot.program][0])
+        return 1 if shot.white or shot.only is not None else len(self.patterns[shot.program][0])
 
     def frames(self, shot: Shot, *, pairs: int | None = None) -> Frames:
         """Refreshes of a shot; `pairs` limits it to that many pairs, once (test exposures)."""
         shown = None
         if not shot.white:
             primal, dual = self.patterns[shot.program]
-            shown = (primal[:pairs], dual[:pairs])
+            first = shot.only or 0
+            last = first + (pairs or self.pairs_of(shot))
+            shown = (primal[first:last], dual[first:last])
         return build_frames(
             shown,
             self.grid,
@@ -96,32 +106,36 @@ class Plan:
 
     def summary(self) -> PlanSummary:
         """The plan in figures."""
+        alike = {name: len(self.recipe.stack) for name in self.recipe.stack[:1]}
         shots = tuple(
             ShotSummary(
                 name=s.name,
+                exposures=alike.get(s.name, 1),
                 codes=0 if s.white else self.pairs_of(s),
                 refreshes=self.refreshes(s),
                 exposure_s=self.exposure_s(s),
                 light_share=self.light_share(s),
             )
             for s in self.recipe.shots
+            if s.name not in self.recipe.stack[1:]
         )
         photos = {photo.name: photo for photo in self.recipe.photos}
-        main = photos[self.recipe.answer[-1][1]].shots[0][1]
+        last = self.recipe.main
+        main = photos[last].shots[0][1] if last in photos else self.recipe.stack[0]
         return PlanSummary(
             goal=self.recipe.goal.name,
             family=self.family,
-            codes=self.count,
+            codes=self.count + self.pilot,
             p=self.p,
             grid=self.grid,
             window=self.window,
             guards=self.guards,
             passes=self.passes,
             shots=shots,
-            refreshes=sum(s.refreshes for s in shots),
-            seconds=sum(s.exposure_s for s in shots),
+            refreshes=sum(s.refreshes * s.exposures for s in shots),
+            seconds=sum(s.exposure_s * s.exposures for s in shots),
             light_share=next(s.light_share for s in shots if s.name == main),
-            raw_files=len(shots),
+            raw_files=len(self.recipe.shots),
         )
 
 
@@ -156,10 +170,18 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     Raises ConfigError when the request contradicts itself, the rig, or the limits.
     """
     schedule = config.schedule
-    count = request.codes if request.codes is not None else schedule.codes
+    total = request.codes if request.codes is not None else schedule.codes
+    count = total - request.pilot
+    if count < 1:
+        raise ConfigError(
+            f"a pilot of {request.pilot} leaves none of {total} codes",
+            hint="the pilot's codes are counted among all: ask for more codes or a smaller pilot",
+        )
     black: BlackLevel = request.black_level or schedule.black_level
     wanted = goal_of(request, grid)
-    recipe = make_recipe(wanted, black_level=black, white=request.white, codes=count)
+    recipe = make_recipe(
+        wanted, black_level=black, white=request.white, codes=count, pilot=request.pilot
+    )
     cell_px = min(config.projector.size_px[1] / grid[0], config.projector.size_px[0] / grid[1])
     if cell_px < 1.0:
         raise ConfigError(
@@ -172,11 +194,19 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     )
     guards = schedule.guards if request.guards is None else request.guards
     family = _family(request, schedule.family, recipe)
+    if request.pilot and family != "hadamard":
+        raise ConfigError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
+    refresh_hz = min(config.projector.refresh_hz, config.mask.refresh_hz)
+    if family in ISOLATION:
+        slot_s = (GUARDED_REFRESHES if guards else 1) / refresh_hz
+        recipe = isolated(recipe, family, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
+    lattice = Lattice(grid, window)
     patterns = {
-        name: _compile(program, recipe, Lattice(grid, window), family, count, request.seed)
+        name: _compile(
+            program, recipe, lattice, _bits(name, program, request, lattice, family, count)
+        )
         for name, program in recipe.programs.items()
     }
-    refresh_hz = min(config.projector.refresh_hz, config.mask.refresh_hz)
     coded = any(program.coded for program in recipe.programs.values())
     fields = Lattice(grid, window).fields if coded else 1
     one_pass_s = count * fields * (GUARDED_REFRESHES if guards else 1) / refresh_hz
@@ -192,14 +222,15 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     plan = Plan(
         recipe=recipe,
         patterns=patterns,
-        family=family if coded else "none",
+        family=family if coded or family in ISOLATION else "none",
         count=count,
+        pilot=request.pilot,
         p=next((p.p for p in recipe.programs.values() if p.coded), 0.5),
         grid=grid,
         window=window,
         guards=guards,
         passes=passes,
-        white_slots=_white_slots(recipe, patterns, Lattice(grid, window), count * passes),
+        white_slots=_white_slots(recipe, patterns, lattice, count * passes),
         refresh_hz=refresh_hz,
         settle_s=config.rig.settle_s,
     )
@@ -223,34 +254,70 @@ def _family(request: CaptureRequest, default: str, recipe: Recipe) -> str:
     return family
 
 
-def _compile(
-    program: Program, recipe: Recipe, lattice: Lattice, family: str, count: int, seed: int
-) -> Pair:
-    """Patterns of a program over its own lattice, under the goal's illumination."""
+def _bits(
+    name: str,
+    program: Program,
+    request: CaptureRequest,
+    lattice: Lattice,
+    family: str,
+    count: int,
+) -> NDArray[np.bool_]:
+    """Code bits (K, L) of a coded program, none for others."""
     if not program.coded:
-        flat = Lattice(recipe.goal.grid)
-        primal, dual = program.pairs(np.zeros((0, 0), dtype=np.bool_), flat)
-        return compact(primal), compact(dual)
+        return np.zeros((0, 0), dtype=np.bool_)
+    if name == "pilot":
+        return pilot_codes(lattice.grid, request.pilot, request.seed)
     p = program.p
-    if p != 0.5 and recipe.goal.p is None:
+    if p != 0.5 and request.p is None:
         # The best share of lit cells, rounded to what balanced codes can do.
         p = max(1, round(p * count)) / count
         family = "bernoulli" if family == "bernoulli" else "balanced"
-    bits = make_codes(family, lattice.shape, count, dual="same", p=p, seed=seed).primal()
-    primal, dual = program.pairs(bits, lattice)
-    if recipe.goal.light is not None:
-        primal = primal * extended(recipe.goal.light, lattice)
+    shape = lattice.shape if _windowed(program) else lattice.grid
+    return make_codes(family, shape, count, dual="same", p=p, seed=request.seed).primal()
+
+
+def _compile(program: Program, recipe: Recipe, lattice: Lattice, bits: NDArray[np.bool_]) -> Pair:
+    """Patterns of a program over its own lattice, coded ones under the goal's illumination."""
+    own = lattice if _windowed(program) else Lattice(lattice.grid)
+    primal, dual = program.pairs(bits, own)
+    # A pilot looks at the whole scene: it learns paths, not the picture.
+    if recipe.goal.light is not None and _windowed(program):
+        primal = primal * extended(recipe.goal.light, own)
     return compact(primal), compact(dual)
+
+
+def with_links(plan: Plan, links: Any, seed: int) -> Plan:
+    """The same plan with Hadamard codes that keep linked cells (N, N) apart."""
+    lattice = Lattice(plan.grid, plan.window)
+    n, shape = lattice.cells, lattice.shape
+    row, column = np.divmod(np.arange(n), plan.grid[1])
+    onto = sparse.csr_array(
+        (np.ones(n), (row * shape[1] + column, np.arange(n))), shape=(lattice.lattice_cells, n)
+    )
+    # The generator is the one that `make_codes` takes, so that no links give the usual codes.
+    rng = np.random.Generator(np.random.PCG64(seed))
+    bits = prior_codes(shape, plan.count, onto @ links @ onto.T, rng)
+    coded = {
+        name: _compile(program, plan.recipe, lattice, bits)
+        for name, program in plan.recipe.programs.items()
+        if _windowed(program)
+    }
+    return replace(plan, patterns={**plan.patterns, **coded})
 
 
 def _white_slots(recipe: Recipe, patterns: dict[str, Pair], lattice: Lattice, slots: int) -> int:
     """Slots of a white shot: as the goal itself, all; beside a coded one, as many as gather about
     its light, which keeps the camera at one setting."""
     for name, program in recipe.programs.items():
-        if program.coded:
+        if _windowed(program):
             slots = round(slots * _kept(patterns[name], lattice.lattice_cells))
             break
     return max(1, slots)
+
+
+def _windowed(program: Program) -> bool:
+    """Whether a program runs in the rig's window mode: where the mask shows codes."""
+    return program.coded and not isinstance(program, Floodlit)
 
 
 def _kept(pair: Pair, cells: int) -> float:

@@ -78,6 +78,41 @@ class Coded:
 
 
 @dataclass(frozen=True, eq=False)
+class Under:
+    """Another program with the projector's levels times `light` (N,), 0..1."""
+
+    program: Program
+    light: Floats
+
+    @property
+    def coded(self) -> bool:
+        """As the program."""
+        return self.program.coded
+
+    @property
+    def p(self) -> float:
+        """As the program."""
+        return self.program.p
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """As many pairs as the program makes."""
+        primal, dual = self.program.pairs(bits, lattice)
+        return primal * extended(self.light, lattice), dual
+
+
+@dataclass(frozen=True, eq=False)
+class Floodlit:
+    """The codes alone through an open mask, for photos that are masked in software."""
+
+    coded: bool = True
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """K pairs."""
+        return bits, np.ones_like(bits)
+
+
+@dataclass(frozen=True, eq=False)
 class Signed:
     """One half of ``sum_w weight_w Match(partner_w)`` by +-1 codes h: mask = the same sum over h
     (eq. 9), its positive part under i = (1 + h)/2 and its negative part under (1 - h)/2, or the

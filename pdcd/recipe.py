@@ -10,17 +10,42 @@ X9).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pdcd.errors import ConfigError
 from pdcd.goals import Goal
-from pdcd.programs import Blocks, Coded, Far, Program, Signed, SignedBlocks, SignedMatrix
+from pdcd.programs import (
+    Blocks,
+    Coded,
+    Far,
+    Floats,
+    Floodlit,
+    Program,
+    Signed,
+    SignedBlocks,
+    SignedMatrix,
+    Under,
+)
 from pdcd.request import BlackLevel
 from pdcd.wanted import Full, Indices, Match, Near, Outer, Part, Uniform, Wanted, shifted
 
 Combination = tuple[tuple[float, str], ...]
 """(coefficient, name) pairs."""
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """``largest * max + smallest * min`` over photos, pixel by pixel (Fig. 10 of the paper)."""
+
+    largest: float
+    smallest: float
+    photos: tuple[str, ...]
+
+
+Rule = Combination | Extremes
+"""How a picture is made of photos."""
 
 Partner = Indices | tuple[int, int] | None
 
@@ -33,6 +58,9 @@ _BLACKS: dict[str, tuple[tuple[float, bool, bool], ...]] = {
     "both": ((-1.0, False, True), (-1.0, True, False), (1.0, True, True)),
 }
 
+STRIPES = 4
+"""Positions of the stripes of the goal "split"."""
+
 RANK_TOLERANCE = 1e-10
 """Singular values below this share of the largest count as zero."""
 
@@ -41,7 +69,8 @@ RANK_TOLERANCE = 1e-10
 class Shot:
     """One exposure: the program whose pairs it shows, and which panels stay black instead.
 
-    `white` shots show full light through a fully open mask.
+    `white` shots show full light through a fully open mask. `only` picks one pair of the program:
+    a photo of a single code.
     """
 
     name: str
@@ -49,6 +78,7 @@ class Shot:
     white: bool = False
     primal_black: bool = False
     dual_black: bool = False
+    only: int | None = None
 
 
 @dataclass(frozen=True)
@@ -67,22 +97,37 @@ class Photo:
 
 @dataclass(frozen=True)
 class Recipe:
-    """Shots, photos and pictures of one goal; `pictures` maps a name to photos, answer first."""
+    """Shots, photos and pictures of one goal; `pictures` maps a name to photos, answer first.
+
+    `stack` names the shots of single codes through an open mask, one RAW file each, in order.
+    """
 
     goal: Goal
     programs: dict[str, Program]
     shots: tuple[Shot, ...]
     photos: tuple[Photo, ...]
-    pictures: dict[str, Combination]
+    pictures: dict[str, Rule]
+    stack: tuple[str, ...] = ()
 
     @property
-    def answer(self) -> Combination:
-        """The combination of photos that is the wanted image."""
+    def answer(self) -> Rule:
+        """How the wanted image is made of photos."""
         return next(iter(self.pictures.values()))
 
     @property
+    def main(self) -> str:
+        """The photo of the answer that speaks for its light and its codes."""
+        rule = self.answer
+        return rule.photos[-1] if isinstance(rule, Extremes) else rule[-1][1]
+
+    @property
     def wanted(self) -> Wanted:
-        """The goal's own wanted matrix: that of the answer."""
+        """The goal's own wanted matrix: that of the answer.
+
+        Raises ConfigError for answers that no single matrix gives.
+        """
+        if isinstance(self.answer, Extremes):
+            raise ConfigError(f"goal {self.goal.name} is no sum of photos")
         photos = {photo.name: photo.wanted for photo in self.photos}
         parts = [
             (coefficient * weight, part)
@@ -110,10 +155,17 @@ class _Maker:
         else:
             self.exact("white", wanted, [np.ones(_cells(self.goal))], [self.goal.light])
 
-    def coded(self, name: str, program: Program, *parts: tuple[float, Part]) -> None:
-        """A photo of one coded shot."""
+    def coded(
+        self, name: str, program: Program, *parts: tuple[float, Part], light: Floats | None = None
+    ) -> None:
+        """A photo of one coded shot, under `light` beside the goal's own."""
+        wanted = self._wanted(*parts)
+        rows = isinstance(program, Far)
+        if light is not None:
+            program = Under(program, light)
+            wanted = wanted.under(light if wanted.light is None else light * wanted.light)
         self.programs[name] = program
-        self._photo(name, self._wanted(*parts), [(1.0, Shot(name, name))], isinstance(program, Far))
+        self._photo(name, wanted, [(1.0, Shot(name, name))], rows)
 
     def signed(
         self, name: str, half: Callable[[bool], Program], *parts: tuple[float, Part]
@@ -156,7 +208,12 @@ class _Maker:
 
 
 def make_recipe(
-    goal: Goal, *, black_level: BlackLevel = "none", white: bool = True, codes: int = 128
+    goal: Goal,
+    *,
+    black_level: BlackLevel = "none",
+    white: bool = True,
+    codes: int = 128,
+    pilot: int = 0,
 ) -> Recipe:
     """The recipe for a goal that `check_goal` has passed.
 
@@ -165,10 +222,29 @@ def make_recipe(
     black_level : which leaks to measure with further shots and subtract (limitations L1-L3).
     white : take a white shot beside the coded one of the goal "indirect".
     codes : number of codes K; exact decompositions are taken where they need fewer pairs.
+    pilot : number of codes to photograph one by one first, through an open mask.
     """
     maker = _Maker(goal, black_level)
     pictures = _RECIPES[goal.name](maker, white, codes)
-    return Recipe(goal, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
+    recipe = Recipe(goal, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
+    return _with_pilot(recipe, pilot) if pilot else recipe
+
+
+def _with_pilot(recipe: Recipe, count: int) -> Recipe:
+    """The same with `count` photos of single codes through an open mask before the coded shots."""
+    if "coded" not in recipe.programs or recipe.goal.name == "fraction":
+        raise ConfigError(
+            f"goal {recipe.goal.name} takes no pilot",
+            hint="a pilot helps indirect and direct light",
+        )
+    stack = tuple(Shot(f"pilot-{k + 1:04d}", "pilot", only=k) for k in range(count))
+    first = next(i for i, shot in enumerate(recipe.shots) if shot.program == "coded")
+    return replace(
+        recipe,
+        programs={"pilot": Floodlit(), **recipe.programs},
+        shots=(*recipe.shots[:first], *stack, *recipe.shots[first:]),
+        stack=tuple(shot.name for shot in stack),
+    )
 
 
 def _cells(goal: Goal) -> int:
@@ -184,12 +260,12 @@ def _all_but_direct(maker: _Maker) -> None:
     maker.coded("coded", Coded(None, True), (1.0, Uniform(_cells(goal))), (-1.0, _same(goal)))
 
 
-def _white(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _white(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     maker.white()
     return {"white": ((1.0, "white"),)}
 
 
-def _indirect(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _indirect(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     if not white:
         _all_but_direct(maker)
         return {"indirect": ((1.0, "coded"),)}
@@ -199,12 +275,12 @@ def _indirect(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
     return {"indirect": ((1.0, "coded"),), "white": ((1.0, "white"),), "direct": direct}
 
 
-def _direct(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _direct(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     pictures = _indirect(maker, True, codes)
     return {name: pictures[name] for name in ("direct", "white", "indirect")}
 
 
-def _fraction(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _fraction(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     goal = maker.goal
     p = goal.p or 0.0
     everything, same = Uniform(_cells(goal)), _same(goal)
@@ -222,29 +298,29 @@ def _matched(maker: _Maker, name: str, partner: Partner) -> None:
     maker.signed(name, lambda positive: Signed(((1.0, partner),), positive), (1.0, part))
 
 
-def _diagonal(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _diagonal(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     _matched(maker, "matched", None)
     return {"diagonal": ((1.0, "matched"),)}
 
 
-def _off_diagonal(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _off_diagonal(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     _matched(maker, "matched", maker.goal.shift)
     return {"off-diagonal": ((1.0, "matched"),)}
 
 
-def _warped(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _warped(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     _matched(maker, "matched", maker.goal.planes["warp"].astype(np.int64))
     return {"warped": ((1.0, "matched"),)}
 
 
-def _two_samples(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _two_samples(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     a, b = maker.goal.mix or (0.0, 0.0)
     _matched(maker, "first", maker.goal.planes["warp"].astype(np.int64))
     _matched(maker, "second", maker.goal.planes["warp_b"].astype(np.int64))
     return {"two-samples": ((a, "first"), (b, "second"))}
 
 
-def _illuminated(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _illuminated(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     maker.white()
     return {"illuminated": ((1.0, "white"),)}
 
@@ -256,19 +332,19 @@ def _far(maker: _Maker) -> None:
     maker.coded("far", Far(radius), everything, (-1.0, Near(goal.grid, radius)))
 
 
-def _long_range(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _long_range(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     _far(maker)
     return {"long-range": ((1.0, "far"),)}
 
 
-def _short_range(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _short_range(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     _all_but_direct(maker)
     _far(maker)
-    pictures: dict[str, Combination] = {"short-range": ((1.0, "coded"), (-1.0, "far"))}
+    pictures: dict[str, Rule] = {"short-range": ((1.0, "coded"), (-1.0, "far"))}
     return {**pictures, "indirect": ((1.0, "coded"),), "long-range": ((1.0, "far"),)}
 
 
-def _blocked(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _blocked(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     """Two exact pairs: all light seen outside A, and all light but B's seen inside A."""
     planes = maker.goal.planes
     a, b = planes["region_a"], planes["region_b"]
@@ -279,7 +355,7 @@ def _blocked(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
     return {"blocked": ((1.0, "blocked"),)}
 
 
-def _descattered(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _descattered(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     goal = maker.goal
     there = shifted(goal.grid, goal.shift or (0, 0))
     # Cells without a neighbour there stay closed, so that both samples cover the same cells.
@@ -290,7 +366,7 @@ def _descattered(maker: _Maker, white: bool, codes: int) -> dict[str, Combinatio
     return {"descattered": ((1.0, "difference"),)}
 
 
-def _filtered(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _filtered(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     """``sum_w f_w T_{n, n-w}``: tap w of the kernel pairs n with n - w (Table 2, row 7; X11)."""
     goal = maker.goal
     kernel = goal.matrices["kernel"]
@@ -304,14 +380,35 @@ def _filtered(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
     return {"filtered": ((1.0, "filtered"),)}
 
 
-def _relit(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
+def _split(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
+    """Indirect photos under stripes that light half of all cells, moved by a quarter period.
+
+    Light of one sharp path is there under some stripes and not under others; smooth light is half
+    there under all. The mean of all four times 2 has every path, once.
+    """
+    goal = maker.goal
+    period = goal.period or 4
+    names = tuple(f"stripes-{step}" for step in range(STRIPES))
+    column = np.arange(_cells(goal)) % goal.grid[1]
+    for step, name in enumerate(names):
+        lit = (column + step * period // STRIPES) % period < period // 2
+        parts = ((1.0, Uniform(_cells(goal))), (-1.0, _same(goal)))
+        maker.coded(name, Coded(None, True), *parts, light=lit.astype(np.float64))
+    return {
+        "high": Extremes(1.0, -1.0, names),
+        "low": Extremes(0.0, 2.0, names),
+        "indirect": tuple((2.0 / STRIPES, name) for name in names),
+    }
+
+
+def _relit(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     """Any matrix A: exact blocks where A has few distinct rows or a low rank, else eq. 9."""
     goal = maker.goal
     matrix = goal.matrices["matrix"]
     light = np.ones(_cells(goal)) if goal.light is None else goal.light
     wanted = Wanted(goal.grid, ((1.0, Full(matrix)),), goal.light)
     distinct, which = np.unique(matrix, axis=0, return_inverse=True)
-    answer: dict[str, Combination] = {"relit": ((1.0, "relit"),)}
+    answer: dict[str, Rule] = {"relit": ((1.0, "relit"),)}
     if matrix.min() >= 0.0 and len(distinct) <= codes:
         camera = [(which.ravel() == d).astype(np.float64) for d in range(len(distinct))]
         maker.exact("relit", wanted, camera, list(light * distinct / distinct.max()))
@@ -331,7 +428,7 @@ def _relit(maker: _Maker, white: bool, codes: int) -> dict[str, Combination]:
     return answer
 
 
-_RECIPES: dict[str, Callable[[_Maker, bool, int], dict[str, Combination]]] = {
+_RECIPES: dict[str, Callable[[_Maker, bool, int], dict[str, Rule]]] = {
     "white": _white,
     "indirect": _indirect,
     "direct": _direct,
@@ -347,4 +444,5 @@ _RECIPES: dict[str, Callable[[_Maker, bool, int], dict[str, Combination]]] = {
     "blocked": _blocked,
     "descattered": _descattered,
     "filtered": _filtered,
+    "split": _split,
 }

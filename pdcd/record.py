@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from pdcd.config import Homography, PanelConfig
-from pdcd.request import BlackLevel
+from pdcd.request import BlackLevel, MethodName, NormaliseName
 from pdcd.sensor import SensorProfile
 
 SCHEMA_VERSION = 1
@@ -43,8 +43,12 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     shift: tuple[int, int] | None
     radius: int | None
     mix: tuple[float, float] | None
+    period: int | None
     codes: int
+    method: MethodName
+    pilot: int
     black_level: BlackLevel
+    normalise: NormaliseName
     white: bool
     grid: tuple[int, int]
     projector: PanelConfig

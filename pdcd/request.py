@@ -29,12 +29,15 @@ GoalName = Literal[
     "blocked",
     "descattered",
     "filtered",
+    "split",
 ]
 Table = str | tuple[tuple[float, ...], ...]
 """Path of an image or `.npy` file that the daemon can read, or rows of numbers."""
-FamilyName = Literal["bernoulli", "balanced", "hadamard"]
+FamilyName = Literal["bernoulli", "balanced", "hadamard", "isolation", "confocal"]
+MethodName = Literal["coded", "multi-image", "nayar"]
 WindowName = Literal["auto", "whole", "quarter"]
 BlackLevel = Literal["none", "mask", "ambient", "both"]
+NormaliseName = Literal["auto", "scalar", "row"]
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
@@ -57,6 +60,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     radius: Annotated[int, Meta(ge=0)] | None = None
     mix: tuple[float, float] | None = None
     """Weights of `warp` and `warp_b`."""
+    period: Annotated[int, Meta(ge=4, multiple_of=4)] | None = None
+    """Cells from one stripe of the goal "split" to the next."""
     illumination: Table | None = None
     warp: Table | None = None
     warp_b: Table | None = None
@@ -64,11 +69,19 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     region_b: Table | None = None
     kernel: Table | None = None
     matrix: Table | None = None
+    method: MethodName = "coded"
+    """How: one coded photo; many photos through an open mask, masked in software; or the
+    separation by shifted checkers (Nayar et al. 2006). The last two are there to compare with."""
+    pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
+    """Of the `codes`, how many to spend first on single photos through an open mask, to learn
+    which far cells are linked. Each is one more RAW file."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None
     guards: bool | None = None
     black_level: BlackLevel | None = None
+    normalise: NormaliseName | None = None
+    """What a photo is divided by: one number, a weight for each cell, or as it needs."""
     white: bool = True
     """Take a white shot beside an indirect one, so that the run shows white, direct, indirect."""
     out: str | None = None
@@ -77,9 +90,10 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class ShotSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One exposure of a plan."""
+    """One exposure of a plan, or `exposures` equal ones that differ in their code only."""
 
     name: str
+    exposures: int = 1
     codes: int
     refreshes: int
     exposure_s: float

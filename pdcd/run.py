@@ -17,16 +17,15 @@ from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.interfaces import CameraInfo, CameraSettings
 from pdcd.metering import MAX_TESTS, METER_PAIRS, next_aperture, peak_share
-from pdcd.plan import Plan, make_plan
+from pdcd.plan import Plan, make_plan, with_links
 from pdcd.provenance import git_commit, utc_now, versions
 from pdcd.raw import read_raw
-from pdcd.recipe import Shot
+from pdcd.recipe import Recipe, Shot
 from pdcd.record import SCHEMA_VERSION, Manifest, RunRecord, ShotRecord
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.rig import Exposure, Rig
 from pdcd.sensor import SensorProfile
-from pdcd.truth import probe
-from pdcd.wanted import Wanted
+from pdcd.truth import answer
 
 logger = logging.getLogger(__name__)
 
@@ -72,6 +71,8 @@ class Run:
         self.notify("started", {"job": job, "goal": request.goal})
         self.folder.write_patterns(plan, request.seed)
         for shot in plan.recipe.shots:
+            if len(self.shots) == self._pilot_ends(plan):
+                plan = self._learn(plan, request, camera)
             self._take(plan, shot, camera)
         self.notify("decoding", {"shots": len(self.shots)})
         record = self._record(plan, request, camera)
@@ -152,6 +153,23 @@ class Run:
         """Raise Cancelled when somebody asked for it."""
         if self._cancelled():
             raise Cancelled("the job was cancelled")
+
+    def _pilot_ends(self, plan: Plan) -> int | None:
+        """Number of shots after which the pilot is complete; None without one."""
+        names = [shot.name for shot in plan.recipe.shots]
+        return names.index(plan.recipe.stack[-1]) + 1 if plan.pilot else None
+
+    def _learn(self, plan: Plan, request: CaptureRequest, camera: CameraInfo) -> Plan:
+        """Look at the pilot photos and keep linked cells apart in the codes that follow."""
+        self.notify("learning", {"photos": plan.pilot})
+        record = self._record(plan, request, camera)
+        learned = decode(self.folder.path, record, self.look_for_cancel).learned
+        if learned is None or not learned.worth.pays:
+            self.warnings.append("the pilot found nothing that better codes could avoid")
+            return plan
+        plan = with_links(plan, learned.links, request.seed)
+        self.folder.write_patterns(plan, request.seed)
+        return plan
 
     def _take(self, plan: Plan, shot: Shot, camera: CameraInfo) -> None:
         """Meter if needed, expose, write the frame log, check for missed refreshes."""
@@ -242,7 +260,9 @@ class Run:
     def _metered(self, plan: Plan, shot: Shot, camera: CameraInfo) -> float:
         iso = self._iso(camera)
         saturation_dn = self.profile.saturation_dn(iso)
-        pairs = min(METER_PAIRS, plan.pairs_of(shot))
+        # Exact sequences are shown whole: their first pairs are not like the rest.
+        exact = not shot.white and not plan.recipe.programs[shot.program].coded
+        pairs = plan.pairs_of(shot) if exact else min(METER_PAIRS, plan.pairs_of(shot))
         ratio = plan.pairs_of(shot) * plan.passes_of(shot) / pairs
         f_number = min(camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
         for test in range(1, MAX_TESTS + 1):
@@ -265,8 +285,12 @@ class Run:
             shift=request.shift,
             radius=request.radius,
             mix=request.mix,
+            period=request.period,
             codes=plan.count,
+            method=request.method,
+            pilot=request.pilot,
             black_level=request.black_level or self.config.schedule.black_level,
+            normalise=request.normalise or self.config.schedule.normalise,
             white=request.white,
             grid=plan.grid,
             projector=self.config.projector,
@@ -287,7 +311,7 @@ class Run:
 
     def _summary(self, plan: Plan, decoded: Decoded) -> dict[str, float | int | str | None]:
         answer = next(iter(decoded.pictures.values()))
-        truth = self._truth(plan.recipe.wanted)
+        truth = self._truth(plan.recipe)
         error = None
         if truth is not None:
             scale = float(np.sqrt(np.mean(truth**2)))
@@ -296,7 +320,8 @@ class Run:
         return {
             "goal": plan.recipe.goal.name,
             "family": plan.family,
-            "codes": plan.count,
+            "codes": plan.count + plan.pilot,
+            "pilot": plan.pilot,
             "passes": plan.passes,
             "shots": len(self.shots),
             "refreshes": sum(s.refreshes for s in self.shots),
@@ -305,7 +330,7 @@ class Run:
             "rms_error": error,
         }
 
-    def _truth(self, wanted: Wanted) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    def _truth(self, recipe: Recipe) -> np.ndarray[Any, np.dtype[np.float64]] | None:
         """What the goal's image is in truth, (h, w, 3), where the scene is known.
 
         A picture that was warped has no cell left to compare with.
@@ -313,7 +338,7 @@ class Run:
         scene = self.rig.scene
         if scene is None or self.config.camera.homography is not None:
             return None
-        truth = probe(scene, wanted)
+        truth = answer(scene, recipe)
         per_cell = self.config.camera.quads_per_cell
         image = truth.reshape(*scene.grid, 3)
         return image.repeat(per_cell, axis=0).repeat(per_cell, axis=1)

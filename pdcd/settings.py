@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, field
 
-from pdcd.request import BlackLevel, FamilyName, WindowName
+from pdcd.request import BlackLevel, FamilyName, NormaliseName, WindowName
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
@@ -130,6 +130,7 @@ class ScheduleConfig(_Table, frozen=True):
     window: WindowName = "auto"
     guards: bool = True
     black_level: BlackLevel = "none"
+    normalise: NormaliseName = "auto"
 
 
 class LimitsConfig(_Table, frozen=True):

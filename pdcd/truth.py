@@ -5,11 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.recipe import Extremes, Recipe
 from pdcd.scene import Scene
 from pdcd.wanted import Wanted
 
 BLOCK = 256
 """Rows of the wanted matrix taken together; bounds the memory."""
+
+
+def answer(scene: Scene, recipe: Recipe) -> NDArray[np.float64]:
+    """What a recipe's answer is in truth, (N, 3), in scene units, without ambient light."""
+    rule = recipe.answer
+    if not isinstance(rule, Extremes):
+        return probe(scene, recipe.wanted)
+    wanted = {photo.name: photo.wanted for photo in recipe.photos}
+    images = np.stack([probe(scene, wanted[name]) for name in rule.photos])
+    return np.asarray(rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0))
 
 
 def probe(scene: Scene, wanted: Wanted) -> NDArray[np.float64]:

@@ -6,10 +6,29 @@ import argparse
 from pathlib import Path
 
 # The names that `pdcd.request` defines; repeated, since importing them costs more than parsing.
-GOALS = ("white", "indirect", "direct", "fraction")
-FAMILIES = ("bernoulli", "balanced", "hadamard")
+GOALS = (
+    "white",
+    "indirect",
+    "direct",
+    "fraction",
+    "illuminated",
+    "diagonal",
+    "off-diagonal",
+    "warped",
+    "two-samples",
+    "relit",
+    "long-range",
+    "short-range",
+    "blocked",
+    "descattered",
+    "filtered",
+    "split",
+)
+FAMILIES = ("bernoulli", "balanced", "hadamard", "isolation", "confocal")
+METHODS = ("coded", "multi-image", "nayar")
 WINDOWS = ("auto", "whole", "quarter")
 BLACK_LEVELS = ("none", "mask", "ambient", "both")
+NORMALISE = ("auto", "scalar", "row")
 
 EXIT_CODES = (
     "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
@@ -79,6 +98,15 @@ def build_parser() -> argparse.ArgumentParser:
     decode = add("decode", "tools:decode", "decode a run folder again from its RAW files")
     decode.add_argument("folder", type=Path, metavar="FOLDER")
     _json_option(decode)
+    row = add("row", "row:row", "show which paths a finished run kept for one cell")
+    row.add_argument("folder", type=Path, metavar="FOLDER")
+    row.add_argument(
+        "--cell", type=int, nargs=2, required=True, metavar=("ROW", "COLUMN"), help="counted from 0"
+    )
+    row.add_argument("--photo", metavar="NAME", help="default: the one that the answer rests on")
+    row.add_argument("--out", type=Path, metavar="PNG", help="default: PHOTO-ROW-COLUMN.png here")
+    _json_option(row)
+    _snr_options(add("snr", "snr:snr", "compare one coded photo with many photos without a mask"))
     add("version", "tools:version", "print the version")
     return parser
 
@@ -99,6 +127,31 @@ def _client_options(parser: argparse.ArgumentParser) -> None:
     _json_option(parser)
 
 
+def _goal_options(parser: argparse.ArgumentParser) -> None:
+    """Add the parameters of goals; which goal takes which is in `pdcd.goals`."""
+    goals = parser.add_argument_group(
+        "parameters of goals", "arrays are .npy files or grey images with one pixel for each cell"
+    )
+    goals.add_argument(
+        "--shift", type=int, nargs=2, metavar=("DOWN", "RIGHT"), help="cells to the partner"
+    )
+    goals.add_argument("--radius", type=int, metavar="CELLS", help="what counts as near")
+    goals.add_argument(
+        "--mix", type=float, nargs=2, metavar=("A", "B"), help="weights of the two warps"
+    )
+    goals.add_argument("--period", type=int, metavar="CELLS", help="of the stripes (goal split)")
+    for name, text in (
+        ("illumination", "light of the projector"),
+        ("warp", "projector cell of each camera cell"),
+        ("warp-b", "a second warp"),
+        ("region-a", "camera cells of a region"),
+        ("region-b", "projector cells of a region"),
+        ("kernel", "weights of shifts, centre (0, 0)"),
+        ("matrix", "weight of every pair of cells"),
+    ):
+        goals.add_argument(f"--{name}", type=Path, metavar="FILE", help=text)
+
+
 def _request_options(parser: argparse.ArgumentParser) -> None:
     """Add one photo as asked for; what is left out takes the configuration's value."""
     parser.add_argument(
@@ -109,6 +162,15 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         "--local", action="store_true", help="drive the rig from this process, without a daemon"
     )
     parser.add_argument("--codes", type=int, metavar="K", help="number of primal/dual pairs")
+    parser.add_argument(
+        "--pilot",
+        type=int,
+        default=0,
+        metavar="K0",
+        help="of these, codes to photograph one by one first, to learn sharp far paths",
+    )
+    parser.add_argument("--method", choices=METHODS, default="coded", help="default: coded")
+    _goal_options(parser)
     parser.add_argument("--family", choices=FAMILIES, help="how the codes are made")
     parser.add_argument(
         "--p", type=float, metavar="P", help="share of indirect light to keep (goal fraction)"
@@ -132,6 +194,55 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         help="black exposures to take and subtract",
     )
     parser.add_argument(
+        "--normalise",
+        choices=NORMALISE,
+        help="divide photos by one number, or each cell by its own weight",
+    )
+    parser.add_argument(
         "--no-white", action="store_false", dest="white", help="skip the white shot beside it"
     )
     parser.add_argument("--note", default="", metavar="TEXT", help="kept with the run")
+
+
+def _snr_options(parser: argparse.ArgumentParser) -> None:
+    """Add the paper's appendix as it applies to another sensor; defaults are the appendix'."""
+    parser.add_argument(
+        "--profile",
+        default="modern",
+        metavar="NAME",
+        help="sensor: a name or the path of a .toml file; default: modern",
+    )
+    parser.add_argument(
+        "--iso", type=int, metavar="N", help="of the coded photo; default: the profile's lowest"
+    )
+    parser.add_argument(
+        "--codes",
+        type=int,
+        default=512,
+        metavar="N",
+        help="codes as the paper counts them, four to a code pair, each a mask-less photo; "
+        "default: 512",
+    )
+    parser.add_argument(
+        "--exposure",
+        type=float,
+        default=30.0,
+        metavar="S",
+        dest="exposure_s",
+        help="of the coded photo, and of all others together, in seconds; default: 30",
+    )
+    parser.add_argument(
+        "--signal",
+        type=float,
+        metavar="E",
+        dest="signal_e",
+        help="electrons of the coded photo through an ideal mask; default: 13 %% of the highest",
+    )
+    parser.add_argument(
+        "--transmission",
+        type=float,
+        default=1.0,
+        metavar="T",
+        help="light that the open mask lets through, in 0..1; default: 1",
+    )
+    _json_option(parser)

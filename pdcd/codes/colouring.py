@@ -4,23 +4,28 @@ Cells of one colour share a code, so the light that travels between two of them 
 weight 0 (same sign) or 2 (opposite signs) where 1 is wanted. Indirect light between cells falls
 off with distance and varies smoothly over far cells. Hence two rules: the colour of a cell is the
 one whose cells are farthest off, and its sign opposes the signs that this colour has around it.
+Where single paths are known, a third rule adds them to what the distance alone would fear.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 
 def colour_lattice(
-    lattice: tuple[int, int], colours: int, rng: np.random.Generator
+    lattice: tuple[int, int], colours: int, rng: np.random.Generator, links: Any = None
 ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
     """Colour the cells of a lattice, one after the other along a front.
 
     The front sweeps in a random direction, which packs the colours more regularly than a random
     order of cells does, yet never as regularly as a lattice colouring, in which one mirror in the
-    scene can meet the same colour over a whole region. Each cell takes the colour of least crowding
-    sum(1/d^4) over the cells d away that bear it, then the sign against the sum(sign/d).
+    scene can meet the same colour over a whole region. Cells with known links go first, the
+    strongest linked before all, while there is still choice. Each cell takes the colour of least
+    crowding sum(1/d^4) over the cells d away that bear it, then the sign against the sum(sign/d).
 
     Parameters
     ----------
@@ -30,6 +35,9 @@ def colour_lattice(
         How many colours there are; with at least as many as cells each cell has its own.
     rng : Generator
         Source of the direction and of signs that nothing else decides.
+    links : sparse array (L, L), symmetric, >= 0, empty diagonal, or None
+        Known strengths of light paths between cells, in any unit. A link crowds by its squared
+        strength, the mean square being 1: as much as a cell at distance 1 does.
 
     Returns
     -------
@@ -40,7 +48,9 @@ def colour_lattice(
     """
     rows, cols = lattice
     cells = rows * cols
+    known = _Links(links, cells)
     order = _front(lattice, rng)
+    order = order[np.argsort(-known.weight[order], kind="stable")]
     sign = rng.choice(np.array([-1, 1], dtype=np.int8), cells)
     colour = np.full(cells, colours)  # no colour yet: a bin of its own, that is never chosen
     colour[order[:colours]] = np.arange(min(colours, cells))
@@ -52,13 +62,32 @@ def colour_lattice(
         row, col = divmod(int(cell), cols)
         window = np.s_[rows - 1 - row : 2 * rows - 1 - row, cols - 1 - col : 2 * cols - 1 - col]
         crowd = np.bincount(colour, crowding[window].ravel(), colours + 1)
+        other, strength = known.of(cell)
+        crowd += np.bincount(colour[other], strength**2, colours + 1)
         best = int(np.argmin(crowd[:colours]))
-        around = float(((colour == best) * placed_sign) @ pull[window].ravel())
+        same = (colour == best) * placed_sign
+        around = float(same @ pull[window].ravel() + same[other] @ strength)
         if around != 0.0:
             sign[cell] = -1 if around > 0.0 else 1
         colour[cell] = best
         placed_sign[cell] = sign[cell]
     return colour, sign
+
+
+class _Links:
+    """Links of one cell at a time, scaled to a mean square of 1."""
+
+    def __init__(self, links: Any, cells: int) -> None:
+        matrix = scipy.sparse.csr_array((cells, cells) if links is None else links, dtype=float)
+        scale = np.sqrt(np.mean(matrix.data**2)) if matrix.nnz else 1.0
+        self._start, self._other = matrix.indptr, matrix.indices
+        self._strength = matrix.data / scale
+        self.weight: NDArray[np.float64] = matrix.power(2).sum(axis=1)
+
+    def of(self, cell: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Cells linked to `cell`, and how strongly: (n,) each."""
+        span = slice(self._start[cell], self._start[cell + 1])
+        return self._other[span], self._strength[span]
 
 
 def _front(lattice: tuple[int, int], rng: np.random.Generator) -> NDArray[np.int64]:

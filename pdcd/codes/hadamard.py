@@ -35,12 +35,23 @@ def hadamard(
             f"hadamard codes light every cell half of the time, not p = {p:g}",
             hint="take the family 'balanced' for other p",
         )
+    check_order(count)
+    return coloured(count, *colour_lattice(lattice, count - 1, rng), rng)
+
+
+def check_order(count: int) -> None:
+    """Raise ConfigError, naming the nearest numbers that work, unless `count` codes can be made."""
     if count < 2 or not is_order(count):
         near = " or ".join(str(n) for n in nearest_orders(count))
         raise ConfigError(
             f"hadamard codes do not come in sets of K = {count}", hint=f"take {near} codes"
         )
-    colour, sign = colour_lattice(lattice, count - 1, rng)
+
+
+def coloured(
+    count: int, colour: NDArray[np.int64], sign: NDArray[np.int8], rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Return the codes (K, L) bool of a colouring: a shuffled Hadamard column for each colour."""
     # Shuffled, so that which cells lose their orthogonality when codes are lost does not follow
     # from the regular construction of the matrix.
     column = 1 + rng.permutation(count - 1)[: colour.max() + 1]

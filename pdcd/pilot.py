@@ -1,0 +1,234 @@
+"""A pilot: a few codes photographed one by one, which tell where sharp indirect light comes from.
+
+Part of the codes is shown with the mask fully open, one RAW file each. Photo k then holds
+``y_k = T i_k`` for every cell. In each code half of the time of every cell is light, so twice the
+deviation from the mean photo is ``T h_k`` with h_k = +-1: for each row of T as many random
+projections as there are pilot codes. Mirrors and caustics make rows with few strong entries, and
+these a matching pursuit finds. The remaining codes are then made so that no two linked cells share
+a code (`pdcd.codes.prior`), and what they still get wrong of the paths found is known and removed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from pdcd.codes.make import make_codes
+from pdcd.codes.orders import is_order
+from pdcd.errors import ConfigError
+from pdcd.pursuit import pursue
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+MOST_PHOTOS = 128
+"""Pilot photos beyond which more would show no more paths than the scene has."""
+FEWEST_PHOTOS = 32
+"""Pilot photos below which chance matches outnumber true paths."""
+CHUNK = 2**22
+"""Numbers held at once when the weights of single paths are summed up."""
+
+
+def pilot_share(count: int) -> int:
+    """Return how many of `count` codes to spend on a pilot; 0 if a pilot cannot be had.
+
+    A power of two, at most two thirds of the codes, that leaves a Hadamard order for the shot.
+    """
+    share = MOST_PHOTOS
+    while share >= FEWEST_PHOTOS:
+        if 3 * share <= 2 * count and is_order(count - share):
+            return share
+        share //= 2
+    return 0
+
+
+def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
+    """Make the codes of a pilot, (count, L) bool, each cell lit in exactly half of them.
+
+    Two sets of `hadamard` codes, a quarter each, tell by how much they disagree what codes alone
+    would get wrong (`worth`). The other half is `balanced`: independent cells, any few of which
+    can be told apart, as the search for paths needs it.
+
+    Raises
+    ------
+    ConfigError
+        A quarter of `count` is no Hadamard order, or the lattice is empty.
+    """
+    quarter = count // 4
+    if count % 4 or not is_order(quarter) or quarter < 2:
+        raise ConfigError(
+            f"a pilot of {count} codes cannot be made", hint="take a power of two from 32"
+        )
+    kinds = (("hadamard", quarter), ("hadamard", quarter), ("balanced", count - 2 * quarter))
+    parts = [
+        make_codes(family, lattice, part, dual="complement", seed=3 * seed + i).primal()
+        for i, (family, part) in enumerate(kinds)
+    ]
+    return np.concatenate(parts)
+
+
+def estimate_links(
+    codes: Bools, photos: Floats, grid: tuple[int, int], *, sigma: float | Floats = 0.0
+) -> Any:
+    """Find the strong paths between different cells.
+
+    Parameters
+    ----------
+    codes : (K0, N) bool
+        What the projector showed, each cell lit in exactly half of the codes.
+    photos : (K0, N) float64
+        One photo per code with the mask fully open, black level removed: ``T i_k``.
+    grid : (rows, cols)
+        Cells of the scene, N in all.
+    sigma : float or array broadcastable to (K0, N)
+        Standard deviation of the noise of `photos`, in their unit.
+
+    Returns
+    -------
+    sparse CSR array (N, N) float64
+        Estimated entries of T, > 0, none on the diagonal, and none where light is spread smoothly.
+
+    Raises
+    ------
+    ConfigError
+        The arrays do not fit each other, or a cell is not lit in half of the codes.
+    """
+    _check(codes, photos, grid[0] * grid[1])
+    level = 2.0 * np.sqrt(np.mean(np.square(np.broadcast_to(sigma, photos.shape)), axis=0))
+    return pursue(_signs(codes), _projections(photos), grid, level)
+
+
+def correction(left: Floats, right: Floats, weight: float, paths: Any) -> Floats:
+    """Return what to add to an indirect image for the paths found: (N,) float64, in units of T.
+
+    The image counts the path from m to n with ``A_nm / weight`` where 1 is wanted; over the
+    modelled paths the difference is known exactly (a control variate).
+
+    Parameters
+    ----------
+    left, right : (R, N) float64
+        Factors of the realised probing matrix, ``A = left.T @ right`` (`pdcd.realised.Factors`).
+    weight : float
+        Weight the image was divided by, in the unit of A.
+    paths : sparse (N, N)
+        Paths of `estimate_links`.
+    """
+    table = scipy.sparse.coo_array(paths)
+    row, col = table.coords
+    realised = np.empty(row.size)
+    step = max(1, CHUNK // left.shape[0])
+    for start in range(0, row.size, step):
+        part = slice(start, start + step)
+        realised[part] = np.einsum("rp,rp->p", left[:, row[part]], right[:, col[part]])
+    missing = np.zeros(left.shape[1])
+    np.add.at(missing, row, (1.0 - realised / weight) * table.data)
+    return missing
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Predicted RMS errors of the indirect image, over the RMS of the true one.
+
+    `alone` for all codes in one shot and no pilot, `piloted` for a pilot and the other codes.
+    """
+
+    alone: float
+    piloted: float
+
+    @property
+    def pays(self) -> bool:
+        """Whether the pilot lowers the error."""
+        return self.piloted < self.alone
+
+
+def worth(
+    codes: Bools,
+    photos: Floats,
+    paths: Any,
+    count: int,
+    *,
+    sigma: float | Floats = 0.0,
+) -> Worth:
+    """Predict from the photos of `pilot_codes` whether to use the paths found.
+
+    Each of the two Hadamard sets of the pilot estimates the direct image; both hold the same truth,
+    so their difference shows the error of that many codes. Photos without the light of the paths
+    found show in the same way the error of codes that avoid these paths. Errors are carried over
+    to other numbers of codes by the share of pairs of cells that have a code in common: right for
+    unrelated paths, too much for smooth light, and this for both ways alike.
+
+    Parameters
+    ----------
+    codes, photos, sigma :
+        As for `estimate_links`, the codes those of `pilot_codes`.
+    paths : sparse (N, N)
+        What `estimate_links` found.
+    count : int
+        Number of codes in all, pilot included; more than the pilot has.
+
+    Raises
+    ------
+    ConfigError
+        The pilot leaves no codes, or the arrays do not fit each other.
+    """
+    _check(codes, photos, paths.shape[0])
+    pilot = codes.shape[0]
+    if count <= pilot:
+        raise ConfigError(
+            f"a pilot of {pilot} leaves nothing of {count} codes", hint="take more codes"
+        )
+    quarter = pilot // 4
+    first, second = slice(0, quarter), slice(quarter, 2 * quarter)
+    cleared = photos - (paths @ codes.T.astype(np.float64)).T
+    noise = np.broadcast_to(sigma, photos.shape)[: 2 * quarter]
+    blur = 8.0 / quarter * np.mean(noise**2)  # variance of a difference of two direct images
+    indirect = 2.0 * photos.mean(axis=0) - _direct(codes, photos)
+    spread = []
+    for series in (photos, cleared):
+        differ = _direct(codes[first], series[first]) - _direct(codes[second], series[second])
+        square = max(float(np.mean(differ**2) - blur), 0.0) / 2.0
+        spread.append(square / float(np.mean(indirect**2)) / _shared(quarter, codes.shape[1]))
+    alone, piloted = _shared(count, codes.shape[1]), _shared(count - pilot, codes.shape[1])
+    return Worth(
+        alone=float(np.sqrt(spread[0] * alone)), piloted=float(np.sqrt(spread[1] * piloted))
+    )
+
+
+def _shared(count: int, cells: int) -> float:
+    """Share of the pairs of cells that have the same of `count` - 1 columns, all used alike."""
+    if count < 2:
+        return 1.0
+    return max(cells / (count - 1) - 1.0, 0.0) / max(cells - 1, 1)
+
+
+def _signs(codes: Bools) -> Floats:
+    signs: Floats = np.where(codes, 1.0, -1.0)
+    return signs
+
+
+def _projections(photos: Floats) -> Floats:
+    """``T h_k`` (K0, N): the mean photo is ``T 1 / 2``, as every cell is lit half of the time."""
+    projections: Floats = 2.0 * (photos - photos.mean(axis=0))
+    return projections
+
+
+def _direct(codes: Bools, photos: Floats) -> Floats:
+    """Estimate the direct image (N,) from balanced signs: the mean of ``h_k (T h_k)``."""
+    estimate: Floats = np.mean(_signs(codes) * _projections(photos), axis=0)
+    return estimate
+
+
+def _check(codes: Bools, photos: Floats, cells: int) -> None:
+    if codes.ndim != 2 or codes.shape != photos.shape or codes.shape[1] != cells:
+        raise ConfigError(
+            f"pilot codes {codes.shape} and photos {photos.shape} do not fit {cells} cells",
+            hint="give one photo of all cells for each code",
+        )
+    if np.any(2 * np.count_nonzero(codes, axis=0) != codes.shape[0]):
+        raise ConfigError(
+            "a cell is not lit in half of the pilot codes", hint="use the codes of `pilot_codes`"
+        )
