@@ -1,0 +1,1 @@
+"""Cases that are hard for arithmetic, shared by tests and bench."""
