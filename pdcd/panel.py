@@ -18,6 +18,9 @@ from pdcd.config import PanelConfig
 
 Floats = NDArray[np.float64]
 
+SHORTEST_S = 1e-300
+"""Time constants below this one jump as it does; their rates would leave the range of float64."""
+
 
 @dataclass(frozen=True)
 class Panel:
@@ -41,7 +44,7 @@ class Panel:
         if self.rise_s == self.fall_s == 0.0:
             taus = []
         # A zero constant beside a finite one: that field is always zero, any rate will do.
-        return np.array([0.0] + [1.0 / t if t > 0.0 else 1.0 for t in taus])
+        return np.array([0.0] + [1.0 / max(t, SHORTEST_S) if t > 0.0 else 1.0 for t in taus])
 
 
 def offset_cells(
@@ -59,7 +62,7 @@ class Trajectory:
     Parameters
     ----------
     panel : Panel
-    starts_s : (S,) float64
+    starts_ns : (S,) int64
         Start of each span, from the opening of the shutter, ascending, first 0; a panel is at
         rest on black before.
     targets : callable
@@ -67,10 +70,14 @@ class Trajectory:
     """
 
     def __init__(
-        self, panel: Panel, starts_s: Floats, pixels: int, targets: Callable[[int], Floats]
+        self,
+        panel: Panel,
+        starts_ns: NDArray[np.int64],
+        pixels: int,
+        targets: Callable[[int], Floats],
     ) -> None:
         self._panel = panel
-        self._starts_s = starts_s
+        self._starts_ns = starts_ns
         self._targets = targets
         self._state = np.full(pixels, panel.leak)
         self._held = np.empty((0, self.fields, pixels))
@@ -116,8 +123,8 @@ class Trajectory:
         if self.fields == 3:
             np.multiply(deviation, ~rising, out=fields[2])
             deviation *= rising
-        if span + 1 < self._starts_s.size:
-            elapsed_s = self._starts_s[span + 1] - self._starts_s[span]
+        if span + 1 < self._starts_ns.size:
+            elapsed_s = (self._starts_ns[span + 1] - self._starts_ns[span]) * 1e-9
             left = np.exp(-panel.rates[1:] * elapsed_s)
             self._state = level + left @ fields[1:]
 

@@ -85,26 +85,26 @@ def factors(
     offset_cells : misregistration of the mask, in cells (rows, cols).
     """
     lattice = Lattice(frames.grid, frames.window, offset_cells)
-    p_rows, p_start_s = _spans(
+    p_rows, p_start_ns = _spans(
         frames, log.primal_shown, log.primal_ns, int(log.end_ns[0]), primal, open_ns, True
     )
-    d_rows, d_start_s = _spans(
+    d_rows, d_start_ns = _spans(
         frames, log.dual_shown, log.dual_ns, int(log.end_ns[1]), dual, open_ns, False
     )
     p_track = Trajectory(
         primal,
-        p_start_s,
+        p_start_ns,
         lattice.fields * lattice.cells,
         lambda s: _target(frames, lattice, p_rows[s], primal_side=True),
     )
     d_track = Trajectory(
         dual,
-        d_start_s,
+        d_start_ns,
         lattice.fields * (lattice.lattice_cells + 1),
         lambda s: _target(frames, lattice, d_rows[s], primal_side=False),
     )
     weights, open_weights = _weights(
-        primal, dual, p_start_s, d_start_s, exposure_s=(close_ns - open_ns) * 1e-9
+        primal, dual, p_start_ns, d_start_ns, exposure_ns=close_ns - open_ns
     )
     widest = lattice.fields * (lattice.lattice_cells + 1) * 8
     step = max(1, CHUNK_BYTES // (widest * p_track.fields))
@@ -188,8 +188,8 @@ def _spans(
     panel: Panel,
     open_ns: int,
     primal_side: bool,
-) -> tuple[list[int], Floats]:
-    """Rows of `frames` that start a span (-1 is black) and when, in s from the opening.
+) -> tuple[list[int], Times]:
+    """Rows of `frames` that start a span (-1 is black) and when, in ns from the opening.
 
     Refreshes that repeat the content before them belong to its span; black comes first and last.
     """
@@ -200,8 +200,8 @@ def _spans(
     key = np.append(key, BLACK)
     changes = np.flatnonzero(np.diff(np.append(BLACK, key)))
     rows = [-1] + [int(shown[c]) if c < shown.size else -1 for c in changes]
-    starts = np.append(0.0, (light_ns[changes] - open_ns) * 1e-9)
-    return rows, np.maximum(starts, 0.0)
+    starts = np.append(0, light_ns[changes] - open_ns)
+    return rows, np.maximum(starts, 0)
 
 
 def _target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) -> Floats:
@@ -219,31 +219,35 @@ def _target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) ->
 
 
 def _weights(
-    primal: Panel, dual: Panel, p_start_s: Floats, d_start_s: Floats, *, exposure_s: float
+    primal: Panel, dual: Panel, p_start_ns: Times, d_start_ns: Times, *, exposure_ns: int
 ) -> tuple[sparse.csr_array, sparse.csr_array]:
     """Integrals of products of fields over the overlaps of spans.
 
     Returns ``(primal spans * fields, dual spans * fields)`` and, for the open time of the mask
     alone, ``(primal spans, dual spans * fields)``.
+
+    Times are subtracted as whole numbers: an hour after the opening, those in s have lost the
+    picoseconds of a short overlap.
     """
-    edges = np.unique(np.concatenate([p_start_s, d_start_s, [0.0, exposure_s]]))
-    edges = edges[edges <= exposure_s]
-    lo, hi = edges[:-1], edges[1:]
-    p = np.searchsorted(p_start_s, lo, side="right") - 1
-    d = np.searchsorted(d_start_s, lo, side="right") - 1
+    edges = np.unique(np.concatenate([p_start_ns, d_start_ns, [0, exposure_ns]]))
+    edges = edges[edges <= exposure_ns]
+    lo, length_s = edges[:-1], np.diff(edges) * 1e-9
+    p = np.searchsorted(p_start_ns, lo, side="right") - 1
+    d = np.searchsorted(d_start_ns, lo, side="right") - 1
+    p_age_s, d_age_s = (lo - p_start_ns[p]) * 1e-9, (lo - d_start_ns[d]) * 1e-9
     p_rates, d_rates = primal.rates, dual.rates
     entries, opens = [], []
     for b, d_rate in enumerate(d_rates):
-        before_d = np.exp(-d_rate * (lo - d_start_s[d]))
-        opens.append((p, d * d_rates.size + b, before_d * decay_integral(d_rate, hi - lo)))
+        before_d = np.exp(-d_rate * d_age_s)
+        opens.append((p, d * d_rates.size + b, before_d * decay_integral(d_rate, length_s)))
         for a, p_rate in enumerate(p_rates):
-            before = before_d * np.exp(-p_rate * (lo - p_start_s[p]))
-            value = before * decay_integral(np.asarray(p_rate + d_rate), hi - lo)
+            before = before_d * np.exp(-p_rate * p_age_s)
+            value = before * decay_integral(np.asarray(p_rate + d_rate), length_s)
             entries.append((p * p_rates.size + a, d * d_rates.size + b, value))
-    columns = d_start_s.size * d_rates.size
+    columns = d_start_ns.size * d_rates.size
     return (
-        _sparse(entries, (p_start_s.size * p_rates.size, columns)),
-        _sparse(opens, (p_start_s.size, columns)),
+        _sparse(entries, (p_start_ns.size * p_rates.size, columns)),
+        _sparse(opens, (p_start_ns.size, columns)),
     )
 
 

@@ -15,6 +15,9 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+_SPARE_BINS = 64
+"""Enough that sums of cells without a colour do not wait for each other."""
+
 
 def colour_lattice(
     lattice: tuple[int, int], colours: int, rng: np.random.Generator, links: Any = None
@@ -52,7 +55,10 @@ def colour_lattice(
     order = _front(lattice, rng)
     order = order[np.argsort(-known.weight[order], kind="stable")]
     sign = rng.choice(np.array([-1, 1], dtype=np.int8), cells)
-    colour = np.full(cells, colours)  # no colour yet: a bin of its own, that is never chosen
+    # No colour yet: bins of their own, that are never chosen. They are several, because adding to
+    # one bin again and again waits each time for the sum before.
+    bins = colours + _SPARE_BINS
+    colour = colours + np.arange(cells) % _SPARE_BINS
     colour[order[:colours]] = np.arange(min(colours, cells))
 
     crowding, pull = _kernels(lattice)
@@ -61,12 +67,13 @@ def colour_lattice(
     for cell in order[colours:]:
         row, col = divmod(int(cell), cols)
         window = np.s_[rows - 1 - row : 2 * rows - 1 - row, cols - 1 - col : 2 * cols - 1 - col]
-        crowd = np.bincount(colour, crowding[window].ravel(), colours + 1)
+        crowd = np.bincount(colour, crowding[window].ravel(), bins)
         other, strength = known.of(cell)
-        crowd += np.bincount(colour[other], strength**2, colours + 1)
+        crowd += np.bincount(colour[other], strength**2, bins)
         best = int(np.argmin(crowd[:colours]))
-        same = (colour == best) * placed_sign
-        around = float(same @ pull[window].ravel() + same[other] @ strength)
+        same = np.flatnonzero(colour == best)
+        around = float(placed_sign[same] @ pull[window][np.divmod(same, cols)])
+        around += float((colour[other] == best) * placed_sign[other] @ strength)
         if around != 0.0:
             sign[cell] = -1 if around > 0.0 else 1
         colour[cell] = best

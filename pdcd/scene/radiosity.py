@@ -144,6 +144,8 @@ def radiosity(
 
     area = cell / relief.cosine
     patch_area = gather(area)
+    # Patches that overlap have other areas than those of the kernel's own points.
+    kernel = limited(kernel, patch_area)
     effects = []
     for column, tint in zip(albedo.T, tints, strict=True):
         patch_albedo = gather(area * column.reshape(rows, cols)) / patch_area
@@ -165,7 +167,7 @@ def hat_weights(cells: int, patches: int) -> Array:
 def closed_exchange(kernel: Array, area: Array, albedo: Array) -> Array:
     """Return ``X = (1 - K A R)^-1 K`` (p, p), the sum over all bounces, by one direct solve.
 
-    Row sums of ``K A`` are at most 1 (see `form_kernel`) and albedos below 1, so the matrix is
+    Row sums of ``K A`` are at most 1 (see `limited`) and albedos below 1, so the matrix is
     strictly diagonally dominant by rows and the solve is stable up to albedo 0.999 and beyond,
     where a sum over bounces would need thousands of terms.
     """
@@ -206,9 +208,15 @@ def form_kernel(relief: Relief, shape: tuple[int, int]) -> Array:
     split = fine.reshape(shape[0], 2, shape[1], 2, shape[0], 2, shape[1], 2)
     kernel = split.mean(axis=(1, 3, 5, 7)).reshape(shape[0] * shape[1], -1)
     patch_area = area.reshape(shape[0], 2, size).sum(axis=1).reshape(-1, 2).sum(axis=1)
-    scale = 1.0 / np.maximum(1.0, kernel @ patch_area)
-    limited: Array = scale[:, None] * kernel * scale
-    return limited
+    return limited(kernel, patch_area)
+
+
+def limited(kernel: Array, area: Array) -> Array:
+    """Return K (p, p) with rows of ``sum K A > 1`` scaled down from both sides: no patch receives
+    more than all light. `area` (p,) is A."""
+    scale = 1.0 / np.maximum(1.0, kernel @ area)
+    scaled: Array = scale[:, None] * kernel * scale
+    return scaled
 
 
 def clear_pairs(relief: Relief, start: Array, end: Array, steps: int = 8) -> NDArray[np.bool_]:

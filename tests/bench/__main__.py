@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.bench import alternatives, closed_form, code_error, machine, report, throughput
+from tests.bench import hard_cases as hard
 from tests.bench import whole_capture as capture
 from tests.bench.measure import ROOT
 from tests.bench.tables import Section
@@ -19,6 +20,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
     code_error.run,
     capture.run,
     throughput.run,
+    hard.run,
 )
 
 

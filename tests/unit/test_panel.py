@@ -29,7 +29,7 @@ def test_decay_integral_without_decay_is_the_duration() -> None:
 
 def track(panel: Panel, pattern: list[list[bool]], step_s: float) -> Trajectory:
     targets = np.array(pattern)
-    starts = np.arange(len(pattern), dtype=np.float64) * step_s
+    starts = np.arange(len(pattern), dtype=np.int64) * round(step_s * 1e9)
     return Trajectory(panel, starts, targets.shape[1], lambda s: targets[s])
 
 

@@ -1,0 +1,15 @@
+"""Codes are made fast enough, and in little enough memory, for a user who waits."""
+
+from __future__ import annotations
+
+from tests.bench.hard_cases import CODE_LIMITS
+from tests.bench.measure import alone
+
+
+def test_512_coloured_codes_take_less_than_a_second() -> None:
+    """In a process of its own, so that the memory is that of the codes alone; 0.07 s and 106 MiB
+    are usual."""
+    grid, count, limit_s, limit_mib = CODE_LIMITS[0]
+    made = alone("hard_cases:codes", grid=grid, count=count)
+    assert made["time_s"] < limit_s
+    assert made["peak_mib"] < limit_mib / 8.0
