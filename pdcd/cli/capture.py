@@ -67,6 +67,7 @@ def plan(args: argparse.Namespace) -> int:
         ["passes", f"{summary.passes}, {'with' if summary.guards else 'without'} guards"],
         ["light", f"{100.0 * summary.light_share:.3g} % of a floodlit exposure"],
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
+        ["parts", f"{summary.parts} exposures of each coded photo"],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
     shots = [
@@ -95,6 +96,8 @@ def _request(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         **files,
         "goal": args.goal,
         "pilot": args.pilot,
+        "parts": args.parts,
+        "until_error": args.until_error,
         "method": args.method,
         "shift": args.shift,
         "radius": args.radius,
