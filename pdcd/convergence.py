@@ -44,7 +44,7 @@ class Convergence:
         last = next(s for s in reversed(recipe.shots) if s.part == shot.part)
         return shot.part > 0 and shot is last
 
-    def see(self, folder: Path, decoded: Decoded) -> dict[str, float | int]:
+    def see(self, folder: Path, decoded: Decoded) -> dict[str, float | int | None]:
         """Take in the pictures so far, write the preview, return the fields of the event."""
         self.known.update(decoded.shots)
         answer: Barred = next(iter(decoded.pictures.values()))
@@ -54,7 +54,7 @@ class Convergence:
             write_png(folder / PREVIEW, preview(answer.image))
         return {
             "part": len(part_numbers(decoded.recipe)),
-            "rms_sigma": self.reached,
+            "rms_sigma": self.reached if np.isfinite(self.reached) else None,
             "target": self.target,
         }
 

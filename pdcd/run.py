@@ -47,7 +47,8 @@ class Run:
     shots: list[ShotRecord] = field(default_factory=list)
     meter: list[dict[str, Any]] = field(default_factory=list)
     apertures: dict[str, float] = field(default_factory=dict)
-    """Metered f-number of each program, all its parts alike; white shots have none, so theirs is under ''."""
+    """Metered f-number of each program, one for all its parts; white shots have none, so theirs is
+    under ''."""
     warnings: list[str] = field(default_factory=list)
     convergence: Convergence | None = None
     """Of a job that may end before all its parts are taken."""

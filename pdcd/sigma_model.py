@@ -94,10 +94,6 @@ def code_error(picture: Picture, fixed: Floats, spread: Floats, cells: int) -> F
     explained = light * fixed + np.where(use, picture.sigma, 0.0) ** 2
     share = float(np.median((rough / np.where(use, scale, 1.0))[use])) / MEDIAN_SQUARE
     share -= float(np.median((explained / np.where(use, scale, 1.0))[use]))
-    return np.sqrt(
-        light
-        * (
-            fixed
-            + spread * np.clip(share, min(1.0 / cells, 1.0 / FEWEST_CELLS), 1.0 / FEWEST_CELLS)
-        )
-    )
+    share = min(max(share, 1.0 / max(cells, FEWEST_CELLS)), 1.0 / FEWEST_CELLS)
+    error: Floats = np.sqrt(light * (fixed + spread * share))
+    return error

@@ -67,7 +67,7 @@ def plan(args: argparse.Namespace) -> int:
         ["passes", f"{summary.passes}, {'with' if summary.guards else 'without'} guards"],
         ["light", f"{100.0 * summary.light_share:.3g} % of a floodlit exposure"],
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
-        ["parts", f"{summary.parts} exposures of each coded photo"],
+        ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
     shots = [

@@ -149,8 +149,6 @@ def _words(event: dict[str, Any]) -> str:
         if event["missed"]:
             step += f", {event['missed']} missed"
     if event["type"] == "converging":
-        return (
-            f"part {event['part']}: error {100.0 * event['rms_sigma']:.2g} %, "
-            f"wanted {100.0 * event['target']:g} %"
-        )
+        error = "unknown" if event["rms_sigma"] is None else f"{100.0 * event['rms_sigma']:.2g} %"
+        return f"part {event['part']}: error {error}, wanted {100.0 * event['target']:g} %"
     return f"{event['shot']}: {step}" if event.get("shot") else step
