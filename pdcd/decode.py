@@ -85,7 +85,7 @@ def decode(
         learned = learn(recipe, shots, _bits(stored, recipe), record.codes + record.pilot)
     if not all(name in shots for photo in recipe.photos for _, name in photo.shots):
         return Decoded(recipe, shots, {}, learned)  # a run in the middle, which wants to learn
-    pictures = _barred(recipe, shots, learned, record.normalise)
+    pictures = _barred(recipe, shots, learned, record.normalise, alive)
     if record.homography is not None:
         pictures = {name: _warped(p, record.homography) for name, p in pictures.items()}
     return Decoded(recipe, shots, pictures, learned)
@@ -242,7 +242,11 @@ def _watched(chunks: Iterator[Factors], alive: Callable[[], None]) -> Iterator[F
 
 
 def _barred(
-    recipe: Recipe, shots: dict[str, Exposed], learned: Learned | None, normalise: NormaliseName
+    recipe: Recipe,
+    shots: dict[str, Exposed],
+    learned: Learned | None,
+    normalise: NormaliseName,
+    alive: Callable[[], None],
 ) -> dict[str, Barred]:
     """All pictures with sensor and code error: of what the parts show, if there are enough."""
 
@@ -253,7 +257,7 @@ def _barred(
     whole = pictures_of(recipe, scaled)
     numbers = part_numbers(recipe)
     if len(numbers) < FEWEST_PARTS:
-        return modelled(recipe, shots, scaled, whole)
+        return modelled(recipe, shots, scaled, whole, alive)
     parts = [pictures_of(recipe, photos(only_parts(recipe, {number}))) for number in numbers]
     return {name: measured(p, [part[name] for part in parts]) for name, p in whole.items()}
 

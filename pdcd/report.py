@@ -93,15 +93,20 @@ def deviation(
 
 
 def row_deviations(
-    realised: Factors, wanted: Wanted, weight: float
+    realised: Factors,
+    wanted: Wanted,
+    weight: float,
+    alive: Callable[[], None] = lambda: None,
 ) -> tuple[Floats, Floats, Floats]:
     """Realised / weight - wanted, row by row: mean and variance off the diagonal, and the diagonal.
 
-    (N,) float64 each; a scene of one cell has no entries off the diagonal, so 0. O(R N^2) time.
+    (N,) float64 each; a scene of one cell has no entries off the diagonal, so 0. O(R N^2)
+    time; `alive` as of `deviation`.
     """
     mean, variance, diagonal = (np.zeros(wanted.cells) for _ in range(3))
     others = max(wanted.cells - 1, 1)
     for start, stop, got, want in _blocks(realised, wanted):
+        alive()
         error = got / weight - want
         rows, columns = np.arange(stop - start), np.arange(start, stop)
         diagonal[start:stop] = error[rows, columns]

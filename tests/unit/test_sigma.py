@@ -119,3 +119,14 @@ def test_the_model_is_silent_where_codes_are_exact() -> None:
     image = np.random.default_rng(0).random(SHAPE)
     nothing = np.zeros((*SHAPE[:2], 1))
     assert not code_error(Picture(image, 0 * image), nothing, nothing, 768).any()
+
+
+def test_texture_that_a_white_photo_shows_is_no_error() -> None:
+    rng = np.random.default_rng(0)
+    paper = rng.choice([0.2, 1.0], size=SHAPE)
+    picture = Picture(0.3 * paper, np.zeros(SHAPE))
+    fixed, spread = np.zeros((*SHAPE[:2], 1)), np.full((*SHAPE[:2], 1), 0.1)
+    alone = code_error(picture, fixed, spread, 768)
+    beside = code_error(picture, fixed, spread, 768, white=paper)
+    # Texture alone looks like light from few cells; without it nothing speaks against all of them.
+    assert np.mean(alone**2) == pytest.approx(768 / 4 * np.mean(beside**2))
