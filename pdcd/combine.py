@@ -65,6 +65,17 @@ def combine(
     "auto" does so for photos whose codes ask for it and for those that missed refreshes: lost codes
     leave cells open unequally often, as the paper's random codes do.
     """
+    return pictures_of(recipe, scaled_photos(recipe, shots, added, normalise=normalise))
+
+
+def scaled_photos(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    added: Mapping[str, Floats] | None = None,
+    *,
+    normalise: NormaliseName = "auto",
+) -> dict[str, Picture]:
+    """Every photo of a recipe divided by its weight; arguments as of `combine`."""
     scaled: dict[str, Picture] = {}
     for photo in recipe.photos:
         realised = realised_photo(photo.shots, shots)
@@ -77,7 +88,12 @@ def combine(
         sigma[blown] = np.inf
         image = light / weight + (0.0 if added is None else added.get(photo.name, 0.0))
         scaled[photo.name] = Picture(image, sigma)
-    return {name: _combination(parts, scaled) for name, parts in recipe.pictures.items()}
+    return scaled
+
+
+def pictures_of(recipe: Recipe, photos: Mapping[str, Picture]) -> dict[str, Picture]:
+    """All pictures that the recipe makes of scaled photos, the answer first."""
+    return {name: _combination(rule, photos) for name, rule in recipe.pictures.items()}
 
 
 def divided_by_row(photo: Photo, shots: Mapping[str, Exposed], normalise: NormaliseName) -> bool:

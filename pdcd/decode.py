@@ -7,7 +7,7 @@ again from what it holds, bit for bit.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,19 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.archive import disk_errors, read_frames, read_manifest, read_patterns, sha256_of
-from pdcd.combine import Exposed, Picture, combine, realised_photo
+from pdcd.combine import Exposed, Picture, pictures_of, realised_photo, scaled_photos
 from pdcd.config import Homography
 from pdcd.develop import preview, warp, write_png, write_tiff
 from pdcd.errors import DecodeError
 from pdcd.goals import MATRICES, PLANES, Goal
 from pdcd.learn import Learned, corrections, learn
 from pdcd.panel import Panel, offset_cells
+from pdcd.parts import FEWEST_PARTS, in_parts, only_parts, part_numbers, taken_parts
 from pdcd.patterns import Patterns, none
 from pdcd.raw import read_raw, rgb_variance, to_rgb
 from pdcd.realised import Factors, collect, factors
 from pdcd.recipe import Recipe, Shot, make_recipe
 from pdcd.record import RunRecord, ShotRecord
 from pdcd.report import Deviation, deviation, weight_s
+from pdcd.request import NormaliseName
+from pdcd.sigma import Barred, measured
+from pdcd.sigma_model import modelled
 from pdcd.software import software_sums
 
 
@@ -38,7 +42,7 @@ class Decoded:
 
     recipe: Recipe
     shots: dict[str, Exposed]
-    pictures: dict[str, Picture]
+    pictures: dict[str, Barred]
     learned: Learned | None = None
     sums: dict[str, Exposed] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
@@ -53,10 +57,17 @@ class Decoded:
         }
 
 
-def decode(folder: Path, record: RunRecord, alive: Callable[[], None] = lambda: None) -> Decoded:
+def decode(
+    folder: Path,
+    record: RunRecord,
+    alive: Callable[[], None] = lambda: None,
+    *,
+    known: Mapping[str, Exposed] | None = None,
+) -> Decoded:
     """Read everything below `folder` and compute the pictures; nothing is written.
 
     `alive` is called every few hundredths of a second, and may raise to end the work.
+    Shots that are `known` already, by name, are not read again.
     """
     stored = read_patterns(folder)
     recipe = make_recipe(
@@ -67,11 +78,14 @@ def decode(folder: Path, record: RunRecord, alive: Callable[[], None] = lambda: 
         pilot=record.pilot,
         method=record.method,
     )
+    recipe = in_parts(recipe, record.parts)
     by_name = {shot.name: shot for shot in recipe.shots}
-    shots = {
-        shot.name: _expose(folder, record, shot, _pair(stored, by_name[shot.name]), alive)
-        for shot in record.shots
-    }
+    shots = dict(known or {})
+    for shot in record.shots:
+        if shot.name not in shots:
+            pair = _pair(stored, by_name[shot.name])
+            shots[shot.name] = _expose(folder, record, shot, pair, alive)
+    recipe = taken_parts(recipe, shots)
     learned = None
     if record.pilot:
         learned = learn(recipe, shots, _bits(stored, recipe, "pilot"), record.codes + record.pilot)
@@ -81,8 +95,7 @@ def decode(folder: Path, record: RunRecord, alive: Callable[[], None] = lambda: 
     exposed = {**shots, **sums}
     if not all(name in exposed for photo in recipe.photos for _, name in photo.shots):
         return Decoded(recipe, shots, {}, learned)  # a run in the middle, which wants to learn
-    added = _missing(recipe, shots, learned)
-    pictures = combine(recipe, exposed, added, normalise=record.normalise)
+    pictures = _barred(recipe, exposed, learned, record.normalise, alive)
     if record.homography is not None:
         pictures = {name: _warped(p, record.homography) for name, p in pictures.items()}
     return Decoded(recipe, shots, pictures, learned, sums)
@@ -96,7 +109,14 @@ def write_pictures(folder: Path, decoded: Decoded) -> None:
     with disk_errors(str(folder)):
         answer = next(iter(decoded.pictures.values()))
         with (folder / "probe.npz").open("wb") as file:
-            np.savez(file, image=answer.image, sigma=answer.sigma)
+            np.savez(
+                file,
+                image=answer.image,
+                sigma=answer.sigma,
+                sigma_sensor=answer.sensor,
+                sigma_code=answer.code,
+                sigma_kind=np.array(answer.kind),
+            )
         brightest = max(float(np.percentile(p.image, 99.0)) for p in decoded.pictures.values())
         scale = 0.9 / brightest if brightest > 0.0 else 1.0
         for name, picture in decoded.pictures.items():
@@ -231,12 +251,42 @@ def _watched(chunks: Iterator[Factors], alive: Callable[[], None]) -> Iterator[F
         yield chunk
 
 
-def _warped(picture: Picture, homography: Homography) -> Picture:
+def _barred(
+    recipe: Recipe,
+    shots: dict[str, Exposed],
+    learned: Learned | None,
+    normalise: NormaliseName,
+    alive: Callable[[], None],
+) -> dict[str, Barred]:
+    """All pictures with sensor and code error: of what the parts show, if there are enough."""
+
+    def photos(part: Recipe) -> dict[str, Picture]:
+        return scaled_photos(part, shots, _missing(part, shots, learned), normalise=normalise)
+
+    scaled = photos(recipe)
+    whole = pictures_of(recipe, scaled)
+    numbers = part_numbers(recipe)
+    if len(numbers) < FEWEST_PARTS:
+        return modelled(recipe, shots, scaled, whole, alive)
+    parts = [pictures_of(recipe, photos(only_parts(recipe, {number}))) for number in numbers]
+    return {name: measured(p, [part[name] for part in parts]) for name, p in whole.items()}
+
+
+def _warped(picture: Barred, homography: Homography) -> Barred:
     """Geometric correction: after all sums and differences, still linear and signed."""
     matrix = np.array(homography).reshape(3, 3)
     size_px = (picture.image.shape[1], picture.image.shape[0])
     # Where a saturated pixel or the world outside the picture has a share, nothing is known.
     known = np.isfinite(picture.sigma)
-    sigma = warp(np.where(known, picture.sigma, 0.0), matrix, size_px)
     whole = warp(known.astype(np.float64), matrix, size_px) > 1.0 - 1e-9
-    return Picture(warp(picture.image, matrix, size_px), np.where(whole, sigma, np.inf))
+
+    def error(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.where(whole, warp(np.where(known, sigma, 0.0), matrix, size_px), np.inf)
+
+    return Barred(
+        image=warp(picture.image, matrix, size_px),
+        sigma=error(picture.sigma),
+        sensor=error(picture.sensor),
+        code=error(picture.code),
+        kind=picture.kind,
+    )

@@ -19,6 +19,7 @@ from pdcd.interfaces import Frames
 from pdcd.isolation import FAMILIES as ISOLATION
 from pdcd.isolation import isolated
 from pdcd.lattice import Lattice
+from pdcd.parts import check_parts, coin_signs, in_parts, part_codes, part_seed
 from pdcd.patterns import Patterns, compact, levels_of
 from pdcd.pilot import pilot_codes
 from pdcd.programs import Floodlit, Program, extended
@@ -39,6 +40,7 @@ class Plan:
     family: str
     count: int
     pilot: int
+    parts: int
     p: float
     grid: tuple[int, int]
     window: str
@@ -133,6 +135,7 @@ class Plan:
             window=self.window,
             guards=self.guards,
             passes=self.passes,
+            parts=self.parts,
             shots=shots,
             refreshes=sum(s.refreshes * s.exposures for s in shots),
             seconds=sum(s.exposure_s * s.exposures for s in shots),
@@ -190,6 +193,9 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         pilot=request.pilot,
         method=request.method,
     )
+    parts = check_parts(request)
+    part_count = part_codes(count, parts)
+    recipe = in_parts(recipe, parts)
     cell_px = min(config.projector.size_px[1] / grid[0], config.projector.size_px[0] / grid[1])
     if cell_px < 1.0:
         raise ConfigError(
@@ -209,16 +215,20 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         raise ConfigError(
             f"method {request.method} does not isolate paths", hint="take the family hadamard"
         )
+    if family in ISOLATION and parts > 1:
+        raise ConfigError(f"{family} has no codes to split", hint="leave out the parts")
     if family in ISOLATION:
         slot_s = (GUARDED_REFRESHES if guards else 1) / refresh_hz
         recipe = isolated(recipe, family, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     lattice = Lattice(grid, window)
-    patterns = {
-        name: _compile(
-            program, recipe, lattice, _bits(name, program, request, lattice, family, count)
-        )
-        for name, program in recipe.programs.items()
-    }
+    part_of = {shot.program: shot.part for shot in recipe.shots}
+    patterns = {}
+    for name, program in recipe.programs.items():
+        seed = part_seed(request.seed, parts, part_of.get(name, 0))
+        bits = _bits(name, program, request, lattice, family, part_count, seed)
+        if part_of.get(name, 0) and family == "hadamard" and program.p == 0.5:
+            bits = coin_signs(bits, seed)
+        patterns[name] = _compile(program, recipe, lattice, bits)
     coded = any(program.coded for program in recipe.programs.values())
     windowed = any(_windowed(program) for program in recipe.programs.values())
     fields = Lattice(grid, window).fields if windowed else 1
@@ -238,12 +248,13 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         family=family if coded or family in ISOLATION else "none",
         count=count,
         pilot=request.pilot,
+        parts=parts,
         p=next((p.p for p in recipe.programs.values() if p.coded), 0.5),
         grid=grid,
         window=window,
         guards=guards,
         passes=passes,
-        white_slots=_white_slots(recipe, patterns, lattice, count * passes),
+        white_slots=_white_slots(recipe, patterns, lattice, part_count * passes),
         refresh_hz=refresh_hz,
         settle_s=config.rig.settle_s,
     )
@@ -274,6 +285,7 @@ def _bits(
     lattice: Lattice,
     family: str,
     count: int,
+    seed: int,
 ) -> NDArray[np.bool_]:
     """Code bits (K, L) of a coded program, none for others."""
     if not program.coded:
@@ -286,7 +298,7 @@ def _bits(
         p = max(1, round(p * count)) / count
         family = "bernoulli" if family == "bernoulli" else "balanced"
     shape = lattice.shape if _windowed(program) else lattice.grid
-    return make_codes(family, shape, count, dual="same", p=p, seed=request.seed).primal()
+    return make_codes(family, shape, count, dual="same", p=p, seed=seed).primal()
 
 
 def _compile(program: Program, recipe: Recipe, lattice: Lattice, bits: NDArray[np.bool_]) -> Pair:
@@ -307,14 +319,18 @@ def with_links(plan: Plan, links: Any, seed: int) -> Plan:
     onto = sparse.csr_array(
         (np.ones(n), (row * shape[1] + column, np.arange(n))), shape=(lattice.lattice_cells, n)
     )
-    # The generator is the one that `make_codes` takes, so that no links give the usual codes.
-    rng = np.random.Generator(np.random.PCG64(seed))
-    bits = prior_codes(shape, plan.count, onto @ links @ onto.T, rng)
-    coded = {
-        name: _compile(program, plan.recipe, lattice, bits)
-        for name, program in plan.recipe.programs.items()
-        if _windowed(program)
-    }
+    part_of = {shot.program: shot.part for shot in plan.recipe.shots}
+    coded = {}
+    for name, program in plan.recipe.programs.items():
+        if _windowed(program):
+            # The generator is the one that `make_codes` takes, so that no links give the usual
+            # codes.
+            own = part_seed(seed, plan.parts, part_of.get(name, 0))
+            rng = np.random.Generator(np.random.PCG64(own))
+            bits = prior_codes(shape, plan.count // plan.parts, onto @ links @ onto.T, rng)
+            if part_of.get(name, 0):
+                bits = coin_signs(bits, own)
+            coded[name] = _compile(program, plan.recipe, lattice, bits)
     return replace(plan, patterns={**plan.patterns, **coded})
 
 

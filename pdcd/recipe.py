@@ -73,7 +73,8 @@ class Shot:
     """One exposure: the program whose pairs it shows, and which panels stay black instead.
 
     `white` shots show full light through a fully open mask. `only` picks one pair of the program:
-    a photo of a single code.
+    a photo of a single code. `part` counts the exposures of a photo taken in several, from 1; 0 is
+    a whole one.
     """
 
     name: str
@@ -82,6 +83,12 @@ class Shot:
     primal_black: bool = False
     dual_black: bool = False
     only: int | None = None
+    part: int = 0
+
+    @property
+    def kind(self) -> str:
+        """Program without the number of its part: what gathers the same light."""
+        return self.program.removesuffix(f"-{self.part}")
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     codes: int
     method: MethodName
     pilot: int
+    parts: int = 1
+    """As planned; a run that met its target earlier has fewer among its shots."""
     black_level: BlackLevel
     normalise: NormaliseName
     white: bool

@@ -92,6 +92,31 @@ def deviation(
     )
 
 
+def row_deviations(
+    realised: Factors,
+    wanted: Wanted,
+    weight: float,
+    alive: Callable[[], None] = lambda: None,
+) -> tuple[Floats, Floats, Floats]:
+    """Realised / weight - wanted, row by row: mean and variance off the diagonal, and the diagonal.
+
+    (N,) float64 each; a scene of one cell has no entries off the diagonal, so 0. O(R N^2)
+    time; `alive` as of `deviation`.
+    """
+    mean, variance, diagonal = (np.zeros(wanted.cells) for _ in range(3))
+    others = max(wanted.cells - 1, 1)
+    for start, stop, got, want in _blocks(realised, wanted):
+        alive()
+        error = got / weight - want
+        rows, columns = np.arange(stop - start), np.arange(start, stop)
+        diagonal[start:stop] = error[rows, columns]
+        error[rows, columns] = 0.0
+        mean[start:stop] = error.sum(axis=1) / others
+        square = np.einsum("ij,ij->i", error, error) / others
+        variance[start:stop] = np.maximum(square - mean[start:stop] ** 2, 0.0)
+    return mean, variance, diagonal
+
+
 def _blocks(realised: Factors, wanted: Wanted) -> Iterator[tuple[int, int, Floats, Floats]]:
     """(start, stop, realised rows, wanted rows), the realised diagonal being `coaxial`."""
     for start in range(0, wanted.cells, BLOCK):

@@ -75,6 +75,11 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
     which far cells are linked. Each is one more RAW file."""
+    parts: Annotated[int, Meta(ge=1, le=64)] = 1
+    """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
+    From 4 parts on their spread measures the error of the codes."""
+    until_error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
+    """Take no more parts when RMS sigma over RMS image is as low as that."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None
@@ -112,6 +117,8 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     window: str
     guards: bool
     passes: int
+    parts: int = 1
+    """Exposures of each coded photo; with `until_error`, at most."""
     shots: tuple[ShotSummary, ...]
     refreshes: int
     seconds: float

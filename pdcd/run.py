@@ -13,10 +13,12 @@ import numpy as np
 
 from pdcd.archive import RunFolder
 from pdcd.config import Config
+from pdcd.convergence import Convergence, rms_sigma
 from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.interfaces import CameraInfo, CameraSettings
 from pdcd.metering import MAX_TESTS, METER_PAIRS, next_aperture, peak_share
+from pdcd.parts import part_numbers
 from pdcd.plan import Plan, make_plan, with_links
 from pdcd.provenance import git_commit, utc_now, versions
 from pdcd.raw import read_raw
@@ -45,8 +47,11 @@ class Run:
     shots: list[ShotRecord] = field(default_factory=list)
     meter: list[dict[str, Any]] = field(default_factory=list)
     apertures: dict[str, float] = field(default_factory=dict)
-    """Metered f-number of each program; white shots have none, so theirs is under ''."""
+    """Metered f-number of each program, one for all its parts; white shots have none, so theirs is
+    under ''."""
     warnings: list[str] = field(default_factory=list)
+    convergence: Convergence | None = None
+    """Of a job that may end before all its parts are taken."""
 
     def watch(self, emit: Emit, cancelled: Callable[[], bool]) -> None:
         """Who is told, and who may cancel."""
@@ -67,6 +72,8 @@ class Run:
         if camera is None:
             raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
         plan = make_plan(request, self.config, grid)
+        if request.until_error is not None:
+            self.convergence = Convergence(request.until_error)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
         self.notify("started", {"job": job, "goal": request.goal})
         self.folder.write_patterns(plan, request.seed)
@@ -74,6 +81,8 @@ class Run:
             if len(self.shots) == self._pilot_ends(plan):
                 plan = self._learn(plan, request, camera)
             self._take(plan, shot, camera)
+            if self._good_enough(plan, request, camera, shot):
+                break
         self.notify("decoding", {"shots": len(self.shots)})
         record = self._record(plan, request, camera)
         decoded = decode(self.folder.path, record, self.look_for_cancel)
@@ -171,6 +180,20 @@ class Run:
         self.folder.write_patterns(plan, request.seed)
         return plan
 
+    def _good_enough(
+        self, plan: Plan, request: CaptureRequest, camera: CameraInfo, shot: Shot
+    ) -> bool:
+        """Whether the parts taken so far reach the error asked for; tells how far they are."""
+        state = self.convergence
+        if state is None or not state.after(plan.recipe, shot):
+            return False
+        record = self._record(plan, request, camera)
+        decoded = decode(self.folder.path, record, self.look_for_cancel, known=state.known)
+        self.notify("converging", state.see(self.folder.path, decoded))
+        if not state.met and shot is plan.recipe.shots[-1]:
+            self.warnings.append(state.warning)
+        return state.met
+
     def _take(self, plan: Plan, shot: Shot, camera: CameraInfo) -> None:
         """Meter if needed, expose, write the frame log, check for missed refreshes."""
         f_number = self._aperture(plan, shot, camera)
@@ -253,9 +276,9 @@ class Run:
                 device="camera",
                 hint="set camera.f_number to what its ring says",
             )
-        if shot.program not in self.apertures:
-            self.apertures[shot.program] = self._metered(plan, shot, camera)
-        return self.apertures[shot.program]
+        if shot.kind not in self.apertures:
+            self.apertures[shot.kind] = self._metered(plan, shot, camera)
+        return self.apertures[shot.kind]
 
     def _metered(self, plan: Plan, shot: Shot, camera: CameraInfo) -> float:
         iso = self._iso(camera)
@@ -289,6 +312,7 @@ class Run:
             codes=plan.count,
             method=request.method,
             pilot=request.pilot,
+            parts=plan.parts,
             black_level=request.black_level or self.config.schedule.black_level,
             normalise=request.normalise or self.config.schedule.normalise,
             white=request.white,
@@ -313,24 +337,29 @@ class Run:
         self, plan: Plan, method: str, decoded: Decoded
     ) -> dict[str, float | int | str | None]:
         answer = next(iter(decoded.pictures.values()))
+        sigma = rms_sigma(answer)
         truth = self._truth(plan.recipe)
         error = None
         if truth is not None:
             scale = float(np.sqrt(np.mean(truth**2)))
             error = float(np.sqrt(np.mean((answer.image - truth) ** 2))) / scale if scale else None
         known = answer.sigma[np.isfinite(answer.sigma)]
+        parts = max(len(part_numbers(decoded.recipe)), 1)
         exposures = [(s.close_ns - s.open_ns) * 1e-9 for s in self.shots]
         return {
             "goal": plan.recipe.goal.name,
             "method": method,
             "family": plan.family,
-            "codes": plan.count + plan.pilot,
+            "codes": plan.count * parts // plan.parts + plan.pilot,
+            "parts": parts,
             "pilot": plan.pilot,
             "passes": plan.passes,
             "shots": len(self.shots),
             "refreshes": sum(s.refreshes for s in self.shots),
             "exposure_s": sum(exposures),
             "missed_refreshes": sum(s.missed for s in self.shots),
+            "rms_sigma": sigma if np.isfinite(sigma) else None,
+            "sigma_kind": answer.kind,
             "rms_error": error,
             "sigma_mean": float(known.mean()) if known.size else None,
         }

@@ -74,6 +74,7 @@ def plan(args: argparse.Namespace) -> int:
         ["passes", f"{summary.passes}, {'with' if summary.guards else 'without'} guards"],
         ["light", f"{100.0 * summary.light_share:.3g} % of a floodlit exposure"],
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
+        ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
     shots = [
@@ -106,6 +107,8 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         **files,
         "goal": args.goal,
         "pilot": args.pilot,
+        "parts": args.parts,
+        "until_error": args.until_error,
         "method": args.method,
         "shift": args.shift,
         "radius": args.radius,

@@ -25,6 +25,7 @@ SUMMARY: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("refreshes", "refreshes", str),
     ("exposure_s", "exposure", lambda s: f"{s:.3f} s"),
     ("missed_refreshes", "missed refreshes", str),
+    ("rms_sigma", "RMS sigma", lambda e: f"{100.0 * e:.3g} % of the picture"),
     ("rms_error", "RMS error", lambda e: f"{100.0 * e:.3g} % against the scene's known truth"),
     ("wall_s", "wall time", lambda s: f"{s:.2f} s"),
 )
@@ -147,4 +148,7 @@ def _words(event: dict[str, Any]) -> str:
         step = f"{event['frame']}/{event['frames']} refreshes"
         if event["missed"]:
             step += f", {event['missed']} missed"
+    if event["type"] == "converging":
+        error = "unknown" if event["rms_sigma"] is None else f"{100.0 * event['rms_sigma']:.2g} %"
+        return f"part {event['part']}: error {error}, wanted {100.0 * event['target']:g} %"
     return f"{event['shot']}: {step}" if event.get("shot") else step

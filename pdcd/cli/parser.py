@@ -119,6 +119,12 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def share(text: str) -> float:
+    """Read "1%" or "0.01"."""
+    number = text.removesuffix("%")
+    return float(number) / (100.0 if number != text else 1.0)
+
+
 def _rig_options(parser: argparse.ArgumentParser, *, socket: str) -> None:
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="configuration; default: the mock bench"
@@ -176,6 +182,19 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         default=0,
         metavar="K0",
         help="of these, codes to photograph one by one first, to learn sharp far paths",
+    )
+    parser.add_argument(
+        "--parts",
+        type=int,
+        default=1,
+        metavar="B",
+        help="exposures to split the codes over; from 4 on they measure the error of the codes",
+    )
+    parser.add_argument(
+        "--until-error",
+        type=share,
+        metavar="E",
+        help="stop after the part that brings the mean error down to E, say 1%%",
     )
     _goal_options(parser)
     parser.add_argument("--family", choices=FAMILIES, help="how the codes are made")

@@ -178,7 +178,7 @@ def test_sigma_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
         assert result.folder is not None
         with np.load(Path(result.folder) / "probe.npz") as data:
             images.append(data["image"])
-            sigma = data["sigma"]
+            sigma = data["sigma_sensor"]
         shutil.rmtree(result.folder)
     spread = np.std(images, axis=0, ddof=1)
     # 576 values, each known to 11 %: their mean ratio is known to 0.5 %.
