@@ -28,6 +28,7 @@ from pdcd.raw import read_raw, rgb_variance, to_rgb
 from pdcd.realised import Factors, collect, factors
 from pdcd.recipe import Recipe, Shot, make_recipe
 from pdcd.record import RunRecord, ShotRecord
+from pdcd.repeat import repeated
 from pdcd.report import Deviation, deviation, weight_s
 
 
@@ -61,6 +62,7 @@ def decode(folder: Path, record: RunRecord, alive: Callable[[], None] = lambda: 
         codes=record.codes,
         pilot=record.pilot,
     )
+    recipe = repeated(recipe, record.repeat)
     by_name = {shot.name: shot for shot in recipe.shots}
     shots = {
         shot.name: _expose(folder, record, shot, _pair(stored, by_name[shot.name]), alive)

@@ -70,7 +70,7 @@ class Shot:
     """One exposure: the program whose pairs it shows, and which panels stay black instead.
 
     `white` shots show full light through a fully open mask. `only` picks one pair of the program:
-    a photo of a single code.
+    a photo of a single code. `copy_of` names the shot that this one repeats.
     """
 
     name: str
@@ -79,6 +79,7 @@ class Shot:
     primal_black: bool = False
     dual_black: bool = False
     only: int | None = None
+    copy_of: str = ""
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     codes: int
     method: MethodName
     pilot: int
+    repeat: int = 1
     black_level: BlackLevel
     normalise: NormaliseName
     white: bool

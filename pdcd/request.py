@@ -75,6 +75,16 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
     which far cells are linked. Each is one more RAW file."""
+    repeat: Annotated[int, Meta(ge=1, le=1024)] = 1
+    """Equal exposures to add up for the answer: less sensor noise, the same error of the codes."""
+    error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
+    """Wanted RMS error relative to the RMS of the picture; codes and exposures then follow."""
+    confidence: Annotated[float, Meta(ge=0.5, lt=1.0)] | None = None
+    """With which probability `error` is to be kept; None: 0.95."""
+    seconds: Annotated[float, Meta(gt=0.0)] | None = None
+    """Total time of all exposures, from which codes and exposures follow instead."""
+    prior: str | None = None
+    """Path of a transport matrix like the scene's, to predict errors by."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None
@@ -101,6 +111,22 @@ class ShotSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Mean share of a floodlit exposure's light that an off-diagonal path keeps, 0..1."""
 
 
+class Prediction(msgspec.Struct, frozen=True, kw_only=True):
+    """RMS errors to be expected of a plan's answer, relative to the RMS of the true picture.
+
+    `code` and `sensor` add up in squares to `error`; `bound` is kept with the probability
+    `confidence`. `prior` says what the scene was taken to be.
+    """
+
+    error: float
+    code: float
+    sensor: float
+    bound: float
+    confidence: float
+    iso: int
+    prior: str
+
+
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
 
@@ -117,6 +143,8 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float
     light_share: float
     raw_files: int
+    pilot: int = 0
+    prediction: Prediction | None = None
 
 
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):

@@ -16,13 +16,13 @@ from typing import Any
 import msgspec
 
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import OnEvent, progress, say_json, say_result, say_table
+from pdcd.cli.output import OnEvent, percent, progress, say_json, say_result, say_table
 from pdcd.client import Client, Unreachable
 from pdcd.config import load, socket_path
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 
-FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
+FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix", "prior")
 """Options that name a file the daemon is to read."""
 
 
@@ -69,8 +69,23 @@ def plan(args: argparse.Namespace) -> int:
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
+    if summary.pilot:
+        head.append(["pilot", f"{summary.pilot} of the codes, one by one"])
+    foreseen = summary.prediction
+    if foreseen is not None:
+        head += [
+            ["RMS error", f"{percent(foreseen.error)} of the picture's RMS"],
+            ["by codes", percent(foreseen.code)],
+            ["by sensor", f"{percent(foreseen.sensor)} at ISO {foreseen.iso}"],
+            ["at most", f"{percent(foreseen.bound)} with {100.0 * foreseen.confidence:g} %"],
+            ["prior", foreseen.prior],
+        ]
     shots = [
-        [f"shot {s.name}", f"{s.codes} codes, {s.refreshes} refreshes, {s.exposure_s:.3f} s"]
+        [
+            f"shot {s.name}",
+            f"{f'{s.exposures} times ' if s.exposures > 1 else ''}{s.codes} codes, "
+            f"{s.refreshes} refreshes, {s.exposure_s:.3f} s",
+        ]
         for s in summary.shots
     ]
     say_table(head + shots)
@@ -95,6 +110,10 @@ def _request(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         **files,
         "goal": args.goal,
         "pilot": args.pilot,
+        "repeat": args.repeat,
+        "error": args.error,
+        "confidence": args.confidence,
+        "seconds": args.seconds,
         "method": args.method,
         "shift": args.shift,
         "radius": args.radius,
