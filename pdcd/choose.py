@@ -35,7 +35,11 @@ MOST_REPEATS = 64
 """Exposures of one photo beyond which RAW files pile up for little."""
 
 STALLED = 0.8
-"""Error of four times as many codes, over that of the fewer, from which more codes do not help."""
+"""Least error of the codes on the last rungs of the ladder, over that before, from which more codes
+do not help: what is left comes from the panels."""
+
+PATIENCE = 6
+"""Rungs that are given to lower the error: eight times as many codes."""
 
 PILOT_PAYS = 0.5
 """Error with a pilot, over that without, from which its many RAW files are worth taking."""
@@ -143,7 +147,7 @@ def _prior(request: CaptureRequest, grid: tuple[int, int], scene: Scene | None) 
                 f"{grid[0]} x {grid[1]}",
                 hint="give a transport matrix over the rig's cells",
             )
-        return Scene(f"file {path.name}", own, matrix_effects(transport))
+        return Scene(path.stem, own, matrix_effects(transport))
     if scene is not None:
         return scene
     if request.goal not in GOALS:
@@ -175,6 +179,8 @@ class _Search:
     @property
     def prior_name(self) -> str:
         """What the scene is taken to be, for people."""
+        if self.request.prior is not None:
+            return f"file {Path(self.request.prior).name}"
         return f"scene {self.prior.name}" if isinstance(self.prior, Scene) else str(self.prior)
 
     def run(self) -> Choice:
@@ -217,14 +223,19 @@ class _Search:
                 return
             # The sensor's error hardly depends on the codes, so that of fewer tells when to stop.
             floor = sensor / self._most_repeats(plan) ** 0.5
-            if floor > (self.request.error or (self.best and self._bound(self.best)) or np.inf):
+            goal = self.request.error or (self.best and self._bound(self.best)) or np.inf
+            if floor > goal and errors[-1] < floor:
                 return
             estimate = self._settle(plan)
+            if estimate.saturates:  # and more codes bring more light
+                return
             errors.append(estimate.code)
             sensor = estimate.sensor
             if estimate.code < NEGLIGIBLE * estimate.sensor / MOST_REPEATS**0.5:
                 return
-            if len(errors) > 4 and errors[-1] > STALLED * errors[-5]:
+            if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > STALLED * min(
+                errors[:-PATIENCE]
+            ):
                 return
 
     def _plans(self, guards: bool, *, pilot: bool) -> Iterator[Plan]:

@@ -165,6 +165,7 @@ def goal_of(request: CaptureRequest, grid: tuple[int, int]) -> Goal:
             shift=request.shift,
             radius=request.radius,
             mix=request.mix,
+            period=request.period,
             planes={name: a.ravel() for name, a in arrays.items() if name in PLANES},
             matrices={name: a for name, a in arrays.items() if name in MATRICES},
         )
