@@ -29,6 +29,7 @@ from pdcd.raw import read_raw, rgb_variance, to_rgb
 from pdcd.realised import Factors, collect, factors
 from pdcd.recipe import Recipe, Shot, make_recipe
 from pdcd.record import RunRecord, ShotRecord
+from pdcd.repeat import repeated
 from pdcd.report import Deviation, deviation, weight_s
 from pdcd.request import NormaliseName
 from pdcd.sigma import Barred, measured
@@ -50,9 +51,7 @@ class Decoded:
     def deviations(self, alive: Callable[[], None] = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one."""
         return {
-            p.name: deviation(
-                realised_photo(p.shots, {**self.shots, **self.sums}), p.wanted, alive
-            )
+            p.name: deviation(realised_photo(p.shots, {**self.shots, **self.sums}), p.wanted, alive)
             for p in self.recipe.photos
         }
 
@@ -79,6 +78,7 @@ def decode(
         method=record.method,
     )
     recipe = in_parts(recipe, record.parts)
+    recipe = repeated(recipe, record.repeat)
     by_name = {shot.name: shot for shot in recipe.shots}
     shots = dict(known or {})
     for shot in record.shots:

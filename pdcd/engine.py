@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from pdcd.archive import RunFolder
+from pdcd.choose import choose, wants_choice
 from pdcd.config import Config, state_dir
 from pdcd.errors import DeviceLost, PdcdError
 from pdcd.plan import make_plan
+from pdcd.predict import Setting
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.rig import Rig
 from pdcd.run import Emit, Run
@@ -83,7 +85,10 @@ class Engine:
 
     def plan(self, request: CaptureRequest) -> PlanSummary:
         """What a request would do. Raises ConfigError."""
-        return make_plan(request, self._config, self.grid).summary()
+        if not wants_choice(request):
+            return make_plan(request, self._config, self.grid).summary()
+        setting = Setting(self._config, self._rig.look_at_camera(), self._profile)
+        return choose(request, setting, self.grid, self._rig.scene).plan.summary()
 
     def show(self, pattern: str, index: int = 0) -> None:
         """Hold a pattern on both panels: black, white, checker, or one code by its number."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.plan import Plan
+from pdcd.recipe import Shot
+
 TARGET = 0.6
 """Where the brightest sample shall lie, as a share of saturation."""
 
@@ -15,6 +18,16 @@ METER_PAIRS = 16
 """Pairs of patterns in a test exposure: enough that no cell is far from its mean."""
 
 MAX_TESTS = 6
+
+
+def metered_pairs(plan: Plan, shot: Shot) -> tuple[int, float]:
+    """Pairs of patterns in a test exposure of a shot, and how much more light the shot gathers.
+
+    Exact sequences are shown whole: their first pairs are not like the rest.
+    """
+    exact = not shot.white and not plan.recipe.programs[shot.program].coded
+    pairs = plan.pairs_of(shot) if exact else min(METER_PAIRS, plan.pairs_of(shot))
+    return pairs, plan.pairs_of(shot) * plan.passes_of(shot) / pairs
 
 
 def next_aperture(
@@ -30,12 +43,12 @@ def next_aperture(
     light_ratio : light of the real exposure over that of the test exposure.
     """
     if peak >= USABLE[1]:
-        return _at_least(apertures, now * 4.0), now >= max(apertures)
+        return at_least(apertures, now * 4.0), now >= max(apertures)
     if peak < USABLE[0] and now > min(apertures):
         brighter = now * np.sqrt(max(peak, 1e-4) / 0.3)
-        return _at_least(apertures, float(brighter)), False
+        return at_least(apertures, float(brighter)), False
     wanted = now * np.sqrt(max(peak, 1e-9) * light_ratio / TARGET)
-    return _at_least(apertures, float(wanted)), True
+    return at_least(apertures, float(wanted)), True
 
 
 def peak_share(
@@ -47,6 +60,6 @@ def peak_share(
     return float(planes.max()) / saturation_dn
 
 
-def _at_least(apertures: tuple[float, ...], f_number: float) -> float:
+def at_least(apertures: tuple[float, ...], f_number: float) -> float:
     """The widest aperture that is no wider than wanted; the narrowest there is otherwise."""
     return min((a for a in apertures if a >= f_number), default=max(apertures))

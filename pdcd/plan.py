@@ -24,7 +24,8 @@ from pdcd.patterns import Patterns, compact, levels_of
 from pdcd.pilot import pilot_codes
 from pdcd.programs import Floodlit, Program, extended
 from pdcd.recipe import Recipe, Shot, make_recipe
-from pdcd.request import BlackLevel, CaptureRequest, PlanSummary, ShotSummary
+from pdcd.repeat import repeated
+from pdcd.request import BlackLevel, CaptureRequest, PlanSummary, Prediction, ShotSummary
 from pdcd.schedule import GUARDED_REFRESHES, build_frames, choose_window
 
 Pair = tuple[Patterns, Patterns]
@@ -49,6 +50,8 @@ class Plan:
     white_slots: int
     refresh_hz: float
     settle_s: float
+    repeat: int = 1
+    prediction: Prediction | None = None
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""
@@ -109,6 +112,8 @@ class Plan:
     def summary(self) -> PlanSummary:
         """The plan in figures."""
         alike = {name: len(self.recipe.stack) for name in self.recipe.stack[:1]}
+        copied = {s.copy_of for s in self.recipe.shots}
+        alike |= {s.name: self.repeat for s in self.recipe.shots if s.name in copied}
         shots = tuple(
             ShotSummary(
                 name=s.name,
@@ -119,7 +124,7 @@ class Plan:
                 light_share=self.light_share(s),
             )
             for s in self.recipe.shots
-            if s.name not in self.recipe.stack[1:]
+            if s.name not in self.recipe.stack[1:] and not s.copy_of
         )
         photos = {photo.name: photo for photo in self.recipe.photos}
         last = self.recipe.main
@@ -141,6 +146,8 @@ class Plan:
             seconds=sum(s.exposure_s * s.exposures for s in shots),
             light_share=next(s.light_share for s in shots if s.name == main),
             raw_files=len(self.recipe.shots),
+            pilot=self.pilot,
+            prediction=self.prediction,
         )
 
 
@@ -220,6 +227,11 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     if family in ISOLATION:
         slot_s = (GUARDED_REFRESHES if guards else 1) / refresh_hz
         recipe = isolated(recipe, family, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
+    if request.repeat > 1 and (parts > 1 or request.method != "coded"):
+        raise ConfigError(
+            "only a coded photo in one piece can be repeated", hint="leave out repeat, or the parts"
+        )
+    recipe = repeated(recipe, request.repeat)
     lattice = Lattice(grid, window)
     part_of = {shot.program: shot.part for shot in recipe.shots}
     patterns = {}
@@ -257,6 +269,7 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         white_slots=_white_slots(recipe, patterns, lattice, part_count * passes),
         refresh_hz=refresh_hz,
         settle_s=config.rig.settle_s,
+        repeat=request.repeat,
     )
     longest = max(plan.exposure_s(s) for s in recipe.shots)
     if longest > config.limits.max_exposure_s:

@@ -74,7 +74,7 @@ class Shot:
 
     `white` shots show full light through a fully open mask. `only` picks one pair of the program:
     a photo of a single code. `part` counts the exposures of a photo taken in several, from 1; 0 is
-    a whole one.
+    a whole one. `copy_of` names the shot that this one repeats.
     """
 
     name: str
@@ -84,6 +84,7 @@ class Shot:
     dual_black: bool = False
     only: int | None = None
     part: int = 0
+    copy_of: str = ""
 
     @property
     def kind(self) -> str:

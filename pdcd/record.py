@@ -49,6 +49,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     pilot: int
     parts: int = 1
     """As planned; a run that met its target earlier has fewer among its shots."""
+    repeat: int = 1
     black_level: BlackLevel
     normalise: NormaliseName
     white: bool

@@ -80,6 +80,16 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     From 4 parts on their spread measures the error of the codes."""
     until_error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     """Take no more parts when RMS sigma over RMS image is as low as that."""
+    repeat: Annotated[int, Meta(ge=1, le=1024)] = 1
+    """Equal exposures to add up for the answer: less sensor noise, the same error of the codes."""
+    error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
+    """Wanted RMS error relative to the RMS of the picture; codes and exposures then follow."""
+    confidence: Annotated[float, Meta(ge=0.5, lt=1.0)] | None = None
+    """With which probability `error` is to be kept; None: 0.95."""
+    seconds: Annotated[float, Meta(gt=0.0)] | None = None
+    """Total time of all exposures, from which codes and exposures follow instead."""
+    prior: str | None = None
+    """Path of a transport matrix like the scene's, to predict errors by."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None
@@ -106,6 +116,22 @@ class ShotSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Mean share of a floodlit exposure's light that an off-diagonal path keeps, 0..1."""
 
 
+class Prediction(msgspec.Struct, frozen=True, kw_only=True):
+    """RMS errors to be expected of a plan's answer, relative to the RMS of the true picture.
+
+    `code` and `sensor` add up in squares to `error`; `bound` is kept with the probability
+    `confidence`. `prior` says what the scene was taken to be.
+    """
+
+    error: float
+    code: float
+    sensor: float
+    bound: float
+    confidence: float
+    iso: int
+    prior: str
+
+
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
 
@@ -124,6 +150,8 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float
     light_share: float
     raw_files: int
+    pilot: int = 0
+    prediction: Prediction | None = None
 
 
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):

@@ -81,6 +81,15 @@ class Rig:
         """Whether the photos come from a virtual scene."""
         return self.scene is not None
 
+    def look_at_camera(self) -> CameraInfo:
+        """What the camera is; one that is not open is opened for the question only."""
+        if self.camera_info is not None:
+            return self.camera_info
+        try:
+            return self.readout.connect()
+        finally:
+            self.readout.disconnect()
+
     def connect(self) -> None:
         """Open all devices: panels black first, then the shutter closed, then the camera."""
         try:

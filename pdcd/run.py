@@ -12,14 +12,16 @@ import msgspec
 import numpy as np
 
 from pdcd.archive import RunFolder
+from pdcd.choose import choose, wants_choice
 from pdcd.config import Config
 from pdcd.convergence import Convergence, rms_sigma
 from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.interfaces import CameraInfo, CameraSettings
-from pdcd.metering import MAX_TESTS, METER_PAIRS, next_aperture, peak_share
+from pdcd.metering import MAX_TESTS, metered_pairs, next_aperture, peak_share
 from pdcd.parts import part_numbers
 from pdcd.plan import Plan, make_plan, with_links
+from pdcd.predict import Setting
 from pdcd.provenance import git_commit, utc_now, versions
 from pdcd.raw import read_raw
 from pdcd.recipe import Recipe, Shot
@@ -71,7 +73,7 @@ class Run:
         camera = self.rig.camera_info
         if camera is None:
             raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
-        plan = make_plan(request, self.config, grid)
+        plan = self._plan(request, grid, camera)
         if request.until_error is not None:
             self.convergence = Convergence(request.until_error)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
@@ -124,6 +126,16 @@ class Run:
             files=files,
             summary=summary,
         )
+
+    def _plan(self, request: CaptureRequest, grid: tuple[int, int], camera: CameraInfo) -> Plan:
+        """The plan as asked for, or as a wanted error or time has it, which sets the ISO too."""
+        if not wants_choice(request):
+            return make_plan(request, self.config, grid)
+        setting = Setting(self.config, camera, self.profile)
+        choice = choose(request, setting, grid, self.rig.scene, self.look_for_cancel)
+        own_camera = msgspec.structs.replace(self.config.camera, iso=choice.iso)
+        self.config = msgspec.structs.replace(self.config, camera=own_camera)
+        return choice.plan
 
     def failed(self, job: str, error: PdcdError, *, safe: bool) -> CaptureResult:
         """The result of a job that did not finish; its folder keeps the name that says so.
@@ -283,10 +295,7 @@ class Run:
     def _metered(self, plan: Plan, shot: Shot, camera: CameraInfo) -> float:
         iso = self._iso(camera)
         saturation_dn = self.profile.saturation_dn(iso)
-        # Exact sequences are shown whole: their first pairs are not like the rest.
-        exact = not shot.white and not plan.recipe.programs[shot.program].coded
-        pairs = plan.pairs_of(shot) if exact else min(METER_PAIRS, plan.pairs_of(shot))
-        ratio = plan.pairs_of(shot) * plan.passes_of(shot) / pairs
+        pairs, ratio = metered_pairs(plan, shot)
         f_number = min(camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
         for test in range(1, MAX_TESTS + 1):
             name = f"meter-{shot.name}-{test}"
@@ -311,8 +320,9 @@ class Run:
             period=request.period,
             codes=plan.count,
             method=request.method,
-            pilot=request.pilot,
+            pilot=plan.pilot,
             parts=plan.parts,
+            repeat=plan.repeat,
             black_level=request.black_level or self.config.schedule.black_level,
             normalise=request.normalise or self.config.schedule.normalise,
             white=request.white,
@@ -354,6 +364,7 @@ class Run:
             "parts": parts,
             "pilot": plan.pilot,
             "passes": plan.passes,
+            "repeat": plan.repeat,
             "shots": len(self.shots),
             "refreshes": sum(s.refreshes for s in self.shots),
             "exposure_s": sum(exposures),
@@ -362,6 +373,7 @@ class Run:
             "sigma_kind": answer.kind,
             "rms_error": error,
             "sigma_mean": float(known.mean()) if known.size else None,
+            "predicted_error": None if plan.prediction is None else plan.prediction.error,
         }
 
     def _truth(self, recipe: Recipe) -> np.ndarray[Any, np.dtype[np.float64]] | None:

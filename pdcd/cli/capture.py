@@ -16,13 +16,13 @@ from typing import Any
 import msgspec
 
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import OnEvent, progress, say_json, say_result, say_table
+from pdcd.cli.output import OnEvent, percent, progress, say_json, say_result, say_table
 from pdcd.client import Client, Unreachable
 from pdcd.config import load, socket_path
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 
-FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
+FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix", "prior")
 """Options that name a file the daemon is to read."""
 
 
@@ -77,6 +77,17 @@ def plan(args: argparse.Namespace) -> int:
         ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
+    if summary.pilot:
+        head.append(["pilot", f"{summary.pilot} of the codes, one by one"])
+    foreseen = summary.prediction
+    if foreseen is not None:
+        head += [
+            ["RMS error", f"{percent(foreseen.error)} of the picture's RMS"],
+            ["by codes", percent(foreseen.code)],
+            ["by sensor", f"{percent(foreseen.sensor)} at ISO {foreseen.iso}"],
+            ["at most", f"{percent(foreseen.bound)} with {100.0 * foreseen.confidence:g} %"],
+            ["prior", foreseen.prior],
+        ]
     shots = [
         [
             f"shot {s.name}",
@@ -109,6 +120,10 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "pilot": args.pilot,
         "parts": args.parts,
         "until_error": args.until_error,
+        "repeat": args.repeat,
+        "error": args.error,
+        "confidence": args.confidence,
+        "seconds": args.seconds,
         "method": args.method,
         "shift": args.shift,
         "radius": args.radius,

@@ -20,6 +20,12 @@ OnEvent = Callable[[dict[str, Any]], None]
 LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
 
+
+def percent(share: float) -> str:
+    """Write a share as a percentage of three digits."""
+    return f"{100.0 * share:.3g} %"
+
+
 SUMMARY: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("codes", "codes", str),
     ("refreshes", "refreshes", str),
@@ -27,6 +33,7 @@ SUMMARY: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("missed_refreshes", "missed refreshes", str),
     ("rms_sigma", "RMS sigma", lambda e: f"{100.0 * e:.3g} % of the picture"),
     ("rms_error", "RMS error", lambda e: f"{100.0 * e:.3g} % against the scene's known truth"),
+    ("predicted_error", "predicted", percent),
     ("wall_s", "wall time", lambda s: f"{s:.2f} s"),
 )
 """Lines of the table after a capture: key of the summary, label, how to write the value."""

@@ -196,6 +196,30 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         metavar="E",
         help="stop after the part that brings the mean error down to E, say 1%%",
     )
+    parser.add_argument(
+        "--error",
+        type=float,
+        metavar="E",
+        help="wanted RMS error, as a share of the picture's RMS; chooses codes and exposures",
+    )
+    parser.add_argument(
+        "--confidence", type=float, metavar="C", help="with which to keep the error; default 0.95"
+    )
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        metavar="S",
+        help="time of all exposures; chooses what gives the smallest error in it",
+    )
+    parser.add_argument(
+        "--prior",
+        type=Path,
+        metavar="FILE",
+        help="transport matrix (.npz) to foresee the error by, where the scene is not known",
+    )
+    parser.add_argument(
+        "--repeat", type=int, default=1, metavar="B", help="equal exposures to add up; default 1"
+    )
     _goal_options(parser)
     parser.add_argument("--family", choices=FAMILIES, help="how the codes are made")
     parser.add_argument(

@@ -1,0 +1,119 @@
+"""What a plan foresees is what a capture with full sensor noise then achieves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.config import CameraConfig, PanelConfig, RigConfig, SceneConfig
+from pdcd.engine import Engine
+from pdcd.request import CaptureRequest, CaptureResult
+from tests import bench_rig
+
+SCENES = ("corner_32x24", "mirror_32x24", "open-book", "wax-disk", "disco-ball", "milky-bottle")
+TARGETS = (0.05, 0.02, 0.01)
+SEEDS = 3
+AGREE = 0.2
+"""How far achieved errors may lie from foreseen ones, relative to these."""
+
+
+def scene(name: str) -> SceneConfig:
+    if name.endswith("_32x24"):
+        return SceneConfig(kind="matrix", path=str(bench_rig.DATA / f"{name}.npz"))
+    return SceneConfig(kind=name, grid=(24, 32))
+
+
+def run(folder: Path, request: CaptureRequest, **tables: Any) -> CaptureResult:
+    folder.mkdir(exist_ok=True)
+    engine = Engine.from_config(bench_rig.config(folder, **tables))
+    engine.start()
+    try:
+        return bench_rig.capture(engine, request)
+    finally:
+        engine.stop()
+
+
+def number(result: CaptureResult, key: str) -> float:
+    assert result.state == "done", result.error
+    value = result.summary[key]
+    assert isinstance(value, float)
+    return value
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", SCENES)
+def test_achieved_error_is_the_foreseen_one(name: str, target: float, tmp_path: Path) -> None:
+    foreseen, achieved = [], []
+    for seed in range(SEEDS):
+        request = CaptureRequest(goal="indirect", error=target, seed=seed, white=False)
+        camera = CameraConfig(noise="full", seed=seed)
+        result = run(tmp_path / str(seed), request, scene=scene(name), camera=camera)
+        foreseen.append(number(result, "predicted_error"))
+        achieved.append(number(result, "rms_error"))
+    assert max(foreseen) <= target
+    assert np.mean(achieved) == pytest.approx(np.mean(foreseen), rel=AGREE)
+
+
+@pytest.mark.parametrize("goal", ["direct", "fraction", "long-range", "filtered", "split", "white"])
+def test_other_goals_are_foreseen_too(goal: str, tmp_path: Path) -> None:
+    kernel = tuple(map(tuple, np.outer([0.25, 0.5, 0.25], [0.25, 0.5, 0.25]).tolist()))
+    extra = {
+        "fraction": {"p": 0.25},
+        "long-range": {"radius": 1},
+        "filtered": {"kernel": kernel},
+        "split": {"period": 8},
+    }.get(goal, {})
+    request = CaptureRequest(goal=goal, seconds=4.0, **extra)  # type: ignore[arg-type]
+    tables: dict[str, Any] = {"scene": scene("open-book"), "camera": CameraConfig(noise="full")}
+    result = run(tmp_path, request, **tables)
+    assert number(result, "rms_error") == pytest.approx(
+        number(result, "predicted_error"), rel=AGREE
+    )
+
+
+def test_bad_panels_are_foreseen(tmp_path: Path) -> None:
+    """Slow, leaking, skewed and misaligned panels: errors without sensor noise, to rounding."""
+    tables: dict[str, Any] = {
+        "scene": scene("open-book"),
+        "rig": RigConfig(misregistration_px=4.0),
+        "projector": PanelConfig(size_px=(1024, 768), rise_s=0.001, fall_s=0.002, contrast=900.0),
+        "mask": PanelConfig(
+            size_px=(1600, 1200), rise_s=0.004, fall_s=0.008, contrast=300.0, skew_s=0.003,
+            offset_px=(3.0, -4.0),
+        ),
+    }  # fmt: skip
+    request = CaptureRequest(goal="indirect", seconds=40.0, white=False)
+    result = run(tmp_path, request, **tables)
+    achieved, foreseen = number(result, "rms_error"), number(result, "predicted_error")
+    assert foreseen > 0.05  # the panels are that bad
+    assert achieved == pytest.approx(foreseen, rel=0.01)
+
+
+def test_time_is_kept(tmp_path: Path) -> None:
+    tables: dict[str, Any] = {"scene": scene("wax-disk"), "camera": CameraConfig(noise="full")}
+    errors = []
+    for seconds in (1.0, 8.0):
+        request = CaptureRequest(goal="indirect", seconds=seconds)
+        result = run(tmp_path / str(seconds), request, **tables)
+        # Closing the shutter takes its time, and the panels wait for a refresh, at every shot.
+        waits_s = 0.1 * float(str(result.summary["shots"]))
+        assert number(result, "exposure_s") <= seconds + waits_s
+        errors.append(number(result, "rms_error"))
+    assert errors[1] < errors[0] / 2.0
+
+
+def test_exposures_add_up(tmp_path: Path) -> None:
+    """Four equal exposures: half the sensor's noise, as many RAW files, one picture again."""
+    tables: dict[str, Any] = {"scene": scene("wax-disk"), "camera": CameraConfig(noise="full")}
+    sigmas = []
+    for repeat in (1, 4):
+        request = CaptureRequest(goal="indirect", codes=128, repeat=repeat)
+        result = run(tmp_path / str(repeat), request, **tables)
+        assert result.folder is not None, result.error
+        assert len(list(Path(result.folder).glob("raw/coded*.dng"))) == repeat
+        assert len(list(Path(result.folder).glob("raw/white*.dng"))) == 1
+        sigmas.append(float(np.sqrt(np.mean(np.load(f"{result.folder}/probe.npz")["sigma"] ** 2))))
+    assert sigmas[1] == pytest.approx(sigmas[0] / 2.0, rel=0.02)
