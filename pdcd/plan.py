@@ -60,7 +60,7 @@ class Plan:
         """How often a shot's sequence is shown: exact ones fill as many slots as codes would."""
         if shot.white:
             return self.white_slots
-        if self.recipe.programs[shot.program].coded or shot.only is not None:
+        if self.recipe.programs[shot.program].coded:
             return self.passes
         return max(1, round(self.count * self.passes / len(self.patterns[shot.program][0])))
 
@@ -126,7 +126,9 @@ class Plan:
         )
         photos = {photo.name: photo for photo in self.recipe.photos}
         last = self.recipe.main
-        main = photos[last].shots[0][1] if last in photos else self.recipe.stack[0]
+        first = photos[last].shots[0][1] if last in photos else self.recipe.stack[0]
+        single = first in self.recipe.stack or first in self.recipe.sums
+        main = self.recipe.stack[0] if single else first
         return PlanSummary(
             goal=self.recipe.goal.name,
             family=self.family,
@@ -188,7 +190,12 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     black: BlackLevel = request.black_level or schedule.black_level
     wanted = goal_of(request, grid)
     recipe = make_recipe(
-        wanted, black_level=black, white=request.white, codes=count, pilot=request.pilot
+        wanted,
+        black_level=black,
+        white=request.white,
+        codes=count,
+        pilot=request.pilot,
+        method=request.method,
     )
     cell_px = min(config.projector.size_px[1] / grid[0], config.projector.size_px[0] / grid[1])
     if cell_px < 1.0:
@@ -205,6 +212,10 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     if request.pilot and family != "hadamard":
         raise ConfigError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
     refresh_hz = min(config.projector.refresh_hz, config.mask.refresh_hz)
+    if family in ISOLATION and request.method != "coded":
+        raise ConfigError(
+            f"method {request.method} does not isolate paths", hint="take the family hadamard"
+        )
     if family in ISOLATION:
         slot_s = (GUARDED_REFRESHES if guards else 1) / refresh_hz
         recipe = isolated(recipe, family, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
@@ -217,7 +228,8 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         for name, program in recipe.programs.items()
     }
     coded = any(program.coded for program in recipe.programs.values())
-    fields = Lattice(grid, window).fields if coded else 1
+    windowed = any(_windowed(program) for program in recipe.programs.values())
+    fields = Lattice(grid, window).fields if windowed else 1
     one_pass_s = count * fields * (GUARDED_REFRESHES if guards else 1) / refresh_hz
     passes = 1
     if request.exposure_s is not None:

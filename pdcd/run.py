@@ -82,7 +82,7 @@ class Run:
         write_pictures(self.folder.path, decoded)
         self._warn(decoded)
         deviations = decoded.deviations(self.look_for_cancel)
-        summary = self._summary(plan, decoded)
+        summary = self._summary(plan, request.method, decoded)
         summary["wall_s"] = time.perf_counter() - begun_s
         self.notify("archived", {"job": job})  # the last line of log.jsonl: hashes come after it
         manifest = Manifest(
@@ -319,16 +319,20 @@ class Run:
         if self.profile.estimated:
             self.warnings.append(f"sensor profile {self.profile.name} is an estimate")
 
-    def _summary(self, plan: Plan, decoded: Decoded) -> dict[str, float | int | str | None]:
+    def _summary(
+        self, plan: Plan, method: str, decoded: Decoded
+    ) -> dict[str, float | int | str | None]:
         answer = next(iter(decoded.pictures.values()))
         truth = self._truth(plan.recipe)
         error = None
         if truth is not None:
             scale = float(np.sqrt(np.mean(truth**2)))
             error = float(np.sqrt(np.mean((answer.image - truth) ** 2))) / scale if scale else None
+        known = answer.sigma[np.isfinite(answer.sigma)]
         exposures = [(s.close_ns - s.open_ns) * 1e-9 for s in self.shots]
         return {
             "goal": plan.recipe.goal.name,
+            "method": method,
             "family": plan.family,
             "codes": plan.count + plan.pilot,
             "pilot": plan.pilot,
@@ -339,6 +343,7 @@ class Run:
             "exposure_s": sum(exposures),
             "missed_refreshes": sum(s.missed for s in self.shots),
             "rms_error": error,
+            "sigma_mean": float(known.mean()) if known.size else None,
             "predicted_error": None if plan.prediction is None else plan.prediction.error,
         }
 
