@@ -230,7 +230,14 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         "--exposure", type=float, metavar="S", dest="exposure_s", help="coded time in seconds"
     )
     parser.add_argument("--window", choices=WINDOWS, help="part of a mask cell that opens")
-    parser.add_argument(
+    guards = parser.add_mutually_exclusive_group()
+    guards.add_argument(
+        "--guards",
+        action="store_const",
+        const=True,
+        help="a black mask between codes, whatever a wanted error would choose",
+    )
+    guards.add_argument(
         "--no-guards",
         action="store_const",
         const=False,

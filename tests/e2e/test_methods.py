@@ -82,7 +82,7 @@ def test_sigma_of_multi_image_is_what_noise_does(tmp_path: Path) -> None:
     image, result = take(noisy, goal="indirect", method="multi-image", codes=32)
     assert result.folder is not None
     with np.load(Path(result.folder) / "probe.npz") as data:
-        z = (image - exact) / data["sigma"]
+        z = (image - exact) / data["sigma_sensor"]
     assert np.std(z) == pytest.approx(1.0, abs=0.2)
 
 
