@@ -16,9 +16,10 @@ lint:
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 
+# One thread for the linear algebra: two of them gain nothing here and make times scatter.
 bench:
 	@.ci/setup dev
-	.venv/bin/python -m tests.bench
+	OMP_NUM_THREADS=1 .venv/bin/python -m tests.bench
 
 clean:
 	rm -rf .venv demo .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

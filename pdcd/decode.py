@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from pdcd.report import Deviation, deviation, weight_s
 from pdcd.request import NormaliseName
 from pdcd.sigma import Barred, measured
 from pdcd.sigma_model import modelled
+from pdcd.software import software_sums
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,13 @@ class Decoded:
     shots: dict[str, Exposed]
     pictures: dict[str, Barred]
     learned: Learned | None = None
+    sums: dict[str, Exposed] = field(default_factory=dict)
+    """Weighted sums of single photos, which the recipe's photos name like shots."""
 
     def deviations(self, alive: Callable[[], None] = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one."""
         return {
-            p.name: deviation(realised_photo(p.shots, self.shots), p.wanted, alive)
+            p.name: deviation(realised_photo(p.shots, {**self.shots, **self.sums}), p.wanted, alive)
             for p in self.recipe.photos
         }
 
@@ -71,6 +74,7 @@ def decode(
         white=record.white,
         codes=record.codes,
         pilot=record.pilot,
+        method=record.method,
     )
     recipe = in_parts(recipe, record.parts)
     by_name = {shot.name: shot for shot in recipe.shots}
@@ -82,13 +86,17 @@ def decode(
     recipe = taken_parts(recipe, shots)
     learned = None
     if record.pilot:
-        learned = learn(recipe, shots, _bits(stored, recipe), record.codes + record.pilot)
-    if not all(name in shots for photo in recipe.photos for _, name in photo.shots):
+        learned = learn(recipe, shots, _bits(stored, recipe, "pilot"), record.codes + record.pilot)
+    sums = {}
+    if recipe.sums:
+        sums = software_sums(recipe, shots, _bits(stored, recipe, "photos"))
+    exposed = {**shots, **sums}
+    if not all(name in exposed for photo in recipe.photos for _, name in photo.shots):
         return Decoded(recipe, shots, {}, learned)  # a run in the middle, which wants to learn
-    pictures = _barred(recipe, shots, learned, record.normalise, alive)
+    pictures = _barred(recipe, exposed, learned, record.normalise, alive)
     if record.homography is not None:
         pictures = {name: _warped(p, record.homography) for name, p in pictures.items()}
-    return Decoded(recipe, shots, pictures, learned)
+    return Decoded(recipe, shots, pictures, learned, sums)
 
 
 def write_pictures(folder: Path, decoded: Decoded) -> None:
@@ -167,10 +175,10 @@ def _pair(stored: dict[str, NDArray[Any]], shot: Shot) -> tuple[Patterns, Patter
     return pair[0][shot.only : shot.only + 1], pair[1][shot.only : shot.only + 1]
 
 
-def _bits(stored: dict[str, NDArray[Any]], recipe: Recipe) -> NDArray[np.bool_]:
+def _bits(stored: dict[str, NDArray[Any]], recipe: Recipe, program: str) -> NDArray[np.bool_]:
     """What the projector showed in the single-code photos, (K, N)."""
     cells = recipe.goal.grid[0] * recipe.goal.grid[1]
-    return np.unpackbits(stored["pilot.primal"], axis=1, count=cells).astype(np.bool_)
+    return np.unpackbits(stored[f"{program}.primal"], axis=1, count=cells).astype(np.bool_)
 
 
 def _missing(

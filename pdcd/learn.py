@@ -42,7 +42,7 @@ def stack_photos(
     rows, cols = recipe.goal.grid
     for name, lit in zip(recipe.stack, bits, strict=True):
         shot = shots[name]
-        weight = _time_s(shot.realised, lit)
+        weight = time_s(shot.realised, lit)
         quads = (shot.light.shape[0] // rows, shot.light.shape[1] // cols)
         blocks = (rows, quads[0], cols, quads[1], 3)
         photos.append(shot.light.reshape(blocks).mean(axis=(1, 3)).reshape(-1, 3) / weight)
@@ -75,7 +75,7 @@ def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:
     )
 
 
-def _time_s(realised: Factors, lit: Bools) -> float:
+def time_s(realised: Factors, lit: Bools) -> float:
     """Least-squares time for which the lit cells shone and the mask was open."""
     seen = realised.left.sum(axis=1)
     shone = realised.right @ lit.astype(np.float64)

@@ -74,10 +74,11 @@ def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) ->
     if name not in photos:
         raise ConfigError(f"there is no photo {name}", hint=f"known: {', '.join(photos)}")
     chosen = photos[name]
-    realised = realised_photo(chosen.shots, decoded.shots)
+    exposed = {**decoded.shots, **decoded.sums}
+    realised = realised_photo(chosen.shots, exposed)
     n = cell[0] * cols + cell[1]
     weight = weight_s(realised, chosen.wanted)
-    if divided_by_row(chosen, decoded.shots, record.normalise):
+    if divided_by_row(chosen, exposed, record.normalise):
         inner, norm = row_weights_s(realised, chosen.wanted)
         weight = inner[n] / norm[n] if inner[n] > 0.0 else weight
     row = realised.left[:, n] @ realised.right

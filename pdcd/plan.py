@@ -59,7 +59,7 @@ class Plan:
         """How often a shot's sequence is shown: exact ones fill as many slots as codes would."""
         if shot.white:
             return self.white_slots
-        if self.recipe.programs[shot.program].coded or shot.only is not None:
+        if self.recipe.programs[shot.program].coded:
             return self.passes
         return max(1, round(self.count * self.passes / len(self.patterns[shot.program][0])))
 
@@ -123,7 +123,9 @@ class Plan:
         )
         photos = {photo.name: photo for photo in self.recipe.photos}
         last = self.recipe.main
-        main = photos[last].shots[0][1] if last in photos else self.recipe.stack[0]
+        first = photos[last].shots[0][1] if last in photos else self.recipe.stack[0]
+        single = first in self.recipe.stack or first in self.recipe.sums
+        main = self.recipe.stack[0] if single else first
         return PlanSummary(
             goal=self.recipe.goal.name,
             family=self.family,
@@ -161,6 +163,7 @@ def goal_of(request: CaptureRequest, grid: tuple[int, int]) -> Goal:
             shift=request.shift,
             radius=request.radius,
             mix=request.mix,
+            period=request.period,
             planes={name: a.ravel() for name, a in arrays.items() if name in PLANES},
             matrices={name: a for name, a in arrays.items() if name in MATRICES},
         )
@@ -183,7 +186,12 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     black: BlackLevel = request.black_level or schedule.black_level
     wanted = goal_of(request, grid)
     recipe = make_recipe(
-        wanted, black_level=black, white=request.white, codes=count, pilot=request.pilot
+        wanted,
+        black_level=black,
+        white=request.white,
+        codes=count,
+        pilot=request.pilot,
+        method=request.method,
     )
     parts = check_parts(request)
     part_count = part_codes(count, parts)
@@ -205,6 +213,10 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     refresh_hz = min(config.projector.refresh_hz, config.mask.refresh_hz)
     if family in ISOLATION and parts > 1:
         raise ConfigError(f"{family} has no codes to split", hint="leave out the parts")
+    if family in ISOLATION and request.method != "coded":
+        raise ConfigError(
+            f"method {request.method} does not isolate paths", hint="take the family hadamard"
+        )
     if family in ISOLATION:
         slot_s = (GUARDED_REFRESHES if guards else 1) / refresh_hz
         recipe = isolated(recipe, family, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
@@ -218,7 +230,8 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
             bits = coin_signs(bits, seed)
         patterns[name] = _compile(program, recipe, lattice, bits)
     coded = any(program.coded for program in recipe.programs.values())
-    fields = Lattice(grid, window).fields if coded else 1
+    windowed = any(_windowed(program) for program in recipe.programs.values())
+    fields = Lattice(grid, window).fields if windowed else 1
     one_pass_s = count * fields * (GUARDED_REFRESHES if guards else 1) / refresh_hz
     passes = 1
     if request.exposure_s is not None:

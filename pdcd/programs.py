@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pdcd.lattice import Lattice
 from pdcd.wanted import Indices, shifted
@@ -184,8 +184,9 @@ class Far:
     def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
         """K pairs."""
         side = 2 * self.radius + 1
-        lit = bits.reshape(-1, *lattice.shape)
-        near = ndimage.maximum_filter(lit, size=(1, side, side), mode="constant", cval=0)
+        around = np.ones((side, side), dtype=np.uint8)
+        lit = bits.reshape(-1, *lattice.shape).astype(np.uint8)
+        near = np.stack([cv2.dilate(one, around) for one in lit]).astype(np.bool_)
         return bits, ~near.reshape(len(bits), -1)
 
 

@@ -10,14 +10,17 @@ X9).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
+from pdcd.alternatives import checkers, fitted_weights, masked_weights, shares
 from pdcd.errors import ConfigError
 from pdcd.goals import Goal
 from pdcd.programs import (
     Blocks,
+    Bools,
     Coded,
     Far,
     Floats,
@@ -28,7 +31,7 @@ from pdcd.programs import (
     SignedMatrix,
     Under,
 )
-from pdcd.request import BlackLevel
+from pdcd.request import BlackLevel, MethodName
 from pdcd.wanted import Full, Indices, Match, Near, Outer, Part, Uniform, Wanted, shifted
 
 Combination = tuple[tuple[float, str], ...]
@@ -106,7 +109,10 @@ class Photo:
 class Recipe:
     """Shots, photos and pictures of one goal; `pictures` maps a name to photos, answer first.
 
-    `stack` names the shots of single codes through an open mask, one RAW file each, in order.
+    `stack` names the shots of single patterns through an open mask, one RAW file each, in order.
+    `sums` are weighted sums of that stack, which photos may name beside shots: code bits (K, N) to
+    the weight of each cell of each photo. `meant` is the wanted matrix where the answer is only an
+    estimate of it.
     """
 
     goal: Goal
@@ -115,6 +121,8 @@ class Recipe:
     photos: tuple[Photo, ...]
     pictures: dict[str, Rule]
     stack: tuple[str, ...] = ()
+    sums: dict[str, Callable[[Bools], Floats]] = field(default_factory=dict)
+    meant: Wanted | None = None
 
     @property
     def answer(self) -> Rule:
@@ -158,7 +166,7 @@ class _Maker:
         """A photo of everything: a floodlit shot, or the illumination through an open mask."""
         wanted = Wanted(self.goal.grid, ((1.0, Uniform(_cells(self.goal))),), self.goal.light)
         if self.goal.light is None:
-            self._photo("white", wanted, [(1.0, Shot("white", "", white=True))])
+            self.photo("white", wanted, [(1.0, Shot("white", "", white=True))])
         else:
             self.exact("white", wanted, [np.ones(_cells(self.goal))], [self.goal.light])
 
@@ -166,13 +174,13 @@ class _Maker:
         self, name: str, program: Program, *parts: tuple[float, Part], light: Floats | None = None
     ) -> None:
         """A photo of one coded shot, under `light` beside the goal's own."""
-        wanted = self._wanted(*parts)
+        wanted = self.wanted(*parts)
         rows = isinstance(program, Far)
         if light is not None:
             program = Under(program, light)
             wanted = wanted.under(light if wanted.light is None else light * wanted.light)
         self.programs[name] = program
-        self._photo(name, wanted, [(1.0, Shot(name, name))], rows)
+        self.photo(name, wanted, [(1.0, Shot(name, name))], rows)
 
     def signed(
         self, name: str, half: Callable[[bool], Program], *parts: tuple[float, Part]
@@ -183,31 +191,41 @@ class _Maker:
             part = f"{name}-{'plus' if positive else 'minus'}"
             self.programs[part] = half(positive)
             shots.append((sign, Shot(part, part)))
-        self._photo(name, self._wanted(*parts), shots)
+        self.photo(name, self.wanted(*parts), shots)
 
     def exact(self, name: str, wanted: Wanted, camera: list, projector: list) -> None:  # type: ignore[type-arg]
         """A photo of few exact, non-negative blocks."""
         self.programs[name] = Blocks(np.array(camera), np.array(projector))
-        self._photo(name, wanted, [(1.0, Shot(name, name))])
+        self.photo(name, wanted, [(1.0, Shot(name, name))])
 
-    def _wanted(self, *parts: tuple[float, Part]) -> Wanted:
+    def wanted(self, *parts: tuple[float, Part]) -> Wanted:
+        """A wanted matrix under the goal's illumination."""
         return Wanted(self.goal.grid, parts, self.goal.light)
 
-    def _photo(
+    def kept(self, direct: float, indirect: float) -> Wanted:
+        """The wanted matrix of these shares of direct and of indirect light."""
+        everything, same = Uniform(_cells(self.goal)), _same(self.goal)
+        return self.wanted((indirect, everything), (direct - indirect, same))
+
+    def photo(
         self,
         name: str,
         wanted: Wanted,
         shots: list[tuple[float, Shot]],
         row_weights: bool = False,
     ) -> None:
+        """A photo of some shots, each with the black ones that measure its leaks."""
         terms = []
         for sign, shot in shots:
             self.shots.append(shot)
             terms.append((sign, shot.name))
             for black_sign, primal, dual in self.blacks:
                 sides = [s for s, black in (("primal", primal), ("dual", dual)) if black]
-                extra = Shot(
-                    f"{shot.name}-black-{'-'.join(sides)}", shot.program, shot.white, primal, dual
+                extra = replace(
+                    shot,
+                    name=f"{shot.name}-black-{'-'.join(sides)}",
+                    primal_black=primal,
+                    dual_black=dual,
                 )
                 self.shots.append(extra)
                 terms.append((sign * black_sign, extra.name))
@@ -221,6 +239,7 @@ def make_recipe(
     white: bool = True,
     codes: int = 128,
     pilot: int = 0,
+    method: MethodName = "coded",
 ) -> Recipe:
     """The recipe for a goal that `check_goal` has passed.
 
@@ -230,8 +249,13 @@ def make_recipe(
     white : take a white shot beside the coded one of the goal "indirect".
     codes : number of codes K; exact decompositions are taken where they need fewer pairs.
     pilot : number of codes to photograph one by one first, through an open mask.
+    method : codes on both panels, or one of `pdcd.alternatives`.
     """
     maker = _Maker(goal, black_level)
+    if method != "coded":
+        if pilot:
+            raise ConfigError(f"method {method} takes no pilot", hint="leave it out")
+        return _multi_image(maker, codes) if method == "multi-image" else _nayar(maker)
     pictures = _RECIPES[goal.name](maker, white, codes)
     recipe = Recipe(goal, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
     return _with_pilot(recipe, pilot) if pilot else recipe
@@ -251,6 +275,66 @@ def _with_pilot(recipe: Recipe, count: int) -> Recipe:
         programs={"pilot": Floodlit(), **recipe.programs},
         shots=(*recipe.shots[:first], *stack, *recipe.shots[first:]),
         stack=tuple(shot.name for shot in stack),
+    )
+
+
+def _multi_image(maker: _Maker, codes: int) -> Recipe:
+    """Single codes through an open mask, one RAW file each, masked in software."""
+    goal = maker.goal
+    direct, indirect = shares(goal, "multi-image")
+    if codes < 2:
+        raise ConfigError("the method multi-image needs at least 2 codes")
+    if maker.blacks:
+        raise ConfigError(
+            "the method multi-image takes no black exposures", hint="take the black level none"
+        )
+    stack = tuple(Shot(f"photo-{k + 1:04d}", "photos", only=k) for k in range(codes))
+    kept = {
+        goal.name: (direct, indirect),
+        "white": (1.0, 1.0),
+        "direct": (1.0, 0.0),
+        "indirect": (0.0, 1.0),
+    }
+    sums = {name: partial(fitted_weights, direct=d, indirect=i) for name, (d, i) in kept.items()}
+    return Recipe(
+        goal,
+        {"photos": Floodlit()},
+        stack,
+        tuple(
+            Photo(name, maker.kept(d, i), ((1.0, name),))
+            for name, (d, i) in {**kept, "masked": (0.0, 1.0)}.items()
+        ),
+        {name: ((1.0, name),) for name in (*kept, "masked")},
+        stack=tuple(shot.name for shot in stack),
+        sums={**sums, "masked": masked_weights},
+    )
+
+
+def _nayar(maker: _Maker) -> Recipe:
+    """Checkers through an open mask; the answer is made of the largest and smallest photo."""
+    goal = maker.goal
+    direct, indirect = shares(goal, "nayar")
+    patterns = checkers(goal.grid)
+    names = tuple(f"checker-{k + 1}" for k in range(len(patterns)))
+    maker.programs["checkers"] = Blocks(np.ones_like(patterns), patterns)
+    everything = maker.kept(1.0, 1.0)
+    for k, name in enumerate(names):
+        shot = Shot(name, "checkers", only=k)
+        maker.photo(name, everything.under(patterns[k]), [(1.0, shot)])
+    pictures: dict[str, Rule] = {
+        goal.name: Extremes(direct, 2.0 * indirect - direct, names),
+        "white": tuple((2.0 / len(names), name) for name in names),
+        "direct": Extremes(1.0, -1.0, names),
+        "indirect": Extremes(0.0, 2.0, names),
+    }
+    return Recipe(
+        goal,
+        maker.programs,
+        tuple(maker.shots),
+        tuple(maker.photos),
+        pictures,
+        stack=names,
+        meant=maker.kept(direct, indirect),
     )
 
 

@@ -89,7 +89,7 @@ class Run:
         write_pictures(self.folder.path, decoded)
         self._warn(decoded)
         deviations = decoded.deviations(self.look_for_cancel)
-        summary = self._summary(plan, decoded)
+        summary = self._summary(plan, request.method, decoded)
         summary["wall_s"] = time.perf_counter() - begun_s
         self.notify("archived", {"job": job})  # the last line of log.jsonl: hashes come after it
         manifest = Manifest(
@@ -333,7 +333,9 @@ class Run:
         if self.profile.estimated:
             self.warnings.append(f"sensor profile {self.profile.name} is an estimate")
 
-    def _summary(self, plan: Plan, decoded: Decoded) -> dict[str, float | int | str | None]:
+    def _summary(
+        self, plan: Plan, method: str, decoded: Decoded
+    ) -> dict[str, float | int | str | None]:
         answer = next(iter(decoded.pictures.values()))
         sigma = rms_sigma(answer)
         truth = self._truth(plan.recipe)
@@ -342,9 +344,11 @@ class Run:
             scale = float(np.sqrt(np.mean(truth**2)))
             error = float(np.sqrt(np.mean((answer.image - truth) ** 2))) / scale if scale else None
         parts = max(len(part_numbers(decoded.recipe)), 1)
+        known = answer.sigma[np.isfinite(answer.sigma)]
         exposures = [(s.close_ns - s.open_ns) * 1e-9 for s in self.shots]
         return {
             "goal": plan.recipe.goal.name,
+            "method": method,
             "family": plan.family,
             "codes": plan.count * parts // plan.parts + plan.pilot,
             "parts": parts,
@@ -357,6 +361,7 @@ class Run:
             "rms_sigma": sigma if np.isfinite(sigma) else None,
             "sigma_kind": answer.kind,
             "rms_error": error,
+            "sigma_mean": float(known.mean()) if known.size else None,
         }
 
     def _truth(self, recipe: Recipe) -> np.ndarray[Any, np.dtype[np.float64]] | None:

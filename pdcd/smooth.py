@@ -37,7 +37,8 @@ def smooth_correction(
     weight : float
         Weight the image was divided by, in the unit of A.
     image : (N,) float64
-        The indirect image, row-major; of any other paths already corrected, if they are known.
+        The indirect image, row-major. Where sharp paths are known (`pdcd.pilot`), what is left of
+        it without their light, their row sums.
     grid : (rows, cols)
         Cells of the scene, N in all.
     """

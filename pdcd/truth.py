@@ -16,6 +16,8 @@ BLOCK = 256
 def answer(scene: Scene, recipe: Recipe) -> NDArray[np.float64]:
     """What a recipe's answer is in truth, (N, 3), in scene units, without ambient light."""
     rule = recipe.answer
+    if recipe.meant is not None:
+        return probe(scene, recipe.meant)
     if not isinstance(rule, Extremes):
         return probe(scene, recipe.wanted)
     wanted = {photo.name: photo.wanted for photo in recipe.photos}

@@ -28,23 +28,30 @@ FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "ma
 
 def capture(args: argparse.Namespace) -> int:
     """Take a photo; the exit code tells how it ended."""
-    request = _request(args, out=args.out)
-    if args.local:
-        _refuse_daemon_options(args)
-        with progress() as on_event:
-            result = _capture_here(args.config, request, on_event)
-    else:
-        path = daemon_socket(args)
-        # A terminated command must end its job in good order, as an interrupted one does.
-        with (
-            _signals_to(signal.default_int_handler),
-            progress() as on_event,
-            Client(path) as client,
-        ):
-            result = client.capture(
-                request, detach=args.detach, queue=args.queue, on_event=on_event
-            )
+    given = [name for name in ("socket", "detach", "queue") if getattr(args, name)]
+    if args.local and given:
+        raise ConfigError(
+            f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
+        )
+    result = take(args, request_of(args, out=args.out), detach=args.detach, queue=args.queue)
     return say_result(result, as_json=args.json)
+
+
+def take(
+    args: argparse.Namespace, request: CaptureRequest, *, detach: bool = False, queue: bool = False
+) -> CaptureResult:
+    """Take a photo in this process or over the socket, as `args` say, with progress shown."""
+    if args.local:
+        with progress() as on_event:
+            return _capture_here(args.config, request, on_event)
+    path = daemon_socket(args)
+    # A terminated command must end its job in good order, as an interrupted one does.
+    with (
+        _signals_to(signal.default_int_handler),
+        progress() as on_event,
+        Client(path) as client,
+    ):
+        return client.capture(request, detach=detach, queue=queue, on_event=on_event)
 
 
 def wait(args: argparse.Namespace) -> int:
@@ -56,7 +63,7 @@ def wait(args: argparse.Namespace) -> int:
 
 def plan(args: argparse.Namespace) -> int:
     """Print what a capture would do, without doing it."""
-    summary = _plan(args, _request(args, out=None))
+    summary = _plan(args, request_of(args, out=None))
     if args.json:
         say_json(summary)
         return DONE
@@ -71,7 +78,11 @@ def plan(args: argparse.Namespace) -> int:
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
     shots = [
-        [f"shot {s.name}", f"{s.codes} codes, {s.refreshes} refreshes, {s.exposure_s:.3f} s"]
+        [
+            f"shot {s.name}",
+            f"{s.exposures} of " * (s.exposures > 1)
+            + f"{s.codes} codes, {s.refreshes} refreshes, {s.exposure_s:.3f} s",
+        ]
         for s in summary.shots
     ]
     say_table(head + shots)
@@ -84,7 +95,7 @@ def daemon_socket(args: argparse.Namespace) -> Path:
     return given if given is not None else socket_path(load(args.config))
 
 
-def _request(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
+def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     """Check what was typed against the types of a request. Raises ConfigError."""
     # The daemon has another current folder than we.
     files = {
@@ -121,14 +132,6 @@ def _request(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     except msgspec.ValidationError as err:
         what, _, place = str(err).replace("`", "").partition(" - at $.")
         raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
-
-
-def _refuse_daemon_options(args: argparse.Namespace) -> None:
-    given = [name for name in ("socket", "detach", "queue") if getattr(args, name)]
-    if given:
-        raise ConfigError(
-            f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
-        )
 
 
 def _plan(args: argparse.Namespace, request: CaptureRequest) -> PlanSummary:

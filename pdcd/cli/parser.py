@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Literal
 
 # The names that `pdcd.request` defines; repeated, since importing them costs more than parsing.
 GOALS = (
@@ -25,7 +26,7 @@ GOALS = (
     "split",
 )
 FAMILIES = ("bernoulli", "balanced", "hadamard", "isolation", "confocal")
-METHODS = ("coded", "multi-image", "nayar")
+METHODS: tuple[Literal["coded", "multi-image", "nayar"], ...] = ("coded", "multi-image", "nayar")
 WINDOWS = ("auto", "whole", "quarter")
 BLACK_LEVELS = ("none", "mask", "ambient", "both")
 NORMALISE = ("auto", "scalar", "row")
@@ -60,6 +61,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     capture = add("capture", "capture:capture", "take a photo and wait for it")
     _request_options(capture)
+    _method_option(capture)
     capture.add_argument(
         "--out",
         type=Path,
@@ -71,6 +73,11 @@ def build_parser() -> argparse.ArgumentParser:
     )
     capture.add_argument("--queue", action="store_true", help="wait while another capture runs")
 
+    compare = add("compare", "compare:compare", "take a photo by every method, side by side")
+    _request_options(compare)
+    compare.add_argument("--out", type=Path, metavar="DIR", help="make the run folders in DIR")
+    compare.set_defaults(method="coded")
+
     demo = add("demo", "demo:demo", "start a daemon on the mock bench and take one photo with it")
     demo.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="default: demo")
     demo.add_argument("--codes", type=int, default=128, metavar="K")
@@ -78,6 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     plan = add("plan", "capture:plan", "say what a capture would do, without doing it")
     _request_options(plan)
+    _method_option(plan)
 
     _client_options(add("status", "jobs:status", "say what the daemon is doing"))
     watch = add("watch", "jobs:watch", "follow a job to its end, or all jobs until interrupted")
@@ -188,7 +196,6 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         metavar="E",
         help="stop after the part that brings the mean error down to E, say 1%%",
     )
-    parser.add_argument("--method", choices=METHODS, default="coded", help="default: coded")
     _goal_options(parser)
     parser.add_argument("--family", choices=FAMILIES, help="how the codes are made")
     parser.add_argument(
@@ -221,6 +228,10 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         "--no-white", action="store_false", dest="white", help="skip the white shot beside it"
     )
     parser.add_argument("--note", default="", metavar="TEXT", help="kept with the run")
+
+
+def _method_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--method", choices=METHODS, default="coded", help="default: coded")
 
 
 def _snr_options(parser: argparse.ArgumentParser) -> None:

@@ -23,7 +23,6 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pdcd.scene.effects import Array, Tinted, sum_of_products
 
@@ -224,7 +223,21 @@ def clear_pairs(relief: Relief, start: Array, end: Array, steps: int = 8) -> NDA
     clear = np.ones(len(start), dtype=np.bool_)
     for part in (np.arange(steps) + 0.5) / steps:
         line = start + part * (end - start)
-        place = (line[:, 1::-1] / pitch).T
-        ground = ndimage.map_coordinates(relief.height, place, order=1, mode="nearest")
+        ground = _bilinear(relief.height, line[:, 1] / pitch[0], line[:, 0] / pitch[1])
         clear &= ground <= line[:, 2] + slack
     return clear
+
+
+def _bilinear(field: Array, row: Array, col: Array) -> Array:
+    """Return a field (rows, cols) between its cells, the border continued outwards, (s,)."""
+    row = np.clip(row, 0.0, field.shape[0] - 1.0)
+    col = np.clip(col, 0.0, field.shape[1] - 1.0)
+    top = np.minimum(row.astype(np.int64), max(field.shape[0] - 2, 0))
+    left = np.minimum(col.astype(np.int64), max(field.shape[1] - 2, 0))
+    down = np.minimum(top + 1, field.shape[0] - 1)
+    right = np.minimum(left + 1, field.shape[1] - 1)
+    y, x = row - top, col - left
+    upper = (1.0 - x) * field[top, left] + x * field[top, right]
+    lower = (1.0 - x) * field[down, left] + x * field[down, right]
+    mixed: Array = (1.0 - y) * upper + y * lower
+    return mixed

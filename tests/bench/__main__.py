@@ -34,10 +34,12 @@ def main() -> None:
     begun_s = time.perf_counter()
     sections = []
     for run in SECTIONS:
+        since_s = time.perf_counter()
         section = run(quick=args.quick, folder=args.out / "plots")
         sections.append(section)
         for table in section.tables:
             sys.stdout.write(table.text())
+        sys.stdout.write(f"\n({section.title}: {time.perf_counter() - since_s:.0f} s)\n")
         sys.stdout.flush()
     took_s = time.perf_counter() - begun_s
     facts.append(("this run", f"{'quick, ' if args.quick else ''}{took_s:.0f} s"))

@@ -22,6 +22,7 @@ from tests.bench.measure import REPEATS, ROOT, peak_mib, timed
 from tests.bench.photo import SCENE
 
 PDCD = Path(sys.executable).with_name("pdcd")
+SOCKET, LOG = "pdcd.sock", "log"
 START_LIMIT_S = 60.0
 POLL_S = 0.001
 
@@ -63,8 +64,8 @@ def measure_socket(count: int, window: str) -> dict[str, float]:
     request = _request(count, window)
     with tempfile.TemporaryDirectory() as folder:
         hello_s = statistics.median(_hello_s(Path(folder)) for _ in range(REPEATS))
-        with _daemon(Path(folder)) as (process, socket):
-            with _connected(socket) as client:
+        with _daemon(Path(folder)) as process:
+            with _connected(process, Path(folder)) as client:
                 time_s, result = timed(lambda: client.capture(request))
                 if result.state != "done":
                     raise RuntimeError(f"the capture over the socket failed: {result.error}")
@@ -112,29 +113,29 @@ def _capture(engine: Engine, request: CaptureRequest, folder: Path, job: str) ->
 def _hello_s(folder: Path) -> float:
     """From the start of a daemon to its first words, which it says when the rig is open."""
     begun_s = time.perf_counter()
-    with _daemon(folder) as (_, socket), _connected(socket):
+    with _daemon(folder) as process, _connected(process, folder):
         return time.perf_counter() - begun_s
 
 
 @contextmanager
-def _daemon(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
-    socket = folder / "pdcd.sock"
-    command = [str(PDCD), "serve", "--socket", str(socket), "--state-dir", str(folder / "state")]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+def _daemon(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A daemon that keeps its socket, its state and its log in `folder`."""
+    command = [str(PDCD), "serve", "--socket", str(folder / SOCKET), "--state-dir", str(folder)]
+    with (folder / LOG).open("wb") as log:
+        process = subprocess.Popen(command, stderr=log)
     try:
-        yield process, socket
+        yield process
     finally:
         process.terminate()
         process.wait(timeout=START_LIMIT_S)
 
 
-def _connected(socket: Path) -> Client:
+def _connected(process: subprocess.Popen[bytes], folder: Path) -> Client:
     """A client, as soon as the daemon answers."""
     limit_s = time.perf_counter() + START_LIMIT_S
-    while True:
+    while process.poll() is None and time.perf_counter() < limit_s:
         try:
-            return Client(socket, timeout_s=START_LIMIT_S)
+            return Client(folder / SOCKET, timeout_s=START_LIMIT_S)
         except Unreachable:
-            if time.perf_counter() > limit_s:
-                raise
             time.sleep(POLL_S)
+    raise RuntimeError(f"the daemon does not answer:\n{(folder / LOG).read_text()}")

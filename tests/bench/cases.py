@@ -62,7 +62,9 @@ def make_case(grid: tuple[int, int], count: int, window: str, panels: str) -> Ca
     """A guarded sequence of `count` Hadamard codes for indirect light, shown once."""
     lattice = Lattice(grid, window)
     codes = make_codes("hadamard", lattice.shape, count, dual="complement", seed=SEED)
-    frames = build_frames(codes, grid, window=window, guards=True, passes=1)
+    frames = build_frames(
+        (codes.primal_bits, codes.dual_bits), grid, window=window, guards=True, passes=1
+    )
     bench = BENCHES[panels]
     log = _log(len(frames), bench)
     return Case(frames, log, bench, int(log.end_ns.max()) + SETTLE_NS)

@@ -121,5 +121,5 @@ def _plot(found: Found, path: Path) -> None:
         "wall time in s",
     )
     plots.finish(right, "Peak memory of the process", "number of codes K", "peak memory in MiB")
-    plots.legend(left)
+    plots.legend(right)
     plots.save(figure, path)

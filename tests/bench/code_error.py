@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.codes import Codes, make_codes
-from pdcd.goals import INDIRECT
 from pdcd.realised import Factors
-from pdcd.report import weight_s
 from pdcd.scene import PRESETS, Scene, load_matrix, matrix_effects
 from tests.bench import plots
 from tests.bench.captures import noisy_error
@@ -96,11 +94,13 @@ def _ideal_errors(counts: tuple[int, ...], seeds: int) -> Errors:
 
 
 def _probing(codes: Codes) -> tuple[Factors, float]:
-    """Matrix that ideal panels give these codes, one second each, and its weight."""
+    """Matrix that ideal panels give these codes, one second each, and its mean entry off the
+    diagonal, which is the least-squares factor to the wanted matrix of ones."""
     left, right = codes.dual().astype(np.float64), codes.primal().astype(np.float64)
     coaxial: NDArray[np.float64] = (left * right).sum(axis=0)
     matrix = Factors(left, right, coaxial, left.sum(axis=0))
-    return matrix, weight_s(matrix, INDIRECT)
+    cells = coaxial.size
+    return matrix, (matrix.total_s - matrix.trace_s) / (cells * (cells - 1))
 
 
 def _noisy_errors(counts: tuple[int, ...], seeds: int) -> Errors:
@@ -144,5 +144,5 @@ def _plot(errors: Errors, path: Path, what: str) -> None:
         plots.finish(one, f"{scene}, {what}", "number of codes K", "RMS error in %")
     for empty in axes[len(scenes) :]:
         empty.set_axis_off()
-    plots.legend(axes[0])
+    plots.legend(axes[across - 1])
     plots.save(figure, path)

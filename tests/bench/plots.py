@@ -45,13 +45,20 @@ def finish(axes: Any, title: str, x_label: str, y_label: str, *, base: int = 2) 
     axes.grid(alpha=0.3)
     if base == 2:
         axes.xaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%d"))
-        for which in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-            which(mpl.ticker.LogFormatter(minor_thresholds=(2, 0.5)))
+        axes.yaxis.set_major_formatter(mpl.ticker.StrMethodFormatter("{x:g}"))
+        axes.yaxis.set_minor_formatter(mpl.ticker.LogFormatter(minor_thresholds=(1, 0.5)))
 
 
 def legend(axes: Any, title: str | None = None) -> None:
-    """A small legend, with lines long enough to tell dashes."""
-    axes.legend(fontsize=7, title=title, title_fontsize=7, handlelength=3.0)
+    """A legend beside the axes, with lines long enough to tell dashes."""
+    axes.legend(
+        fontsize=7,
+        title=title,
+        title_fontsize=7,
+        handlelength=3.0,
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+    )
 
 
 def limit(axes: Any, value: float, label: str) -> None:

@@ -13,6 +13,8 @@ from tests.bench.photo import SCENE
 from tests.bench.tables import Aim, Section, Table, grid_name, seconds
 
 COUNTS = (8, 128, 512)
+MAX_SIZE = 3072 * 512
+"""Cells times codes of the largest case that this run has time for."""
 WINDOWS = ("whole", "quarter")
 SOCKET_COUNT, SOCKET_WINDOW = 128, "quarter"
 CELLS = grid_name(DEFAULT_GRID)
@@ -35,6 +37,7 @@ def run(*, quick: bool, folder: Path) -> Section:
         for window in WINDOWS
         for grid in grids
         for count in counts
+        if grid[0] * grid[1] * count <= MAX_SIZE
     }
     _plot(found, folder / "capture.png")
     ends = Table("From the shell", ("what", "time", "peak memory"))

@@ -34,6 +34,12 @@ sys.exit(run(config, socket=Path(sys.argv[1]), engine_factory=Engine.from_config
 """
 
 
+def answers(path: Path) -> bool:
+    """Whether somebody listens: the file of a socket is there a moment before that."""
+    with socket.socket(socket.AF_UNIX) as sock:
+        return sock.connect_ex(str(path)) == 0
+
+
 @contextmanager
 def daemon(engine: str, folder: Path) -> Iterator[Path]:
     """A daemon of its own process with the fake engine, or the real one on the mock bench."""
@@ -50,9 +56,9 @@ def daemon(engine: str, folder: Path) -> Iterator[Path]:
     ):
         try:
             deadline = time.monotonic() + 20
-            while not path.exists() and child.poll() is None and time.monotonic() < deadline:
+            while not answers(path) and child.poll() is None and time.monotonic() < deadline:
                 time.sleep(0.01)
-            assert path.exists(), log.read_text()
+            assert answers(path), log.read_text()
             yield path
             child.terminate()
             assert child.wait(20) == 0

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError
-from pdcd.request import CaptureRequest
+from pdcd.request import CaptureRequest, GoalName
 from pdcd.server import messages
 from pdcd.server.messages import CODES, METHODS, JobParams, StartParams
 from pdcd.server.protocol import (
@@ -56,11 +56,27 @@ def test_the_request_keeps_every_field_of_the_wire() -> None:
         "codes": 5,
         "family": "balanced",
         "p": 0.5,
+        "shift": (1, -2),
+        "radius": 2,
+        "mix": (0.5, -1.0),
+        "period": 8,
+        "illumination": "light.npy",
+        "warp": "warp.npy",
+        "warp_b": ((1.0, 0.0),),
+        "region_a": "a.png",
+        "region_b": "b.png",
+        "kernel": ((1.0,),),
+        "matrix": "matrix.npy",
+        "method": "nayar",
+        "pilot": 4,
+        "parts": 4,
+        "until_error": 0.02,
         "seed": 9,
         "exposure_s": 2.5,
         "window": "quarter",
         "guards": False,
         "black_level": "both",
+        "normalise": "row",
         "white": False,
         "out": "here",
         "note": "n",
@@ -345,7 +361,7 @@ def test_the_schema_covers_every_method_and_refers_to_what_is_there() -> None:
     assert references
     assert references <= set(schema["$defs"])
     goal = schema["$defs"]["StartParams"]["properties"]["goal"]
-    assert set(goal["enum"]) == {"white", "indirect", "direct", "fraction"}
+    assert set(goal["enum"]) == set(get_args(GoalName))
     assert schema["$defs"]["StartParams"]["additionalProperties"] is False
 
 

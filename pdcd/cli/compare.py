@@ -1,0 +1,96 @@
+"""`pdcd compare`: one goal by every method on the same rig and scene, side by side."""
+
+from __future__ import annotations
+
+import argparse
+
+import msgspec
+
+from pdcd.cli.capture import request_of, take
+from pdcd.cli.exits import DONE
+from pdcd.cli.output import say_json, say_result, say_table
+from pdcd.cli.parser import METHODS
+from pdcd.errors import ConfigError
+from pdcd.request import CaptureRequest, CaptureResult, MethodName
+
+
+class Compared(msgspec.Struct, frozen=True, kw_only=True):
+    """One method in figures.
+
+    `codes` is None where a method has none of its own choosing. `raw_files` is without test
+    exposures; `rms_error` is relative to the scene's known truth, None where there is none.
+    `sigma_mean` is in scene units.
+    """
+
+    method: MethodName
+    job: str
+    folder: str | None
+    codes: float | int | str | None
+    raw_files: float | int | str | None
+    exposure_s: float | int | str | None
+    rms_error: float | int | str | None
+    sigma_mean: float | int | str | None
+    wall_s: float | int | str | None
+
+
+def compare(args: argparse.Namespace) -> int:
+    """Take the photo by all methods, one after the other; ends at the first that fails."""
+    if args.local and args.socket is not None:
+        raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
+    asked = request_of(args, out=args.out)
+    rows = []
+    for method in METHODS:
+        result = take(args, by_method(asked, method))
+        if result.state != "done":
+            return say_result(result, as_json=args.json)
+        rows.append(_compared(method, result))
+    if args.json:
+        say_json({"goal": asked.goal, "methods": rows})
+    else:
+        _say(rows)
+    return DONE
+
+
+def by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
+    """The same request by another method, without what only codes on both panels can use."""
+    if method == "coded":
+        return request
+    # Without a mask there is no mask leak to subtract, and no coded photo for a pilot to help.
+    return msgspec.structs.replace(request, method=method, pilot=0, black_level="none")
+
+
+def _compared(method: MethodName, result: CaptureResult) -> Compared:
+    summary = result.summary
+    return Compared(
+        method=method,
+        job=result.job,
+        folder=result.folder,
+        codes=summary.get("codes") if summary.get("family") != "none" else None,
+        raw_files=summary.get("shots"),
+        exposure_s=summary.get("exposure_s"),
+        rms_error=summary.get("rms_error"),
+        sigma_mean=summary.get("sigma_mean"),
+        wall_s=summary.get("wall_s"),
+    )
+
+
+def _say(rows: list[Compared]) -> None:
+    table = [["method", "codes", "RAW files", "exposure", "RMS error", "mean sigma", "wall time"]]
+    for row in rows:
+        error = None if row.rms_error is None else 100.0 * float(row.rms_error)
+        table.append(
+            [
+                row.method,
+                _figure(row.codes, ""),
+                _figure(row.raw_files, ""),
+                _figure(row.exposure_s, " s"),
+                _figure(error, " %"),
+                _figure(row.sigma_mean, ""),
+                _figure(row.wall_s, " s"),
+            ]
+        )
+    say_table(table)
+
+
+def _figure(value: float | int | str | None, unit: str) -> str:
+    return "-" if value is None else f"{float(value):.4g}{unit}"

@@ -1,0 +1,86 @@
+"""One exposure without a daemon, camera or file: patterns in, realised matrix and photo out.
+
+The refreshes, their times and the optics are the program's own; what the photo ought to be is
+worked out by each test from the transport matrix.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdcd.interfaces import FrameLog
+from pdcd.panel import Panel
+from pdcd.patterns import compact
+from pdcd.realised import Factors, collect, factors
+from pdcd.scene.effects import Dense, Direct
+from pdcd.scene.scene import Scene
+from pdcd.schedule import build_frames
+
+Floats = NDArray[np.float64]
+Grid = tuple[int, int]
+
+REFRESH_NS = 16_666_667
+REFRESH_S = REFRESH_NS * 1e-9
+SETTLE_NS = 50_000_000
+
+
+def show(
+    lights: ArrayLike,
+    masks: ArrayLike,
+    grid: Grid,
+    *,
+    window: str = "whole",
+    guards: bool = True,
+    projector: Panel | None = None,
+    mask: Panel | None = None,
+    primal_black: bool = False,
+    dual_black: bool = False,
+    offset_cells: tuple[float, float] = (0.0, 0.0),
+) -> Factors:
+    """Show levels (K, L) of both panels once, on time."""
+    frames = build_frames(
+        (compact(np.asarray(lights, dtype=float)), compact(np.asarray(masks, dtype=float))),
+        grid,
+        window=window,
+        guards=guards,
+        passes=1,
+        primal_black=primal_black,
+        dual_black=dual_black,
+    )
+    count = len(frames)
+    rows = np.arange(count, dtype=np.int32)
+    at_ns = SETTLE_NS + np.arange(count + 1, dtype=np.int64) * REFRESH_NS
+    log = FrameLog(
+        rows, rows, at_ns[:-1], at_ns[:-1], at_ns[[-1, -1]], np.zeros(count, np.int32), "test", True
+    )
+    parts = factors(
+        frames,
+        log,
+        projector or Panel(),
+        mask or Panel(),
+        open_ns=0,
+        close_ns=int(at_ns[-1]) + SETTLE_NS,
+        offset_cells=offset_cells,
+    )
+    return collect(parts)
+
+
+def scene_of(transport: Floats, grid: Grid, ambient: float = 0.0) -> Scene:
+    """A scene whose light from a cell to itself is direct, and all else comes from elsewhere."""
+    own = np.diag(transport).copy()
+    cells = own.size
+    effects = (Direct("direct", own), Dense("indirect", transport - np.diag(own)))
+    return Scene("test", grid, effects, np.full((cells, 3), ambient) if ambient else None)
+
+
+def photo(factors: Factors, scene: Scene) -> Floats:
+    """What the exposure collects, in refreshes of full light, (N,)."""
+    seen = scene.photo(factors.left, factors.right, factors.coaxial, factors.open_s)
+    return np.asarray(seen[:, 0] / REFRESH_S)
+
+
+def transport(cells: int, seed: int = 0) -> Floats:
+    """Direct light near 1 and spread-out indirect light, (N, N)."""
+    rng = np.random.default_rng(seed)
+    return np.asarray(np.diag(0.5 + rng.random(cells)) + 0.1 * rng.random((cells, cells)))
