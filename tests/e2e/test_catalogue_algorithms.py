@@ -43,7 +43,7 @@ GOALS: dict[str, tuple[dict[str, Any], Any]] = {
 
 
 def run(folder: Path, config: Config | None = None, **fields: Any) -> tuple[Any, Any, Manifest]:
-    """Image, sigma and manifest of one capture without a white shot."""
+    """Image, sensor sigma and manifest of one capture without a white shot."""
     folder.mkdir(exist_ok=True)
     engine = Engine.from_config(config or bench_rig.config(folder))
     engine.start()
@@ -52,7 +52,7 @@ def run(folder: Path, config: Config | None = None, **fields: Any) -> tuple[Any,
     assert result.error is None and result.folder is not None, result.error
     assert decode_folder(Path(result.folder))["identical"]
     with np.load(Path(result.folder) / "probe.npz") as data:
-        return data["image"], data["sigma"], read_manifest(Path(result.folder))
+        return data["image"], data["sigma_sensor"], read_manifest(Path(result.folder))
 
 
 @pytest.mark.parametrize("family", ["isolation", "confocal"])

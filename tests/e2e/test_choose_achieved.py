@@ -115,5 +115,7 @@ def test_exposures_add_up(tmp_path: Path) -> None:
         assert result.folder is not None, result.error
         assert len(list(Path(result.folder).glob("raw/coded*.dng"))) == repeat
         assert len(list(Path(result.folder).glob("raw/white*.dng"))) == 1
-        sigmas.append(float(np.sqrt(np.mean(np.load(f"{result.folder}/probe.npz")["sigma_sensor"] ** 2))))
+        sigmas.append(
+            float(np.sqrt(np.mean(np.load(f"{result.folder}/probe.npz")["sigma_sensor"] ** 2)))
+        )
     assert sigmas[1] == pytest.approx(sigmas[0] / 2.0, rel=0.02)

@@ -17,9 +17,7 @@ from tests import bench_rig
 MIRROR = SceneConfig(kind="matrix", path=str(bench_rig.DATA / "mirror_32x24.npz"))
 
 
-def run(
-    folder: Path, request: CaptureRequest, camera: CameraConfig | None = None
-) -> CaptureResult:
+def run(folder: Path, request: CaptureRequest, camera: CameraConfig | None = None) -> CaptureResult:
     quiet = CameraConfig(noise="none")
     config = bench_rig.config(folder, scene=MIRROR, camera=camera or quiet)
     engine = Engine.from_config(config)
