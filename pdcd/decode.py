@@ -21,17 +21,17 @@ from pdcd.config import Homography
 from pdcd.develop import preview, warp, write_png, write_tiff
 from pdcd.errors import DecodeError
 from pdcd.goals import MATRICES, PLANES, Goal
-from pdcd.learn import Learned, corrections, learn
+from pdcd.learn import Learned, corrections, learn, smoothed
 from pdcd.panel import Panel, offset_cells
 from pdcd.parts import FEWEST_PARTS, in_parts, only_parts, part_numbers, taken_parts
 from pdcd.patterns import Patterns, none
 from pdcd.raw import read_raw, rgb_variance, to_rgb
 from pdcd.realised import Factors, collect, factors
-from pdcd.recipe import Recipe, Shot, make_recipe
+from pdcd.recipe import Recipe, Shot
+from pdcd.recipes import make_recipe
 from pdcd.record import RunRecord, ShotRecord
 from pdcd.repeat import repeated
 from pdcd.report import Deviation, deviation, weight_s
-from pdcd.request import NormaliseName
 from pdcd.sigma import Barred, measured
 from pdcd.sigma_model import modelled
 from pdcd.software import software_sums
@@ -95,7 +95,7 @@ def decode(
     exposed = {**shots, **sums}
     if not all(name in exposed for photo in recipe.photos for _, name in photo.shots):
         return Decoded(recipe, shots, {}, learned)  # a run in the middle, which wants to learn
-    pictures = _barred(recipe, exposed, learned, record.normalise, alive)
+    pictures = _barred(recipe, exposed, learned, record, alive)
     if record.homography is not None:
         pictures = {name: _warped(p, record.homography) for name, p in pictures.items()}
     return Decoded(recipe, shots, pictures, learned, sums)
@@ -255,13 +255,17 @@ def _barred(
     recipe: Recipe,
     shots: dict[str, Exposed],
     learned: Learned | None,
-    normalise: NormaliseName,
+    record: RunRecord,
     alive: Callable[[], None],
 ) -> dict[str, Barred]:
     """All pictures with sensor and code error: of what the parts show, if there are enough."""
 
     def photos(part: Recipe) -> dict[str, Picture]:
-        return scaled_photos(part, shots, _missing(part, shots, learned), normalise=normalise)
+        added = _missing(part, shots, learned)
+        scaled = scaled_photos(part, shots, added, normalise=record.normalise)
+        if record.smooth and "coded" in scaled:
+            scaled["coded"] = smoothed(part, shots, scaled["coded"], learned)
+        return scaled
 
     scaled = photos(recipe)
     whole = pictures_of(recipe, scaled)

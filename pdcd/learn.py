@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.combine import Exposed
+from pdcd.combine import Exposed, Picture, realised_photo
 from pdcd.pilot import Worth, correction, estimate_links, worth
 from pdcd.realised import Factors
 from pdcd.recipe import Recipe
+from pdcd.report import weight_s
+from pdcd.smooth import smooth_correction
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -73,6 +75,33 @@ def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:
     return np.stack(
         [correction(realised.left, realised.right, weight_s, p) for p in learned.paths], axis=1
     )
+
+
+def smoothed(
+    recipe: Recipe, shots: Mapping[str, Exposed], picture: Picture, learned: Learned | None
+) -> Picture:
+    """An indirect picture corrected for its smooth light (`pdcd.smooth`), channel by channel.
+
+    Its sigma stays: the correction is a small part of the picture.
+    """
+    photo = next(p for p in recipe.photos if p.name == "coded")
+    realised = realised_photo(photo.shots, shots)
+    weight = weight_s(realised, photo.wanted)
+    rows, cols = recipe.goal.grid
+    height, width = picture.image.shape[:2]
+    quads = (height // rows, width // cols)
+    cells = picture.image.reshape(rows, quads[0], cols, quads[1], 3).mean(axis=(1, 3))
+    image = cells.reshape(-1, 3)
+    more = np.empty_like(image)
+    for c in range(3):
+        rest = image[:, c]
+        if learned is not None:
+            rest = rest - np.asarray(learned.paths[c].sum(axis=1)).ravel()
+        more[:, c] = smooth_correction(
+            realised.left, realised.right, weight, rest, recipe.goal.grid
+        )
+    full = more.reshape(rows, cols, 3).repeat(quads[0], axis=0).repeat(quads[1], axis=1)
+    return Picture(picture.image + full, picture.sigma)
 
 
 def time_s(realised: Factors, lit: Bools) -> float:

@@ -23,7 +23,8 @@ from pdcd.parts import check_parts, coin_signs, in_parts, part_codes, part_seed
 from pdcd.patterns import Patterns, compact, levels_of
 from pdcd.pilot import pilot_codes
 from pdcd.programs import Floodlit, Program, extended
-from pdcd.recipe import Recipe, Shot, make_recipe
+from pdcd.recipe import Recipe, Shot
+from pdcd.recipes import make_recipe
 from pdcd.repeat import repeated
 from pdcd.request import BlackLevel, CaptureRequest, PlanSummary, Prediction, ShotSummary
 from pdcd.schedule import GUARDED_REFRESHES, build_frames, choose_window
@@ -200,6 +201,12 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         pilot=request.pilot,
         method=request.method,
     )
+    photos = {photo.name: photo for photo in recipe.photos}
+    if request.smooth and ("coded" not in photos or photos["coded"].wanted.uniform != (0.0, 1.0)):
+        raise ConfigError(
+            f"goal {recipe.goal.name} takes no photo of indirect light under full light to smooth",
+            hint="leave out smooth",
+        )
     parts = check_parts(request)
     part_count = part_codes(count, parts)
     recipe = in_parts(recipe, parts)
@@ -215,45 +222,20 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     )
     guards = schedule.guards if request.guards is None else request.guards
     family = _family(request, schedule.family, recipe)
-    if request.pilot and family != "hadamard":
-        raise ConfigError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
+    _check_family(family, request, parts)
     refresh_hz = min(config.projector.refresh_hz, config.mask.refresh_hz)
-    if family in ISOLATION and request.method != "coded":
-        raise ConfigError(
-            f"method {request.method} does not isolate paths", hint="take the family hadamard"
-        )
-    if family in ISOLATION and parts > 1:
-        raise ConfigError(f"{family} has no codes to split", hint="leave out the parts")
+    slot_s = (GUARDED_REFRESHES if guards else 1) / refresh_hz
     if family in ISOLATION:
-        slot_s = (GUARDED_REFRESHES if guards else 1) / refresh_hz
         recipe = isolated(recipe, family, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
-    if request.repeat > 1 and (parts > 1 or request.method != "coded"):
-        raise ConfigError(
-            "only a coded photo in one piece can be repeated", hint="leave out repeat, or the parts"
-        )
     recipe = repeated(recipe, request.repeat)
     lattice = Lattice(grid, window)
-    part_of = {shot.program: shot.part for shot in recipe.shots}
-    patterns = {}
-    for name, program in recipe.programs.items():
-        seed = part_seed(request.seed, parts, part_of.get(name, 0))
-        bits = _bits(name, program, request, lattice, family, part_count, seed)
-        if part_of.get(name, 0) and family == "hadamard" and program.p == 0.5:
-            bits = coin_signs(bits, seed)
-        patterns[name] = _compile(program, recipe, lattice, bits)
-    coded = any(program.coded for program in recipe.programs.values())
     windowed = any(_windowed(program) for program in recipe.programs.values())
-    fields = Lattice(grid, window).fields if windowed else 1
-    one_pass_s = count * fields * (GUARDED_REFRESHES if guards else 1) / refresh_hz
-    passes = 1
-    if request.exposure_s is not None:
-        passes = int(request.exposure_s / one_pass_s + 1e-9)
-        if passes < 1:
-            raise ConfigError(
-                f"an exposure of {request.exposure_s:g} s is shorter than one pass over "
-                f"{count} codes ({one_pass_s:.3g} s)",
-                hint="ask for fewer codes or a longer exposure",
-            )
+    one_pass_s = count * slot_s * (lattice.fields if windowed else 1)
+    coded = any(program.coded for program in recipe.programs.values())
+    if coded:  # before the codes are made: a million of them would only be made to be refused
+        _check_limit(one_pass_s / max(parts, count if recipe.stack else 1), config)
+    passes = _passes(request, one_pass_s, count)
+    patterns = _patterns(recipe, request, lattice, family, part_count, parts)
     plan = Plan(
         recipe=recipe,
         patterns=patterns,
@@ -271,14 +253,68 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         settle_s=config.rig.settle_s,
         repeat=request.repeat,
     )
-    longest = max(plan.exposure_s(s) for s in recipe.shots)
-    if longest > config.limits.max_exposure_s:
+    _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
+    return plan
+
+
+def _check_family(family: str, request: CaptureRequest, parts: int) -> None:
+    """Refuse what a family of codes cannot do."""
+    if request.pilot and family != "hadamard":
+        raise ConfigError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
+    if family in ISOLATION and request.method != "coded":
         raise ConfigError(
-            f"the plan needs an exposure of {longest:.1f} s; the limit is "
+            f"method {request.method} does not isolate paths", hint="take the family hadamard"
+        )
+    if family in ISOLATION and parts > 1:
+        raise ConfigError(f"{family} has no codes to split", hint="leave out the parts")
+    if request.repeat > 1 and (parts > 1 or request.method != "coded"):
+        raise ConfigError(
+            "only a coded photo in one piece can be repeated", hint="leave out repeat, or the parts"
+        )
+
+
+def _check_limit(exposure_s: float, config: Config) -> None:
+    """Refuse exposures that the rig's limits do not allow."""
+    if exposure_s > config.limits.max_exposure_s:
+        raise ConfigError(
+            f"the plan needs an exposure of {exposure_s:.1f} s; the limit is "
             f"{config.limits.max_exposure_s:g} s",
             hint="ask for fewer codes, or raise limits.max_exposure_s",
         )
-    return plan
+
+
+def _passes(request: CaptureRequest, one_pass_s: float, count: int) -> int:
+    """Whole passes over the codes that fit into the exposure asked for; one where none was."""
+    if request.exposure_s is None:
+        return 1
+    passes = int(request.exposure_s / one_pass_s + 1e-9)
+    if passes < 1:
+        raise ConfigError(
+            f"an exposure of {request.exposure_s:g} s is shorter than one pass over "
+            f"{count} codes ({one_pass_s:.3g} s)",
+            hint="ask for fewer codes or a longer exposure",
+        )
+    return passes
+
+
+def _patterns(
+    recipe: Recipe,
+    request: CaptureRequest,
+    lattice: Lattice,
+    family: str,
+    part_count: int,
+    parts: int,
+) -> dict[str, Pair]:
+    """Patterns of every program; each part of a split photo has codes of its own."""
+    part_of = {shot.program: shot.part for shot in recipe.shots}
+    patterns = {}
+    for name, program in recipe.programs.items():
+        seed = part_seed(request.seed, parts, part_of.get(name, 0))
+        bits = _bits(name, program, request, lattice, family, part_count, seed)
+        if part_of.get(name, 0) and family == "hadamard" and program.p == 0.5:
+            bits = coin_signs(bits, seed)
+        patterns[name] = _compile(program, recipe, lattice, bits)
+    return patterns
 
 
 def _family(request: CaptureRequest, default: str, recipe: Recipe) -> str:

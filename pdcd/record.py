@@ -47,6 +47,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     codes: int
     method: MethodName
     pilot: int
+    smooth: bool
     parts: int = 1
     """As planned; a run that met its target earlier has fewer among its shots."""
     repeat: int = 1

@@ -90,6 +90,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Total time of all exposures, from which codes and exposures follow instead."""
     prior: str | None = None
     """Path of a transport matrix like the scene's, to predict errors by."""
+    smooth: bool = False
+    """Correct an indirect photo for what its codes get wrong of smoothly spread light, by a model
+    that the photo itself gives."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None

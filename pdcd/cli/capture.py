@@ -118,6 +118,7 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         **files,
         "goal": args.goal,
         "pilot": args.pilot,
+        "smooth": args.smooth,
         "parts": args.parts,
         "until_error": args.until_error,
         "repeat": args.repeat,

@@ -184,6 +184,11 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         help="of these, codes to photograph one by one first, to learn sharp far paths",
     )
     parser.add_argument(
+        "--smooth",
+        action="store_true",
+        help="correct indirect light for its smooth part, by a model that the photo itself gives",
+    )
+    parser.add_argument(
         "--parts",
         type=int,
         default=1,

@@ -19,7 +19,7 @@ from pdcd.goals import Goal
 from pdcd.isolation import isolated
 from pdcd.lattice import Lattice
 from pdcd.plan import make_plan
-from pdcd.recipe import make_recipe
+from pdcd.recipes import make_recipe
 from pdcd.record import Manifest
 from pdcd.request import CaptureRequest
 from tests import bench_rig

@@ -16,7 +16,7 @@ from pdcd.engine import Engine
 from pdcd.errors import ConfigError
 from pdcd.goals import Goal, check_goal
 from pdcd.realised import Factors
-from pdcd.recipe import make_recipe
+from pdcd.recipes import make_recipe
 from pdcd.request import CaptureRequest
 from tests import bench_rig
 

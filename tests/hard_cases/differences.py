@@ -11,7 +11,8 @@ from pdcd.combine import Exposed, Picture, combine
 from pdcd.goals import Goal
 from pdcd.panel import Panel
 from pdcd.patterns import Patterns
-from pdcd.recipe import Recipe, make_recipe
+from pdcd.recipe import Recipe
+from pdcd.recipes import make_recipe
 from pdcd.schedule import build_frames
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst

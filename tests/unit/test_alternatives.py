@@ -10,7 +10,7 @@ from pdcd.alternatives import checkers, fitted_weights, masked_weights, shares
 from pdcd.codes import make_codes
 from pdcd.errors import ConfigError
 from pdcd.goals import Goal
-from pdcd.recipe import make_recipe
+from pdcd.recipes import make_recipe
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -19,7 +19,7 @@ from pdcd.engine import Engine
 from pdcd.goals import Goal, check_goal
 from pdcd.lattice import Lattice
 from pdcd.programs import Signed
-from pdcd.recipe import make_recipe
+from pdcd.recipes import make_recipe
 from pdcd.request import CaptureRequest
 from tests import bench_rig, catalogue_rig
 from tests.catalogue_rig import photo, scene_of, show, transport

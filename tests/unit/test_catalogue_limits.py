@@ -12,7 +12,7 @@ from pdcd.goals import Goal
 from pdcd.lattice import Lattice
 from pdcd.panel import Panel
 from pdcd.programs import Coded
-from pdcd.recipe import make_recipe
+from pdcd.recipes import make_recipe
 from tests.catalogue_rig import photo, scene_of, show, transport
 
 GRID = (4, 5)

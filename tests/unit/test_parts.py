@@ -21,7 +21,7 @@ from pdcd.parts import (
     taken_parts,
 )
 from pdcd.plan import make_plan
-from pdcd.recipe import make_recipe
+from pdcd.recipes import make_recipe
 from pdcd.request import CaptureRequest
 from tests import bench_rig
 

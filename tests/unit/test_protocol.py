@@ -69,6 +69,7 @@ def test_the_request_keeps_every_field_of_the_wire() -> None:
         "matrix": "matrix.npy",
         "method": "nayar",
         "pilot": 4,
+        "smooth": True,
         "parts": 2,
         "until_error": 0.01,
         "repeat": 3,

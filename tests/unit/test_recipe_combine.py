@@ -9,7 +9,7 @@ from pdcd.combine import Exposed, combine
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.goals import Goal, check_goal
 from pdcd.realised import Factors
-from pdcd.recipe import make_recipe
+from pdcd.recipes import make_recipe
 from pdcd.report import weight_s
 from tests import bench_rig
 
