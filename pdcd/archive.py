@@ -157,10 +157,15 @@ class RunFolder:
             temporary.write_bytes(data)
             _sync(temporary)
             temporary.rename(self.path / MANIFEST)
-            for folder in (*self.path.iterdir(), self.path):
-                if folder.is_dir():
-                    _sync(folder)
-            self.path.rename(self.final)
+            try:
+                for folder in (*self.path.iterdir(), self.path):
+                    if folder.is_dir():
+                        _sync(folder)
+                self.path.rename(self.final)
+            except OSError:
+                # A folder that did not get its name must not look finished from inside either.
+                (self.path / MANIFEST).unlink(missing_ok=True)
+                raise
             _sync(self.final.parent)
         return hashlib.sha256(data).hexdigest()
 

@@ -208,6 +208,25 @@ def test_full_disk_at_every_file(
     assert_closed(engine, result, tmp_path)
 
 
+def test_a_folder_that_cannot_get_its_name_does_not_look_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine = Engine.from_config(bench_rig.config(tmp_path))
+    engine.start()
+    real = Path.rename
+
+    def refused(self: Path, target: Path) -> Path:
+        if self.name == "job.partial":
+            raise OSError(errno.EACCES, "Permission denied", str(self))
+        return real(self, target)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    result = bench_rig.capture(engine, REQUEST, "job")
+    monkeypatch.undo()
+    assert result.state == "failed"
+    assert_closed(engine, result, tmp_path)
+
+
 def test_too_little_space_is_refused_before_the_shutter_opens(tmp_path: Path) -> None:
     limits = msgspec.structs.replace(bench_rig.config(tmp_path).limits, min_free_bytes=2**60)
     engine = Engine.from_config(bench_rig.config(tmp_path, limits=limits))
