@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 import scipy.special
-import scipy.stats
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -60,7 +59,7 @@ def measured(picture: Picture, parts: Sequence[Picture]) -> Barred:
         expected = _expected(seen, least, picture.image[..., channel])
         ratio, freedom = _moderated(seen / expected, len(parts) - 1)
         tail = (1.0 - CONFIDENCE) / 2.0
-        wider = scipy.stats.t.isf(tail, freedom) / scipy.stats.norm.isf(tail)
+        wider = scipy.special.stdtrit(freedom, tail) / scipy.special.ndtri(tail)
         code[..., channel] = np.sqrt(np.maximum(wider**2 * ratio * expected - least, 0.0))
     return barred(picture, code, "measured")
 
