@@ -22,11 +22,10 @@ from pdcd.develop import preview, warp, write_png, write_tiff
 from pdcd.errors import DecodeError
 from pdcd.goals import MATRICES, PLANES, Goal
 from pdcd.learn import Learned, corrections, learn, smoothed
-from pdcd.panel import Panel, offset_cells
 from pdcd.parts import FEWEST_PARTS, in_parts, only_parts, part_numbers, taken_parts
 from pdcd.patterns import Patterns, none
 from pdcd.raw import read_raw, rgb_variance, to_rgb
-from pdcd.realised import Factors, collect, factors
+from pdcd.realised import Factors, bench_factors, collect
 from pdcd.recipe import Recipe, Shot
 from pdcd.recipes import make_recipe
 from pdcd.record import RunRecord, ShotRecord
@@ -207,14 +206,13 @@ def _expose(
 ) -> Exposed:
     frames, log = read_frames(folder, shot, pair, grid=record.grid)
     alive()
-    chunks = factors(
+    chunks = bench_factors(
         frames,
         log,
-        Panel.from_config(record.projector),
-        Panel.from_config(record.mask),
+        record.projector,
+        record.mask,
         open_ns=shot.open_ns,
         close_ns=shot.close_ns,
-        offset_cells=offset_cells(record.projector, record.mask, record.grid),
     )
     realised = collect(_watched(chunks, alive))
     profile = record.profile

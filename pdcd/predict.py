@@ -22,10 +22,9 @@ from pdcd.config import Config
 from pdcd.interfaces import CameraInfo, FrameLog, Frames
 from pdcd.learn import Learned, corrections, learn
 from pdcd.metering import TARGET, USABLE, at_least, metered_pairs
-from pdcd.panel import Panel, offset_cells
 from pdcd.patterns import levels_of
 from pdcd.plan import Plan, with_links
-from pdcd.realised import Factors, collect, factors, signed_sum
+from pdcd.realised import Factors, bench_factors, collect, signed_sum
 from pdcd.recipe import Extremes, Recipe, Shot
 from pdcd.report import weight_s
 from pdcd.request import NormaliseName
@@ -233,14 +232,13 @@ def foreseen(plan: Plan, shot: Shot, config: Config, pairs: int | None = None) -
     settle_ns = round(plan.settle_s * 1e9)
     log = _on_time(frames, config, settle_ns)
     return collect(
-        factors(
+        bench_factors(
             frames,
             log,
-            Panel.from_config(config.projector),
-            Panel.from_config(config.mask),
+            config.projector,
+            config.mask,
             open_ns=0,
             close_ns=int(log.end_ns.max()) + settle_ns,
-            offset_cells=offset_cells(config.projector, config.mask, plan.grid),
         )
     )
 

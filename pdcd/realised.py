@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from pdcd.config import PanelConfig
 from pdcd.interfaces import BLACK, WHITE, FrameLog, Frames
 from pdcd.lattice import Lattice
-from pdcd.panel import Panel, Trajectory, decay_integral
+from pdcd.panel import Panel, Trajectory, decay_integral, offset_cells
 from pdcd.patterns import levels_of
 
 Floats = NDArray[np.float64]
@@ -113,6 +114,27 @@ def factors(
         rows = weights[start * p_track.fields : stop * p_track.fields]
         opens = open_weights[start:stop].sum(axis=0)
         yield _chunk(lattice, p_track.take(start, stop), d_track, rows, opens)
+
+
+def bench_factors(
+    frames: Frames,
+    log: FrameLog,
+    projector: PanelConfig,
+    mask: PanelConfig,
+    *,
+    open_ns: int,
+    close_ns: int,
+) -> Iterator[Factors]:
+    """`factors` of panels as a configuration describes them, misregistration included."""
+    return factors(
+        frames,
+        log,
+        Panel.from_config(projector),
+        Panel.from_config(mask),
+        open_ns=open_ns,
+        close_ns=close_ns,
+        offset_cells=offset_cells(projector, mask, frames.grid),
+    )
 
 
 def collect(chunks: Iterable[Factors]) -> Factors:

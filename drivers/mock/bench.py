@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from pdcd.config import Config
 from pdcd.errors import ExposureError
 from pdcd.interfaces import DriverContext, FrameLog, Frames
-from pdcd.panel import Panel, offset_cells
-from pdcd.realised import factors
+from pdcd.realised import bench_factors
 from pdcd.scene import Scene, build_scene
 
 KEY = "mock.bench"
@@ -63,14 +62,13 @@ class Bench:
             frames, log = _nothing(self.scene.grid, self.open_ns)
         else:
             frames, log = self.frames, self.log
-        for part in factors(
+        for part in bench_factors(
             frames,
             log,
-            Panel.from_config(config.projector),
-            Panel.from_config(config.mask),
+            config.projector,
+            config.mask,
             open_ns=self.open_ns,
             close_ns=self.close_ns,
-            offset_cells=offset_cells(config.projector, config.mask, self.scene.grid),
         ):
             light += self.scene.photo(part.left, part.right, part.coaxial, part.open_s)
         return light
