@@ -182,8 +182,14 @@ def test_a_lost_picture_is_the_last_one_again(tmp_path: Path) -> None:
 def test_grey_levels_are_refused(tmp_path: Path) -> None:
     kernel = ((0.0, 0.25, 0.0), (0.25, 0.5, 0.25), (0.0, 0.25, 0.0))
     request = CaptureRequest(goal="filtered", kernel=kernel, codes=8)
-    result = captured(tmp_path, request, display=DLP)
-    assert result.error is not None and "grey levels" in str(result.error["message"])
+    with pytest.raises(ConfigError, match="grey levels"):
+        planned(tmp_path, request, display=DLP)
+    rig = Rig(bench_rig.config(tmp_path, display=DLP))
+    grey = np.full((2, 12), 0.5, dtype=np.float32)
+    with pytest.raises(ConfigError, match="grey levels"):
+        rig.display.load(
+            build_frames((grey, grey), bench_rig.GRID, window="whole", guards=True, passes=1)
+        )
 
 
 def test_a_delay_of_refreshes_is_one_of_whole_pictures(tmp_path: Path) -> None:
