@@ -407,7 +407,7 @@ def with_links(plan: Plan, links: Any, seed: int) -> Plan:
     part_of = {shot.program: shot.part for shot in plan.recipe.shots}
     coded = {}
     for name, program in plan.recipe.programs.items():
-        if _windowed(program):
+        if _windowed(program) and program.p == 0.5:
             # The generator is the one that `make_codes` takes, so that no links give the usual
             # codes.
             own = part_seed(seed, plan.parts, part_of.get(name, 0))

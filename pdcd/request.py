@@ -76,7 +76,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     separation by shifted checkers (Nayar et al. 2006). The last two are there to compare with."""
     pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
-    which far cells are linked. Each is one more RAW file."""
+    which far cells are linked. Each is one more RAW file. Where the first few see no sharp paths
+    the pilot stops, and the coded photo gets its other codes."""
     parts: Annotated[int, Meta(ge=1, le=64)] = 1
     """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
     From 4 parts on their spread measures the error of the codes."""
@@ -138,6 +139,22 @@ class Prediction(msgspec.Struct, frozen=True, kw_only=True):
     prior: str
 
 
+class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
+    """What the photos of a pilot cost, and what is saved if its first ones see no sharp paths.
+
+    After `scouts` photos it may stop; the coded photo then gets `stopped_codes` codes, and the
+    whole capture has `stopped_raw_files` files and takes `stopped_seconds`. The seconds are those
+    of exposures.
+    """
+
+    raw_files: int
+    seconds: float
+    scouts: int
+    stopped_codes: int
+    stopped_raw_files: int
+    stopped_seconds: float
+
+
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
 
@@ -160,6 +177,7 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     light_share: float
     raw_files: int
     pilot: int = 0
+    pilot_cost: PilotCost | None = None
     prediction: Prediction | None = None
 
 

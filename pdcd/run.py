@@ -18,9 +18,12 @@ from pdcd.config import Config
 from pdcd.convergence import Convergence, rms_sigma
 from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
+from pdcd.guided import piloted, scouted, stopped
+from pdcd.guided import summary as plan_summary
 from pdcd.interfaces import CameraInfo, CameraSettings, FrameLog, Frames
 from pdcd.metering import MAX_TESTS, metered_pairs, next_aperture, peak_share
 from pdcd.parts import part_numbers
+from pdcd.pilot import SCOUTS
 from pdcd.plan import Plan, make_plan, with_links
 from pdcd.predict import Setting
 from pdcd.provenance import git_commit, utc_now, versions
@@ -80,9 +83,9 @@ class Run:
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
         self.notify("started", {"job": job, "goal": request.goal})
         self.folder.write_patterns(plan, request.seed)
-        for shot in plan.recipe.shots:
-            if len(self.shots) == self._pilot_ends(plan):
-                plan = self._learn(plan, request, camera)
+        while len(self.shots) < len(plan.recipe.shots):
+            plan = self._learn(plan, request, camera)
+            shot = plan.recipe.shots[len(self.shots)]
             self._take(plan, shot, camera)
             if self._good_enough(plan, request, camera, shot):
                 break
@@ -104,7 +107,7 @@ class Run:
             started_utc=started,
             finished_utc=utc_now(),
             request=msgspec.to_builtins(request),
-            plan=msgspec.to_builtins(plan.summary()),
+            plan=msgspec.to_builtins(plan_summary(plan, self.config.limits.max_exposure_s)),
             run=record,
             realised={name: msgspec.to_builtins(d) for name, d in deviations.items()},
             summary=summary,
@@ -176,20 +179,28 @@ class Run:
         if self._cancelled():
             raise Cancelled("the job was cancelled")
 
-    def _pilot_ends(self, plan: Plan) -> int | None:
-        """Number of shots after which the pilot is complete; None without one."""
-        names = [shot.name for shot in plan.recipe.shots]
-        return names.index(plan.recipe.stack[-1]) + 1 if plan.pilot else None
-
     def _learn(self, plan: Plan, request: CaptureRequest, camera: CameraInfo) -> Plan:
-        """Look at the pilot photos and keep linked cells apart in the codes that follow."""
-        self.notify("learning", {"photos": plan.pilot})
+        """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
+        linked cells apart in the codes that follow."""
+        scouts = scouted(plan, len(self.shots))
+        if not scouts and not piloted(plan, len(self.shots)):
+            return plan
+        self.notify("learning", {"photos": SCOUTS if scouts else plan.pilot})
         record = self._record(plan, request, camera)
         learned = decode(self.folder.path, record, self.look_for_cancel).learned
-        if learned is None or not learned.worth.pays:
+        if learned is None or (scouts and learned.promising):
+            return plan
+        if scouts:
+            plan = stopped(plan, request.seed, self.config.limits.max_exposure_s)
+            self.warnings.append(
+                f"the pilot ended after {SCOUTS} photos, which show no sharp far paths; the coded "
+                f"photo took {plan.count} codes"
+            )
+        elif learned.pays:
+            plan = with_links(plan, learned.links, request.seed)
+        else:
             self.warnings.append("the pilot found nothing that better codes could avoid")
             return plan
-        plan = with_links(plan, learned.links, request.seed)
         self.folder.write_patterns(plan, request.seed)
         return plan
 

@@ -86,8 +86,16 @@ def plan(args: argparse.Namespace) -> int:
         ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
-    if summary.pilot:
-        head.append(["pilot", f"{summary.pilot} of the codes, one by one"])
+    cost = summary.pilot_cost
+    if cost is not None:
+        head += [
+            ["pilot", f"{cost.raw_files} of the codes one by one, {cost.seconds:.3f} s, at most"],
+            [
+                "or",
+                f"ends after {cost.scouts} without sharp paths: {cost.stopped_raw_files} RAW "
+                f"files, {cost.stopped_seconds:.3f} s, {cost.stopped_codes} codes at once",
+            ],
+        ]
     foreseen = summary.prediction
     if foreseen is not None:
         head += [
