@@ -122,7 +122,7 @@ class Rehearsal:
     recipe : what of the plan's recipe the answer needs, in single exposures.
     light : (rows, cols, 3) of each shot, scene units times seconds.
     metered_e : electrons at f/1 that metering expects of the brightest sample of each program. Its
-        test exposure shows few of the codes, so that this is more than there will be.
+        test exposure shows few of the codes, so that this is not quite what there will be.
     added : what a pilot corrects, as `combine` takes it.
     truth : (rows, cols, 3), scene units.
     """
@@ -320,7 +320,7 @@ def _metered_e(plan: Plan, shot: Shot, setting: Setting, scene: Scene) -> float:
     """Electrons at f/1 that metering expects of the brightest sample of a shot."""
     pairs, ratio = metered_pairs(plan, shot)
     light, _ = _photo(plan, shot, setting.config, scene, pairs)
-    return ratio * _peak_e(light, setting)
+    return _peak_e(light * ratio[..., None], setting)
 
 
 def _peak_e(light: Floats, setting: Setting) -> float:

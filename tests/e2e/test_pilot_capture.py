@@ -71,7 +71,7 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path, window: str) -> None:
 @pytest.mark.parametrize("kind", ["corner", "open-book", "wax-disk", "milky-bottle"])
 def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str) -> None:
     """Diffuse scenes: four photos, the other 60 codes where they would be without a pilot."""
-    scene = CORNER if kind == "corner" else SceneConfig(kind=kind, grid=(24, 32))  # type: ignore[arg-type]
+    scene = CORNER if kind == "corner" else SceneConfig(kind=kind, grid=(24, 32))
     errors: dict[int, list[float]] = {0: [], 64: []}
     for pilot, seed in itertools.product(errors, range(3)):
         request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False, seed=seed)
@@ -160,7 +160,7 @@ def test_plan_says_what_a_pilot_costs(tmp_path: Path) -> None:
     assert summary.seconds == pytest.approx(total)
     cost = summary.pilot_cost
     assert cost is not None
-    assert (cost.raw_files, cost.seconds) == (64, pytest.approx(64 * pilot.exposure_s))
+    assert cost.raw_files == 64 and cost.seconds == pytest.approx(64 * pilot.exposure_s)
     assert (cost.scouts, cost.stopped_codes, cost.stopped_raw_files) == (SCOUTS, 124, 2 + SCOUTS)
     assert cost.stopped_seconds < summary.seconds
     assert engine.plan(CaptureRequest(goal="indirect", codes=128)).pilot_cost is None
