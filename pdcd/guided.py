@@ -3,45 +3,60 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import msgspec
 from scipy import sparse
 
 from pdcd.codes.orders import is_order
+from pdcd.config import Config
 from pdcd.errors import ConfigError
 from pdcd.pilot import SCOUTS
-from pdcd.plan import Plan, with_links
+from pdcd.plan import Plan, make_plan, with_links
+from pdcd.prior import GivenPrior, load_prior
 from pdcd.programs import Coded, Program, Signed, Under
-from pdcd.request import PilotCost, PlanSummary
+from pdcd.request import CaptureRequest, PilotCost, PlanSummary
 
 
-def by_prior(plan: Plan, links: Any, seed: int) -> Plan:
-    """The same plan, its codes keeping cells apart that a prior links: sparse (N, N), >= 0.
+def plan_for(
+    request: CaptureRequest,
+    config: Config,
+    grid: tuple[int, int],
+    mask_lag_s: float | None = None,
+) -> Plan:
+    """Resolve a request that names its number of codes, and follow its prior.
 
     Raises
     ------
     ConfigError
-        The plan has a pilot, other codes than Hadamard's, or a goal whose codes no links can guide.
+        As `make_plan`, or the prior is unsound, comes with a pilot, or cannot guide these codes.
     """
+    plan = make_plan(request, config, grid, mask_lag_s)
+    if request.prior is None:
+        return plan
     if plan.pilot:
         raise ConfigError(
             "a prior and a pilot are both asked for",
             hint="give one: a pilot learns what a prior tells",
         )
-    if plan.family != "hadamard" or not guidable(plan):
+    if not guidable(plan):
         raise ConfigError(
-            f"a prior cannot guide the {plan.family} codes of goal {plan.recipe.goal.name}",
-            hint="it guides hadamard codes for indirect, direct, diagonal and short-range light; "
-            "leave out the prior",
+            f"a prior cannot guide the codes of goal {plan.recipe.goal.name}, family {plan.family}",
+            hint="it guides hadamard codes of the goals indirect, direct, diagonal, split and "
+            "short-range; leave out the prior",
         )
-    return with_links(plan, links, seed)
+    return by_prior(plan, load_prior(request.prior, grid), request.seed)
+
+
+def by_prior(plan: Plan, prior: GivenPrior, seed: int) -> Plan:
+    """The same `guidable` plan with codes that keep cells apart which the prior links."""
+    return replace(with_links(plan, prior.links, seed), prior=prior.name)
 
 
 def guidable(plan: Plan) -> bool:
-    """Whether all half-lit codes of a plan pair each cell with itself, as links assume it."""
+    """Whether a plan has Hadamard codes which pair each cell with itself, as links assume it."""
     coded = [p for p in plan.recipe.programs.values() if p.coded and p.p == 0.5]
-    return bool(coded) and all(_own(program) for program in coded)
+    fits = bool(coded) and all(_own(program) for program in coded)
+    return fits and plan.family == "hadamard"
 
 
 def _own(program: Program) -> bool:
@@ -94,7 +109,7 @@ def summary(plan: Plan, limit_s: float) -> PlanSummary:
     pilot_s = [plan.exposure_s(shot) for shot in plan.recipe.shots if shot.only is not None]
     count = _stopped_count(plan, limit_s)
     more_s = (count / plan.count - 1.0) * sum(
-        plan.exposure_s(shot) - 2.0 * plan.settle_s
+        plan.refreshes(shot) / plan.refresh_hz
         for shot in plan.recipe.shots
         if shot.kind == "coded"
     )
@@ -112,10 +127,11 @@ def summary(plan: Plan, limit_s: float) -> PlanSummary:
 def _stopped_count(plan: Plan, limit_s: float) -> int:
     """Codes of the coded photo when a pilot ends with its scouts."""
     coded = next(shot for shot in plan.recipe.shots if shot.kind == "coded")
-    per_code_s = (plan.exposure_s(coded) - 2.0 * plan.settle_s) / plan.count
+    codes_s = plan.refreshes(coded) / plan.refresh_hz
+    around_s = plan.exposure_s(coded) - codes_s
     most = plan.count + plan.pilot - SCOUTS
     for count in range(most, plan.count, -1):
-        fits = count * per_code_s + 2.0 * plan.settle_s <= limit_s
+        fits = codes_s * count / plan.count + around_s <= limit_s
         if fits and count % plan.parts == 0 and is_order(count // plan.parts):
             return count
     return plan.count

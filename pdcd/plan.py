@@ -65,6 +65,8 @@ class Plan:
     """Time by which the mask is sent its frames later, or earlier."""
     repeat: int = 1
     prediction: Prediction | None = None
+    prior: str | None = None
+    """What guided the codes, in words."""
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""
@@ -162,6 +164,7 @@ class Plan:
             raw_files=len(self.recipe.shots),
             pilot=self.pilot,
             prediction=self.prediction,
+            prior=self.prior,
         )
 
 

@@ -92,7 +92,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     seconds: Annotated[float, Meta(gt=0.0)] | None = None
     """Total time of all exposures, from which codes and exposures follow instead."""
     prior: str | None = None
-    """Path of a transport matrix like the scene's, to predict errors by."""
+    """What the scene is like, to guide the codes and foresee errors by: the path of a transport
+    matrix, "scene:" and the name of a preset, or "decay:" and a distance in cells."""
     smooth: bool = False
     """Correct an indirect photo for what its codes get wrong of smoothly spread light, by a model
     that the photo itself gives."""
@@ -179,6 +180,8 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     pilot: int = 0
     pilot_cost: PilotCost | None = None
     prediction: Prediction | None = None
+    prior: str | None = None
+    """What guided the codes, in words."""
 
 
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):

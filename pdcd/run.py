@@ -18,13 +18,19 @@ from pdcd.config import Config
 from pdcd.convergence import Convergence, rms_sigma
 from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
-from pdcd.guided import piloted, scouted, stopped
+from pdcd.guided import piloted, plan_for, scouted, stopped
 from pdcd.guided import summary as plan_summary
 from pdcd.interfaces import CameraInfo, CameraSettings, FrameLog, Frames
-from pdcd.metering import MAX_TESTS, metered_pairs, next_aperture, peak_share
+from pdcd.metering import (
+    MAX_TESTS,
+    expected_share,
+    metered_pairs,
+    next_aperture,
+    peak_share,
+)
 from pdcd.parts import part_numbers
 from pdcd.pilot import SCOUTS
-from pdcd.plan import Plan, make_plan, with_links
+from pdcd.plan import Plan, with_links
 from pdcd.predict import Setting
 from pdcd.provenance import git_commit, utc_now, versions
 from pdcd.raw import read_raw
@@ -134,7 +140,7 @@ class Run:
     def _plan(self, request: CaptureRequest, grid: tuple[int, int], camera: CameraInfo) -> Plan:
         """The plan as asked for, or as a wanted error or time has it, which sets the ISO too."""
         if not wants_choice(request):
-            return make_plan(request, self.config, grid, self.rig.mask_lag_s())
+            return plan_for(request, self.config, grid, self.rig.mask_lag_s())
         setting = Setting(self.config, camera, self.profile, self.rig.mask_lag_s())
         choice = choose(request, setting, grid, self.rig.scene, self.look_for_cancel)
         own_camera = msgspec.structs.replace(self.config.camera, iso=choice.iso)
@@ -354,6 +360,7 @@ class Run:
         iso = self._iso(camera)
         saturation_dn = self.profile.saturation_dn(iso)
         pairs, ratio = metered_pairs(plan, shot)
+        aligned = self.config.camera.homography is None
         f_number = min(camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
         for test in range(1, MAX_TESTS + 1):
             name = f"meter-{shot.name}-{test}"
@@ -361,7 +368,8 @@ class Run:
             raw = read_raw(done.raw.path, sha256=done.raw.sha256, saturation_dn=saturation_dn)
             peak = peak_share(raw.planes, raw.saturated, saturation_dn)
             self.meter.append({"raw": f"raw/{name}.dng", "f_number": f_number, "peak": peak})
-            f_number, settled = next_aperture(camera.f_numbers, f_number, peak, ratio)
+            expected = expected_share(raw.planes, ratio, saturation_dn, aligned=aligned)
+            f_number, settled = next_aperture(camera.f_numbers, f_number, peak, expected)
             if settled:
                 return f_number
         self.warnings.append(f"metering of {shot.name} did not settle; took f/{f_number:g}")
