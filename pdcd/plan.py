@@ -404,8 +404,15 @@ def with_links(plan: Plan, links: Any, seed: int) -> Plan:
     lattice = Lattice(plan.grid, plan.window)
     n, shape = lattice.cells, lattice.shape
     row, column = np.divmod(np.arange(n), plan.grid[1])
+    # With quarter windows each cell is served by four code cells, so a path links all of these.
+    more = range(shape[0] - plan.grid[0] + 1)
+    code_cell = [(row + down) * shape[1] + column + right for down in more for right in more]
     onto = sparse.csr_array(
-        (np.ones(n), (row * shape[1] + column, np.arange(n))), shape=(lattice.lattice_cells, n)
+        (
+            np.full(len(code_cell) * n, 1.0 / len(code_cell)),
+            (np.concatenate(code_cell), np.tile(np.arange(n), len(code_cell))),
+        ),
+        shape=(lattice.lattice_cells, n),
     )
     part_of = {shot.program: shot.part for shot in plan.recipe.shots}
     coded = {}
