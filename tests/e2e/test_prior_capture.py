@@ -22,6 +22,7 @@ from pdcd.prior import load_prior
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.scene import PRESETS
 from tests import bench_rig
+from tests.e2e.test_daemon_real import connect, daemon
 
 Floats = NDArray[np.float64]
 
@@ -175,6 +176,18 @@ def test_foreseen_and_achieved_agree_with_a_prior(tmp_path: Path) -> None:
     engine.stop()
     assert error(result) == pytest.approx(float(str(result.summary["predicted_error"])), rel=0.2)
     assert float(str(result.summary["codes"])) < plain.codes / 4
+
+
+def test_over_the_socket(tmp_path: Path) -> None:
+    tables = {"scene": SceneConfig(kind="disco-ball", grid=(12, 16))}
+    with daemon(tmp_path, **tables) as (_, socket), connect(socket) as client:
+        request = CaptureRequest(goal="indirect", codes=8, prior="scene:disco-ball", white=False)
+        assert client.plan(request).prior == "scene disco-ball"
+        result = client.capture(request)
+        assert result.state == "done", result.error
+        wrong = CaptureRequest(goal="indirect", codes=8, prior="scene:nothing")
+        with pytest.raises(ConfigError, match="no preset scene"):
+            client.plan(wrong)
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
