@@ -109,9 +109,7 @@ def summary(plan: Plan, limit_s: float) -> PlanSummary:
     pilot_s = [plan.exposure_s(shot) for shot in plan.recipe.shots if shot.only is not None]
     count = _stopped_count(plan, limit_s)
     more_s = (count / plan.count - 1.0) * sum(
-        plan.refreshes(shot) / plan.refresh_hz
-        for shot in plan.recipe.shots
-        if shot.kind == "coded"
+        plan.refreshes(shot) / plan.refresh_hz for shot in plan.recipe.shots if shot.kind == "coded"
     )
     cost = PilotCost(
         raw_files=len(pilot_s),
