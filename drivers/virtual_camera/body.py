@@ -59,6 +59,8 @@ class Body:
         self.script = script or Script()
         self.clock = clock
         self.plugged = True
+        self.plugged_again = 0
+        """How often the cable came back."""
         self.store = Store()
         self.settings = Properties(model, self.script)
         self.shutter = Shutter(clock, film, self.script, self.store)
@@ -137,6 +139,7 @@ class Body:
     def replug(self) -> None:
         """Put it back: the camera knows no session any more."""
         self.plugged = True
+        self.plugged_again += 1
         self.forget_session()
 
     # Operations

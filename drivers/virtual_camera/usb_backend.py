@@ -38,6 +38,7 @@ from drivers.virtual_camera.reply import Reply
 
 BULK_IN, BULK_OUT, INTERRUPT_IN = 0x81, 0x02, 0x83
 PACKET_BYTES = 512
+_FIRST_ADDRESS = 7
 _BULK, _INTERRUPT = 2, 3
 _STRING = 3
 _ENGLISH = 0x0409
@@ -91,7 +92,6 @@ class _Handle:
 
     def __init__(self, address: int) -> None:
         self.address = address
-        self.claimed = False
 
 
 class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
@@ -103,10 +103,10 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
     def __init__(self, body: Body) -> None:
         super().__init__()
         self.body = body
-        self.address = 7
         self.held_by_other = False
         self.bytes_read = 0
         self._lock = threading.RLock()
+        self._resets = 0
         self._claimed_by: _Handle | None = None
         self._halted: set[int] = set()
         self._to_host: deque[_Transfer] = deque()
@@ -114,23 +114,28 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         self._data = bytearray()
         self._expected: int | None = None
 
+    @property
+    def address(self) -> int:
+        """Of the camera on its bus; another one each time it comes back."""
+        return _FIRST_ADDRESS + self._resets + self.body.plugged_again
+
     # What the device says of itself
 
     def enumerate_devices(self) -> Iterator[Any]:
         """The camera, while it is plugged in."""
-        return iter([self] if self.body.plugged else [])
+        return iter([SimpleNamespace(address=self.address)] if self.body.plugged else [])
 
     def get_parent(self, _dev: Any) -> None:
         """None: the camera hangs on the root."""
         return
 
-    def get_device_descriptor(self, _dev: Any) -> Any:
+    def get_device_descriptor(self, dev: Any) -> Any:
         """USB 2.0, high speed, the 450D's numbers."""
         return SimpleNamespace(
             bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0, bDeviceSubClass=0,
             bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=USB_ID[0], idProduct=USB_ID[1],
             bcdDevice=0x0002, iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
-            bus=1, address=self.address, port_number=1, port_numbers=(1,), speed=3,
+            bus=1, address=dev.address, port_number=1, port_numbers=(1,), speed=3,
         )  # fmt: skip
 
     def get_configuration_descriptor(self, _dev: Any, config: int) -> Any:
@@ -166,11 +171,11 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
 
     # Opening and claiming
 
-    def open_device(self, _dev: Any) -> _Handle:
-        """Open; ENODEV when the camera is not plugged in."""
-        if not self.body.plugged:
-            raise _error(_NO_DEVICE)
-        return _Handle(self.address)
+    def open_device(self, dev: Any) -> _Handle:
+        """Open; ENODEV when the camera is not plugged in, or has another address by now."""
+        handle = _Handle(dev.address)
+        self._alive(handle)
+        return handle
 
     def close_device(self, dev_handle: _Handle) -> None:
         """Close; what was claimed is free again."""
@@ -193,7 +198,11 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
     def claim_interface(self, dev_handle: _Handle, _intf: int) -> None:
         """Claim; EBUSY when somebody else has it."""
         self._alive(dev_handle)
-        if self.held_by_other or self._claimed_by not in (None, dev_handle):
+        holder = self._claimed_by
+        if holder is not None and holder.address != self.address:
+            holder = None  # it went with the device that it opened
+            self._forget()
+        if self.held_by_other or holder not in (None, dev_handle):
             raise _error(_BUSY)
         self._claimed_by = dev_handle
 
@@ -227,8 +236,7 @@ class VirtualUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no ty
         with self._lock:
             self._forget()
             self.body.forget_session()
-            self.address += 1
-            self._claimed_by = None
+            self._resets += 1
 
     # Transfers
 
