@@ -6,14 +6,19 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
 from drivers.mock.camera import BenchSensor
 from drivers.mock.dng import dng_bytes
 from drivers.mock.shutter import Lag
 from drivers.virtual_camera.shutter import Exposure
+from pdcd.config import SceneConfig
 from pdcd.interfaces import DriverContext
+from pdcd.scene import build_scene
 from pdcd.sensor import expose, load_profile
+
+_BRIGHTEST_E_PER_S = 20_000.0
 
 SENSOR_450D = (2848, 4272)
 """Rows and columns of the 450D's picture, in samples."""
@@ -80,13 +85,31 @@ def chart_film(shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm
     `shape` is rows and columns of the mosaic, both even. Sixteen steps of half a stop go from left
     to right; the brightest gathers 20000 electrons a second at f/8 and saturates after about 2 s.
     """
-    profile = load_profile("450d")
-    rng = np.random.default_rng([seed, 3])
     rows, columns = shape
     steps = 2.0 ** (-0.5 * (15 - np.arange(columns) * 16 // columns))
     frame = np.ones(rows)
     frame[: rows // 16] = frame[rows - rows // 16 :] = 0.25
-    electrons_per_s = np.outer(frame, 20_000.0 * steps)
+    return _lit_film(np.outer(frame, _BRIGHTEST_E_PER_S * steps), seed)
+
+
+def scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm:
+    """A scene preset of the mock bench under steady white light, spread over the whole sensor.
+
+    Raises ConfigError when there is no such preset. Brightness as in `chart_film`.
+    """
+    scene = build_scene(SceneConfig(kind=kind))
+    seen = scene.white().reshape(*scene.grid, 3)
+    rows = np.arange(shape[0]) // 2 * scene.grid[0] // (shape[0] // 2)
+    columns = np.arange(shape[1]) // 2 * scene.grid[1] // (shape[1] // 2)
+    colour = np.add.outer(np.arange(shape[0]) % 2, np.arange(shape[1]) % 2)  # RGGB: 0, 1, 1, 2
+    light = seen[rows[:, None], columns[None, :], colour]
+    return _lit_film(light * (_BRIGHTEST_E_PER_S / max(float(light.max()), 1e-12)), seed)
+
+
+def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:
+    """Film under light that gathers so many electrons in each sample, in a second at f/8."""
+    profile = load_profile("450d")
+    rng = np.random.default_rng([seed, 3])
 
     def make_raw(exposure: Exposure) -> bytes:
         seconds = (exposure.close_ns - exposure.open_ns) * 1e-9

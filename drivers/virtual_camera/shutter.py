@@ -138,6 +138,7 @@ class Shutter:
     @property
     def is_open(self) -> bool:
         """Whether light falls on the sensor."""
+        self._settle()
         return self._open_ns is not None
 
     @property
@@ -162,9 +163,8 @@ class Shutter:
 
     def records(self) -> list[EosRecord]:
         """What there is to tell by now, each record once."""
+        self._settle()
         now_ns = self._clock.now_ns()
-        if self._close_at_ns is not None and now_ns >= self._close_at_ns:
-            self._end(self._close_at_ns)
         told = [record for due_ns, record in self._due if due_ns <= now_ns]
         self._due = [(due_ns, record) for due_ns, record in self._due if due_ns > now_ns]
         if self._open_ns is not None and self._close_at_ns is None:
@@ -179,6 +179,11 @@ class Shutter:
         """Whether a file waits to be told of."""
         now_ns = self._clock.now_ns()
         return any(due_ns <= now_ns for due_ns, _ in self._due)
+
+    def _settle(self) -> None:
+        """End a timed exposure whose time is over."""
+        if self._close_at_ns is not None and self._clock.now_ns() >= self._close_at_ns:
+            self._end(self._close_at_ns)
 
     def _end(self, asked_ns: int) -> None:
         if self._open_ns is None:

@@ -20,7 +20,7 @@ def virtual_camera(args: argparse.Namespace) -> int:
         sys.stdout.flush()  # it runs on: whoever reads a pipe must not wait for its end
 
     try:
-        command.serve(args.port, small=args.small, say=say_now)
+        command.serve(args.port, scene=args.scene, small=args.small, say=say_now)
     except KeyboardInterrupt:
         return DONE  # that is how it ends
     return DONE
