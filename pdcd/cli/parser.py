@@ -115,6 +115,14 @@ def build_parser() -> argparse.ArgumentParser:
     row.add_argument("--photo", metavar="NAME", help="default: the one that the answer rests on")
     row.add_argument("--out", type=Path, metavar="PNG", help="default: PHOTO-ROW-COLUMN.png here")
     _json_option(row)
+    virtual = add("virtual-camera", "virtual:virtual_camera", "be a Canon EOS 450D on the network")
+    virtual.add_argument(
+        "--port", type=int, default=15740, metavar="N", help="default: 15740; 0 takes a free one"
+    )
+    virtual.add_argument(
+        "--scene", default="chart", metavar="KIND", help="a scene of the mock bench; default: chart"
+    )
+    virtual.add_argument("--small", action="store_true", help="files of 192 x 128 samples")
     _snr_options(add("snr", "snr:snr", "compare one coded photo with many photos without a mask"))
     add("version", "tools:version", "print the version")
     return parser
