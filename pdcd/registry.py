@@ -26,6 +26,7 @@ GROUP = "pdcd.drivers"
 DRIVERS: Mapping[tuple[str, str], str] = {
     ("display", "mock"): "drivers.mock:MockDisplay",
     ("shutter", "mock"): "drivers.mock:MockShutter",
+    ("shutter", "serial"): "drivers.serial_shutter:SerialShutter",
     ("readout", "mock"): "drivers.mock:MockReadout",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
