@@ -28,6 +28,7 @@ DRIVERS: Mapping[tuple[str, str], str] = {
     ("shutter", "mock"): "drivers.mock:MockShutter",
     ("shutter", "serial"): "drivers.serial_shutter:SerialShutter",
     ("readout", "mock"): "drivers.mock:MockReadout",
+    ("readout", "folder"): "drivers.folder:FolderReadout",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 
