@@ -6,7 +6,7 @@ will be subtracted from each other would be spoilt by each of these; they come l
 `pdcd.develop`.
 
 Black comes from the masked border where the file has one: columns of the sensor that no light
-reaches, exposed with the picture. The one number in the file's tags knows nothing of that exposure.
+reaches, exposed with the picture. A number in the file's tags knows nothing of that exposure.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ class RawFrame:
     saturated : (h, w) bool
         True where any sample of the quad is at or above saturation.
     black : (4,) float64
-        Black level in DN that was taken off each plane: the mean of the masked border, or the tags'
-        if `masked` is false.
-    tag_black : (4,) float64
-        Black level in DN that the file's tags give.
+        Black level in DN that was taken off each plane: the mean of the masked border, or else what
+        LibRaw says.
+    libraw_black : (4,) float64
+        Black level in DN by LibRaw: from tags, or its own mean of a border, cut to whole numbers.
     masked : bool
         Whether the file has a masked border.
     white : float
@@ -61,7 +61,7 @@ class RawFrame:
     planes: NDArray[np.float32]
     saturated: NDArray[np.bool_]
     black: NDArray[np.float64]
-    tag_black: NDArray[np.float64]
+    libraw_black: NDArray[np.float64]
     masked: bool
     white: float
     iso: int
@@ -82,8 +82,8 @@ class RawFrame:
             "f_number": self.f_number,
             "flip": self.flip,
             "black_dn": self.black.tolist(),
-            "black_from": "masked border" if self.masked else "tags",
-            "tag_black_dn": self.tag_black.tolist(),
+            "black_from": "masked border" if self.masked else "LibRaw",
+            "libraw_black_dn": self.libraw_black.tolist(),
             "white_dn": self.white,
         }
 
@@ -101,7 +101,8 @@ def read_raw(
     ----------
     path
         Any RAW format LibRaw knows. Of an image with an odd number of rows or columns the last one
-        is left out, and so are masked borders. The orientation tag is not followed.
+        is left out, and so are masked borders; of a picture that begins in the middle of a quad
+        LibRaw leaves out the first. The orientation tag is not followed.
     sha256, size_bytes
         What the file must be, as announced when it was fetched. LibRaw alone notices most truncated
         files, but no damaged one whose samples can still be unpacked.
@@ -163,9 +164,9 @@ def _frame(
         mosaic = mosaic[: sizes.crop_height, : sizes.crop_width]
     height, width = mosaic.shape[0] // 2, mosaic.shape[1] // 2
     quad = _quad(colours)
-    tag_black = np.array([raw.black_level_per_channel[numbers[at]] for at in quad], np.float64)
+    libraw_black = np.array([raw.black_level_per_channel[numbers[at]] for at in quad], np.float64)
     masked = _masked_black(raw, tags, quad)
-    black = tag_black if masked is None else masked
+    black = libraw_black if masked is None else masked
     planes = np.empty((4, height, width), dtype=np.float32)
     for plane, (row, column) in enumerate(quad):
         samples = mosaic[row : 2 * height : 2, column : 2 * width : 2]
@@ -178,7 +179,7 @@ def _frame(
         planes=planes,
         saturated=np.any(planes >= limit.astype(np.float32)[:, None, None], axis=0),
         black=black,
-        tag_black=tag_black,
+        libraw_black=libraw_black,
         masked=masked is not None,
         white=white,
         iso=round(raw.other.iso_speed),
