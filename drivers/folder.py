@@ -27,11 +27,10 @@ from msgspec import Meta
 from pdcd.config import CameraConfig
 from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
 from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.raw import read_raw
+from pdcd.raw import RAW_SUFFIXES, read_raw
 from pdcd.sensor import load_profile
 from pdcd.tiff import read_tags
 
-RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 _DATE_SLACK_S = 2.0
 """FAT stores dates to two seconds."""
 _F_NUMBER_SLACK = 0.06

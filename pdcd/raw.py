@@ -24,6 +24,9 @@ from pdcd.errors import DecodeError
 from pdcd.sensor import SensorProfile, variance_dn2
 from pdcd.tiff import DATE_TAKEN, MASKED_AREAS, MODEL, Tags, read_tags
 
+RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
+"""How names of RAW files end, in lower case."""
+
 _LIBRAW_MIN_SIDE = 22
 _CANON_GUARD = 2
 """Columns at either edge of a Canon's left border that are not used: dcraw leaves them out, too."""
