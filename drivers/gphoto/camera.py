@@ -53,6 +53,7 @@ class GphotoShutter:
         """Open the camera; an exposure that a dead program left running is ended."""
         self._session.open("shutter")
         self._session.get("bulb")  # or say that there is none
+        self._session.prefer("shutterspeed", "bulb")
         with suppress(PdcdError):  # most cameras refuse to end what has not begun
             self._session.set("bulb", 0)
         self._open = False
@@ -145,7 +146,7 @@ class GphotoReadout:
         )
 
     def arm(self, settings: CameraSettings) -> None:
-        """Bulb, ISO and aperture; pictures of earlier exposures are thrown away.
+        """Set bulb, RAW, ISO and aperture; pictures of earlier exposures are thrown away.
 
         Raises ConfigError with the list of what the camera offers, DeviceLost.
         """
@@ -167,9 +168,8 @@ class GphotoReadout:
                     hint=f"take one of {', '.join(f'{f:g}' for f in sorted(self._f_numbers))}",
                 )
             session.set("aperture", self._f_numbers[nearest])
-        bulb = [choice for choice in session.choices("shutterspeed") if choice.lower() == "bulb"]
-        if bulb:
-            session.set("shutterspeed", bulb[0])
+        session.prefer("shutterspeed", "bulb")  # also for a shutter on a cable
+        session.prefer("imageformat", "RAW")
         for late in session.drain(self._clock, _DRAIN_S):
             logger.warning("picture of an earlier exposure thrown away name=%s", late.name)
             session.download(late)  # or its place in the buffer stays taken

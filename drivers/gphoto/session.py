@@ -128,6 +128,12 @@ class Session:
             widget.set_value(value)
             self._opened().set_single_config(name, widget)
 
+    def prefer(self, name: str, value: str) -> None:
+        """Change a setting if the camera has it and offers that; some have a dial for it."""
+        for choice in self.choices(name):
+            if choice.lower() == value.lower():
+                self.set(name, choice)
+
     def next_file(self, wait_s: float) -> CameraFile | None:
         """The next picture the camera tells of, None if there is none within the time."""
         with self.errors("ask for events"):
