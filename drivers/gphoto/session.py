@@ -9,6 +9,7 @@ the camera to the driver ``ptp``.
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Literal, NamedTuple
@@ -84,7 +85,8 @@ class Session:
                 models = gp.CameraAbilitiesList()
                 models.load()
                 camera.set_abilities(models[models.lookup_model(self.options.model)])
-            camera.init()
+            with _standard_input_kept():
+                camera.init()
         self._camera = camera
 
     @property
@@ -98,7 +100,8 @@ class Session:
         if not self._users and self._camera is not None:
             camera, self._camera = self._camera, None
             try:
-                camera.exit()
+                with _standard_input_kept():
+                    camera.exit()
             except gp.GPhoto2Error as err:  # it is gone, which is what was wanted
                 logger.warning("camera not closed in order error=%s", err)
 
@@ -191,6 +194,25 @@ class Session:
                 ) from err
             with self.errors(f"read {name}"):
                 raise
+
+
+@contextmanager
+def _standard_input_kept() -> Iterator[None]:
+    """Put file descriptor 0 back afterwards, whatever file that is by now.
+
+    libgphoto2 2.5.34 closes it when it leaves a PTP/IP camera (seen; it takes a field never set for
+    a descriptor), and with it the next file that the daemon opens and gets that number.
+    """
+    try:
+        kept = os.dup(0)
+    except OSError:  # closed before: nothing to keep
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.dup2(kept, 0)
+        os.close(kept)
 
 
 def _options(config: Config) -> Options:

@@ -91,6 +91,13 @@ class TestGphotoReadout(ReadoutContract):
             expose(rig, 0.1)
             rig.readout.fetch(tmp_path, f"photo-{number}", 20.0)
 
+    def test_no_file_of_ours_is_closed(self, rig: Rig) -> None:
+        """libgphoto2 closes file descriptor 0 on its way out."""
+        before = os.fstat(0)
+        for device in (rig.shutter, rig.readout):
+            device.disconnect()
+        assert os.path.samestat(os.fstat(0), before)
+
     def test_a_camera_that_goes_away_is_lost(self, rig: Rig, camera: subprocess.Popen[str]) -> None:
         rig.readout.arm(CameraSettings(iso=100, f_number=8.0))
         rig.shutter.open()
