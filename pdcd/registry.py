@@ -26,7 +26,11 @@ GROUP = "pdcd.drivers"
 DRIVERS: Mapping[tuple[str, str], str] = {
     ("display", "mock"): "drivers.mock:MockDisplay",
     ("shutter", "mock"): "drivers.mock:MockShutter",
+    ("shutter", "gphoto2"): "drivers.gphoto:GphotoShutter",
+    ("shutter", "serial"): "drivers.serial_shutter:SerialShutter",
     ("readout", "mock"): "drivers.mock:MockReadout",
+    ("readout", "folder"): "drivers.folder:FolderReadout",
+    ("readout", "gphoto2"): "drivers.gphoto:GphotoReadout",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 
