@@ -14,6 +14,7 @@ patterns: then little is learnt and little is done.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -65,16 +66,32 @@ def smooth_correction(
     light = np.maximum(image, 0.0)
     if light.size < 2 or not light.any():
         return np.zeros_like(light)
+    kernel = _kernel(grid)
+    counted = kernel.copy()
+    for (row, col), share in _beside(left, right, weight, grid).items():
+        counted[-row, -col] *= share
+    near, counted_near = _spread(kernel, grid), _spread(counted, grid)
     missing = np.stack(
-        [_missing(left, right, weight, light, spread) for spread in (_evenly, _nearby(grid))]
+        [
+            _missing(left, right, weight, light, _evenly, _evenly),
+            _missing(left, right, weight, light, near, counted_near),
+        ]
     )
     return np.asarray(_shares(light, missing, grid) @ missing)
 
 
 def _missing(
-    left: Floats, right: Floats, weight: float | Floats, light: Floats, spread: Spread
+    left: Floats,
+    right: Floats,
+    weight: float | Floats,
+    light: Floats,
+    spread: Spread,
+    counted: Spread,
 ) -> Floats:
-    """What the codes miss of light that is all spread like that: (N,)."""
+    """What the codes miss of light that is all spread like that: (N,).
+
+    `counted` is the same spread with what of it is to be counted.
+    """
     part = np.sqrt(light / spread(np.ones_like(light)).max())
     for _ in range(ROUNDS):
         arriving = spread(part)
@@ -85,7 +102,7 @@ def _missing(
     for start in range(0, left.shape[0], step):
         chunk = slice(start, start + step)
         realised += np.einsum("rn,rn->n", left[chunk], spread(right[chunk] * part))
-    missing: Floats = part * (spread(part) - realised / weight)
+    missing: Floats = part * (counted(part) - realised / weight)
     return missing
 
 
@@ -122,15 +139,48 @@ def _evenly(light: Floats) -> Floats:
     return spread
 
 
-def _nearby(grid: tuple[int, int]) -> Spread:
-    """Sums over all other cells by 1 / (1 + (d / REACH)^2), as a product of Fourier transforms."""
+def _beside(
+    left: Floats, right: Floats, weight: float | Floats, grid: tuple[int, int]
+) -> dict[tuple[int, int], float]:
+    """Weight with which cells on average see those beside them, (rows, columns) off.
+
+    Quarter windows see light from beside a cell as if from the cell itself, and miss it. Of that
+    the detail of an image tells nothing, as all cells miss alike; it is not corrected.
+    """
     rows, cols = grid
-    shape = tuple(scipy.fft.next_fast_len(2 * size - 1, real=True) for size in grid)
+    mask = (left / weight).reshape(-1, rows, cols)
+    light = right.reshape(-1, rows, cols)
+    found = {}
+    for row, col in itertools.product((-1, 0, 1), repeat=2):
+        if (row, col) == (0, 0) or abs(row) >= rows or abs(col) >= cols:
+            continue
+        here = np.s_[:, max(0, -row) : rows - max(0, row), max(0, -col) : cols - max(0, col)]
+        there = np.s_[:, max(0, row) : rows + min(0, row), max(0, col) : cols + min(0, col)]
+        pairs = (rows - abs(row)) * (cols - abs(col))
+        found[row, col] = float(np.einsum("rij,rij->", mask[here], light[there])) / pairs
+    return found
+
+
+def _kernel(grid: tuple[int, int]) -> Floats:
+    """1 / (1 + (d / REACH)^2) of all offsets, those below 0 counted from the end."""
     row, col = (
-        np.minimum(np.arange(size), size - np.arange(size)).astype(np.float64) for size in shape
+        np.minimum(np.arange(size), size - np.arange(size)).astype(np.float64)
+        for size in _padded(grid)
     )
-    kernel = 1.0 / (1.0 + (row[:, None] ** 2 + col**2) / REACH**2)
+    kernel: Floats = 1.0 / (1.0 + (row[:, None] ** 2 + col**2) / REACH**2)
     kernel[0, 0] = 0.0
+    return kernel
+
+
+def _padded(grid: tuple[int, int]) -> tuple[int, ...]:
+    """Sizes at which images do not reach around their edges, and that transform fast."""
+    return tuple(scipy.fft.next_fast_len(2 * size - 1, real=True) for size in grid)
+
+
+def _spread(kernel: Floats, grid: tuple[int, int]) -> Spread:
+    """Sums over all other cells by a kernel of offsets, as a product of Fourier transforms."""
+    rows, cols = grid
+    shape = kernel.shape
     waves = scipy.fft.rfft2(kernel)
 
     def spread(light: Floats) -> Floats:
