@@ -23,7 +23,7 @@ from pdcd.pilot import (
 from pdcd.realised import Factors
 from pdcd.recipe import Recipe
 from pdcd.request import NormaliseName
-from pdcd.smooth import smooth_correction
+from pdcd.smooth import colour_correction
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -121,9 +121,8 @@ def smoothed(
 ) -> Picture:
     """An indirect picture corrected for its smooth light (`pdcd.smooth`).
 
-    What is missing of its grey is shared out among the channels as each cell has them: smooth light
-    takes on the colour of where it arrives. Sigma stays: the correction is a small part of the
-    picture. `normalise` is what the picture was made with (`pdcd.combine`).
+    Sigma stays: the correction is a small part of the picture. `normalise` is what the picture was
+    made with (`pdcd.combine`).
     """
     photo = next(p for p in recipe.photos if p.name == "coded")
     realised = realised_photo(photo.shots, shots)
@@ -135,11 +134,7 @@ def smoothed(
     image = cells.reshape(-1, 3)
     if learned is not None:
         image = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
-    image = np.maximum(image, 0.0)
-    grey = image.mean(axis=1)
-    missing = smooth_correction(realised.left, realised.right, weight, grey, recipe.goal.grid)
-    share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
-    more = image * share[:, None]
+    more = colour_correction(realised.left, realised.right, weight, image, recipe.goal.grid)
     full = more.reshape(rows, cols, 3).repeat(quads[0], axis=0).repeat(quads[1], axis=1)
     return Picture(picture.image + full, picture.sigma)
 

@@ -46,6 +46,22 @@ CHUNK = 2**22
 """Numbers transformed at once."""
 
 
+def colour_correction(
+    left: Floats, right: Floats, weight: float | Floats, image: Floats, grid: tuple[int, int]
+) -> Floats:
+    """The same as `smooth_correction` for an image in colour: (N, C) float64.
+
+    What is missing of its grey is shared out among the channels as each cell has them: smooth light
+    takes on the colour of where it arrives.
+    """
+    light = np.maximum(image, 0.0)
+    grey: Floats = light.mean(axis=1)
+    missing = smooth_correction(left, right, weight, grey, grid)
+    share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
+    more: Floats = light * share[:, None]
+    return more
+
+
 def smooth_correction(
     left: Floats, right: Floats, weight: float | Floats, image: Floats, grid: tuple[int, int]
 ) -> Floats:

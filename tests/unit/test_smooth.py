@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes import make_codes
 from pdcd.scene import PRESETS
-from pdcd.smooth import REACH, smooth_correction
+from pdcd.smooth import REACH, colour_correction, smooth_correction
 
 Floats = NDArray[np.float64]
 DATA = Path(__file__).parents[1] / "data"
@@ -100,11 +100,9 @@ def preset_errors(name: str, family: str, count: int, seed: int) -> tuple[float,
     left, cells = 1.0 - lit, lit.shape[1]
     weight = float(np.sum(left.sum(axis=1) * lit.sum(axis=1))) / (cells * (cells - 1))
     image = scene.photo(left, lit, np.zeros(cells), left.sum(axis=0)) / weight
-    grey = image.mean(axis=1)
-    missing = smooth_correction(left, lit, weight, grey, scene.grid)
-    share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
+    more = colour_correction(left, lit, weight, image, scene.grid)
     truth, scale = scene.split()[1], np.sqrt(np.mean(scene.split()[1] ** 2))
-    found = (image, image * (1.0 + share[:, None]))
+    found = (image, image + more)
     return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in found)  # type: ignore[return-value]
 
 
