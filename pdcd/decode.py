@@ -256,7 +256,9 @@ def _barred(
         added = _missing(part, shots, learned)
         scaled = scaled_photos(part, shots, added, normalise=record.normalise)
         if record.smooth and "coded" in scaled:
-            scaled["coded"] = smoothed(part, shots, scaled["coded"], learned)
+            scaled["coded"] = smoothed(
+                part, shots, scaled["coded"], learned, normalise=record.normalise
+            )
         return scaled
 
     scaled = photos(recipe)

@@ -388,7 +388,7 @@ class Run:
             codes=plan.count,
             method=request.method,
             pilot=plan.pilot,
-            smooth=request.smooth,
+            smooth=plan.smooth,
             parts=plan.parts,
             repeat=plan.repeat,
             black_level=request.black_level or self.config.schedule.black_level,

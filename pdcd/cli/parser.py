@@ -25,7 +25,15 @@ GOALS = (
     "filtered",
     "split",
 )
-FAMILIES = ("bernoulli", "balanced", "hadamard", "isolation", "confocal")
+FAMILIES = (
+    "bernoulli",
+    "rademacher",
+    "balanced",
+    "hadamard",
+    "singer",
+    "isolation",
+    "confocal",
+)
 METHODS: tuple[Literal["coded", "multi-image", "nayar"], ...] = ("coded", "multi-image", "nayar")
 SCHEDULES = ("none", "both", "lag", "lead", "full", "auto")
 WINDOWS = ("auto", "whole", "quarter")
@@ -194,8 +202,10 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--smooth",
-        action="store_true",
-        help="correct indirect light for its smooth part, by a model that the photo itself gives",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="correct indirect light for its smooth part, by a model that the photo itself gives "
+        "(default: with hadamard codes)",
     )
     parser.add_argument(
         "--parts",
