@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: pip install pdcd[gphoto2]")
-pytest.importorskip("drivers.virtual_camera", reason="the virtual camera IS MISSING")
 
 from pdcd.config import CameraConfig, RigConfig, TriggerConfig
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
