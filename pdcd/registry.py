@@ -27,6 +27,8 @@ DRIVERS: Mapping[tuple[str, str], str] = {
     ("display", "mock"): "drivers.mock:MockDisplay",
     ("shutter", "mock"): "drivers.mock:MockShutter",
     ("readout", "mock"): "drivers.mock:MockReadout",
+    ("shutter", "ptp"): "drivers.ptp.shutter:PtpShutter",
+    ("readout", "ptp"): "drivers.ptp.readout:PtpReadout",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 

@@ -79,6 +79,8 @@ class Session:
         self.info: DeviceInfo | None = None
         self.renewed = 0
         """How often a session was opened; handles of objects do not outlive one."""
+        self.found = 0
+        """How often the camera was found on the bus; it may have been switched off between."""
         self.climbs = 0
         """How often the ladder was climbed: after that, an operation may have been done twice."""
         self._backend = backend
@@ -232,6 +234,7 @@ class Session:
             self._transport = Transport(UsbPort(device), self._clock)
             info = _greet(self._transport)
             if not serial or serial == info.serial:
+                self.found += 1
                 self._begin(self._transport, info)
                 return
             seen.append(info.serial)
