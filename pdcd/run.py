@@ -349,7 +349,8 @@ class Run:
             done = self._expose(plan, shot, name, CameraSettings(iso, f_number), pairs=pairs)
             raw = read_raw(done.raw.path, sha256=done.raw.sha256, saturation_dn=saturation_dn)
             peak = peak_share(raw.planes, raw.saturated, saturation_dn)
-            self.meter.append({"raw": f"raw/{name}.dng", "f_number": f_number, "peak": peak})
+            path = str(done.raw.path.relative_to(self.folder.path))
+            self.meter.append({"raw": path, "f_number": f_number, "peak": peak})
             f_number, settled = next_aperture(camera.f_numbers, f_number, peak, ratio)
             if settled:
                 return f_number

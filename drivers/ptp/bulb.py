@@ -122,6 +122,7 @@ class Bulb:
             )
         # If the session had to be opened anew before the camera took it, that was no spoiling.
         self._spoiled, self.since_ns = "", self._clock.now_ns()
+        logger.info("shutter held open method=%s", method.name)
 
     def settle(self) -> None:
         """Close the shutter at the start of something new; what became of the old is forgotten."""
@@ -151,6 +152,7 @@ class Bulb:
                 return  # a new session closed it meanwhile
             if reply.code == Response.OK:
                 self.since_ns = None
+                logger.info("shutter let go method=%s", method.name)
                 return
             if reply.code == Response.GENERAL_ERROR and self._climbs() != before:
                 self.since_ns = None  # asked twice: the first time did it

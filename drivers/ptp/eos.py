@@ -15,13 +15,11 @@ from typing import Any
 
 from drivers.ptp.bulb import Bulb, choose_method
 from drivers.ptp.codes import (
-    CUSTOM_LONG_EXPOSURE_NR,
     DESTINATION_RAM,
     PC_HDD_ROOM,
     SHUTTER_BULB,
     EosEvent,
     ExposureMode,
-    FocusMode,
     Operation,
     Property,
     Response,
@@ -47,7 +45,7 @@ from drivers.ptp.keepalive import KeepAlive
 from drivers.ptp.options import PtpOptions, options_of
 from drivers.ptp.session import Session
 from drivers.ptp.transport import Reply
-from drivers.ptp.values import BATTERY_EMPTY
+from drivers.ptp.values import not_ready
 from pdcd.errors import ExposureError, PdcdError
 from pdcd.interfaces import Clock, DriverContext
 
@@ -147,23 +145,22 @@ class EosCamera:
             self.session.open()
 
     def close(self, user: str) -> None:
-        """That user is done; after the last one the camera is let go, its shutter closed.
+        """That user is done, `SHUTTER` with it closed; after the last one the camera is let go.
 
         Idempotent. Raises what `Bulb.end` raises, with the camera let go all the same.
         """
         with self.lock:
             self._users.discard(user)
-            if self._users:
-                return
-            alive, self._alive = self._alive, None
             try:
-                if self.session.is_open:
+                if self.session.is_open and (user == SHUTTER or not self._users):
                     self.bulb.end()
             finally:
-                self._leave_modes()
-                self.session.close()
-                if alive is not None:
-                    alive.stop()
+                if not self._users:
+                    self._leave_modes()
+                    self.session.close()
+                    alive, self._alive = self._alive, None
+                    if alive is not None:
+                        alive.stop()
 
     def order(
         self, code: Operation, *params: int, data: bytes | None = None, once: bool = False
@@ -268,24 +265,8 @@ class EosCamera:
         return reply.code == Response.OK
 
     def check_ready(self) -> None:
-        """Raises ExposureError, saying what to change on the camera, when no exposure can be made.
-
-        What a camera does not tell is not checked.
-        """
-        mode = self.values.get(Property.EXPOSURE_MODE, ExposureMode.MANUAL)
-        focus = self.values.get(Property.FOCUS_MODE, FocusMode.MANUAL)
-        on_card = self.options.destination == "card"
-        place = "on the card: change it" if on_card else "in the camera: switch it off and on"
-        faults = {
-            "the mode dial is not on M: turn it there": mode
-            not in (ExposureMode.MANUAL, ExposureMode.BULB),
-            "autofocus is on: set the lens to MF": focus != FocusMode.MANUAL,
-            "the battery is empty: charge it": self.values.get(Property.BATTERY) == BATTERY_EMPTY,
-            "long-exposure noise reduction is on, which takes a second, dark exposure: switch it "
-            "off in the custom functions": bool(self.custom.get(CUSTOM_LONG_EXPOSURE_NR)),
-            f"there is no room {place}": self.values.get(Property.AVAILABLE_SHOTS) == 0,
-        }
-        found = [fault for fault, holds in faults.items() if holds]
+        """Raises ExposureError, saying what to change on the camera, when it could not expose."""
+        found = not_ready(self.values, self.custom, self.options.destination)
         if found:
             raise ExposureError("the camera is not ready", device=DEVICE, hint="; ".join(found))
 

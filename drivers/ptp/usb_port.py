@@ -14,7 +14,7 @@ from typing import Any
 import usb.core
 import usb.util
 
-from drivers.ptp.faults import DEVICE, Gone, OutOfStep, Stalled, WireFault, wire_fault
+from drivers.ptp.faults import DEVICE, OutOfStep, Stalled, WireFault, wire_fault
 from drivers.ptp.holders import HINT, holders, in_words, node_of
 from pdcd.errors import DeviceLost, DriverUnavailable
 
@@ -26,6 +26,7 @@ CANCEL, RESET, STATUS = 0x64, 0x66, 0x67
 _CLASS_OUT, _CLASS_IN = 0x21, 0xA1
 _CONTROL_S = 1.0
 _STATUS_B = 64
+_WENT = (errno.ENODEV, errno.ENOENT)
 
 PERMISSION_HINT = "install pdcd's udev rule, be in its group, and plug the camera in again"
 
@@ -148,7 +149,7 @@ class UsbPort:
         try:
             self._device.reset()
         except usb.core.USBError as err:
-            if not isinstance(wire_fault(err), Gone):  # gone is what a reset may make of it
+            if err.errno not in _WENT:  # which is what libusb says of one that comes back anew
                 raise wire_fault(err) from err
         finally:
             self.close()
@@ -158,7 +159,7 @@ class UsbPort:
         try:
             usb.util.dispose_resources(self._device)
         except usb.core.USBError as err:
-            if err.errno not in (errno.ENODEV, errno.ENOENT):
+            if err.errno not in _WENT:
                 raise wire_fault(err) from err
 
     def _write_all(self, data: bytes, timeout_s: float) -> None:

@@ -207,6 +207,12 @@ def test_one_device_serves_both_roles_until_the_last_lets_go(rig: PtpRig) -> Non
     assert not rig.body.session_open and not rig.body.shutter.is_open
 
 
+def test_a_shutter_that_goes_first_closes(rig: PtpRig) -> None:
+    rig.shutter.open()
+    rig.shutter.disconnect()
+    assert rig.body.session_open and not rig.body.shutter.is_open
+
+
 def test_an_exposure_that_was_given_up_leaves_no_photo_behind(rig: PtpRig, tmp_path: Path) -> None:
     rig.expose(5.0)
     raw = rig.photo(tmp_path, "photo", 1.0)

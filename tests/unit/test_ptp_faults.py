@@ -114,6 +114,30 @@ def test_any_fault_of_the_wire(
     rig.disconnect_quietly()
 
 
+@pytest.mark.parametrize(("silent", "renewed", "moved"), [(1, 0, 0), (2, 1, 0), (3, 2, 1)])
+def test_each_rung_of_the_ladder_on_the_bus(silent: int, renewed: int, moved: int) -> None:
+    """One try more each time: cancelled, device reset, port reset under a new address."""
+    rig = PtpRig(Script(wire=(WireFault("deaf", Operation.EOS_KEEP_DEVICE_ON, times=silent),)))
+    rig.connect()
+    sessions, address = rig.camera.session.renewed, rig.usb.address
+    rig.camera.tick()
+    assert rig.body.kept_on == 1
+    assert rig.camera.session.renewed - sessions == renewed
+    assert rig.usb.address - address == moved
+    rig.disconnect()
+
+
+def test_the_last_rung_says_to_switch_off(tmp_path: Path) -> None:
+    rig = PtpRig(Script(wire=(WireFault("deaf", Operation.EOS_KEEP_DEVICE_ON, times=4),)))
+    rig.connect()
+    with pytest.raises(DeviceLost, match="switch the camera off and on"):
+        rig.camera.tick()
+    rig.camera.tick()  # off line: nothing to keep alive
+    raw = rig.photo(tmp_path, "photo")  # and is found again by the next capture
+    assert rig.is_photo_of(raw, own_exposure(rig))
+    rig.disconnect()
+
+
 def test_a_late_photo_is_waited_for(tmp_path: Path) -> None:
     rig = PtpRig(Script(file="late", late_s=25.0))
     rig.connect()
