@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import array
 import struct
+from contextlib import suppress
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.faults import OutOfStep, TimedOut, WireFault
@@ -182,3 +185,11 @@ def test_a_camera_that_stays_busy_or_does_not_stop_sending_is_not_back_in_step()
         transport(Port(status=(0x2019,))).back_in_step()
     with pytest.raises(OutOfStep, match="goes on"):
         transport(Port(*[b"x" * 100] * 50)).back_in_step()
+
+
+@given(transfers=st.lists(st.binary(max_size=80), max_size=6), header=st.booleans())
+def test_whatever_comes_is_a_reply_or_a_fault(transfers: list[bytes], header: bool) -> None:
+    """Bytes without sense, alone or behind a header that is right as far as it goes."""
+    first = [struct.pack("<IHHI", 60, DATA, READ, 0) + t for t in transfers[:1]] if header else []
+    with suppress(WireFault):
+        transport(Port(*first, *transfers)).transact(READ)
