@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -72,7 +73,14 @@ class EosCamera:
     May be called from any thread; each call holds the session's lock to its end.
     """
 
-    def __init__(self, options: PtpOptions, clock: Clock, backend: Any, longest_s: float) -> None:
+    def __init__(
+        self,
+        options: PtpOptions,
+        clock: Clock,
+        backend: Any,
+        longest_s: float,
+        alive: Callable[[], object] = lambda: None,
+    ) -> None:
         self.options = options
         self.values: dict[int, int] = {}
         self.choices: dict[int, tuple[int, ...]] = {}
@@ -83,12 +91,18 @@ class EosCamera:
         self._done: set[int] = set()  # handles on the card, which stay good when announced twice
         self._formats: tuple[bytes, ...] = ()
         self.session = Session(
-            backend, clock, self._set_modes, usb_id=options.usb_id, serial=options.serial
+            backend,
+            clock,
+            self._set_modes,
+            usb_id=options.usb_id,
+            serial=options.serial,
+            alive=alive,
         )
         self.lock = self.session.lock
         self.bulb = Bulb(self.order, lambda: self.session.climbs, clock)
         self.clock = clock
         self._longest_ns = round((longest_s + _MARGIN_S) * 1e9)
+        self._tell_alive = alive
         self._users: set[str] = set()
         self._alive: KeepAlive | None = None
 
@@ -100,7 +114,8 @@ class EosCamera:
             options = options_of(context.config)
             backend = _backend(context, options)
             longest_s = context.config.limits.max_exposure_s
-            camera = context.shared[KEY] = cls(options, context.clock, backend, longest_s)
+            camera = cls(options, context.clock, backend, longest_s, context.alive)
+            context.shared[KEY] = camera
         return camera
 
     @property
@@ -177,7 +192,8 @@ class EosCamera:
             self.poll()
 
     def pause(self, seconds: float) -> None:
-        """Wait on the rig's clock."""
+        """Wait on the rig's clock, for no longer than a sign of life may take."""
+        self._tell_alive()
         self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
 
     def poll(self) -> None:

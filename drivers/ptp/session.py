@@ -62,6 +62,7 @@ class Session:
 
     backend : a pyusb backend, or None for the machine's libusb.
     restore : called whenever a session was opened anew, to set the modes that went with the old.
+    alive : called at every rung of the ladder, see `DriverContext.alive`.
 
     Every method may be called from any thread; `lock` is held while one runs.
     """
@@ -74,6 +75,7 @@ class Session:
         *,
         usb_id: tuple[int, int] | None = None,
         serial: str | None = None,
+        alive: Callable[[], object] = lambda: None,
     ) -> None:
         self.lock = threading.RLock()
         self.info: DeviceInfo | None = None
@@ -88,6 +90,7 @@ class Session:
         self._restore = restore
         self._usb_id = usb_id
         self._serial = serial
+        self._alive = alive
         self._transport: Transport | None = None
         self._climbing = False
 
@@ -168,6 +171,7 @@ class Session:
         while rung < _GIVE_UP:
             if isinstance(fault, Gone):
                 rung = _PORT
+            self._alive()
             what = fault.message
             logger.warning("recovering rung=%d operation=%s fault=%s", rung, code.name, what)
             try:
@@ -210,6 +214,7 @@ class Session:
         serial = self._serial or (self.info.serial if self.info else None)
         until_ns = self._clock.now_ns() + round(AGAIN_S * 1e9)
         while True:
+            self._alive()
             try:
                 self._find(serial)
                 return

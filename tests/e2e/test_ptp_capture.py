@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import signal
 import subprocess
@@ -77,6 +78,28 @@ def test_the_answer_is_that_of_the_mock_camera(tmp_path: Path, f_number: Any) ->
     names = {shot.raw for shot in manifest.run.shots} | {test["raw"] for test in manifest.meter}
     assert names <= set(manifest.files) and all(name.endswith(".cr2") for name in names)
     assert body.shutter.opened == len(names)
+
+
+def test_who_waits_for_a_camera_shows_that_he_lives(tmp_path: Path) -> None:
+    """The watchdog of the service allows 20 s without a sign: less than some waits take."""
+    engine = Engine.from_config(ptp(tmp_path))
+    context = engine._rig._context
+    faults = (WireFault("deaf", Operation.EOS_BULB_END, 2),)
+    backend = bench_backend(context, script=Script(wire=faults, file="late", late_s=25.0))
+    context.shared["ptp.camera"].session._backend = backend
+    signs_ns = [engine._rig.clock.now_ns()]
+
+    def cancelled() -> bool:
+        signs_ns.append(engine._rig.clock.now_ns())
+        return False
+
+    engine.start()
+    request = CaptureRequest(goal="white", codes=4)
+    engine.capture(request, job="job", owner={}, emit=lambda *_: None, cancelled=cancelled)
+    signs_ns.append(engine._rig.clock.now_ns())
+    engine.stop()
+    assert signs_ns[-1] - signs_ns[0] > 20e9
+    assert max(b - a for a, b in itertools.pairwise(signs_ns)) < 12e9
 
 
 @pytest.mark.parametrize(
