@@ -64,7 +64,7 @@ _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8
 _MOST_POLLS = 64
 _MARGIN_S = 10.0
 _U32_B = 4
-_ROOM_POLLS = 20
+_POLLS = 20
 
 
 class EosCamera:
@@ -305,8 +305,7 @@ class EosCamera:
         self.files.clear()
         self._must(Operation.EOS_SET_REMOTE_MODE, 1)
         self._must(Operation.EOS_SET_EVENT_MODE, 1)
-        self.poll()
-        if Property.ISO not in self.choices:
+        if not self._heard(lambda: Property.ISO in self.choices):
             raise OutOfStep("does not tell its settings")
         info = self.session.info
         if info is not None:
@@ -314,7 +313,7 @@ class EosCamera:
         self.set_value(Property.CAPTURE_DESTINATION, self._destination(), "the destination")
         if self.options.destination == "ram":
             self._must(Operation.EOS_PC_HDD_CAPACITY, *PC_HDD_ROOM)
-            self._wait_for_room()
+            self._heard(lambda: self.values.get(Property.AVAILABLE_SHOTS) != 0)  # counted anew
         self._set_raw()
 
     def _throw_away(self, count: int) -> None:
@@ -324,13 +323,14 @@ class EosCamera:
             logger.warning("photo of an earlier exposure thrown away name=%s", photo.name)
             self.discard(photo)
 
-    def _wait_for_room(self) -> None:
-        """The camera counts the photos it has room for anew, which takes a moment."""
-        for _ in range(_ROOM_POLLS):
+    def _heard(self, known: Callable[[], bool]) -> bool:
+        """Poll until that is known, or for a second."""
+        for _ in range(_POLLS):
             self.poll()
-            if self.values.get(Property.AVAILABLE_SHOTS) != 0:
-                return
+            if known():
+                return True
             self.pause(_FIRST_PAUSE_S)
+        return False
 
     def _leave_modes(self) -> None:
         """Hand the camera back to its own buttons, as far as it goes along with that."""

@@ -29,6 +29,8 @@ that of the mock camera: pictures of a bench that was not calibrated have no abs
 
 FILE_EXTRA_S = 30.0
 """A photo is waited for this long, plus twice the exposure: noise reduction doubles it."""
+LATE_S = 5.0
+"""A photo that takes longer than this and than its exposure is remarked on."""
 STRAY_S = 15.0
 """How long the photo of an exposure that was given up is waited for before the next one."""
 
@@ -123,6 +125,9 @@ class PtpReadout:
                 raise
             if raw is not None:
                 camera.bulb.owed = False
+                waited_s = (self._clock.now_ns() - begun_ns) * 1e-9
+                if waited_s > max(exposed_s, LATE_S):
+                    logger.warning("photo came late, noise reduction? waited_s=%.1f", waited_s)
                 return raw
             logger.warning("event without a photo, ignored handle=%#x", photo.handle)
         self._same_session()
@@ -150,7 +155,8 @@ class PtpReadout:
     def _clear(self) -> None:
         """Throw away photos of exposures that were given up, also one that is yet to come.
 
-        Raises ExposureError when that one does not come: it could be taken for the next.
+        Raises ExposureError when that one does not come: it could be taken for the next. With a
+        cable release nobody knows whether there was an exposure, and waiting has to do.
         """
         camera = self._camera
         until_ns = self._clock.now_ns() + round(STRAY_S * 1e9) if camera.bulb.owed else 0
@@ -158,13 +164,13 @@ class PtpReadout:
             logger.warning("photo of an earlier exposure thrown away name=%s", photo.name)
             if camera.discard(photo):
                 camera.bulb.owed, until_ns = False, 0
-        if camera.bulb.owed and camera.session.found == self._found:
+        if camera.bulb.owed and camera.releases and camera.session.found == self._found:
             raise ExposureError(
                 "the photo of an earlier exposure has not come and could be taken for the next",
                 device=DEVICE,
                 hint="wait a while, or switch the camera off and on",
             )
-        camera.bulb.owed = False  # it went with the camera's memory
+        camera.bulb.owed = False  # it went with the camera's memory, or never was
 
 
 def _choose(wanted: Number, offered: dict[Number, int], sign: str) -> int:

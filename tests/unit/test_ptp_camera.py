@@ -6,20 +6,24 @@ with what it exposed.
 
 from __future__ import annotations
 
+import errno
 import gc
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import usb.core
 
+from drivers.mock.camera import RESPONSIVITY_E
 from drivers.ptp.codes import ExposureMode, FocusMode
 from drivers.ptp.doctor import camera_rows
 from drivers.ptp.readout import NOMINAL_RESPONSIVITY_E
-from drivers.virtual_camera import CABLE_BODY, RELEASE_BODY, PlainFilm, Script
-from pdcd.errors import ConfigError, DeviceLost, ExposureError
+from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, PlainFilm, Script
+from pdcd.errors import ConfigError, DeviceLost, DriverUnavailable, ExposureError
 from pdcd.interfaces import CameraSettings
 from tests.ptp_rig import SETTINGS, PtpRig
 
@@ -42,8 +46,6 @@ def test_the_camera_says_what_it_is_and_what_it_offers(rig: PtpRig) -> None:
 
 
 def test_the_nominal_responsivity_is_that_of_the_mock_camera() -> None:
-    from drivers.mock.camera import RESPONSIVITY_E
-
     assert NOMINAL_RESPONSIVITY_E == RESPONSIVITY_E
 
 
@@ -69,10 +71,6 @@ def test_settings_are_those_of_the_body_or_refused_with_its_list(rig: PtpRig) ->
 
 
 def test_a_manual_lens_is_left_alone(tmp_path: Path) -> None:
-    from dataclasses import replace
-
-    from drivers.virtual_camera import BULB_BODY
-
     rig = PtpRig(model=replace(BULB_BODY, apertures=()))
     rig.connect()
     assert rig.readout.connect().f_numbers == ()
@@ -157,6 +155,22 @@ def test_a_photo_of_a_cable_release_that_nobody_fetched_is_not_taken_for_the_nex
     rig.body.release()
     raw = rig.readout.fetch(tmp_path, "photo", 600.0)
     assert rig.is_photo_of(raw, list(rig.body.shutter.exposures)[-1])
+    rig.readout.disconnect()
+
+
+def test_a_cable_that_is_not_plugged_in_can_be_plugged_in(tmp_path: Path) -> None:
+    rig = PtpRig(trigger_driver="mock")
+    rig.readout.connect()
+    rig.readout.arm(SETTINGS)
+    with pytest.raises(ExposureError, match="no photo came"):
+        rig.readout.fetch(tmp_path, "one", 600.0)
+    rig.readout.arm(SETTINGS)  # cancelled
+    rig.readout.arm(SETTINGS)
+    rig.body.press()
+    rig.wait(1.0)
+    rig.body.release()
+    raw = rig.readout.fetch(tmp_path, "two", 600.0)
+    assert rig.is_photo_of(raw, rig.body.shutter.exposures[0])
     rig.readout.disconnect()
 
 
@@ -321,10 +335,6 @@ def test_a_camera_held_by_another_program_is_named(rig: PtpRig) -> None:
 def test_a_camera_that_may_not_be_opened_is_a_matter_of_rights(
     rig: PtpRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import errno
-
-    import usb.core
-
     rig.disconnect()
 
     def refuse(_device: object) -> None:
@@ -397,3 +407,12 @@ def test_the_doctor_finds_no_camera() -> None:
     rig.body.unplug()
     rows = camera_rows(rig.camera.options, rig.clock, rig.usb)
     assert rows[0].found == "0" and rows[-1].good is False
+
+
+def test_without_libusb_the_driver_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none_there(**_: object) -> None:
+        raise usb.core.NoBackendError("No backend available")
+
+    monkeypatch.setattr(usb.core, "find", none_there)
+    with pytest.raises(DriverUnavailable, match=r"install libusb"):
+        PtpRig().shutter.connect()
