@@ -42,7 +42,7 @@ from drivers.ptp.events import (
     raw_quality,
 )
 from drivers.ptp.faults import DEVICE, OutOfStep
-from drivers.ptp.keepalive import KeepAlive
+from drivers.ptp.keepalive import PERIOD_S, KeepAlive
 from drivers.ptp.options import PtpOptions, options_of
 from drivers.ptp.session import Session
 from drivers.ptp.transport import Reply
@@ -104,6 +104,7 @@ class EosCamera:
         self._longest_ns = round((longest_s + _MARGIN_S) * 1e9)
         self._tell_alive = alive
         self._users: set[str] = set()
+        self.alive_period_s = PERIOD_S
         self._alive: KeepAlive | None = None
 
     @classmethod
@@ -132,7 +133,7 @@ class EosCamera:
         with self.lock:
             info = self.session.open()
             if self._alive is None:
-                self._alive = KeepAlive(self.tick)
+                self._alive = KeepAlive(self.tick, self.alive_period_s)
             self._users.add(user)
             method = self.bulb.method
             if user == SHUTTER:

@@ -20,7 +20,7 @@ class KeepAlive:
     The period is real time, whatever clock the rig runs on. `tick` must not wait for long.
     """
 
-    def __init__(self, tick: Callable[[], None], period_s: float = PERIOD_S) -> None:
+    def __init__(self, tick: Callable[[], None], period_s: float) -> None:
         self._tick = tick
         self._period_s = period_s
         self._stop = threading.Event()

@@ -21,6 +21,7 @@ import usb.core
 from drivers.mock.camera import RESPONSIVITY_E
 from drivers.ptp.codes import ExposureMode, FocusMode
 from drivers.ptp.doctor import camera_rows
+from drivers.ptp.keepalive import KeepAlive
 from drivers.ptp.readout import NOMINAL_RESPONSIVITY_E
 from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, PlainFilm, Script
 from pdcd.errors import ConfigError, DeviceLost, DriverUnavailable, ExposureError
@@ -270,6 +271,23 @@ def test_a_tick_keeps_the_camera_on_and_leaves_a_busy_one_alone(rig: PtpRig) -> 
         other.start()
         other.join()
     assert rig.body.kept_on == kept + 1
+
+
+def test_the_thread_ticks_on_past_an_error_and_ends_when_told() -> None:
+    ticks: list[None] = []
+    enough = threading.Event()
+
+    def tick() -> None:
+        ticks.append(None)
+        if len(ticks) == 3:
+            enough.set()
+        raise DeviceLost("unplugged", device="camera")
+
+    thread = KeepAlive(tick, 0.001)
+    assert enough.wait(30.0)
+    thread.stop()
+    count = len(ticks)
+    assert not thread._thread.is_alive() and len(ticks) == count
 
 
 def test_a_shutter_open_for_too_long_is_closed_and_the_exposure_spoiled(rig: PtpRig) -> None:
