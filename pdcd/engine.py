@@ -144,6 +144,7 @@ class Engine:
             parent = Path(request.out) if request.out else state_dir(self._config) / "captures"
         run = Run(self._config, self._rig, self._profile, RunFolder(parent.resolve(), job))
         run.watch(emit, cancelled)
+        self._rig.pulse.heard_by = cancelled
         safe = False
         try:
             return run.execute(request, self.grid, job, owner, self.describe())

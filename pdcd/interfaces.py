@@ -256,6 +256,10 @@ class Readout(Protocol):
         ...
 
 
+def _nobody_listens() -> None:
+    """A rig without a watchdog."""
+
+
 @dataclass(frozen=True)
 class DriverContext:
     """What a driver's `create` gets: the whole checked configuration, the clock, and a place
@@ -264,3 +268,6 @@ class DriverContext:
     config: Any
     clock: Clock
     shared: dict[str, Any]
+    alive: Callable[[], object] = _nobody_listens
+    """A method that waits for a device calls this every few seconds, from the thread that called
+    it: so the daemon's watchdog knows that it waits and is not stuck. It never blocks or raises."""

@@ -25,12 +25,14 @@ GROUP = "pdcd.drivers"
 
 DRIVERS: Mapping[tuple[str, str], str] = {
     ("display", "mock"): "drivers.mock:MockDisplay",
-    ("shutter", "mock"): "drivers.mock:MockShutter",
     ("shutter", "gphoto2"): "drivers.gphoto:GphotoShutter",
+    ("shutter", "mock"): "drivers.mock:MockShutter",
+    ("shutter", "ptp"): "drivers.ptp.shutter:PtpShutter",
     ("shutter", "serial"): "drivers.serial_shutter:SerialShutter",
-    ("readout", "mock"): "drivers.mock:MockReadout",
     ("readout", "folder"): "drivers.folder:FolderReadout",
     ("readout", "gphoto2"): "drivers.gphoto:GphotoReadout",
+    ("readout", "mock"): "drivers.mock:MockReadout",
+    ("readout", "ptp"): "drivers.ptp.readout:PtpReadout",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 

@@ -49,13 +49,26 @@ class Exposure:
     settings: CameraSettings
 
 
+class Pulse:
+    """Passes the drivers' signs of life on to whoever runs the job."""
+
+    def __init__(self) -> None:
+        self.heard_by: Callable[[], object] | None = None
+
+    def __call__(self) -> None:
+        """One sign of life, from the thread that runs the job."""
+        if self.heard_by is not None:
+            self.heard_by()
+
+
 class Rig:
     """Display, shutter and readout of a configuration, on one clock."""
 
     def __init__(self, config: Config) -> None:
         self.config = config
         self.clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
-        context = DriverContext(config=config, clock=self.clock, shared={})
+        self.pulse = Pulse()
+        context = DriverContext(config=config, clock=self.clock, shared={}, alive=self.pulse)
         self._context = context
         classes = {
             "display": load_driver("display", config.display.driver),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tests.bench import (
     alternatives,
+    camera,
     closed_form,
     code_error,
     error_seconds,
@@ -31,6 +32,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
     error_seconds.run,
     capture.run,
     throughput.run,
+    camera.run,
     hard.run,
 )
 

@@ -1,0 +1,193 @@
+"""Holding the shutter of an EOS body open over USB, and letting go of it whatever happens.
+
+Two ways exist, and a body lists in its DeviceInfo which it knows: RemoteReleaseOn and Off hold a
+released button (newer bodies, and the 50D and 5D Mark II), BulbStart and BulbEnd hold an exposure
+(40D, 450D, 1000D). Bodies with neither need a cable release.
+
+Starting is never sent twice. A start that was not answered is ended, not repeated: the camera may
+have opened all the same, and a second start would be a second photo.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.ptp.codes import Operation, Response, hex_name
+from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.faults import DEVICE, Unanswered
+from drivers.ptp.options import ReleaseName
+from drivers.ptp.transport import Reply
+from pdcd.errors import ConfigError, DeviceLost, ExposureError
+from pdcd.interfaces import Clock
+
+logger = logging.getLogger(__name__)
+
+FULL_PRESS, NO_AUTOFOCUS = 3, 1
+STOP_TRIES = 3
+"""How often a camera that refuses to close is asked before it is taken at its word."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """How the shutter is opened and closed: operations and their parameters."""
+
+    name: ReleaseName
+    start: Operation
+    start_params: tuple[int, ...]
+    stop: Operation
+    stop_params: tuple[int, ...]
+
+
+REMOTE = Method(
+    "remote",
+    Operation.EOS_REMOTE_RELEASE_ON,
+    (FULL_PRESS, NO_AUTOFOCUS),
+    Operation.EOS_REMOTE_RELEASE_OFF,
+    (FULL_PRESS,),
+)
+BULB = Method("bulb", Operation.EOS_BULB_START, (), Operation.EOS_BULB_END, ())
+
+
+def choose_method(info: DeviceInfo, wanted: ReleaseName) -> Method | None:
+    """The way this body offers, or the one that is forced; None where a cable has to do it."""
+    for method in (REMOTE, BULB):
+        if wanted == method.name or (wanted == "auto" and info.supports(method.start, method.stop)):
+            return method
+    return None
+
+
+class Order(Protocol):
+    """Does an operation, with patience for a busy camera (see `EosCamera.order`)."""
+
+    def __call__(self, code: Operation, *params: int, once: bool = False) -> Reply:
+        """The camera's response, whatever it says."""
+        ...
+
+
+class Bulb:
+    """The shutter of one camera. Calls are made with the session's lock held.
+
+    `climbs` counts how often the session had to be brought back.
+    """
+
+    def __init__(self, order: Order, climbs: Callable[[], int], clock: Clock) -> None:
+        self.method: Method | None = None
+        self.since_ns: int | None = None
+        """Since when the shutter is or may be open; None when it is surely closed."""
+        self.owed = False
+        """Whether an exposure was begun whose photo nobody has fetched yet."""
+        self._order = order
+        self._climbs = climbs
+        self._clock = clock
+        self._spoiled = ""
+
+    def new_session(self, method: Method | None) -> None:
+        """A session was opened: close a shutter that the last one, or another program, left open.
+
+        An exposure that was under way is spoiled, as it ended nobody knows when.
+        """
+        self.method = method
+        if method is not None:
+            self._order(method.stop, *method.stop_params)
+        if self.since_ns is not None:
+            self._spoiled = "the connection was lost while the shutter was open"
+            self.since_ns = None
+
+    def begin(self) -> None:
+        """Open the shutter. Raises ExposureError, with it closed, when that is not sure."""
+        method = self.chosen()
+        if self.since_ns is not None:
+            raise ExposureError("the shutter is open", device=DEVICE, hint="close it first")
+        self._spoiled = ""
+        self.owed = True
+        self.since_ns = self._clock.now_ns()
+        try:
+            reply = self._order(method.start, *method.start_params, once=True)
+        except Unanswered as err:
+            self._let_go(method)
+            raise ExposureError(
+                "the camera did not confirm that it opened the shutter",
+                device=DEVICE,
+                hint="the exposure was ended and its photo will be thrown away; try again",
+            ) from err
+        if reply.code != Response.OK:
+            self.owed, self.since_ns = False, None
+            raise ExposureError(
+                f"the camera refuses to open the shutter: {hex_name(reply.code, Response)}",
+                device=DEVICE,
+                hint="mode dial to M, lens to manual focus, enough battery; then try again",
+            )
+        # If the session had to be opened anew before the camera took it, that was no spoiling.
+        self._spoiled, self.since_ns = "", self._clock.now_ns()
+        logger.info("shutter held open method=%s", method.name)
+
+    def settle(self) -> None:
+        """Close the shutter at the start of something new; what became of the old is forgotten."""
+        if self.since_ns is not None:
+            self._stop(self.chosen())
+        self._spoiled = ""
+
+    def end(self) -> None:
+        """Close the shutter; nothing to do when it is closed.
+
+        Raises ExposureError when it is closed but the exposure is spoiled, or when the camera
+        refuses; DeviceLost when it cannot be reached. `since_ns` tells whether it may be open.
+        """
+        if self.since_ns is not None:
+            self._stop(self.chosen())
+        spoiled, self._spoiled = self._spoiled, ""
+        if spoiled:
+            raise ExposureError(
+                f"the exposure is spoiled: {spoiled}", device=DEVICE, hint="try again"
+            )
+
+    def _stop(self, method: Method) -> None:
+        before = self._climbs()
+        for _ in range(STOP_TRIES):
+            reply = self._order(method.stop, *method.stop_params)
+            if self.since_ns is None:
+                return  # a new session closed it meanwhile
+            if reply.code == Response.OK:
+                self.since_ns = None
+                logger.info("shutter let go method=%s", method.name)
+                return
+            if reply.code == Response.GENERAL_ERROR and self._climbs() != before:
+                self.since_ns = None  # asked twice: the first time did it
+                return
+        raise ExposureError(
+            f"the camera refuses to close the shutter: {hex_name(reply.code, Response)}",
+            device=DEVICE,
+            hint="if it is still open, switch the camera off",
+        )
+
+    def overdue(self, longest_ns: int) -> bool:
+        """Whether the shutter is open for longer than that."""
+        return self.since_ns is not None and self._clock.now_ns() - self.since_ns > longest_ns
+
+    def spoil(self, why: str) -> None:
+        """Let the one who ends the exposure know that it is not to be used."""
+        self._spoiled = why
+
+    def chosen(self) -> Method:
+        """How this body's shutter is opened; ConfigError when it has no way over USB."""
+        if self.method is None:
+            raise ConfigError(
+                "this body cannot hold its shutter open over USB: an external trigger is needed",
+                device=DEVICE,
+                hint="connect a cable release and choose its driver in [trigger]",
+            )
+        return self.method
+
+    def _let_go(self, method: Method) -> None:
+        """End an exposure whose begin went wrong; the error of the begin is the one that counts."""
+        try:
+            reply = self._order(method.stop, *method.stop_params)
+            self.since_ns = None
+            if reply.code == Response.GENERAL_ERROR:
+                self.owed = False  # it held nothing open
+        except DeviceLost as err:
+            logger.error("shutter may be open error=%s", err)
+        self._spoiled = ""

@@ -1,0 +1,401 @@
+"""A Canon EOS body over PTP: modes, settings, events, bulb, files.
+
+The body tells its settings and what each may be set to in events, once a session; so everything
+known about it comes from `poll`. An event also says that a photo waits.
+
+Not modelled: focusing, live view, timed exposures, movies.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from drivers.ptp.bulb import Bulb, choose_method
+from drivers.ptp.codes import (
+    DESTINATION_RAM,
+    PC_HDD_ROOM,
+    SHUTTER_BULB,
+    EosEvent,
+    ExposureMode,
+    Operation,
+    Property,
+    Response,
+    hex_name,
+)
+from drivers.ptp.containers import WireError
+from drivers.ptp.datasets import (
+    pack_property_bytes,
+    pack_property_set,
+    parse_custom_functions,
+)
+from drivers.ptp.events import (
+    AvailList,
+    EosRecord,
+    ObjectAdded,
+    Plain,
+    PropValue,
+    parse_events,
+    raw_quality,
+)
+from drivers.ptp.faults import DEVICE, OutOfStep
+from drivers.ptp.keepalive import PERIOD_S, KeepAlive
+from drivers.ptp.options import PtpOptions, options_of
+from drivers.ptp.session import Session
+from drivers.ptp.transport import Reply
+from drivers.ptp.values import not_ready
+from pdcd.errors import ExposureError, PdcdError
+from pdcd.interfaces import Clock, DriverContext
+
+logger = logging.getLogger(__name__)
+
+KEY = "ptp.camera"
+BACKEND_KEY = "ptp.backend"
+"""Where a rig's shared dictionary may hold the pyusb backend to use instead of libusb."""
+SHUTTER = "shutter"
+"""The user that opens and closes."""
+
+BUSY_S = 5.0
+"""How long a busy camera is asked again; it says 2019 while events wait to be heard."""
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8
+_MOST_POLLS = 64
+_MARGIN_S = 10.0
+_U32_B = 4
+_POLLS = 20
+
+
+class EosCamera:
+    """One body, used by a shutter, a readout, or both; open while at least one of them is.
+
+    May be called from any thread; each call holds the session's lock to its end.
+    """
+
+    def __init__(
+        self,
+        options: PtpOptions,
+        clock: Clock,
+        backend: Any,
+        longest_s: float,
+        alive: Callable[[], object] = lambda: None,
+    ) -> None:
+        self.options = options
+        self.values: dict[int, int] = {}
+        self.choices: dict[int, tuple[int, ...]] = {}
+        self.custom: dict[int, int] = {}
+        """Custom functions by their number."""
+        self.files: deque[ObjectAdded] = deque()
+        """Photos that wait to be fetched, oldest first."""
+        self._done: set[int] = set()  # handles on the card, which stay good when announced twice
+        self._formats: tuple[bytes, ...] = ()
+        self.session = Session(
+            backend,
+            clock,
+            self._set_modes,
+            usb_id=options.usb_id,
+            serial=options.serial,
+            alive=alive,
+        )
+        self.lock = self.session.lock
+        self.bulb = Bulb(self.order, lambda: self.session.climbs, clock)
+        self.clock = clock
+        self._longest_ns = round((longest_s + _MARGIN_S) * 1e9)
+        self._tell_alive = alive
+        self._users: set[str] = set()
+        self.alive_period_s = PERIOD_S
+        self._alive: KeepAlive | None = None
+
+    @classmethod
+    def of(cls, context: DriverContext) -> EosCamera:
+        """The camera of this rig; made by the first driver that asks."""
+        camera = context.shared.get(KEY)
+        if not isinstance(camera, cls):
+            options = options_of(context.config)
+            backend = _backend(context, options)
+            longest_s = context.config.limits.max_exposure_s
+            camera = cls(options, context.clock, backend, longest_s, context.alive)
+            context.shared[KEY] = camera
+        return camera
+
+    @property
+    def releases(self) -> bool:
+        """Whether the shutter is worked from here, and not by a cable release."""
+        return SHUTTER in self._users
+
+    def open(self, user: str) -> dict[str, str]:
+        """Be open for that user: session, modes, settings known, shutter closed. Idempotent.
+
+        Returns what the camera is. The user `SHUTTER` raises ConfigError when this body cannot be
+        released over USB.
+        """
+        with self.lock:
+            info = self.session.open()
+            if self._alive is None:
+                self._alive = KeepAlive(self.tick, self.alive_period_s)
+            self._users.add(user)
+            method = self.bulb.method
+            if user == SHUTTER:
+                method = self.bulb.chosen()
+                self.bulb.settle()
+            return {
+                "model": info.model,
+                "serial": info.serial,
+                "firmware": info.device_version,
+                "place": self.session.name,
+                "release": method.name if method else "external",
+            }
+
+    def let_go(self, user: str) -> None:
+        """`close` for a driver that nobody holds any more, where nobody can be told of an error."""
+        try:
+            self.close(user)
+        except PdcdError as err:
+            logger.critical("camera not left as it should be error=%s", err)
+
+    def renew(self) -> None:
+        """Begin a new session: whatever waits in the camera is forgotten."""
+        with self.lock:
+            self.session.close()
+            self.session.open()
+
+    def close(self, user: str) -> None:
+        """That user is done, `SHUTTER` with it closed; after the last one the camera is let go.
+
+        Idempotent. Raises what `Bulb.end` raises, with the camera let go all the same.
+        """
+        with self.lock:
+            self._users.discard(user)
+            try:
+                if self.session.is_open and (user == SHUTTER or not self._users):
+                    self.bulb.end()
+            finally:
+                if not self._users:
+                    self._leave_modes()
+                    self.session.close()
+                    alive, self._alive = self._alive, None
+                    if alive is not None:
+                        alive.stop()
+
+    def order(
+        self, code: Operation, *params: int, data: bytes | None = None, once: bool = False
+    ) -> Reply:
+        """Do an operation; ask a busy camera again, hearing its events meanwhile."""
+        until_ns = self.clock.now_ns() + round(BUSY_S * 1e9)
+        pause_s = _FIRST_PAUSE_S
+        while True:
+            reply = self.session.call(code, *params, data=data, once=once)
+            if reply.code != Response.DEVICE_BUSY or self.clock.now_ns() >= until_ns:
+                return reply
+            self.pause(pause_s)
+            pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
+            self.poll()
+
+    def pause(self, seconds: float) -> None:
+        """Wait on the rig's clock, for no longer than a sign of life may take."""
+        self._tell_alive()
+        self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
+
+    def poll(self) -> None:
+        """Hear all events that wait."""
+        with self.lock:
+            for _ in range(_MOST_POLLS):
+                reply = self.session.call(Operation.EOS_GET_EVENT)
+                if reply.code != Response.OK:
+                    return  # busy: there will be another poll
+                try:
+                    events = parse_events(reply.data)
+                except WireError as err:
+                    logger.warning("events lost camera=%s error=%s", self.session.name, err)
+                    continue
+                for event in events:
+                    self._hear(event)
+                if not events:
+                    return
+
+    def set_value(self, prop: Property, value: int, what: str) -> None:
+        """Set a property and see that the camera took it. Raises ExposureError if not."""
+        if self.values.get(prop) == value:
+            return
+        data = pack_property_set(prop, value)
+        reply = self.order(Operation.EOS_SET_DEVICE_PROP_VALUE_EX, data=data)
+        self.values[prop] = value
+        self.poll()
+        if reply.code != Response.OK or self.values[prop] != value:
+            self.values.pop(prop)
+            raise ExposureError(
+                f"the camera does not take {what}", device=DEVICE, hint="set it on the camera"
+            )
+
+    def tick(self) -> None:
+        """Sign of life, from the thread that keeps the camera awake; leaves a busy one alone."""
+        if not self.lock.acquire(blocking=False):
+            return
+        try:
+            if not self.session.is_open:
+                return
+            if self.bulb.overdue(self._longest_ns):
+                logger.critical("shutter open for too long, closing camera=%s", self.session.name)
+                self.bulb.end()
+                self.bulb.spoil("it was open for longer than limits.max_exposure_s")
+            self.session.call(Operation.EOS_KEEP_DEVICE_ON)
+            self.poll()
+        finally:
+            self.lock.release()
+
+    def begin_exposure(self) -> None:
+        """Open the shutter. Raises ExposureError, with it closed, when that cannot be done."""
+        with self.lock:
+            self.session.open()
+            self.set_bulb()
+            self.poll()  # what waits to be heard makes the camera busy
+            self.check_ready()
+            self._throw_away(len(self.files))
+            self.bulb.begin()
+
+    def end_exposure(self) -> bool:
+        """Close the shutter; returns whether it was open. Raises what `Bulb.end` raises."""
+        with self.lock:
+            was_open = self.bulb.since_ns is not None
+            if was_open:
+                self.session.open()  # a camera that was lost is sought again: it may be exposing
+            strays = len(self.files)
+            try:
+                self.bulb.end()
+            except ExposureError:
+                if self.bulb.since_ns is not None:  # it refuses; a new session begins with closed
+                    self.renew()
+                raise
+            self._throw_away(strays)
+            return was_open
+
+    def discard(self, photo: ObjectAdded) -> bool:
+        """Free the camera's memory of a photo; one on the card stays there.
+
+        Returns whether there was such a photo, as far as the camera tells.
+        """
+        if photo.on_card:
+            self._done.add(photo.handle)
+            return True
+        reply = self.order(Operation.EOS_TRANSFER_COMPLETE, photo.handle)
+        return reply.code == Response.OK
+
+    def check_ready(self) -> None:
+        """Raises ExposureError, saying what to change on the camera, when it could not expose."""
+        found = not_ready(self.values, self.custom, self.options.destination)
+        if found:
+            raise ExposureError("the camera is not ready", device=DEVICE, hint="; ".join(found))
+
+    def set_bulb(self) -> None:
+        """Set the shutter speed to bulb. Raises ExposureError when the camera does not offer it."""
+        if self.values.get(Property.EXPOSURE_MODE) == ExposureMode.BULB:
+            return  # the dial itself says bulb
+        offered = self.choices.get(Property.SHUTTER_SPEED, ())
+        speed = next((speed for speed in SHUTTER_BULB if speed in offered), None)
+        if speed is None:
+            raise ExposureError(
+                "the camera does not offer bulb", device=DEVICE, hint="turn the mode dial to M"
+            )
+        self.set_value(Property.SHUTTER_SPEED, speed, "shutter speed bulb")
+
+    def _set_modes(self) -> None:
+        """What every new session begins with: remote control, events, destination, closed."""
+        self.values.clear()
+        self.choices.clear()
+        self.files.clear()
+        self._must(Operation.EOS_SET_REMOTE_MODE, 1)
+        self._must(Operation.EOS_SET_EVENT_MODE, 1)
+        if not self._heard(lambda: Property.ISO in self.choices):
+            raise OutOfStep("does not tell its settings")
+        info = self.session.info
+        if info is not None:
+            self.bulb.new_session(choose_method(info, self.options.release))
+        self.set_value(Property.CAPTURE_DESTINATION, self._destination(), "the destination")
+        if self.options.destination == "ram":
+            self._must(Operation.EOS_PC_HDD_CAPACITY, *PC_HDD_ROOM)
+            self._heard(lambda: self.values.get(Property.AVAILABLE_SHOTS) != 0)  # counted anew
+        self._set_raw()
+
+    def _throw_away(self, count: int) -> None:
+        """Discard the oldest waiting photos: what waits while the shutter is open is older."""
+        for _ in range(min(count, len(self.files))):
+            photo = self.files.popleft()
+            logger.warning("photo of an earlier exposure thrown away name=%s", photo.name)
+            self.discard(photo)
+
+    def _heard(self, known: Callable[[], bool]) -> bool:
+        """Poll until that is known, or for a second."""
+        for _ in range(_POLLS):
+            self.poll()
+            if known():
+                return True
+            self.pause(_FIRST_PAUSE_S)
+        return False
+
+    def _leave_modes(self) -> None:
+        """Hand the camera back to its own buttons, as far as it goes along with that."""
+        with suppress(PdcdError):
+            if self.session.is_open:
+                card = self._card()
+                if card is not None:
+                    self.set_value(Property.CAPTURE_DESTINATION, card, "the destination")
+                self.session.call(Operation.EOS_SET_EVENT_MODE, 0)
+                self.session.call(Operation.EOS_SET_REMOTE_MODE, 0)
+
+    def _must(self, code: Operation, *params: int) -> None:
+        reply = self.order(code, *params)
+        if reply.code != Response.OK:
+            raise ExposureError(
+                f"{code.name} is refused: {hex_name(reply.code, Response)}",
+                device=DEVICE,
+                hint="is this a Canon EOS body, and idle?",
+            )
+
+    def _destination(self) -> int:
+        if self.options.destination == "ram":
+            return DESTINATION_RAM
+        card = self._card()
+        if card is None:
+            raise ExposureError("the camera has no card", device=DEVICE, hint="put one in")
+        return card
+
+    def _card(self) -> int | None:
+        offered = self.choices.get(Property.CAPTURE_DESTINATION, ())
+        return next((value for value in offered if value != DESTINATION_RAM), None)
+
+    def _set_raw(self) -> None:
+        """Ask for RAW and nothing else, where the camera tells how."""
+        formats = self._formats
+        with suppress(WireError):
+            raw = next((packed for packed in formats if raw_quality(packed)), None)
+            if raw is not None:
+                data = pack_property_bytes(Property.IMAGE_FORMAT, raw)
+                self.order(Operation.EOS_SET_DEVICE_PROP_VALUE_EX, data=data)
+                self.poll()
+
+    def _hear(self, event: EosRecord) -> None:
+        match event:
+            case ObjectAdded():
+                if event.handle not in self._done:
+                    self.files.append(event)
+            case PropValue(prop=Property.CUSTOM_FUNCTIONS):
+                with suppress(WireError):  # only bodies that pack them otherwise
+                    self.custom = parse_custom_functions(event.data)
+            case PropValue() if len(event.data) == _U32_B:
+                self.values[event.prop] = event.value
+            case AvailList(prop=Property.IMAGE_FORMAT):
+                self._formats = event.packed
+            case AvailList():
+                self.choices[event.prop] = event.values
+            case Plain(code=EosEvent.WILL_SOON_SHUT_DOWN):
+                self.session.call(Operation.EOS_KEEP_DEVICE_ON)
+
+
+def _backend(context: DriverContext, options: PtpOptions) -> Any:
+    """The pyusb backend of this rig; None is the machine's libusb."""
+    if options.usb == "virtual" and BACKEND_KEY not in context.shared:
+        from drivers.virtual_camera import bench_backend  # not needed by a real camera
+
+        context.shared[BACKEND_KEY] = bench_backend(context)
+    return context.shared.get(BACKEND_KEY)

@@ -1,0 +1,128 @@
+"""From the event that announces a photo to a file on disk that is known to be whole.
+
+A photo counts when its size is the one announced, its first bytes are those of a RAW file, and a
+second reading gives the same. What the camera itself damaged, at the right size, cannot be noticed
+here; the SHA-256 that is returned guards against everything after.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from drivers.ptp.codes import ObjectFormat, Operation, Response, hex_name
+from drivers.ptp.eos import EosCamera
+from drivers.ptp.events import ObjectAdded
+from drivers.ptp.faults import DEVICE
+from drivers.ptp.transport import BLOCK_B
+from pdcd.errors import ExposureError
+from pdcd.interfaces import RawFile
+
+logger = logging.getLogger(__name__)
+
+SUFFIXES = frozenset({".cr2", ".cr3", ".crw", ".dng"})
+_FORMATS: dict[int, str] = {ObjectFormat.CANON_CR2: ".cr2", ObjectFormat.CANON_CRW: ".crw"}
+_TIFF = (b"II*\0", b"MM\0*")
+_CRW = b"II\x1a\0"
+_CR3 = b"ftypcrx "
+_HEAD_B = 12
+POLL_S = 0.1
+
+
+def wait_for_photo(camera: EosCamera, until_ns: int) -> ObjectAdded | None:
+    """The oldest RAW file that waits in the camera; None when none came by that time.
+
+    Other files (a JPEG beside the RAW) are thrown away.
+    """
+    while True:
+        with camera.lock:
+            camera.poll()
+            while camera.files:
+                photo = camera.files.popleft()
+                if suffix_of(photo) is not None:
+                    return photo
+                logger.warning("not a RAW file, thrown away name=%s", photo.name)
+                camera.discard(photo)
+        if camera.clock.now_ns() >= until_ns:
+            return None
+        camera.pause(POLL_S)
+
+
+def suffix_of(photo: ObjectAdded) -> str | None:
+    """File suffix of a RAW file, with its dot, in lower case; None for other files."""
+    suffix = Path(photo.name).suffix.lower()
+    if suffix in SUFFIXES:
+        return suffix
+    return None if suffix else _FORMATS.get(photo.format)
+
+
+def download(
+    camera: EosCamera, photo: ObjectAdded, path: Path, *, twice: bool = True
+) -> RawFile | None:
+    """Store a photo as `path`, complete or not at all, and free the camera's memory of it.
+
+    It is read `twice` and compared unless told otherwise.
+
+    Returns None when the camera knows no such object: its event was repeated, or came late.
+    Raises ExposureError when the photo is not whole, OSError when the disk refuses.
+    """
+    part = path.with_name(path.name + ".part")
+    try:
+        with camera.lock, part.open("xb") as file:
+            digest = _copy(camera, photo, file.write)
+            if digest is None:
+                return None
+            if twice and _copy(camera, photo, _nowhere) != digest:
+                raise _spoiled(photo, "a second reading differs")
+            camera.discard(photo)
+        part.rename(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return RawFile(path, photo.size_bytes, digest)
+
+
+def _copy(
+    camera: EosCamera, photo: ObjectAdded, write: Callable[[memoryview], object]
+) -> str | None:
+    """Hand all bytes on, block by block; returns their SHA-256, None for an unknown object."""
+    info, renewed = camera.session.info, camera.session.renewed
+    standard = info is not None and info.supports(Operation.GET_PARTIAL_OBJECT)
+    read = Operation.GET_PARTIAL_OBJECT if standard else Operation.EOS_GET_PARTIAL_OBJECT
+    digest, at = hashlib.sha256(), 0
+    while at < photo.size_bytes:
+        want = min(BLOCK_B, photo.size_bytes - at)
+        reply = camera.order(read, photo.handle, at, want)
+        if camera.session.renewed != renewed:
+            raise _spoiled(photo, "the connection was lost meanwhile")
+        if reply.code == Response.INVALID_OBJECT_HANDLE and at == 0:
+            return None
+        if reply.code != Response.OK:
+            raise _spoiled(photo, f"refused at byte {at}: {hex_name(reply.code, Response)}")
+        if not 0 < len(reply.data) <= want:
+            raise _spoiled(photo, f"{len(reply.data)} bytes came at byte {at}, not {want}")
+        if at == 0 and not _is_raw(bytes(reply.data[:_HEAD_B])):
+            raise _spoiled(photo, "it does not begin as a RAW file does")
+        digest.update(reply.data)
+        write(reply.data)
+        at += len(reply.data)
+    if at == 0:
+        raise _spoiled(photo, "it is empty")
+    return digest.hexdigest()
+
+
+def _nowhere(block: memoryview) -> None:
+    """The second reading is only compared."""
+
+
+def _is_raw(head: bytes) -> bool:
+    return head.startswith((*_TIFF, _CRW)) or head[4:] == _CR3
+
+
+def _spoiled(photo: ObjectAdded, why: str) -> ExposureError:
+    return ExposureError(
+        f"the photo {photo.name} of {photo.size_bytes} bytes did not come whole: {why}",
+        device=DEVICE,
+        hint="take it again",
+    )

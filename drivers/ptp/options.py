@@ -1,0 +1,67 @@
+"""[camera.options] and [trigger.options] of the `ptp` drivers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from pdcd.config import Config
+from pdcd.errors import ConfigError
+
+ReleaseName = Literal["auto", "remote", "bulb", "external"]
+
+
+class PtpOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which camera, and how it is used; all may be left out where there is one camera."""
+
+    usb: Literal["libusb", "virtual"] = "libusb"
+    """"virtual" is a camera in this process that photographs the mock bench."""
+    id: Annotated[str, Meta(pattern="^[0-9a-fA-F]{4}:[0-9a-fA-F]{4}$")] | None = None
+    """USB vendor and product, as "04a9:3145"; None: any of Canon's."""
+    serial: str | None = None
+    """Serial number that the camera states; needed where two cameras are alike."""
+    release: ReleaseName = "auto"
+    """How to open the shutter: as the camera offers it, or by force."""
+    destination: Literal["ram", "card"] = "ram"
+    """Where the camera puts its files before they are fetched; "card" leaves them there as well."""
+    read_twice: bool = True
+    """Read each photo a second time and compare; takes as long as the first time."""
+
+    @property
+    def usb_id(self) -> tuple[int, int] | None:
+        """Vendor and product as numbers."""
+        if self.id is None:
+            return None
+        vendor, _, product = self.id.partition(":")
+        return int(vendor, 16), int(product, 16)
+
+
+def options_of(config: Config) -> PtpOptions:
+    """The options of this rig's one camera.
+
+    [camera.options] and [trigger.options] speak of the same camera where both drivers are `ptp`:
+    it is enough to give them once. Raises ConfigError where they are wrong or disagree.
+    """
+    roles = (
+        ("camera", config.camera.driver, config.camera.options),
+        ("trigger", config.trigger.driver, config.trigger.options),
+    )
+    given = {role: options for role, driver, options in roles if driver == "ptp"}
+    # A file in the camera's memory is lost unless somebody fetches it from there.
+    merged: dict[str, object] = {} if "camera" in given else {"destination": "card"}
+    for name, options in given.items():
+        for key, value in options.items():
+            if merged.setdefault(key, value) != value:
+                raise ConfigError(
+                    f"[{name}.options]: {key} = {value!r} is not what [camera.options] says",
+                    device="camera",
+                    hint="trigger and camera are one device: give each option once",
+                )
+    try:
+        return msgspec.convert(merged, PtpOptions)
+    except msgspec.ValidationError as err:
+        raise ConfigError(
+            f"[{' or '.join(f'{name}.options' for name in given)}]: {err}", device="camera"
+        ) from err

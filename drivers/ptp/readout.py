@@ -1,0 +1,185 @@
+"""Settings and photos of a Canon EOS body over USB."""
+
+from __future__ import annotations
+
+import logging
+import weakref
+from contextlib import suppress
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from drivers.ptp.codes import Property
+from drivers.ptp.eos import EosCamera
+from drivers.ptp.faults import DEVICE
+from drivers.ptp.files import download, suffix_of, wait_for_photo
+from drivers.ptp.values import f_numbers, isos
+from pdcd.config import CameraConfig
+from pdcd.errors import ConfigError, ExposureError, PdcdError
+from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+
+logger = logging.getLogger(__name__)
+
+Number = TypeVar("Number", int, float)
+
+NOMINAL_RESPONSIVITY_E = (4.8e6, 8.6e6, 5.6e6)
+"""Electrons per scene unit and second at f/1 where `camera.responsivity_e` is not given. Nominal,
+that of the mock camera: pictures of a bench that was not calibrated have no absolute scale."""
+
+FILE_EXTRA_S = 30.0
+"""A photo is waited for this long, plus twice the exposure: noise reduction doubles it."""
+LATE_S = 5.0
+"""A photo that takes longer than this and than its exposure is remarked on."""
+STRAY_S = 15.0
+"""How long the photo of an exposure that was given up is waited for before the next one."""
+
+
+class PtpReadout:
+    """Sets ISO, aperture and bulb, and fetches what was exposed, whoever worked the shutter.
+
+    With a cable release the camera is armed in the same way and its photo waited for. An exposure
+    whose photo nobody fetched is dealt with by the next `arm`, so that no photo is taken for that
+    of another exposure. Never run on a real body so far.
+    """
+
+    maturity = "experimental"
+
+    def __init__(self, camera: EosCamera, clock: Clock, config: CameraConfig) -> None:
+        self._camera = camera
+        self._clock = clock
+        self._config = config
+        self._armed_ns: int | None = None
+        self._session = self._found = 0
+        weakref.finalize(self, camera.let_go, "readout")
+
+    @classmethod
+    def create(cls, context: DriverContext) -> PtpReadout:
+        """The readout of this rig's camera."""
+        return cls(EosCamera.of(context), context.clock, context.config.camera)
+
+    def connect(self) -> CameraInfo:
+        """Open the session and tell what the camera says of itself."""
+        identity = self._camera.open("readout")
+        choices = self._camera.choices
+        return CameraInfo(
+            model=identity["model"],
+            serial=identity["serial"],
+            profile=self._config.profile,
+            responsivity_e=np.array(self._config.responsivity_e or NOMINAL_RESPONSIVITY_E),
+            isos=tuple(isos(choices.get(Property.ISO, ()))),
+            f_numbers=tuple(f_numbers(choices.get(Property.APERTURE, ()))),
+        )
+
+    def arm(self, settings: CameraSettings) -> None:
+        """Apply the settings and see that the camera can expose.
+
+        Raises ConfigError with what the camera offers, ExposureError with what to change on it. A
+        camera that was lost is sought again first.
+        """
+        camera, armed_ns, self._armed_ns = self._camera, self._armed_ns, None
+        with camera.lock:
+            if armed_ns is not None and not camera.releases:
+                camera.bulb.owed = True  # a cable release tells nobody what it did
+            camera.session.open()
+            camera.poll()
+            camera.check_ready()
+            iso = _choose(settings.iso, isos(camera.choices.get(Property.ISO, ())), "ISO ")
+            aperture = None
+            if settings.f_number is not None:
+                offered = f_numbers(camera.choices.get(Property.APERTURE, ()))
+                aperture = _choose(settings.f_number, offered, "f/")
+            self._clear()
+            camera.set_value(Property.ISO, iso, f"ISO {settings.iso}")
+            camera.set_bulb()
+            if aperture is not None:
+                camera.set_value(Property.APERTURE, aperture, f"f/{settings.f_number:g}")
+            self._session, self._found = camera.session.renewed, camera.session.found
+            self._armed_ns = self._clock.now_ns()
+
+    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
+        """Wait for the photo and store it as `folder/name` with the camera's own suffix.
+
+        Waits for twice the time since `arm` and `FILE_EXTRA_S`, but not beyond `timeout_s`.
+        Raises ExposureError when no photo comes, or one that is not whole.
+        """
+        camera, armed_ns, self._armed_ns = self._camera, self._armed_ns, None
+        if armed_ns is None:
+            raise ExposureError("the camera was not armed", device=DEVICE, hint="call arm first")
+        if camera.bulb.since_ns is not None:
+            raise ExposureError("the shutter is open", device=DEVICE, hint="close it first")
+        begun_ns = self._clock.now_ns()
+        exposed_s = (begun_ns - armed_ns) * 1e-9
+        wait_s = min(timeout_s, 2.0 * exposed_s + FILE_EXTRA_S)
+        until_ns = begun_ns + round(wait_s * 1e9)
+        self._same_session()
+        while (photo := wait_for_photo(camera, until_ns)) is not None:
+            try:
+                self._same_session()
+                path = folder / f"{name}{suffix_of(photo)}"
+                raw = download(camera, photo, path, twice=camera.options.read_twice)
+            except (OSError, ExposureError):
+                with suppress(PdcdError):
+                    camera.discard(photo)
+                camera.bulb.owed = False
+                raise
+            if raw is not None:
+                camera.bulb.owed = False
+                waited_s = (self._clock.now_ns() - begun_ns) * 1e-9
+                if waited_s > max(exposed_s, LATE_S):
+                    logger.warning("photo came late, noise reduction? waited_s=%.1f", waited_s)
+                return raw
+            logger.warning("event without a photo, ignored handle=%#x", photo.handle)
+        self._same_session()
+        camera.bulb.owed = True
+        raise ExposureError(
+            f"no photo came within {wait_s:.0f} s",
+            device=DEVICE,
+            hint="is the camera set to RAW, and long-exposure noise reduction off?",
+        )
+
+    def disconnect(self) -> None:
+        """Let the camera go unless the shutter still has it."""
+        self._armed_ns = None
+        self._camera.close("readout")
+
+    def _same_session(self) -> None:
+        """Settings, and what was exposed with them, are good for the session they were made in."""
+        if self._camera.session.renewed != self._session:
+            raise ExposureError(
+                "the connection was lost since the camera was armed",
+                device=DEVICE,
+                hint="take it again",
+            )
+
+    def _clear(self) -> None:
+        """Throw away photos of exposures that were given up, also one that is yet to come.
+
+        Raises ExposureError when that one does not come: it could be taken for the next. With a
+        cable release nobody knows whether there was an exposure, and waiting has to do.
+        """
+        camera = self._camera
+        until_ns = self._clock.now_ns() + round(STRAY_S * 1e9) if camera.bulb.owed else 0
+        while (photo := wait_for_photo(camera, until_ns)) is not None:
+            logger.warning("photo of an earlier exposure thrown away name=%s", photo.name)
+            if camera.discard(photo):
+                camera.bulb.owed, until_ns = False, 0
+        if camera.bulb.owed and camera.releases and camera.session.found == self._found:
+            raise ExposureError(
+                "the photo of an earlier exposure has not come and could be taken for the next",
+                device=DEVICE,
+                hint="wait a while, or switch the camera off and on",
+            )
+        camera.bulb.owed = False  # it went with the camera's memory, or never was
+
+
+def _choose(wanted: Number, offered: dict[Number, int], sign: str) -> int:
+    """The code of a value; ConfigError with the list when the camera does not offer it."""
+    if wanted in offered:
+        return offered[wanted]
+    listed = ", ".join(f"{value:g}" for value in offered)
+    raise ConfigError(
+        f"{sign}{wanted:g} is not offered",
+        device=DEVICE,
+        hint=f"take one of {listed}" if listed else "it cannot be set from here: leave it out",
+    )

@@ -1,0 +1,185 @@
+"""PTP transactions over one USB port: command, data either way, response, and back in step.
+
+A container is a header of 12 bytes and its parameters or data. On the way in, one transfer may hold
+a header alone, header and data, or the response glued behind the data; a container of whole packets
+may be followed by an empty packet, or not. All of that is accepted.
+
+Reading into one buffer that is kept costs no copy: the data of a reply that came in one transfer is
+a view of that buffer, good until the next transaction.
+"""
+
+from __future__ import annotations
+
+import array
+from dataclasses import dataclass
+
+from drivers.ptp.codes import ContainerType, Response
+from drivers.ptp.containers import (
+    HEADER_BYTES,
+    WireError,
+    pack_data_header,
+    pack_message,
+    parse_header,
+    parse_message,
+)
+from drivers.ptp.faults import OutOfStep, TimedOut
+from drivers.ptp.usb_port import UsbPort
+from pdcd.interfaces import Clock
+
+TRANSACTION_S = 8.0
+"""Longest wait for each transfer of a transaction."""
+
+BLOCK_B = 1 << 20
+"""Bytes of an object to ask for at a time; 5 MiB upset some bodies."""
+
+_BUFFER_B = BLOCK_B + 1024
+_SMALL_B = 1024
+_MOST_DATA_B = 64 << 20
+_MOST_STRAY = 8
+_DRAIN_S = 0.1
+_STATUS_TRIES, _STATUS_STEP_NS = 20, 100_000_000
+
+
+@dataclass(frozen=True)
+class Reply:
+    """The response of a transaction, and its data; `data` is good until the next transaction."""
+
+    code: int
+    params: tuple[int, ...]
+    data: memoryview
+
+
+class Transport:
+    """Transactions over a claimed port; raises `WireFault` when one cannot be completed.
+
+    After a fault the two sides may be out of step: call `back_in_step` before the next one.
+    """
+
+    def __init__(self, port: UsbPort, clock: Clock) -> None:
+        self._port = port
+        self._clock = clock
+        self._buffer = array.array("B", bytes(_BUFFER_B))
+        self._small = array.array("B", bytes(_SMALL_B))
+        self._surplus = b""
+        self._next_id = 0
+
+    @property
+    def name(self) -> str:
+        """Where the camera is."""
+        return self._port.name
+
+    def restart_ids(self) -> None:
+        """The next transaction is number 0, as OpenSession has to be."""
+        self._next_id = 0
+
+    def transact(
+        self,
+        code: int,
+        params: tuple[int, ...] = (),
+        data: bytes | None = None,
+        timeout_s: float = TRANSACTION_S,
+    ) -> Reply:
+        """Send an operation and return the camera's response to it, whatever it says."""
+        number = self._next_id
+        self._next_id = (number + 1) % 0xFFFFFFFF
+        command = pack_message(ContainerType.COMMAND, code, number, params)
+        self._port.write(command, timeout_s)
+        if data is not None:
+            self._port.write(pack_data_header(code, number, len(data)) + data, timeout_s)
+        try:
+            return self._receive(code, number, timeout_s)
+        except WireError as err:
+            raise OutOfStep(err.message) from err
+
+    def back_in_step(self) -> None:
+        """Give up the last transaction: cancel, wait until the camera is ready, empty the line.
+
+        Raises WireFault when the camera does not get ready.
+        """
+        self._surplus = b""
+        self._port.cancel((self._next_id - 1) % 0xFFFFFFFF)
+        for _ in range(_STATUS_TRIES):
+            if self._port.status() == Response.OK:
+                break
+            self._clock.sleep_until_ns(self._clock.now_ns() + _STATUS_STEP_NS)
+        else:
+            raise TimedOut("does not get ready after a cancelled transaction")
+        for _ in range(_MOST_STRAY):
+            try:
+                if self._port.read_into(self._buffer, _DRAIN_S) == 0:
+                    return
+            except TimedOut:
+                return
+        raise OutOfStep("goes on sending after a cancelled transaction")
+
+    def device_reset(self) -> None:
+        """Make the camera forget session and transaction."""
+        self._surplus = b""
+        self._port.device_reset()
+
+    def usb_reset(self) -> None:
+        """Reset the port and let it go."""
+        self._port.usb_reset()
+
+    def close(self) -> None:
+        """Release the port."""
+        self._port.close()
+
+    def _receive(self, code: int, number: int, timeout_s: float) -> Reply:
+        buffer, payload = self._buffer, memoryview(b"")
+        for _ in range(_MOST_STRAY):
+            first = self._transfer(buffer, timeout_s)
+            if len(first) == 0:  # the empty packet behind a container of whole packets
+                continue
+            head = parse_header(first)
+            if head.kind is not ContainerType.DATA:
+                message, taken = parse_message(first)
+                self._surplus = bytes(first[taken:])
+                if message.kind is ContainerType.EVENT:
+                    continue
+                if message.kind is ContainerType.RESPONSE and message.transaction == number:
+                    return Reply(message.code, message.parameters, payload)
+            elif (head.code, head.transaction) == (code, number) and buffer is self._buffer:
+                payload = self._data(first, head.payload_bytes, timeout_s)
+                buffer = self._small  # the data stays where it is
+                continue
+            raise OutOfStep(
+                f"sent {head.kind.name} {head.code:#06x} of transaction {head.transaction} "
+                f"within {code:#06x}, transaction {number}"
+            )
+        raise OutOfStep("sends containers without end")
+
+    def _data(self, first: memoryview, need: int | None, timeout_s: float) -> memoryview:
+        """The payload of the data container that begins with `first`; None: to a short packet."""
+        last, piece = first, first[HEADER_BYTES:]
+        if not piece and need != 0:  # the header came alone
+            last = piece = self._transfer(self._buffer, timeout_s)
+        if need is None:
+            whole = bytearray(piece)
+            while not self._short(last) and len(whole) <= _MOST_DATA_B:
+                last = self._transfer(self._buffer, timeout_s)
+                whole += last
+            return memoryview(whole)
+        if need > _MOST_DATA_B:
+            raise OutOfStep(f"announces {need} bytes of data")
+        if len(piece) >= need:
+            self._surplus = bytes(piece[need:])
+            return piece[:need]
+        whole = bytearray(piece)
+        while len(whole) < need:
+            if self._short(last):
+                raise OutOfStep(f"sent {len(whole)} of {need} bytes of data")
+            last = self._transfer(self._buffer, timeout_s)
+            whole += last
+        self._surplus = bytes(whole[need:])
+        return memoryview(whole)[:need]
+
+    def _transfer(self, buffer: array.array[int], timeout_s: float) -> memoryview:
+        """What came with one transfer, or was left over from the last."""
+        if self._surplus:
+            kept, self._surplus = self._surplus, b""
+            return memoryview(kept)
+        return memoryview(buffer)[: self._port.read_into(buffer, timeout_s)]
+
+    def _short(self, transfer: memoryview) -> bool:
+        return len(transfer) == 0 or len(transfer) % self._port.packet_b != 0

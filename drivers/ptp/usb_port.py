@@ -1,0 +1,219 @@
+"""A still-image device on the USB: found, claimed, read and written through pyusb.
+
+Only moves bytes; what they mean is the business of `drivers.ptp.transport`. The still-image class
+(PIMA 15740) has a bulk endpoint each way, and four requests on the control endpoint.
+"""
+
+from __future__ import annotations
+
+import array
+import errno
+import os
+from typing import Any
+
+import usb.core
+import usb.util
+
+from drivers.ptp.faults import DEVICE, OutOfStep, Stalled, WireFault, wire_fault
+from drivers.ptp.holders import HINT, holders, in_words, node_of
+from pdcd.errors import DeviceLost, DriverUnavailable
+
+CANON = 0x04A9
+STILL_IMAGE = (6, 1, 1)
+"""Class, subclass and protocol of the interface."""
+
+CANCEL, RESET, STATUS = 0x64, 0x66, 0x67
+_CLASS_OUT, _CLASS_IN = 0x21, 0xA1
+_CONTROL_S = 1.0
+_STATUS_B = 64
+_WENT = (errno.ENODEV, errno.ENOENT)
+
+PERMISSION_HINT = "install pdcd's udev rule, be in its group, and plug the camera in again"
+
+
+def find(backend: Any, usb_id: tuple[int, int] | None) -> list[Any]:
+    """The devices with a still-image interface: of that vendor and product, or Canon's.
+
+    `backend` is a pyusb backend; None takes the machine's libusb. Raises DriverUnavailable when
+    there is none.
+    """
+
+    def wanted(device: Any) -> bool:
+        if usb_id is None:
+            if device.idVendor != CANON:
+                return False
+        elif (device.idVendor, device.idProduct) != usb_id:
+            return False
+        return _interface(device) is not None
+
+    try:
+        return list(usb.core.find(find_all=True, backend=backend, custom_match=wanted))
+    except usb.core.NoBackendError as err:
+        raise DriverUnavailable(
+            "libusb is not installed", device=DEVICE, hint="install libusb-1.0"
+        ) from err
+    except usb.core.USBError as err:
+        raise DeviceLost(f"cannot look at the USB: {err}", device=DEVICE, hint="see dmesg") from err
+
+
+def in_short(device: Any) -> str:
+    """Vendor, product and place of a device, for messages."""
+    return (
+        f"{device.idVendor:04x}:{device.idProduct:04x} on bus {device.bus} address {device.address}"
+    )
+
+
+class UsbPort:
+    """One claimed still-image interface.
+
+    Raises DeviceLost when the device may not be opened, naming who holds it; every transfer raises
+    a `WireFault`. A halted endpoint is cleared once and the transfer tried again.
+    """
+
+    def __init__(self, device: Any) -> None:
+        self._device = device
+        interface = _interface(device)
+        if interface is None:
+            raise DeviceLost(
+                f"{in_short(device)} has no still-image interface",
+                device=DEVICE,
+                hint="set the camera to PTP (normal PC connection)",
+            )
+        self._interface = int(interface.bInterfaceNumber)
+        endpoints = {
+            usb.util.endpoint_direction(e.bEndpointAddress): e
+            for e in interface
+            if usb.util.endpoint_type(e.bmAttributes) == usb.util.ENDPOINT_TYPE_BULK
+        }
+        try:
+            self._in = int(endpoints[usb.util.ENDPOINT_IN].bEndpointAddress)
+            self._out = int(endpoints[usb.util.ENDPOINT_OUT].bEndpointAddress)
+            self.packet_b = int(endpoints[usb.util.ENDPOINT_OUT].wMaxPacketSize)
+        except KeyError as err:
+            raise DeviceLost(
+                f"{in_short(device)} has no pair of bulk endpoints", device=DEVICE
+            ) from err
+        try:
+            usb.util.claim_interface(device, self._interface)
+        except usb.core.USBError as err:
+            usb.util.dispose_resources(device)
+            raise _refused(device, err) from err
+
+    @property
+    def name(self) -> str:
+        """Vendor, product and place."""
+        return in_short(self._device)
+
+    def read_into(self, buffer: array.array[int], timeout_s: float) -> int:
+        """Bytes of one transfer from the camera, put to the front of the buffer.
+
+        The buffer holds whole packets; a transfer ends when it is full or by a short packet.
+        """
+        return self._twice(self._in, buffer, timeout_s, self._device.read)
+
+    def write(self, data: bytes, timeout_s: float) -> None:
+        """Send one transfer; one of whole packets is ended by an empty packet."""
+        self._write_all(data, timeout_s)
+        if len(data) % self.packet_b == 0:
+            self._write_all(b"", timeout_s)
+
+    def cancel(self, transaction_id: int) -> None:
+        """Class request 64: give up a transaction."""
+        data = b"\x01\x40" + transaction_id.to_bytes(4, "little")
+        self._control(_CLASS_OUT, CANCEL, data)
+
+    def status(self) -> int:
+        """Class request 67: the device's state as a response code; halted endpoints are cleared."""
+        reply = bytes(self._control(_CLASS_IN, STATUS, _STATUS_B))
+        if len(reply) < 4:
+            raise OutOfStep(f"device status of {len(reply)} bytes")
+        for at in range(4, len(reply) - 3, 4):
+            self.clear_halt(int.from_bytes(reply[at : at + 4], "little"))
+        return int.from_bytes(reply[2:4], "little")
+
+    def device_reset(self) -> None:
+        """Class request 66: the camera forgets its session and all that belongs to it."""
+        self._control(_CLASS_OUT, RESET, b"")
+        for endpoint in (self._in, self._out):
+            self.clear_halt(endpoint)
+
+    def clear_halt(self, endpoint: int) -> None:
+        """Let an endpoint go on after a stall."""
+        try:
+            self._device.clear_halt(endpoint)
+        except usb.core.USBError as err:
+            raise wire_fault(err) from err
+
+    def usb_reset(self) -> None:
+        """Reset the port. The device comes back under a new address: find it again."""
+        try:
+            self._device.reset()
+        except usb.core.USBError as err:
+            if err.errno not in _WENT:  # which is what libusb says of one that comes back anew
+                raise wire_fault(err) from err
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Release interface and device. Idempotent; a device that is gone is released as well."""
+        try:
+            usb.util.dispose_resources(self._device)
+        except usb.core.USBError as err:
+            if err.errno not in _WENT:
+                raise wire_fault(err) from err
+
+    def _write_all(self, data: bytes, timeout_s: float) -> None:
+        sent = self._twice(self._out, data, timeout_s, self._device.write)
+        if sent != len(data):
+            raise OutOfStep(f"only {sent} of {len(data)} bytes were taken")
+
+    def _twice(self, endpoint: int, data: Any, timeout_s: float, transfer: Any) -> int:
+        timeout_ms = max(1, round(timeout_s * 1e3))
+        try:
+            return int(transfer(endpoint, data, timeout_ms))
+        except usb.core.USBError as err:
+            if not isinstance(wire_fault(err), Stalled):
+                raise wire_fault(err) from err
+        self.clear_halt(endpoint)
+        try:
+            return int(transfer(endpoint, data, timeout_ms))
+        except usb.core.USBError as err:
+            raise wire_fault(err) from err
+
+    def _control(self, kind: int, request: int, data: Any) -> Any:
+        try:
+            return self._device.ctrl_transfer(
+                kind, request, 0, self._interface, data, round(_CONTROL_S * 1e3)
+            )
+        except usb.core.USBError as err:
+            raise wire_fault(err) from err
+
+
+def _interface(device: Any) -> Any:
+    """The first still-image interface, or None. Descriptors are cached: nothing is opened."""
+    try:
+        for configuration in device:
+            for interface in configuration:
+                kind = (
+                    interface.bInterfaceClass,
+                    interface.bInterfaceSubClass,
+                    interface.bInterfaceProtocol,
+                )
+                if kind == STILL_IMAGE:
+                    return interface
+    except usb.core.USBError:  # a device that cannot be described is not ours
+        return None
+    return None
+
+
+def _refused(device: Any, err: usb.core.USBError) -> DeviceLost:
+    """Why the interface could not be claimed, in words that help."""
+    if err.errno == errno.EBUSY:
+        who = in_words(holders(node_of(device.bus, device.address)), os.getpid())
+        return DeviceLost(f"{in_short(device)} is held by {who}", device=DEVICE, hint=HINT)
+    if err.errno in (errno.EACCES, errno.EPERM):
+        return DeviceLost(
+            f"{in_short(device)} may not be opened", device=DEVICE, hint=PERMISSION_HINT
+        )
+    fault: WireFault = wire_fault(err)
+    return DeviceLost(f"{in_short(device)}: {fault.message}", device=DEVICE, hint=fault.hint)

@@ -1,0 +1,108 @@
+"""A PTP camera on a virtual USB for tests: body, backend, both drivers, on a virtual clock."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from drivers.ptp.eos import BACKEND_KEY, EosCamera
+from drivers.ptp.readout import PtpReadout
+from drivers.ptp.shutter import PtpShutter
+from drivers.virtual_camera import (
+    BULB_BODY,
+    Body,
+    Exposure,
+    Film,
+    Model,
+    PlainFilm,
+    Script,
+    VirtualUsb,
+)
+from pdcd.clock import VirtualClock
+from pdcd.config import CameraConfig, Config, TriggerConfig
+from pdcd.errors import PdcdError
+from pdcd.interfaces import CameraSettings, DriverContext, RawFile
+
+SETTINGS = CameraSettings(iso=100, f_number=8.0)
+PHOTO_B = (1 << 20) + 1234
+
+
+def photo_of(exposure: Exposure) -> bytes:
+    """Bytes that begin as a TIFF does and are different for every exposure."""
+    seed = hashlib.sha256(repr(exposure).encode()).digest()
+    return (b"II*\0" + seed * (PHOTO_B // len(seed) + 1))[:PHOTO_B]
+
+
+class PtpRig:
+    """One virtual camera and the drivers that use it; photos are of `photo_of`."""
+
+    def __init__(
+        self,
+        script: Script | None = None,
+        model: Model = BULB_BODY,
+        *,
+        film: Film | None = None,
+        camera: dict[str, Any] | None = None,
+        trigger_driver: str = "ptp",
+        camera_driver: str = "ptp",
+    ) -> None:
+        self.clock = VirtualClock()
+        self.body = Body(self.clock, film or PlainFilm(photo_of), model, script)
+        self.usb = VirtualUsb(self.body)
+        options = {"usb": "virtual", **(camera or {})}
+        config = Config(
+            camera=CameraConfig(
+                driver=camera_driver, options=options if camera_driver == "ptp" else {}
+            ),
+            trigger=TriggerConfig(
+                driver=trigger_driver, options=options if camera_driver != "ptp" else {}
+            ),
+        )
+        self.context = DriverContext(config, self.clock, {BACKEND_KEY: self.usb})
+        self.camera = EosCamera.of(self.context)
+        # Tests tick by themselves, so that nothing depends on how fast the machine is.
+        self.camera.alive_period_s = 3600.0
+        self.readout = PtpReadout.create(self.context)
+        self.has_shutter = trigger_driver == "ptp"
+        if self.has_shutter:
+            self.shutter = PtpShutter.create(self.context)
+
+    def connect(self) -> None:
+        if self.has_shutter:
+            self.shutter.connect()
+        self.readout.connect()
+
+    def disconnect(self) -> None:
+        self.readout.disconnect()
+        if self.has_shutter:
+            self.shutter.disconnect()
+
+    def disconnect_quietly(self) -> None:
+        """What a rig does with devices that fail."""
+        for device in (self.readout, self.shutter):
+            with suppress(PdcdError):
+                device.disconnect()
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
+
+    def expose(self, seconds: float = 1.0) -> None:
+        self.readout.arm(SETTINGS)
+        self.shutter.open()
+        self.wait(seconds)
+        self.shutter.close()
+
+    def photo(self, folder: Path, name: str, seconds: float = 1.0) -> RawFile:
+        self.expose(seconds)
+        return self.readout.fetch(folder, name, 600.0)
+
+    def is_photo_of(self, raw: RawFile, exposure: Exposure) -> bool:
+        """Whether the file is, byte for byte, that exposure's, and described truly."""
+        data = raw.path.read_bytes()
+        return (
+            data == photo_of(exposure)
+            and raw.size_bytes == len(data)
+            and raw.sha256 == hashlib.sha256(data).hexdigest()
+        )
