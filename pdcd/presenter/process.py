@@ -110,6 +110,7 @@ class Presenter:
             self._windows.draw(row, row)
             self._source.put()
             self._source.shown()
+        self._windows.settle()
         self._windows.check()
 
     def black(self) -> None:

@@ -228,6 +228,10 @@ class Windows:
         self.draw(-1, -1)
         self.finish()
         self.swap()
+        self.settle()
+
+    def settle(self) -> None:
+        """Wait until the server has taken what was swapped."""
         self.finish()
         self._sync()
 
