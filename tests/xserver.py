@@ -202,7 +202,7 @@ def _launch(
     mine, its = os.pipe()
     # The server must not outlive a test run that was killed.
     leash = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
-    words += ["-displayfd", str(its), "-nolisten", "tcp", "-noreset", *more]
+    words += ["-displayfd", str(its), "-nolisten", "tcp", "-noreset", "-s", "0", *more]
     with (folder / "stderr").open("wb") as stderr:
         process = subprocess.Popen(
             [*leash, program, *words], pass_fds=(its,), stdout=stderr, stderr=stderr
