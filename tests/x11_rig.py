@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from Xlib import X
+from Xlib.display import Display
 
 from drivers.x11 import X11Display
 from pdcd.config import Config, DisplayConfig, PanelConfig, RigConfig
@@ -61,16 +62,15 @@ def display(config: Config) -> X11Display:
 
 
 def root_pixels(server: XServer) -> Pixels:
-    """What the X screen shows, (H, W, 3) uint8, by xwd; its file format is XWDFile.h's."""
-    words = ["xwd", "-root", "-silent", "-display", server.display]
-    data = subprocess.run(words, capture_output=True, check=True, timeout=30.0).stdout
-    header = np.frombuffer(data, dtype=">u4", count=25)
-    size, width, height, order = (int(header[i]) for i in (0, 4, 5, 7))
-    line_bytes, colours = int(header[12]), int(header[19])
-    assert line_bytes == 4 * width, header  # xwd may call 4 bytes 24 bits
-    pixels = np.frombuffer(data, dtype=np.uint8, offset=size + 12 * colours)
-    pixels = pixels[: line_bytes * height].reshape(height, line_bytes // 4, 4)[:, :width]
-    return pixels[..., 2::-1] if order == 0 else pixels[..., 1:]
+    """What the X screen shows, (H, W, 3) uint8, by python-xlib."""
+    display = Display(server.display)
+    try:
+        width, height = server.size_px
+        image = display.screen().root.get_image(0, 0, width, height, X.ZPixmap, 0xFFFFFFFF)
+    finally:
+        display.close()
+    # 4 bytes a pixel, lowest first: blue, green, red, unused.
+    return np.frombuffer(image.data, dtype=np.uint8).reshape(height, width, 4)[..., 2::-1]
 
 
 def panels(server: XServer) -> tuple[Pixels, Pixels, int]:
