@@ -130,6 +130,8 @@ def frame_log(primal: Rows, dual: Rows, log: Log, source: str) -> FrameLog:
         missed=missed[:-1].astype(np.int32),
         source=source,
         verified=verified,
+        primal_asked=primal,
+        dual_asked=dual,
     )
 
 

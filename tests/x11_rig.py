@@ -65,8 +65,10 @@ def root_pixels(server: XServer) -> Pixels:
     """What the X screen shows, (H, W, 3) uint8, by python-xlib."""
     display = Display(server.display)
     try:
-        width, height = server.size_px
-        image = display.screen().root.get_image(0, 0, width, height, X.ZPixmap, 0xFFFFFFFF)
+        root = display.screen().root
+        size = root.get_geometry()
+        width, height = size.width, size.height
+        image = root.get_image(0, 0, width, height, X.ZPixmap, 0xFFFFFFFF)
     finally:
         display.close()
     # 4 bytes a pixel, lowest first: blue, green, red, unused.

@@ -34,7 +34,7 @@ from pdcd.presenter.messages import (
     Show,
     pair,
 )
-from pdcd.presenter.xconnection import connect
+from pdcd.presenter.xconnection import connect, disconnect
 
 START_S = 30.0
 """How long opening the panels may take: libraries, windows, and 30 frames for each time source."""
@@ -146,9 +146,7 @@ class Presenter:
             except PdcdError:
                 self.kill()
         # Its windows went with it, and the screen's own black shows; if there is still a screen.
-        display = connect(self._display)
-        display.sync()
-        display.close()
+        disconnect(connect(self._display))
 
     def close(self) -> None:
         """Black, then end the process."""
