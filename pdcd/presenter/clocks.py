@@ -14,7 +14,7 @@ from __future__ import annotations
 import ctypes
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -115,7 +115,12 @@ class SyncValues:
         """Wait for the last swap; servers that cannot return at once without a time."""
         ust, msc, sbc = self._values
         done = self._wait_for_sbc is not None and self._wait_for_sbc(
-            self._display, self._drawable, 0, ctypes.byref(ust), ctypes.byref(msc), ctypes.byref(sbc)
+            self._display,
+            self._drawable,
+            0,
+            ctypes.byref(ust),
+            ctypes.byref(msc),
+            ctypes.byref(sbc),
         )
         if not done or not ust.value:
             raise DeviceLost("swaps are not reported as shown", device="display", hint=_OTHER)
@@ -271,4 +276,3 @@ def probe(source: Source, frame: Callable[[], None], period_ns: float) -> float 
         return None
     found = float((stamps[-1] - stamps[0]) / (counts[-1] - counts[0]))
     return found if abs(found / period_ns - 1.0) <= PERIOD_TOLERANCE else None
-

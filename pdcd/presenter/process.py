@@ -7,12 +7,10 @@ import os
 import select
 import signal
 import socket
-import time
 from collections.abc import Callable
 from typing import Any
 
 import glfw
-import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
@@ -95,9 +93,7 @@ class Presenter:
 
     def load(self, message: Load, arrays: dict[str, NDArray[Any]]) -> None:
         """Take over patterns; the panels stay as they are."""
-        frames = Frames(
-            **arrays, grid=message.grid, lattice=message.lattice, window=message.window
-        )
+        frames = Frames(**arrays, grid=message.grid, lattice=message.lattice, window=message.window)
         self._frames = None
         self._windows.load(frames)
         self._frames = frames
@@ -128,9 +124,7 @@ class Presenter:
             return bool(head[Head.STOP]) or hung_up() or self._places.changed()
 
         stalls_ns = {int(n): round(ms * 1e6) for n, ms in options.stalls_ms.items()}
-        loop = Loop(
-            self._source, self._windows.draw, self._opens, self._period_ns, stop, stalls_ns
-        )
+        loop = Loop(self._source, self._windows.draw, self._opens, self._period_ns, stop, stalls_ns)
         primal, dual = arrays["primal"].tolist(), arrays["dual"].tolist()
         realtime.dead_mans_switch(patience_s)
         try:

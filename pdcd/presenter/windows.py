@@ -169,7 +169,7 @@ class Windows:
                 own = Rect(0, 0, place.width, place.height)
                 self.panels.append(Panel(self._contexts[-1], own, place.height))
         self._several = len(self._handles) > 1
-        self._sync = _x_sync(glfw.get_x11_display())
+        self._sync = _x_sync(_x_display())
 
     @property
     def timed_window(self) -> int:
@@ -179,7 +179,7 @@ class Windows:
     @property
     def glx_handles(self) -> tuple[int, int]:
         """Display and GLX drawable of that window."""
-        return int(glfw.get_x11_display()), int(glfw.get_glx_window(self._handles[-1]))
+        return _x_display(), int(glfw.get_glx_window(self._handles[-1]))
 
     @property
     def renderer(self) -> str:
@@ -302,6 +302,12 @@ class Windows:
                 device="display",
                 hint="no window manager may run on the panels' X server",
             )
+
+
+def _x_display() -> int:
+    """The library's own connection to the X server, a Display pointer."""
+    get: Any = glfw.get_x11_display
+    return int(get())
 
 
 def _x_sync(display: int) -> Any:

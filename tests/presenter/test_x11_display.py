@@ -205,7 +205,11 @@ def test_no_display_says_what_to_do(tmp_path: Path, x_quarter: XServer) -> None:
     ],
 )
 def test_what_does_not_fit_is_refused(
-    tmp_path: Path, x_quarter: XServer, more: dict[str, object], tables: dict[str, object], message: str
+    tmp_path: Path,
+    x_quarter: XServer,
+    more: dict[str, object],
+    tables: dict[str, object],
+    message: str,
 ) -> None:
     with pytest.raises((ConfigError, DeviceLost), match=message):
         x11_rig.display(x11_rig.config(tmp_path, x_quarter, more=more, **tables)).connect()
