@@ -2,7 +2,7 @@
 
 All patterns of a shot lie in one integer texture, bits or bytes as they come. A refresh is one
 uniform and one instanced draw for each panel: the vertex shader looks a cell's value up and places
-its rectangle on whole pixels; a dark cell draws nothing. So no arithmetic is left to the pixels, and
+its rectangle on whole pixels; a dark cell draws nothing. No arithmetic is left to the pixels, and
 cells that do not divide the panel are as exact as those that do.
 
 Panels show 8 bits: grey levels are rounded to 255ths. Their response to a level is the panel's
@@ -75,7 +75,7 @@ class Panel:
         self._program["size_px"] = self._size_px
         self._program["patterns"], self._program["edges"] = 0, 1
         self._vertices = context.vertex_array(self._program, [])
-        self._frame = self._program["frame"]
+        self._frame: Any = self._program["frame"]
         self._textures: list[moderngl.Texture] = []
         self._uniforms: list[bytes | None] = []
         self._whites: list[bool] = []

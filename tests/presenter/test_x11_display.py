@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -94,6 +95,7 @@ def test_a_killed_presenter_leaves_black_panels_and_is_started_again(
 OWNER = """
 import sys
 from pathlib import Path
+from typing import Any
 from tests import x11_rig
 from tests.contract.test_display import frames
 from tests.xserver import XServer
@@ -177,7 +179,7 @@ def test_an_unplugged_output_ends_the_pass_black(tmp_path: Path) -> None:
                 pulled.set()
                 server.xrandr("--output", server.projector, "--off")
 
-        with pytest.raises((ConfigError, DeviceLost), match="projector|outputs"):
+        with pytest.raises((ConfigError, DeviceLost), match=r"projector|outputs"):
             display.play(pull, lambda: False)
         assert not x11_rig.root_pixels(server).any()
         display.disconnect()
@@ -207,8 +209,8 @@ def test_no_display_says_what_to_do(tmp_path: Path, x_quarter: XServer) -> None:
 def test_what_does_not_fit_is_refused(
     tmp_path: Path,
     x_quarter: XServer,
-    more: dict[str, object],
-    tables: dict[str, object],
+    more: dict[str, Any],
+    tables: dict[str, Any],
     message: str,
 ) -> None:
     with pytest.raises((ConfigError, DeviceLost), match=message):
