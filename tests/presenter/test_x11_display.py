@@ -18,7 +18,7 @@ import pytest
 
 from drivers.x11 import X11Display
 from pdcd.config import PanelConfig, RigConfig
-from pdcd.errors import ConfigError, DeviceLost, SyncError
+from pdcd.errors import ConfigError, DeviceLost
 from pdcd.interfaces import Display
 from pdcd.presenter.xgrab import RootGrabber
 from tests import x11_rig
@@ -143,7 +143,7 @@ def test_a_presenter_that_hangs_is_killed(tmp_path: Path, x_quarter: XServer) ->
         def stop(*_: int) -> None:
             os.kill(pid, signal.SIGSTOP)
 
-        with pytest.raises(SyncError, match="hung"):
+        with pytest.raises(DeviceLost, match="hung"):
             display.play(stop, lambda: False)
         display.black()
         assert not x11_rig.root_pixels(x_quarter).any()
