@@ -20,6 +20,10 @@ from numpy.typing import NDArray
 
 from pdcd.patterns import Patterns
 
+PLAYED = "played"
+"""Where `DriverContext.shared` holds the (Frames, FrameLog) that the display last played: what a
+virtual camera makes its photo from, whichever display it stands before."""
+
 Maturity = str
 """One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
 
@@ -81,19 +85,26 @@ class Frames:
 
 @dataclass(frozen=True)
 class FrameLog:
-    """What the panels really did, one row per refresh that was shown (F rows).
+    """What the panels really did, one row per refresh that was shown (R rows).
 
-    primal_shown, dual_shown : (F,) int32
-        Row of `Frames` whose content each panel carried (differs from the row number when a
-        frame was dropped or stale).
-    primal_ns, dual_ns : (F,) int64
+    R is the number of rows of `Frames`, or more: after passes that make up for missed refreshes,
+    with a delayed mask, or where a packed video refresh was shown again.
+
+    primal_shown, dual_shown : (R,) int32
+        Row of `Frames` whose content each panel carried (differs from what was asked when a
+        frame was dropped or stale); `BLACK` where the panel was black for no row of `Frames`.
+    primal_ns, dual_ns : (R,) int64
         When that content began to be sent to each panel, on the injected clock.
     end_ns : (2,) int64
         When each panel (primal, dual) went black after the last row.
-    missed : (F,) int32
+    missed : (R,) int32
         Refreshes by which the row came late; 0 when on time.
     source, verified :
         Name of the time source, and whether it proves presentation rather than submission.
+    primal_asked, dual_asked : (R,) int32, or None
+        Row of `Frames` that each panel was to carry, `BLACK` for none; None is 0, 1, 2 ...
+    mask_delay : rows
+        By how many rows the mask's stream was sent later than the projector's, on purpose.
     """
 
     primal_shown: NDArray[np.int32]
@@ -104,19 +115,35 @@ class FrameLog:
     missed: NDArray[np.int32]
     source: str
     verified: bool
+    primal_asked: NDArray[np.int32] | None = None
+    dual_asked: NDArray[np.int32] | None = None
+    mask_delay: int = 0
 
     def __len__(self) -> int:
         return int(self.primal_shown.size)
 
+    @property
+    def asked(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Rows of `Frames` that projector and mask were to carry, (R,) int32 each."""
+        rows = np.arange(len(self), dtype=np.int32)
+        primal = rows if self.primal_asked is None else self.primal_asked
+        return primal, rows if self.dual_asked is None else self.dual_asked
+
 
 @dataclass(frozen=True)
 class DisplayInfo:
-    """The two panels as found: size in pixels (width, height), refresh rate, identity."""
+    """The two panels as found: size in pixels (width, height), refresh rate, identity.
+
+    `mask_lag_s` is by how much the mask's light follows the projector's when both are sent a frame
+    together (negative: it leads), whole refreshes that the display takes out already left aside;
+    None where it was not measured or drifts.
+    """
 
     primal_size_px: tuple[int, int]
     dual_size_px: tuple[int, int]
     refresh_hz: float
     identity: dict[str, str] = field(default_factory=dict)
+    mask_lag_s: float | None = None
 
 
 @dataclass(frozen=True)

@@ -215,9 +215,10 @@ def _spans(
 
     Refreshes that repeat the content before them belong to its span; black comes first and last.
     """
-    index = (frames.primal_index if primal_side else frames.dual_index)[shown]
+    asked = frames.primal_index if primal_side else frames.dual_index
+    index = np.append(asked, BLACK)[shown]  # a row of -1 is black too
     # The sub-shift moves patterns only: uniform panels look the same under all of them.
-    key = np.where(index >= 0, index * 4 + frames.shift[shown], index)
+    key = np.where(index >= 0, index * 4 + np.append(frames.shift, 0)[shown], index)
     changes, starts = span_starts(key, start_ns, end_ns, panel, open_ns)
     return [int(shown[c]) if c >= 0 else -1 for c in changes], starts
 

@@ -14,6 +14,7 @@ from pdcd.clock import RealClock, VirtualClock
 from pdcd.config import Config
 from pdcd.errors import PdcdError
 from pdcd.interfaces import (
+    PLAYED,
     CameraInfo,
     CameraSettings,
     Clock,
@@ -149,6 +150,7 @@ class Rig:
         notify("shutter_open", {"shot": name, "t_mono_ns": open_ns})
         self.clock.sleep_until_ns(open_ns + settle_ns)
         log = self.display.play(progress, cancelled)
+        self._context.shared[PLAYED] = (frames, log)
         self.display.black()
         self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
         close_ns = self.shutter.close()

@@ -10,13 +10,14 @@ shutter opens.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.config import Config
 from pdcd.errors import ExposureError
-from pdcd.interfaces import DriverContext, FrameLog, Frames
+from pdcd.interfaces import PLAYED, DriverContext, FrameLog, Frames
 from pdcd.realised import bench_factors
 from pdcd.scene import Scene, build_scene
 
@@ -35,17 +36,24 @@ class Bench:
     close_ns: int | None = None
     panels_black: bool = True
     shutter_open: bool = field(default=False)
+    shared: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, context: DriverContext) -> Bench:
         """The bench of this rig; made by the first driver that asks."""
         bench = context.shared.get(KEY)
         if not isinstance(bench, cls):
-            bench = cls(context.config, build_scene(context.config.scene))
+            scene = build_scene(context.config.scene)
+            bench = cls(context.config, scene, shared=context.shared)
             context.shared[KEY] = bench
             # A rig that knows its scene says so: the engine then reports errors against truth.
             context.shared["scene"] = bench.scene
         return bench
+
+    def forget(self) -> None:
+        """A new exposure: nothing has been shown in it yet."""
+        self.frames = self.log = None
+        self.shared.pop(PLAYED, None)
 
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure, (N, 3) float64 in scene units times seconds.
@@ -58,10 +66,9 @@ class Bench:
             )
         config = self.config
         light = np.zeros((self.scene.cells, 3))
-        if self.frames is None or self.log is None:
-            frames, log = _nothing(self.scene.grid, self.open_ns)
-        else:
-            frames, log = self.frames, self.log
+        frames, log = self.frames, self.log
+        if frames is None or log is None:  # another display than the mock's: the rig knows
+            frames, log = self.shared.get(PLAYED) or _nothing(self.scene.grid, self.open_ns)
         for part in bench_factors(
             frames,
             log,

@@ -40,7 +40,7 @@ class MockShutter:
         asked_ns = self._clock.now_ns()
         bench.open_ns = asked_ns + self._delay_ns()
         bench.close_ns = None
-        bench.frames = bench.log = None
+        bench.forget()
         bench.shutter_open = True
         sure_ns = asked_ns + self._longest_ns
         self._clock.sleep_until_ns(sure_ns)
