@@ -143,9 +143,7 @@ def test_pixels_are_what_the_lattice_says(window: str, shift: int) -> None:
         cell_means(opening, grid), windows.ravel() @ lattice.spread, atol=1e-12
     )
     coaxial = sum(
-        o.area
-        * lattice.seen(windows[o.dual_field][None], o)[0].ravel()
-        * fields[o.primal_field]
+        o.area * lattice.seen(windows[o.dual_field][None], o)[0].ravel() * fields[o.primal_field]
         for o in lattice.overlaps
     )
     np.testing.assert_allclose(cell_means(light * opening, grid), coaxial, atol=1e-12)
