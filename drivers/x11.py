@@ -7,16 +7,19 @@ graphics card have only been exercised on X servers without hardware.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 
+from pdcd.balance import play_all, streams
+from pdcd.bitplanes import check_binary
 from pdcd.config import Config
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.interfaces import Display, DisplayInfo, DriverContext, FrameLog, Frames
+from pdcd.interfaces import BLACK, Display, DisplayInfo, DriverContext, FrameLog, Frames
 from pdcd.presenter.client import Log, Presenter, Rows
 from pdcd.presenter.messages import Log as Column
-from pdcd.presenter.messages import Open, Panel
+from pdcd.presenter.messages import Open, Panel, Ready
 from pdcd.presenter.options import Options
 
 VERIFIED = ("present-complete",)
@@ -37,7 +40,11 @@ class X11Display:
             options,
             Panel(projector.size_px, projector.refresh_hz),
             Panel(mask.size_px, mask.refresh_hz),
+            config.display.plane_order if config.display.planes_per_refresh > 1 else None,
         )
+        self._config = config
+        self._planes = config.display.planes_per_refresh
+        self._exposures = 0
         self._presenter: Presenter | None = None
         self._frames: Frames | None = None
 
@@ -68,6 +75,8 @@ class X11Display:
     def load(self, frames: Frames) -> None:
         """Hand all patterns to the graphics card; nothing is shown yet."""
         self._frames = None
+        if self._planes > 1:
+            check_binary(frames)
         self._alive().load(frames)
         self._frames = frames
 
@@ -92,12 +101,34 @@ class X11Display:
             raise DeviceLost(
                 "the display process has ended", device="display", hint="take the shot again"
             )
-        count = len(frames)
-        rows = np.arange(count, dtype=np.int32)
-        log = presenter.play(rows, rows, lambda n, missed: progress(n, count, missed), cancelled)
-        found = frame_log(rows, rows, log, presenter.ready.source)
-        progress(count, count, int(found.missed.sum()))
-        return found
+        config, rig = self._config, self._config.rig
+        self._exposures += 1
+        stalls = self._open.options.stall_exposures
+        stalled = not stalls or self._exposures <= stalls
+        shown, lost = 0, 0
+
+        def once(rows: Rows) -> FrameLog:
+            nonlocal shown, lost
+            primal, dual = streams(rows, config.mask_delay_rows)
+            count, first = len(primal), shown * self._planes
+            log = presenter.play(
+                _pictures(primal, self._planes),
+                _pictures(dual, self._planes),
+                lambda n, missed: progress(
+                    min(first + n * self._planes, first + count), first + count, lost + missed
+                ),
+                cancelled,
+                abort=rig.on_miss == "abort" and several_codes(frames),
+                stalls_from=shown if stalled else None,
+            )
+            found = frame_log(primal, dual, log, presenter.ready, self._planes)
+            found = replace(found, mask_delay=config.mask_delay_rows)
+            shown += len(log) - 1
+            lost += int(found.missed.sum())
+            progress(first + count, first + count, lost)
+            return found
+
+        return play_all(once, frames, on_miss=rig.on_miss, rounds=rig.retries, row_hz=config.row_hz)
 
     def disconnect(self) -> None:
         """Black, then end the display process."""
@@ -112,24 +143,64 @@ class X11Display:
         return self._presenter
 
 
-def frame_log(primal: Rows, dual: Rows, log: Log, source: str) -> FrameLog:
+def several_codes(frames: Frames) -> bool:
+    """Whether a refresh that lasts too long makes codes unequal: not where there is one only."""
+    lit = frames.dual_index != BLACK
+    shift = np.where(frames.dual_index >= 0, frames.shift, 0)
+    codes = np.stack([frames.primal_index, frames.dual_index, shift], axis=1)[lit]
+    return len(np.unique(codes, axis=0)) > 1
+
+
+def _pictures(rows: Rows, planes: int) -> Rows:
+    """Rows as refreshes of so many planes, (refreshes, planes), the last filled up by black."""
+    count = -(-rows.size // planes)
+    found = np.full(count * planes, BLACK, dtype=np.int32)
+    found[: rows.size] = rows
+    return found.reshape(count, planes)
+
+
+def frame_log(primal: Rows, dual: Rows, log: Log, ready: Ready, planes: int = 1) -> FrameLog:
     """The frame log of one pass.
 
-    A row that came late had the one before it on the panels meanwhile. Both panels are taken to
-    begin a row at the vblank that the source reports: which of two outputs is first is not known
-    to it, and belongs in the panels' skew.
+    A row that came late had the one before it on the panels meanwhile; a picture of 24 planes is
+    then shown again, each plane for its part of the refresh. Both panels are taken to begin a row
+    at the vblank that the source reports: which of two outputs is first is not known to it, and
+    belongs in the panels' phase and skew.
     """
-    ns, missed = log[:, Column.NS], np.diff(log[:, Column.MSC], prepend=log[0, Column.MSC] - 1) - 1
-    verified = source in VERIFIED and bool(log[:, Column.FLIPPED].all())
+    ns = log[:, Column.NS]
+    late = (np.diff(log[:, Column.MSC]) - 1).astype(np.int32)
+    missed = np.append(np.zeros(1, dtype=np.int32), late[:-1])
+    verified = ready.source in VERIFIED and bool(log[:, Column.FLIPPED].all())
+    end_ns = int(ns[-1])
+    asked = [primal, dual]
+    starts = ns[:-1]
+    if planes > 1:
+        again = 1 + late.astype(np.int64)
+        number = np.repeat(np.arange(late.size), again)
+        turn = np.arange(number.size) - np.repeat(np.cumsum(again) - again, again)
+        period_ns = 1e9 / ready.refresh_hz
+        offsets_ns = (turn[:, None] + np.arange(planes) / planes) * period_ns
+        starts = (starts[number][:, None] + np.rint(offsets_ns).astype(np.int64)).ravel()
+        # Stamps of a vblank jitter where there is no screen: planes never run backwards.
+        starts = np.maximum.accumulate(starts)
+        first = np.zeros((number.size, planes), dtype=np.int32)
+        first[:, 0] = np.where(turn == 0, missed[number], 0)
+        spare = late.size * planes - primal.size
+        rows = starts.size - spare
+        end_ns = int(starts[rows]) if spare else end_ns
+        starts, missed = starts[:rows], first.ravel()[:rows]
+        asked = [_pictures(side, planes)[number].ravel()[:rows] for side in asked]
     return FrameLog(
-        primal_shown=primal,
-        dual_shown=dual,
-        primal_ns=ns[:-1].copy(),
-        dual_ns=ns[:-1].copy(),
-        end_ns=np.array([ns[-1], ns[-1]]),
-        missed=missed[:-1].astype(np.int32),
-        source=source,
+        primal_shown=asked[0],
+        dual_shown=asked[1],
+        primal_ns=starts.copy(),
+        dual_ns=starts.copy(),
+        end_ns=np.array([end_ns, end_ns]),
+        missed=missed,
+        source=ready.source,
         verified=verified,
+        primal_asked=asked[0],
+        dual_asked=asked[1],
     )
 
 

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from pdcd import __version__
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError
-from pdcd.interfaces import FrameLog, Frames
+from pdcd.interfaces import BLACK, FrameLog, Frames
 from pdcd.lattice import Lattice
 from pdcd.patterns import Patterns
 from pdcd.plan import Plan
@@ -45,7 +45,11 @@ MANIFEST = "capture.json"
 COLUMNS = (
     "shot", "refresh", "code", "shift", "guard", "primal_index", "dual_index",
     "primal_shown", "dual_shown", "t_primal_ns", "t_dual_ns", "skew_ns", "missed", "dropped",
+    "row", "dual_row",
 )  # fmt: skip
+
+ADDED = ("row", "dual_row")
+"""Columns that the first runs did not have: each refresh was its own row of the frames."""
 
 
 @contextmanager
@@ -116,21 +120,23 @@ class RunFolder:
 
     def write_frames(self, shot: str, frames: Frames, log: FrameLog) -> None:
         """Append the refreshes of a shot to frames.csv."""
-        rows = np.arange(len(log))
+        row, dual_row = log.asked
         columns: tuple[NDArray[np.generic], ...] = (
-            rows,
-            frames.code,
-            frames.shift,
-            frames.guard.astype(np.int64),
-            frames.primal_index,
-            frames.dual_index,
+            np.arange(len(log)),
+            np.append(frames.code, -1)[row],
+            np.append(frames.shift, 0)[row],
+            np.append(frames.guard, True)[row].astype(np.int64),
+            np.append(frames.primal_index, BLACK)[row],
+            np.append(frames.dual_index, BLACK)[row],
             log.primal_shown,
             log.dual_shown,
             log.primal_ns,
             log.dual_ns,
             log.dual_ns - log.primal_ns,
             log.missed,
-            ((log.primal_shown != rows) | (log.dual_shown != rows)).astype(np.int64),
+            ((log.primal_shown != row) | (log.dual_shown != dual_row)).astype(np.int64),
+            row,
+            dual_row,
         )
         path = self.path / "frames.csv"
         with disk_errors(str(self.path)):
@@ -141,6 +147,14 @@ class RunFolder:
                     writer.writerow(COLUMNS)
                 listed = zip(*(c.tolist() for c in columns), strict=True)
                 writer.writerows((shot, *row) for row in listed)
+
+    def set_aside(self, shot: str, number: int) -> str:
+        """Rename the RAW file of an exposure that is to be taken again; returns its new stem."""
+        name = f"{shot}-discarded-{number}"
+        with disk_errors(str(self.path)):
+            for raw in (self.path / "raw").glob(f"{shot}.*"):
+                raw.rename(raw.with_name(f"{name}{raw.suffix}"))
+        return name
 
     def finish(self, manifest: Manifest) -> str:
         """Write the manifest, make everything durable, give the folder its final name.
@@ -207,7 +221,9 @@ def read_frames(
         with path.open(newline="") as file:
             rows = [row for row in csv.DictReader(file) if row["shot"] == shot.name]
         table = {
-            name: np.array([int(row[name]) for row in rows], dtype=np.int64) for name in COLUMNS[1:]
+            name: np.array([int(row[name]) for row in rows], dtype=np.int64)
+            for name in COLUMNS[1:]
+            if not rows or name in rows[0] or name not in ADDED
         }
     except (OSError, KeyError, ValueError, TypeError) as err:
         raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
@@ -216,14 +232,18 @@ def read_frames(
             f"{path} has {len(rows)} refreshes of shot {shot.name}, not {shot.refreshes}",
             hint="restore it from a copy",
         )
+    asked = [table.get(name, table["refresh"]).astype(np.int32) for name in ADDED]
+    # Every row of the frames was asked for at least once; further passes repeat some of them.
+    numbers, first = np.unique(asked[0], return_index=True)
+    first = first[numbers >= 0]
     frames = Frames(
         primal_patterns=pair[0],
         dual_patterns=pair[1],
-        primal_index=table["primal_index"].astype(np.int32),
-        dual_index=table["dual_index"].astype(np.int32),
-        shift=table["shift"].astype(np.uint8),
-        code=table["code"].astype(np.int32),
-        guard=table["guard"].astype(np.bool_),
+        primal_index=table["primal_index"][first].astype(np.int32),
+        dual_index=table["dual_index"][first].astype(np.int32),
+        shift=table["shift"][first].astype(np.uint8),
+        code=table["code"][first].astype(np.int32),
+        guard=table["guard"][first].astype(np.bool_),
         grid=grid,
         lattice=Lattice(grid, shot.window).shape,
         window=shot.window,
@@ -237,6 +257,8 @@ def read_frames(
         missed=table["missed"].astype(np.int32),
         source=shot.source,
         verified=shot.verified,
+        primal_asked=asked[0],
+        dual_asked=asked[1],
     )
     return frames, log
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
+from pdcd.interfaces import Frames
 
 PLANES = 24
 """Bit planes of one RGB picture."""
@@ -52,6 +53,16 @@ def unpack_planes(picture: NDArray[np.uint8], order: str = "GRB") -> NDArray[np.
     bits = (values[:, None] >> np.arange(8).reshape(8, *[1] * (values.ndim - 1))) & 1
     planes: NDArray[np.bool_] = bits.astype(np.bool_).reshape(PLANES, *values.shape[1:])
     return planes
+
+
+def check_binary(frames: Frames) -> None:
+    """Refuse grey levels, which bit planes cannot show. Raises ConfigError."""
+    if any(p.dtype != np.uint8 for p in (frames.primal_patterns, frames.dual_patterns)):
+        raise ConfigError(
+            "bit planes show black and white only, and these patterns have grey levels",
+            device="display",
+            hint="set display.planes_per_refresh = 1, or take a goal of binary codes",
+        )
 
 
 def _colours(order: str) -> list[int]:

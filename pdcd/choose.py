@@ -1,9 +1,10 @@
 """From a wanted error, or the time there is, to a plan.
 
-Candidates are numbers of codes on a ladder, few first, with and without guards where the panels
-allow both. Each is looked at once (`pdcd.predict` for a known scene, `pdcd.guess` for any other);
-ISO, passes and the number of equal exposures then follow by arithmetic. The wanted error is met in
-the shortest total time; a given time is spent on the smallest error.
+Candidates are numbers of codes on a ladder, few first, under each schedule of one to three
+refreshes a code that keeps codes apart at the mask's measured lag. Each is looked at once
+(`pdcd.predict` for a known scene, `pdcd.guess` for any other); ISO, passes and the number of equal
+exposures then follow by arithmetic. The wanted error is met in the shortest total time; a given
+time is spent on the smallest error.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ import numpy as np
 from pdcd.errors import ConfigError
 from pdcd.guess import GOALS, Prior, guess
 from pdcd.pilot import pilot_share
-from pdcd.plan import Plan, make_plan
+from pdcd.plan import Plan, lag_rows, make_plan
 from pdcd.predict import Alive, Estimate, Outlook, Setting, rehearse
 from pdcd.repeat import repeated
-from pdcd.request import CaptureRequest, FamilyName, Prediction
+from pdcd.request import CaptureRequest, FamilyName, GuardsName, Prediction
 from pdcd.scene import Scene, load_matrix, matrix_effects
+from pdcd.schedule import choose_guards, tolerant
 
 CONFIDENCE = 0.95
 """With which probability a wanted error is kept unless the request says otherwise."""
@@ -198,18 +200,19 @@ class _Search:
             return self.best if kept < PILOT_PAYS else plain
         return self.best
 
-    def _guards(self) -> tuple[bool, ...]:
-        """Guards or none: as asked for, or what panels in step leave open."""
+    def _guards(self) -> tuple[GuardsName, ...]:
+        """Schedules to look at: the one asked for, or all that keep codes apart at the mask's
+        measured lag, with few refreshes first."""
+        config = self.setting.config
+        lag, jitter = lag_rows(config, self.setting.mask_lag_s)
         if self.request.guards is not None:
-            return (self.request.guards,)
-        panels = (self.setting.config.projector, self.setting.config.mask)
-        timing = {(p.refresh_hz, p.phase_s, p.skew_s) for p in panels}
-        if len(timing) > 1 or any(p.jitter_s > 0.0 for p in panels):
-            return (True,)
-        instant = not any(p.rise_s or p.fall_s for p in panels)
-        return (False,) if instant else (False, True)
+            return (choose_guards(self.request.guards, lag, jitter),)
+        found = tolerant(lag, jitter)
+        instant = not any(p.rise_s or p.fall_s for p in (config.projector, config.mask))
+        # Nothing is left to keep apart where panels in step switch at once.
+        return found[:1] if instant and found[0] == "none" else found
 
-    def _climb(self, guards: bool, *, pilot: bool) -> None:
+    def _climb(self, guards: GuardsName, *, pilot: bool) -> None:
         """Look at all numbers of codes, until more cannot be better."""
         errors: list[float] = []
         sensor = 0.0
@@ -238,7 +241,7 @@ class _Search:
             ):
                 return
 
-    def _plans(self, guards: bool, *, pilot: bool) -> Iterator[Plan]:
+    def _plans(self, guards: GuardsName, *, pilot: bool) -> Iterator[Plan]:
         """Plans of single exposures, fewest codes first, as long as the limits allow."""
         asked = msgspec.structs.replace(
             self.request, error=None, seconds=None, confidence=None, prior=None, guards=guards

@@ -27,7 +27,7 @@ class Exposed:
     saturated : (h, w) bool
     realised : the probing matrix that the panels really gave it.
     exif : what its RAW file says of itself.
-    missed : refreshes that came late or never.
+    missed : refreshes that came late or never, where that left codes with unequal light.
     """
 
     light: Floats

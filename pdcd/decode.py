@@ -25,7 +25,7 @@ from pdcd.learn import Learned, corrections, learn, smoothed
 from pdcd.parts import FEWEST_PARTS, in_parts, only_parts, part_numbers, taken_parts
 from pdcd.patterns import Patterns, none
 from pdcd.raw import read_raw, rgb_variance, to_rgb
-from pdcd.realised import Factors, bench_factors, collect
+from pdcd.realised import Factors, bench_factors, collect, shared
 from pdcd.recipe import Recipe, Shot
 from pdcd.recipes import make_recipe
 from pdcd.record import RunRecord, ShotRecord
@@ -226,11 +226,12 @@ def _expose(
     # From DN to scene units times seconds: electrons, then the camera's calibrated responsivity.
     to_units = gain * shot.f_number**2 / np.array(record.responsivity_e)
     exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
+    level = shot.level or 1.0
     return Exposed(
-        light=to_rgb(raw.planes) * to_units,
-        variance=rgb_variance(raw.planes, profile, shot.iso, exposure_s) * to_units**2,
+        light=to_rgb(raw.planes) * (to_units / level),
+        variance=rgb_variance(raw.planes, profile, shot.iso, exposure_s) * (to_units / level) ** 2,
         saturated=raw.saturated,
-        realised=realised,
+        realised=realised if level == 1.0 else shared(realised, level),
         exif={
             "model": raw.model,
             "iso": raw.iso,
@@ -239,7 +240,7 @@ def _expose(
             "black_dn": raw.black.tolist(),
             "white_dn": raw.white,
         },
-        missed=shot.missed,
+        missed=shot.missed if shot.level is None else 0,
     )
 
 

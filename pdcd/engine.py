@@ -14,7 +14,7 @@ from pdcd.archive import RunFolder
 from pdcd.choose import choose, wants_choice
 from pdcd.config import Config, state_dir
 from pdcd.errors import DeviceLost, PdcdError
-from pdcd.plan import make_plan
+from pdcd.plan import asks_for_lag, make_plan
 from pdcd.predict import Setting
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.rig import Rig
@@ -86,8 +86,10 @@ class Engine:
     def plan(self, request: CaptureRequest) -> PlanSummary:
         """What a request would do. Raises ConfigError."""
         if not wants_choice(request):
-            return make_plan(request, self._config, self.grid).summary()
-        setting = Setting(self._config, self._rig.look_at_camera(), self._profile)
+            lag_s = self._rig.mask_lag_s() if asks_for_lag(request, self._config) else None
+            return make_plan(request, self._config, self.grid, lag_s).summary()
+        camera, lag_s = self._rig.look_at_camera(), self._rig.mask_lag_s()
+        setting = Setting(self._config, camera, self._profile, lag_s)
         return choose(request, setting, self.grid, self._rig.scene).plan.summary()
 
     def show(self, pattern: str, index: int = 0) -> None:

@@ -134,9 +134,9 @@ class FrameLog:
 class DisplayInfo:
     """The two panels as found: size in pixels (width, height), refresh rate, identity.
 
-    `mask_lag_s` is by how much the mask's light follows the projector's when both are sent a frame
-    together (negative: it leads), whole refreshes that the display takes out already left aside;
-    None where it was not measured or drifts.
+    `mask_lag_s` is by how much the mask's light of a row of `Frames` follows the projector's of the
+    same row (negative: it leads), the display's own delay of either stream included; None where it
+    was not measured or drifts.
     """
 
     primal_size_px: tuple[int, int]

@@ -47,6 +47,12 @@ class Panel:
         return np.array([0.0] + [1.0 / max(t, SHORTEST_S) if t > 0.0 else 1.0 for t in taus])
 
 
+def apart_s(projector: PanelConfig, mask: PanelConfig) -> float:
+    """By how much the mask's vblank follows the projector's nearest one; negative: it leads."""
+    period_s = 1.0 / min(projector.refresh_hz, mask.refresh_hz)
+    return (mask.phase_s - projector.phase_s + 0.5 * period_s) % period_s - 0.5 * period_s
+
+
 def offset_cells(
     projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]
 ) -> tuple[float, float]:

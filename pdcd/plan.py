@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,8 +27,15 @@ from pdcd.programs import Floodlit, Program, extended
 from pdcd.recipe import Recipe, Shot
 from pdcd.recipes import make_recipe
 from pdcd.repeat import repeated
-from pdcd.request import BlackLevel, CaptureRequest, PlanSummary, Prediction, ShotSummary
-from pdcd.schedule import GUARDED_REFRESHES, build_frames, choose_window
+from pdcd.request import (
+    BlackLevel,
+    CaptureRequest,
+    GuardsName,
+    PlanSummary,
+    Prediction,
+    ShotSummary,
+)
+from pdcd.schedule import build_frames, choose_guards, choose_window, slot_rows
 
 Pair = tuple[Patterns, Patterns]
 
@@ -46,11 +54,14 @@ class Plan:
     p: float
     grid: tuple[int, int]
     window: str
-    guards: bool
+    guards: GuardsName
     passes: int
     white_slots: int
     refresh_hz: float
+    """Rows of frames a second: refreshes, or the planes that each of them carries."""
     settle_s: float
+    delay_s: float = 0.0
+    """Time by which the mask is sent its frames later, or earlier."""
     repeat: int = 1
     prediction: Prediction | None = None
 
@@ -93,11 +104,11 @@ class Plan:
         """Number of refreshes of a shot, without building them."""
         fields = 1 if shot.white else Lattice(self.grid, self.window_of(shot)).fields
         slots = self.pairs_of(shot) * self.passes_of(shot) * fields
-        return slots * (GUARDED_REFRESHES if self.guards else 1)
+        return slots * slot_rows(self.guards)
 
     def light_share(self, shot: Shot) -> float:
         """Mean share of a floodlit exposure of the same length that a path keeps."""
-        duty = 1.0 / (GUARDED_REFRESHES if self.guards else 1)
+        duty = 1.0 / slot_rows(self.guards)
         if shot.primal_black or shot.dual_black:
             return 0.0
         if shot.white:
@@ -108,7 +119,7 @@ class Plan:
 
     def exposure_s(self, shot: Shot) -> float:
         """Planned time between opening and closing the shutter."""
-        return self.refreshes(shot) / self.refresh_hz + 2.0 * self.settle_s
+        return self.refreshes(shot) / self.refresh_hz + self.delay_s + 2.0 * self.settle_s
 
     def summary(self) -> PlanSummary:
         """The plan in figures."""
@@ -139,7 +150,8 @@ class Plan:
             p=self.p,
             grid=self.grid,
             window=self.window,
-            guards=self.guards,
+            guards=self.guards != "none",
+            schedule=self.guards,
             passes=self.passes,
             parts=self.parts,
             shots=shots,
@@ -178,9 +190,15 @@ def goal_of(request: CaptureRequest, grid: tuple[int, int]) -> Goal:
     )
 
 
-def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> Plan:
+def make_plan(
+    request: CaptureRequest,
+    config: Config,
+    grid: tuple[int, int],
+    mask_lag_s: float | None = None,
+) -> Plan:
     """Resolve a request against the configuration.
 
+    `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
     Raises ConfigError when the request contradicts itself, the rig, or the limits.
     """
     schedule = config.schedule
@@ -220,11 +238,11 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
     window = choose_window(
         request.window or schedule.window, config.rig.misregistration_px / cell_px
     )
-    guards = schedule.guards if request.guards is None else request.guards
+    asked = schedule.guards if request.guards is None else request.guards
+    guards = choose_guards(asked, *lag_rows(config, mask_lag_s))
     family = _family(request, schedule.family, recipe)
     _check_family(family, request, parts)
-    refresh_hz = min(config.projector.refresh_hz, config.mask.refresh_hz)
-    slot_s = (GUARDED_REFRESHES if guards else 1) / refresh_hz
+    slot_s = slot_rows(guards) / config.row_hz
     if family in ISOLATION:
         recipe = isolated(recipe, family, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     recipe = repeated(recipe, request.repeat)
@@ -249,12 +267,26 @@ def make_plan(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
         guards=guards,
         passes=passes,
         white_slots=_white_slots(recipe, patterns, lattice, part_count * passes),
-        refresh_hz=refresh_hz,
+        refresh_hz=config.row_hz,
         settle_s=config.rig.settle_s,
+        delay_s=abs(config.mask_delay_rows) / config.row_hz,
         repeat=request.repeat,
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
     return plan
+
+
+def asks_for_lag(request: CaptureRequest, config: Config) -> bool:
+    """Whether the plan of a request depends on the lag of the mask."""
+    asked = config.schedule.guards if request.guards is None else request.guards
+    return asked == "auto"
+
+
+def lag_rows(config: Config, mask_lag_s: float | None) -> tuple[float | None, float]:
+    """Lag of the mask and its jitter in rows of frames, as `pdcd.schedule` takes them."""
+    jitter_s = math.hypot(config.projector.jitter_s, config.mask.jitter_s)
+    lag = None if mask_lag_s is None else mask_lag_s * config.row_hz
+    return lag, jitter_s * config.row_hz
 
 
 def _check_family(family: str, request: CaptureRequest, parts: int) -> None:

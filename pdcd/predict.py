@@ -17,11 +17,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.balance import streams
 from pdcd.combine import Exposed, combine
 from pdcd.config import Config
 from pdcd.interfaces import CameraInfo, FrameLog, Frames
 from pdcd.learn import Learned, corrections, learn
 from pdcd.metering import TARGET, USABLE, at_least, metered_pairs
+from pdcd.panel import apart_s
 from pdcd.patterns import levels_of
 from pdcd.plan import Plan, with_links
 from pdcd.realised import Factors, bench_factors, collect, signed_sum
@@ -43,6 +45,8 @@ class Setting:
     config: Config
     camera: CameraInfo
     profile: SensorProfile
+    mask_lag_s: float | None = None
+    """As the display measured it; None where it is not known."""
 
     @property
     def isos(self) -> tuple[int, ...]:
@@ -254,17 +258,17 @@ def _photo(
 
 def _on_time(frames: Frames, config: Config, start_ns: int) -> FrameLog:
     """The log of a display that misses nothing, both panels at the rate of the slower one."""
-    period_ns = 1e9 / min(config.projector.refresh_hz, config.mask.refresh_hz)
-    apart_ns = (config.mask.phase_s - config.projector.phase_s) * 1e9
-    apart_ns = (apart_ns + period_ns / 2.0) % period_ns - period_ns / 2.0
-    count = len(frames)
+    period_ns = 1e9 / config.row_hz
+    apart_ns = apart_s(config.projector, config.mask) * 1e9
+    rows = np.arange(len(frames), dtype=np.int32)
+    primal_rows, dual_rows = streams(rows, config.mask_delay_rows)
+    count = primal_rows.size
     flips = start_ns + np.rint(np.arange(count + 1) * period_ns).astype(np.int64)
     later = flips + max(0, round(apart_ns))
     sooner = flips + max(0, -round(apart_ns))
-    rows = np.arange(count, dtype=np.int32)
     return FrameLog(
-        primal_shown=rows,
-        dual_shown=rows,
+        primal_shown=primal_rows,
+        dual_shown=dual_rows,
         primal_ns=sooner[:-1],
         dual_ns=later[:-1],
         end_ns=np.array([sooner[-1], later[-1]]),

@@ -155,6 +155,11 @@ def sum_of(arrays: Iterable[Floats]) -> Floats:
     return np.asarray(np.sum(list(arrays), axis=0))
 
 
+def shared(whole: Factors, level: float) -> Factors:
+    """The realised matrix of a photo that was divided by a number."""
+    return Factors(whole.left / level, whole.right, whole.coaxial / level, whole.open_s / level)
+
+
 def signed_sum(terms: Iterable[tuple[float, Factors]]) -> Factors:
     """Realised matrix of a sum and difference of photos (black-level shots, eq. 10)."""
     pairs = list(terms)

@@ -33,6 +33,9 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     missed: int
     source: str
     verified: bool
+    level: float | None = None
+    """How often each code was shown over how often it was to be; None where codes differ. The shot
+    is divided by it, so that photos of several shots take the same share of each."""
 
 
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):

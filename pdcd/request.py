@@ -35,6 +35,8 @@ Table = str | tuple[tuple[float, ...], ...]
 """Path of an image or `.npy` file that the daemon can read, or rows of numbers."""
 FamilyName = Literal["bernoulli", "balanced", "hadamard", "isolation", "confocal"]
 MethodName = Literal["coded", "multi-image", "nayar"]
+GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
+"""Black refreshes of a code (`pdcd.schedule`); True stands for "full", False for "none"."""
 WindowName = Literal["auto", "whole", "quarter"]
 BlackLevel = Literal["none", "mask", "ambient", "both"]
 NormaliseName = Literal["auto", "scalar", "row"]
@@ -96,7 +98,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None
-    guards: bool | None = None
+    guards: bool | GuardsName | None = None
+    """Which black refreshes keep a code apart from the next; "auto" by the measured lag."""
     black_level: BlackLevel | None = None
     normalise: NormaliseName | None = None
     """What a photo is divided by: one number, a weight for each cell, or as it needs."""
@@ -145,6 +148,9 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     grid: tuple[int, int]
     window: str
     guards: bool
+    """Whether there are black refreshes between codes; `schedule` says which."""
+    schedule: str = "full"
+    """"none", "both", "lag", "lead" or "full": 1, 2, 2, 2 or 3 refreshes a code."""
     passes: int
     parts: int = 1
     """Exposures of each coded photo; with `until_error`, at most."""

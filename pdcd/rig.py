@@ -12,7 +12,7 @@ from typing import Any
 from pdcd.archive import disk_errors
 from pdcd.clock import RealClock, VirtualClock
 from pdcd.config import Config
-from pdcd.errors import PdcdError
+from pdcd.errors import PdcdError, SyncError
 from pdcd.interfaces import (
     PLAYED,
     CameraInfo,
@@ -91,6 +91,16 @@ class Rig:
         finally:
             self.readout.disconnect()
 
+    def mask_lag_s(self) -> float | None:
+        """Lag of the mask as the display measures it; one that is not open is opened for the
+        question only."""
+        if self.display_info is not None:
+            return self.display_info.mask_lag_s
+        try:
+            return self.display.connect().mask_lag_s
+        finally:
+            self.display.disconnect()
+
     def connect(self) -> None:
         """Open all devices: panels black first, then the shutter closed, then the camera."""
         try:
@@ -139,7 +149,9 @@ class Rig:
     ) -> Exposure:
         """Take one exposure of the frames and fetch its RAW file.
 
-        The shutter opens and closes on black panels, so its lag and jitter do not matter.
+        The shutter opens and closes on black panels, so its lag and jitter do not matter. When the
+        display gives up (SyncError), the file of the spoilt exposure is fetched before that is
+        raised.
         """
         settle_ns = round(self.config.rig.settle_s * 1e9)
         self.display.load(frames)
@@ -149,7 +161,15 @@ class Rig:
         open_ns = self.shutter.open()
         notify("shutter_open", {"shot": name, "t_mono_ns": open_ns})
         self.clock.sleep_until_ns(open_ns + settle_ns)
-        log = self.display.play(progress, cancelled)
+        try:
+            log = self.display.play(progress, cancelled)
+        except SyncError:
+            # The camera hands out a file all the same; left there, it would pass for the next one.
+            self.display.black()
+            notify("shutter_closed", {"shot": name, "t_mono_ns": self.shutter.close()})
+            with disk_errors("camera"):
+                self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
+            raise
         self._context.shared[PLAYED] = (frames, log)
         self.display.black()
         self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)

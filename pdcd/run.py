@@ -12,12 +12,13 @@ import msgspec
 import numpy as np
 
 from pdcd.archive import RunFolder
+from pdcd.balance import lit_weights
 from pdcd.choose import choose, wants_choice
 from pdcd.config import Config
 from pdcd.convergence import Convergence, rms_sigma
 from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
-from pdcd.interfaces import CameraInfo, CameraSettings
+from pdcd.interfaces import CameraInfo, CameraSettings, FrameLog, Frames
 from pdcd.metering import MAX_TESTS, metered_pairs, next_aperture, peak_share
 from pdcd.parts import part_numbers
 from pdcd.plan import Plan, make_plan, with_links
@@ -130,8 +131,8 @@ class Run:
     def _plan(self, request: CaptureRequest, grid: tuple[int, int], camera: CameraInfo) -> Plan:
         """The plan as asked for, or as a wanted error or time has it, which sets the ISO too."""
         if not wants_choice(request):
-            return make_plan(request, self.config, grid)
-        setting = Setting(self.config, camera, self.profile)
+            return make_plan(request, self.config, grid, self.rig.mask_lag_s())
+        setting = Setting(self.config, camera, self.profile, self.rig.mask_lag_s())
         choice = choose(request, setting, grid, self.rig.scene, self.look_for_cancel)
         own_camera = msgspec.structs.replace(self.config.camera, iso=choice.iso)
         self.config = msgspec.structs.replace(self.config, camera=own_camera)
@@ -211,17 +212,15 @@ class Run:
         f_number = self._aperture(plan, shot, camera)
         settings = CameraSettings(self._iso(camera), f_number if camera.f_numbers else None)
         frames = plan.frames(shot)
-        done = self._expose(plan, shot, shot.name, settings)
+        done, level = self._sound(plan, shot, frames, settings)
         self.folder.write_frames(shot.name, frames, done.log)
         lost = int(done.log.missed.sum())
-        if lost and self.config.rig.on_miss == "abort":
-            raise SyncError(
-                f"{lost} refreshes were missed in shot {shot.name}",
-                device="display",
-                hint="see frames.csv; rig.on_miss = 'flag' keeps such shots and reports the error",
-            )
-        if lost:
+        if level is None:
             self.warnings.append(f"shot {shot.name}: {lost} refreshes were missed")
+        elif lost:
+            self.warnings.append(
+                f"shot {shot.name}: {lost} refreshes were missed, without harm to the codes"
+            )
         if not done.log.verified:
             self.warnings.append(f"shot {shot.name}: presentation times are not verified")
         self.shots.append(
@@ -236,12 +235,55 @@ class Run:
                 open_ns=done.open_ns,
                 close_ns=done.close_ns,
                 end_ns=(int(done.log.end_ns[0]), int(done.log.end_ns[1])),
-                refreshes=len(frames),
+                refreshes=len(done.log),
                 missed=lost,
                 source=done.log.source,
                 verified=done.log.verified,
+                level=level,
             )
         )
+
+    def _sound(
+        self, plan: Plan, shot: Shot, frames: Frames, settings: CameraSettings
+    ) -> tuple[Exposure, float | None]:
+        """Expose, and once more where codes got unequal light, as often as the rig allows.
+
+        Returns the exposure and its level (see `ShotRecord`). Raises SyncError.
+        """
+        rig = self.config.rig
+        # What leaks through black goes by the time an exposure took, not by its codes: photos that
+        # are to be subtracted from each other must have shown them equally often.
+        paired = any(s.primal_black or s.dual_black for s in plan.recipe.shots)
+        for number in range(1, rig.retries + 2):
+            try:
+                done = self._expose(plan, shot, shot.name, settings)
+            except SyncError as err:
+                if rig.on_miss == "flag":
+                    raise
+                cause = err.message
+                name = self.folder.set_aside(shot.name, number)
+            else:
+                level = self._level(frames, done.log)
+                sound = level == 1.0 if paired else level is not None
+                if sound or rig.on_miss == "flag":
+                    return done, level
+                cause = f"{int(done.log.missed.sum())} refreshes were missed"
+                name = self.folder.set_aside(shot.name, number)
+                self.folder.write_frames(name, frames, done.log)
+            self.notify("discarded", {"shot": shot.name, "name": name, "cause": cause})
+            self.warnings.append(f"shot {shot.name}: exposure {number} was discarded: {cause}")
+        raise SyncError(
+            f"shot {shot.name} was spoilt {rig.retries + 1} times: {cause}",
+            device="display",
+            hint="see frames.csv; rig.on_miss = 'flag' keeps such shots and reports the error",
+        )
+
+    def _level(self, frames: Frames, log: FrameLog) -> float | None:
+        """Times that every code was shown over what was planned; None where that differs."""
+        try:
+            return lit_weights(frames, log, self.config.row_hz).level or None
+        except SyncError:  # a mask under another code's light
+            return None
 
     def _expose(
         self,

@@ -1,12 +1,34 @@
 """Codes -> refreshes: which pattern each panel shows at every refresh of a shot.
 
-With guards, a code takes three refreshes: the projector holds it for all three and the mask opens
-only in the middle one, so that a skew of up to one refresh either way finds the mask black. In
-quarter-window mode every code is shown four times, under four sub-shifts, each with the mask open
-in the centre of its cells only (the paper's twelve-refresh sequence, as reconstructed).
+A code takes one to three refreshes. P is its pattern on the projector, M on the mask, 0 black; s is
+by how many refreshes the mask's light lags behind the projector's (negative: it leads):
+
+======  =====================  =================  ==========================================
+name    projector / mask       no light of other  light of the code, of its refreshes
+                               codes for
+======  =====================  =================  ==========================================
+none    ``[P] / [M]``          s = 0              1, all of it
+both    ``[P 0] / [M 0]``      -1 <= s <= 1       (1 - |s|) of 2
+lag     ``[P P] / [M 0]``       0 <= s <= 1       1 of 2
+lead    ``[P P] / [0 M]``      -1 <= s <= 0       1 of 2
+full    ``[P P P] / [0 M 0]``  -1 <= s <= 1       1 of 3
+======  =====================  =================  ==========================================
+
+"No light of other codes" is exact, for panels that switch at once and have a perfect black: the
+mask of a code is then open under its own pattern or under black only, so that a photo of indirect
+light keeps no direct light. Beyond it the next code's light gets in for the rest of s. Slow panels
+let the tail of a closing mask meet what comes after it: in "both" that is a black projector first,
+in "lag" and "full" the code's own pattern for one refresh, in "lead" and "none" the next code. The
+projector's tail meets a black mask but for "none". A mask's leak collects over all refreshes in
+which the projector is lit: 1, 1, 2, 2 and 3 times its share of one refresh.
+
+In quarter-window mode every code is shown four times, under four sub-shifts, each with the mask
+open in the centre of its cells only (the paper's twelve-refresh sequence, as reconstructed).
 """
 
 from __future__ import annotations
+
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +37,65 @@ from pdcd.errors import ConfigError
 from pdcd.interfaces import BLACK, WHITE, Frames
 from pdcd.lattice import Lattice
 from pdcd.patterns import Patterns, none
+from pdcd.request import GuardsName
 
-GUARDED_REFRESHES = 3
-"""Refreshes of one code with a black mask before and after it."""
+SLOTS: dict[str, tuple[tuple[bool, ...], tuple[bool, ...]]] = {
+    "none": ((True,), (True,)),
+    "both": ((True, False), (True, False)),
+    "lag": ((True, True), (True, False)),
+    "lead": ((True, True), (False, True)),
+    "full": ((True, True, True), (False, True, False)),
+}
+"""Refreshes of one code in which projector and mask show it; they are black in the others."""
+
+JITTERS = 4.0
+"""Standard deviations of jitter that a lag must stay away from the ends of what is tolerated."""
+
+
+def slot_rows(guards: str) -> int:
+    """Refreshes of one code."""
+    return len(SLOTS[guards][0])
+
+
+def choose_guards(
+    asked: bool | str, mask_lag_rows: float | None, jitter_rows: float = 0.0
+) -> GuardsName:
+    """The schedule's name; "auto" is the one of two refreshes that the measured lag allows.
+
+    Parameters
+    ----------
+    asked : True is "full" and False "none", as names of `SLOTS`, or "auto".
+    mask_lag_rows : lag of the mask in rows, negative where it leads; None where it is not known,
+        and "auto" then trusts in nothing but "full".
+    jitter_rows : its standard deviation from refresh to refresh.
+    """
+    if asked is True:
+        return "full"
+    if asked is False:
+        return "none"
+    if asked == "auto":
+        found = tolerant(mask_lag_rows, jitter_rows)
+        return "lag" if "lag" in found else "lead" if "lead" in found else "full"
+    return cast(GuardsName, asked)
+
+
+def tolerant(mask_lag_rows: float | None, jitter_rows: float = 0.0) -> tuple[GuardsName, ...]:
+    """Schedules that keep codes apart at that lag, those of the fewest refreshes first."""
+    if mask_lag_rows is None:
+        return ("full",)
+    margin = JITTERS * jitter_rows
+    low, high = mask_lag_rows - margin, mask_lag_rows + margin
+    found: list[GuardsName] = []
+    if low == high == 0.0:
+        found.append("none")
+    if -1.0 < low and high < 1.0:
+        found.append("both")
+    if 0.0 <= low and high <= 1.0:
+        found.append("lag")
+    elif -1.0 <= low and high <= 0.0:
+        found.append("lead")
+    return (*found, "full")
+
 
 WHOLE_CELL_LIMIT = 0.001
 """Misregistration in cells up to which whole cells are worth more than quarter windows: they let
@@ -50,7 +128,7 @@ def build_frames(
     grid: tuple[int, int],
     *,
     window: str,
-    guards: bool,
+    guards: bool | str,
     passes: int,
     primal_black: bool = False,
     dual_black: bool = False,
@@ -61,6 +139,7 @@ def build_frames(
     ----------
     pairs : patterns of projector and mask, P of each, over ``Lattice(grid, window).shape``; None
         shows full light through a fully open mask, `passes` times.
+    guards : a name of `SLOTS`; True is "full", False is "none".
     passes : how often the whole sequence is shown.
     primal_black, dual_black : keep that panel black, for the shots that measure leaks.
     """
@@ -77,14 +156,17 @@ def build_frames(
     shifts = 1 if pairs is None else lattice.fields
     slot_code = np.repeat(np.arange(count * passes), shifts)
     slot_shift = np.tile(np.arange(shifts), count * passes)
-    per_slot = GUARDED_REFRESHES if guards else 1
+    lit, is_open = (np.array(side) for side in SLOTS[choose_guards(guards, None)])
+    per_slot = lit.size
     code = np.repeat(slot_code, per_slot)
-    guard = np.tile(np.arange(per_slot) != per_slot // 2, slot_code.size)
+    dark, guard = np.tile(~lit, slot_code.size), np.tile(~is_open, slot_code.size)
     pattern = code % count
     return Frames(
         primal_patterns=primal,
         dual_patterns=dual,
-        primal_index=_index(pattern, uniform=pairs is None, black=primal_black),
+        primal_index=np.where(
+            dark, BLACK, _index(pattern, uniform=pairs is None, black=primal_black)
+        ).astype(np.int32),
         dual_index=np.where(
             guard, BLACK, _index(pattern, uniform=pairs is None, black=dual_black)
         ).astype(np.int32),

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, field
 
-from pdcd.request import BlackLevel, FamilyName, NormaliseName, WindowName
+from pdcd.request import BlackLevel, FamilyName, GuardsName, NormaliseName, WindowName
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
@@ -26,7 +26,11 @@ class RigConfig(_Table, frozen=True):
     """[rig] what holds for the bench as a whole."""
 
     name: str = "mock bench"
-    on_miss: Literal["abort", "flag"] = "abort"
+    on_miss: Literal["abort", "balance", "flag"] = "abort"
+    """What to do where codes ended with unequal weights: discard the exposure and take it again,
+    show codes again in the same exposure until all are equal, or keep it and report the error."""
+    retries: Annotated[int, Meta(ge=0, le=100)] = 2
+    """How often an exposure is taken again, and how many further passes one may have."""
     settle_s: NonNegative = 0.05
     """Time on black between the shutter being open and the first code, and after the last."""
     misregistration_px: NonNegative = 0.0
@@ -56,7 +60,10 @@ class PanelConfig(_Table, frozen=True):
 
 
 class FaultsConfig(_Table, frozen=True):
-    """[display.faults] what the mock panels shall do wrong, by refresh number."""
+    """[display.faults] what the mock panels shall do wrong, by refresh number of an exposure.
+
+    Refreshes are those of the video signal. Further passes of an exposure count on.
+    """
 
     late: dict[str, Annotated[int, Meta(ge=1)]] = field(default_factory=dict)
     """Refresh -> by how many refreshes it comes late (the one before is stretched)."""
@@ -65,12 +72,22 @@ class FaultsConfig(_Table, frozen=True):
     stale_mask: tuple[int, ...] = ()
     """Refreshes at which the mask keeps what it showed while the projector moves on."""
     stale_projector: tuple[int, ...] = ()
+    exposures: Annotated[int, Meta(ge=0)] = 0
+    """How many exposures have these faults, from the first on; 0 is all."""
 
 
 class DisplayConfig(_Table, frozen=True):
     """[display] the driver of both panels."""
 
     driver: str = "mock"
+    mask_delay_refreshes: Annotated[int, Meta(ge=-60, le=60)] = 0
+    """Whole refreshes by which the mask is sent its frames later than the projector (negative:
+    earlier), to take out a latency of the other panel: -2 for a mask that is 2 refreshes late."""
+    planes_per_refresh: Literal[1, 24] = 1
+    """24: both panels are DLPs in video-pattern mode and show the 24 bits of each picture in turn,
+    so that each refresh of the video signal carries 24 refreshes of a schedule."""
+    plane_order: Literal["GRB", "GBR", "RGB", "RBG", "BRG", "BGR"] = "GRB"
+    """Colours that hold planes 0-7, 8-15 and 16-23."""
     faults: FaultsConfig = field(default_factory=FaultsConfig)
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -128,7 +145,7 @@ class ScheduleConfig(_Table, frozen=True):
     codes: Annotated[int, Meta(ge=1, le=65536)] = 128
     family: FamilyName = "hadamard"
     window: WindowName = "auto"
-    guards: bool = True
+    guards: bool | GuardsName = True
     black_level: BlackLevel = "none"
     normalise: NormaliseName = "auto"
 
@@ -173,3 +190,14 @@ class Config(_Table, frozen=True):
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     server: ServerConfig = field(default_factory=ServerConfig)
+
+    @property
+    def row_hz(self) -> float:
+        """Rows of `Frames` shown a second: refreshes of the slower panel, times their planes."""
+        slower = min(self.projector.refresh_hz, self.mask.refresh_hz)
+        return slower * self.display.planes_per_refresh
+
+    @property
+    def mask_delay_rows(self) -> int:
+        """The mask's delay in rows of `Frames`."""
+        return self.display.mask_delay_refreshes * self.display.planes_per_refresh

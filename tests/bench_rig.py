@@ -25,6 +25,7 @@ from pdcd.config import (
 from pdcd.engine import Engine
 from pdcd.patterns import Patterns
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.rig import Rig
 from pdcd.wanted import Match, Uniform, Wanted
 
 Floats = NDArray[np.float64]
@@ -99,7 +100,12 @@ def with_defects(folder: Path, **tables: Any) -> Config:
 
 def bench_of(engine: Engine) -> Bench:
     """The virtual bench behind an engine."""
-    bench = engine._rig._context.shared["mock.bench"]
+    return bench_of_rig(engine._rig)
+
+
+def bench_of_rig(rig: Rig) -> Bench:
+    """The virtual bench of a rig."""
+    bench = rig._context.shared["mock.bench"]
     assert isinstance(bench, Bench)
     return bench
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
-from pdcd.config import Config, PanelConfig
+from pdcd.balance import play_all, streams
+from pdcd.bitplanes import check_binary
+from pdcd.config import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
-from pdcd.interfaces import Clock, DisplayInfo, DriverContext, FrameLog, Frames
+from pdcd.interfaces import BLACK, Clock, DisplayInfo, DriverContext, FrameLog, Frames
+from pdcd.panel import apart_s
 
 REPORT_S = 0.1
 """Time between progress reports and looks at `cancelled`."""
@@ -25,8 +28,9 @@ class MockDisplay:
 
     So the slower panel throttles both, as one page flip over two outputs does, and unequal refresh
     rates slip and now and then cost a refresh. Faults of [display.faults] are counted in refreshes
-    of each shot. Timestamps are exact; the panels' skew comes on top of them, in the optics.
-    Does not model tearing.
+    of the video signal. Panels of 24 planes show the bits of a picture one after the other, and all
+    of them again when no new picture came. Timestamps are
+    exact; the panels' skew comes on top of them, in the optics. Does not model tearing.
     """
 
     maturity = "stable"
@@ -37,6 +41,7 @@ class MockDisplay:
         self._config = config
         self._rng = np.random.default_rng([config.camera.seed, 3])
         self._frames: Frames | None = None
+        self._exposures = self._refreshes = self._rows = self._lost = 0
 
     @classmethod
     def create(cls, context: DriverContext) -> MockDisplay:
@@ -52,10 +57,21 @@ class MockDisplay:
             mask.size_px,
             min(projector.refresh_hz, mask.refresh_hz),
             {"projector": "mock projector", "mask": "mock mask"},
+            self._mask_lag_s(),
         )
+
+    def _mask_lag_s(self) -> float | None:
+        """Phase and skew of the mask against the projector, its delay included."""
+        projector, mask = self._config.projector, self._config.mask
+        if projector.refresh_hz != mask.refresh_hz:
+            return None  # it drifts
+        delay_s = self._config.mask_delay_rows / self._config.row_hz
+        return apart_s(projector, mask) + mask.skew_s - projector.skew_s + delay_s
 
     def load(self, frames: Frames) -> None:
         """Check that the code cells fit the panels, and keep them."""
+        if self._config.display.planes_per_refresh > 1:
+            check_binary(frames)
         for name, panel in (("projector", self._config.projector), ("mask", self._config.mask)):
             width, height = panel.size_px
             if frames.grid[0] > height or frames.grid[1] > width:
@@ -88,13 +104,24 @@ class MockDisplay:
         frames = self._frames
         if frames is None:
             raise ConfigError("no frames are loaded", device="display", hint="call load first")
-        log = self._timing(len(frames))
-        self._bench.panels_black = False
-        try:
-            self._wait(log, progress, cancelled)
-        finally:
-            self.black()
-        self._bench.frames, self._bench.log = frames, log
+        rig = self._config.rig
+        self._exposures += 1
+        self._refreshes = self._rows = self._lost = 0
+
+        def once(rows: NDArray[np.int32]) -> FrameLog:
+            log = self._pass(rows)
+            self._bench.panels_black = False
+            try:
+                self._wait(log, progress, cancelled)
+            finally:
+                self.black()
+            self._bench.frames, self._bench.log = frames, log
+            return log
+
+        log = play_all(
+            once, frames, on_miss=rig.on_miss, rounds=rig.retries, row_hz=self._config.row_hz
+        )
+        self._bench.log = log
         return log
 
     def disconnect(self) -> None:
@@ -110,50 +137,124 @@ class MockDisplay:
         """Let the clock reach each refresh; report and look for a cancel from time to time."""
         report_ns = round(REPORT_S * 1e9)
         last_ns = int(log.primal_ns[0]) if len(log) else 0
-        lost = np.cumsum(log.missed)
+        before, total = self._rows, self._rows + len(log)
+        lost = self._lost + np.cumsum(log.missed)
         for row, at_ns in enumerate(log.primal_ns.tolist()):
             self._clock.sleep_until_ns(at_ns)
             if at_ns - last_ns >= report_ns or row == 0:
                 last_ns = at_ns
-                progress(row, len(log), int(lost[row]))
+                progress(before + row, total, int(lost[row]))
                 if cancelled():
                     raise Cancelled("cancelled while the codes were shown", device="display")
         self._clock.sleep_until_ns(int(log.end_ns.max()))
-        progress(len(log), len(log), int(lost[-1]) if len(log) else 0)
+        self._rows, self._lost = total, int(lost[-1]) if len(log) else self._lost
+        progress(total, total, self._lost)
 
-    def _timing(self, count: int) -> FrameLog:
-        """When each refresh reaches each panel, with the configured faults."""
-        faults = self._config.display.faults
+    def _pass(self, rows: NDArray[np.int32]) -> FrameLog:
+        """Show rows of the frames once, with the configured faults: what, and when."""
+        asked = np.stack(streams(rows, self._config.mask_delay_rows))
+        planes = self._config.display.planes_per_refresh
+        count = -(-asked.shape[1] // planes)
+        faults = self._faults(count)
+        flips = self._flips(count, faults)
+        missed = self._missed(flips)[:count]
+        sent = np.full((2, count * planes), BLACK, dtype=np.int32)
+        sent[:, : asked.shape[1]] = asked
+        shown = sent.reshape(2, count, planes).copy()
+        for refresh in faults.dropped:
+            _keep_previous(shown, (0, 1), refresh, missed)
+        for refresh in faults.stale_projector:
+            _keep_previous(shown, (0,), refresh, missed)
+        for refresh in faults.stale_mask:
+            _keep_previous(shown, (1,), refresh, missed)
+        again = np.zeros(count, dtype=np.int64)
+        if planes > 1:  # a DLP shows all bits again when no new picture came
+            again = self._missed(flips)[1:].astype(np.int64)
+        for side, panel in enumerate((self._config.projector, self._config.mask)):
+            wobble = self._rng.standard_normal(count + 1) * panel.jitter_s * 1e9
+            flips[side] = np.maximum.accumulate(flips[side] + np.rint(wobble).astype(np.int64))
+        return self._log(asked, sent.reshape(shown.shape), shown, flips, missed, again)
+
+    def _faults(self, count: int) -> FaultsConfig:
+        """The faults of the next `count` refreshes, by their numbers in this pass."""
+        given, first = self._config.display.faults, self._refreshes
+        self._refreshes += count
+        if given.exposures and self._exposures > given.exposures:
+            return FaultsConfig()
+
+        def now(refreshes: Iterable[int]) -> tuple[int, ...]:
+            return tuple(n - first for n in refreshes if first <= n < first + count)
+
+        late = {int(refresh): by for refresh, by in given.late.items()}
+        return FaultsConfig(
+            late={str(n): late[n + first] for n in now(late)},
+            dropped=now(given.dropped),
+            stale_mask=now(given.stale_mask),
+            stale_projector=now(given.stale_projector),
+        )
+
+    def _flips(self, count: int, faults: FaultsConfig) -> NDArray[np.int64]:
+        """Vblanks at which each panel takes each refresh, and black after them, (2, count + 1)."""
         panels = (self._config.projector, self._config.mask)
         flips = np.empty((2, count + 1), dtype=np.int64)
         late = {int(row): by for row, by in faults.late.items()}
         period_ns = 1e9 / min(p.refresh_hz for p in panels)
-        commit_ns = self._clock.now_ns()
+        commit_ns = self._start_ns()
         for row in range(count + 1):  # one more: the black that ends the last refresh
             commit_ns += round(late.get(row, 0) * period_ns)
             for side, panel in enumerate(panels):
                 flips[side, row] = _next_vblank_ns(panel, commit_ns)
             commit_ns = int(flips[:, row].max()) + COMMIT_NS
-        missed = self._missed(flips)[:count]
-        shown = np.stack([np.arange(count, dtype=np.int32)] * 2)
-        for row in faults.dropped:
-            _keep_previous(shown, (0, 1), row, missed)
-        for row in faults.stale_projector:
-            _keep_previous(shown, (0,), row, missed)
-        for row in faults.stale_mask:
-            _keep_previous(shown, (1,), row, missed)
-        for side, panel in enumerate(panels):
-            wobble = self._rng.standard_normal(count + 1) * panel.jitter_s * 1e9
-            flips[side] = np.maximum.accumulate(flips[side] + np.rint(wobble).astype(np.int64))
+        return flips
+
+    def _start_ns(self) -> int:
+        """When to hand over the first refresh, so that the vblanks nearest each other take it."""
+        projector, mask = self._config.projector, self._config.mask
+        now_ns = self._clock.now_ns()
+        apart_ns = round(apart_s(projector, mask) * 1e9)
+        if projector.refresh_hz != mask.refresh_hz or apart_ns == 0:
+            return now_ns
+        period_ns = 1e9 / projector.refresh_hz
+        lit_ns = _next_vblank_ns(projector, now_ns - min(0, apart_ns))
+        return max(now_ns, lit_ns + max(0, apart_ns) - round(period_ns) + COMMIT_NS)
+
+    def _log(
+        self,
+        asked: NDArray[np.int32],
+        sent: NDArray[np.int32],
+        shown: NDArray[np.int32],
+        flips: NDArray[np.int64],
+        missed: NDArray[np.int32],
+        again: NDArray[np.int64],
+    ) -> FrameLog:
+        """Refreshes (2, V, planes) as rows, each picture as often as its panel showed it."""
+        count, planes = sent.shape[1:]
+        spare = count * planes - asked.shape[1]  # planes of the last picture that nobody asked for
+        number = np.repeat(np.arange(count), 1 + again)
+        turn = np.arange(number.size) - np.repeat(np.cumsum(1 + again) - 1 - again, 1 + again)
+        plane = np.arange(planes) / planes
+        stamps, ends = [], []
+        for side, panel in enumerate((self._config.projector, self._config.mask)):
+            period_ns = 1e9 / panel.refresh_hz
+            late_ns = np.rint((turn[:, None] + plane) * period_ns).astype(np.int64)
+            at = (flips[side][number][:, None] + late_ns).ravel()
+            ends.append(int(at[at.size - spare]) if spare else int(flips[side, count]))
+            stamps.append(at[: at.size - spare])
+        rows = stamps[0].size
+        late = np.zeros((number.size, planes), dtype=np.int32)
+        late[:, 0] = np.where(turn == 0, missed[number], 0)
         return FrameLog(
-            primal_shown=shown[0],
-            dual_shown=shown[1],
-            primal_ns=flips[0, :count],
-            dual_ns=flips[1, :count],
-            end_ns=flips[:, count].copy(),
-            missed=missed,
+            primal_shown=shown[0][number].ravel()[:rows],
+            dual_shown=shown[1][number].ravel()[:rows],
+            primal_ns=stamps[0],
+            dual_ns=stamps[1],
+            end_ns=np.array(ends),
+            missed=late.ravel()[:rows],
             source="mock",
             verified=True,
+            primal_asked=sent[0][number].ravel()[:rows],
+            dual_asked=sent[1][number].ravel()[:rows],
+            mask_delay=self._config.mask_delay_rows,
         )
 
     def _missed(self, flips: NDArray[np.int64]) -> NDArray[np.int32]:
@@ -175,10 +276,10 @@ def _next_vblank_ns(panel: PanelConfig, at_ns: int) -> int:
 
 
 def _keep_previous(
-    shown: NDArray[np.int32], sides: tuple[int, ...], row: int, missed: NDArray[np.int32]
+    shown: NDArray[np.int32], sides: tuple[int, ...], refresh: int, missed: NDArray[np.int32]
 ) -> None:
-    """Let the panels carry the row before through this one; counts as a miss."""
-    if 0 < row < shown.shape[1]:
+    """Let the panels carry the refresh before through this one; counts as a miss."""
+    if 0 < refresh < shown.shape[1]:
         for side in sides:
-            shown[side, row] = shown[side, row - 1]
-        missed[row] = max(int(missed[row]), 1)
+            shown[side, refresh] = shown[side, refresh - 1]
+        missed[refresh] = max(int(missed[refresh]), 1)

@@ -25,6 +25,15 @@ from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix", "prior")
 """Options that name a file the daemon is to read."""
 
+GUARDS = {
+    "none": "without guards",
+    "both": "both panels black between codes",
+    "lag": "mask black after each code",
+    "lead": "mask black before each code",
+    "full": "with guards",
+}
+"""Schedules of a code, for people."""
+
 
 def capture(args: argparse.Namespace) -> int:
     """Take a photo; the exit code tells how it ended."""
@@ -71,7 +80,7 @@ def plan(args: argparse.Namespace) -> int:
         ["goal", summary.goal],
         ["codes", f"{summary.codes} {summary.family}, p = {summary.p:g}"],
         ["cells", f"{summary.grid[0]} x {summary.grid[1]}, window {summary.window}"],
-        ["passes", f"{summary.passes}, {'with' if summary.guards else 'without'} guards"],
+        ["passes", f"{summary.passes}, {GUARDS.get(summary.schedule, summary.schedule)}"],
         ["light", f"{100.0 * summary.light_share:.3g} % of a floodlit exposure"],
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
         ["parts", str(summary.parts)],

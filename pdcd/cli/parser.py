@@ -27,6 +27,7 @@ GOALS = (
 )
 FAMILIES = ("bernoulli", "balanced", "hadamard", "isolation", "confocal")
 METHODS: tuple[Literal["coded", "multi-image", "nayar"], ...] = ("coded", "multi-image", "nayar")
+SCHEDULES = ("none", "both", "lag", "lead", "full", "auto")
 WINDOWS = ("auto", "whole", "quarter")
 BLACK_LEVELS = ("none", "mask", "ambient", "both")
 NORMALISE = ("auto", "scalar", "row")
@@ -268,6 +269,13 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         const=False,
         dest="guards",
         help="no black mask between codes: more light, more error",
+    )
+    guards.add_argument(
+        "--schedule",
+        choices=SCHEDULES,
+        dest="guards",
+        help="refreshes that keep codes apart: 1 (none), 2 (both panels black; the mask, before or "
+        "after its code) or 3 (full); auto by the measured lag of the mask",
     )
     parser.add_argument(
         "--black-level",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.interfaces import BLACK, Frames
-from pdcd.presenter.memory import Slot, share
+from pdcd.presenter.memory import share
 from pdcd.presenter.messages import (
     HEAD_SIZE,
     LOG_COLUMNS,
@@ -34,7 +34,7 @@ from pdcd.presenter.messages import (
     Show,
     pair,
 )
-from pdcd.presenter.xconnection import connect
+from pdcd.presenter.xconnection import connect, disconnect
 
 START_S = 30.0
 """How long opening the panels may take: libraries, windows, and 30 frames for each time source."""
@@ -108,34 +108,49 @@ class Presenter:
         dual: Rows,
         progress: Callable[[int, int], None],
         cancelled: Callable[[], bool],
+        *,
+        abort: bool = False,
+        stalls_from: int | None = 0,
     ) -> Log:
         """Show rows of the loaded frames side by side, -1 for black; both panels end black.
 
-        Returns the log, one row of `LOG_COLUMNS` for each given and one more for the black that
-        ended them. `progress(shown, missed)` and `cancelled()` are called from time to time.
+        Parameters
+        ----------
+        primal, dual : (refreshes, planes) int32
+            Rows of the frames that each refresh carries: one, or the 24 of a picture.
+        progress, cancelled : asked every 50 ms; progress(refreshes shown, refreshes missed).
+        abort : end at once when a refresh with the mask open lasted too long.
+        stalls_from : number of the first refresh for the stalls of the options; None: no stalls.
 
-        Raises Cancelled; SyncError when the process hangs, after killing it.
+        Returns the log, (refreshes + 1, LOG_COLUMNS) int64: the last row is the black that ended
+        them. Raises Cancelled; SyncError after `abort`; DeviceLost when the process hangs, after
+        killing it.
         """
-        lead, end = np.full(LEAD_IN, BLACK, np.int32), np.full(1, BLACK, np.int32)
-        count = LEAD_IN + len(primal) + 1
+        planes, lead = primal.shape[1], LEAD_IN
+        before, after = np.full((lead, planes), BLACK, np.int32), np.full((1, planes), BLACK)
+        count = lead + len(primal) + 1
         head = np.zeros(HEAD_SIZE, dtype=np.int64)
-        head[Head.FIRST] = LEAD_IN
+        head[Head.FIRST] = lead - (stalls_from or 0)
         fd, slots, arrays = share(
             {
                 "head": head,
-                "primal": np.concatenate([lead, primal, end]),
-                "dual": np.concatenate([lead, dual, end]),
+                "primal": np.concatenate([before, primal, after], dtype=np.int32),
+                "dual": np.concatenate([before, dual, after], dtype=np.int32),
                 "log": np.zeros((count, LOG_COLUMNS), dtype=np.int64),
             }
         )
         head = arrays["head"]
-        self._send(Play(slots), fd)
+        self._send(Play(slots, abort=abort, stalls=stalls_from is not None), fd)
         self._watch(head, count, progress, cancelled)
         if head[Head.STOP]:
             raise Cancelled("cancelled while the codes were shown", device="display")
         if head[Head.SHOWN] != count:
-            raise DeviceLost("the display process stopped early", device="display")
-        return np.array(arrays["log"][LEAD_IN:])
+            raise SyncError(
+                "a code was shown for more than one refresh",
+                device="display",
+                hint="see what keeps the machine busy; rig.on_miss says what is done about it",
+            )
+        return np.array(arrays["log"][lead:])
 
     def black(self) -> None:
         """Both panels black on return, if need be by killing the process."""
@@ -146,9 +161,7 @@ class Presenter:
             except PdcdError:
                 self.kill()
         # Its windows went with it, and the screen's own black shows; if there is still a screen.
-        display = connect(self._display)
-        display.sync()
-        display.close()
+        disconnect(connect(self._display))
 
     def close(self) -> None:
         """Black, then end the process."""
@@ -182,13 +195,14 @@ class Presenter:
                 seen, seen_s = shown, time.monotonic()
             elif time.monotonic() - seen_s > self._hang_s:
                 self.kill()
-                raise SyncError(
+                raise DeviceLost(
                     f"the display process hung for {self._hang_s:g} s and was killed",
                     device="display",
                     hint="see the X server's log; the next job starts it anew",
                 )
             if not asked_to_stop:
-                progress(min(max(0, shown - LEAD_IN), count - LEAD_IN - 1), int(head[Head.MISSED]))
+                done = min(max(0, shown - LEAD_IN), count - LEAD_IN - 1)
+                progress(done, int(head[Head.MISSED]))
                 if cancelled():
                     head[Head.STOP] = 1
                     asked_to_stop = True
@@ -238,8 +252,8 @@ class Presenter:
             raise kinds.get(reply.kind, DeviceLost)(
                 reply.message, device="display", hint=reply.hint
             )
-        assert_reply: Ready | Done = reply
-        return assert_reply
+        found: Ready | Done = reply
+        return found
 
     def _gone(self) -> DeviceLost:
         self.kill()
@@ -250,6 +264,3 @@ class Presenter:
             device="display",
             hint="see the log and the X server's; the next job starts it anew",
         )
-
-
-__all__ = ["LEAD_IN", "Log", "Presenter", "Rows", "Slot"]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import ctypes
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -27,7 +27,7 @@ PERIOD_TOLERANCE = 0.02
 SPIN_NS = 1_000_000
 """A sleeping process wakes up to this late: the rest is spent looking at the clock."""
 LATE = 0.25
-"""Part of a refresh by which a frame without a queue may follow its vblank and still count as its."""
+"""Part of a refresh by which a swap may follow its vblank and still count as in time."""
 EVENT_TIMEOUT_S = 0.5
 
 Swap = Callable[[], None]
@@ -113,9 +113,9 @@ class SyncValues:
 
     def shown(self) -> None:
         """Wait for the last swap; servers that cannot return at once without a time."""
-        ust, msc, sbc = self._values
+        ust, msc, _ = self._values
         done = self._wait_for_sbc is not None and self._wait_for_sbc(
-            self._display, self._drawable, 0, ctypes.byref(ust), ctypes.byref(msc), ctypes.byref(sbc)
+            self._display, self._drawable, 0, *map(ctypes.byref, self._values)
         )
         if not done or not ust.value:
             raise DeviceLost("swaps are not reported as shown", device="display", hint=_OTHER)
@@ -271,4 +271,3 @@ def probe(source: Source, frame: Callable[[], None], period_ns: float) -> float 
         return None
     found = float((stamps[-1] - stamps[0]) / (counts[-1] - counts[0]))
     return found if abs(found / period_ns - 1.0) <= PERIOD_TOLERANCE else None
-

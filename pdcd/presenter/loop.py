@@ -25,8 +25,8 @@ class Loop:
     Parameters
     ----------
     source : hands frames over and tells when they were shown.
-    draw : draws one row of the projector beside one of the mask; -1 is black.
-    opens : whether the mask of a row is anything but black, by row; one more, False, for row -1.
+    draw : draws a refresh, by its number, on both panels.
+    opens : whether the mask is anything but black, by number of the refresh.
     period_ns : length of a refresh.
     stop : asked after every refresh; true ends the pass.
     """
@@ -34,7 +34,7 @@ class Loop:
     def __init__(
         self,
         source: Source,
-        draw: Callable[[int, int], None],
+        draw: Callable[[int], None],
         opens: Sequence[bool],
         period_ns: float,
         stop: Callable[[], bool],
@@ -47,26 +47,19 @@ class Loop:
         self._stop = stop
         self._stalls_ns = stalls_ns
 
-    def run(
-        self,
-        primal: Sequence[int],
-        dual: Sequence[int],
-        log: NDArray[Any],
-        head: NDArray[Any],
-        first: int,
-    ) -> bool:
-        """Show the rows of projector and mask, side by side; False when stopped before the end.
+    def run(self, log: NDArray[Any], head: NDArray[Any], first: int) -> bool:
+        """Show all refreshes; False when stopped before the end.
 
-        Row n of `log` is that of primal[n] and dual[n]; stalls are counted from number `first`.
+        Row n of `log` is that of refresh n; stalls are counted from number `first`.
         """
         source, draw, opens = self._source, self._draw, self._opens
         margin_ns = MARGIN * self._period_ns
-        count, put, missed, open_now = len(dual), 0, 0, False
+        count, put, missed, open_now = len(opens), 0, 0, False
         source.sync()
         last_msc = 0
         for n in range(count):
             if put == n:
-                opening = opens[dual[n]]
+                opening = opens[n]
                 if opening and not open_now and source.queues:
                     # Too late to be sure of the coming vblank: the mask stays black for one more,
                     # which costs nothing; a code that comes late would stretch the next guard.
@@ -75,15 +68,15 @@ class Loop:
                         gone = int((now_ns - source.ns) / self._period_ns) + 1
                         sleep_until(source.ns + int((gone + 0.05) * self._period_ns))
                 log[n, Log.PUT_NS] = time.monotonic_ns()
-                draw(primal[n], dual[n])
+                draw(n)
                 source.put()
                 log[n, Log.SWAP_NS] = time.monotonic_ns()
                 put += 1
-                if opening and source.queues and put < count and not opens[dual[put]]:
+                if opening and source.queues and put < count and not opens[put]:
                     # The black that ends a code goes with it: not this process but the display
                     # system then sees to it that the code lasts one refresh.
                     log[put, Log.PUT_NS] = time.monotonic_ns()
-                    draw(primal[put], dual[put])
+                    draw(put)
                     source.put()
                     log[put, Log.SWAP_NS] = time.monotonic_ns()
                     put += 1
@@ -96,6 +89,8 @@ class Loop:
             log[n, Log.FLIPPED] = source.flipped
             if n:
                 missed += source.msc - last_msc - 1
+                if source.msc - last_msc > 1 and opens[n - 1]:
+                    head[Head.SPOILT] += 1
             last_msc = source.msc
             head[Head.MISSED] = missed
             head[Head.SHOWN] = n + 1

@@ -40,6 +40,8 @@ class Open(msgspec.Struct, frozen=True, tag=True):
     options: Options
     projector: Panel
     mask: Panel
+    plane_order: str | None = None
+    """Colours of bit planes, where a refresh shows 24 rows; None where it shows one."""
 
 
 class Load(msgspec.Struct, frozen=True, tag=True):
@@ -52,9 +54,16 @@ class Load(msgspec.Struct, frozen=True, tag=True):
 
 
 class Play(msgspec.Struct, frozen=True, tag=True):
-    """Show rows of the loaded frames; `Head` and `Log` of the memory tell how far and when."""
+    """Show rows of the loaded frames; `Head` and `Log` of the memory tell how far and when.
+
+    The memory holds `primal` and `dual`, (refreshes, planes) int32: rows of the frames, -1 for
+    black. abort : go black as soon as a refresh with the mask open lasted too long.
+    """
 
     slots: list[Slot]
+    abort: bool = False
+    stalls: bool = True
+    """Whether the stalls of the options are for this pass."""
 
 
 class Show(msgspec.Struct, frozen=True, tag=True):
@@ -110,7 +119,9 @@ class Head(enum.IntEnum):
     MISSED = 2
     """Refreshes lost so far."""
     FIRST = 3
-    """Set by the driver: number of the first row that is not black lead-in."""
+    """Set by the driver: the refresh from which stalls are counted."""
+    SPOILT = 4
+    """Refreshes with the mask open that lasted too long."""
 
 
 HEAD_SIZE = 8

@@ -34,3 +34,5 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Places of projector and mask on an X screen whose server has one output (Xvfb)."""
     stalls_ms: dict[str, Annotated[float, Meta(ge=0.0)]] = field(default_factory=dict)
     """Fault injection: refresh of each play -> how long the loop sleeps after it."""
+    stall_exposures: Annotated[int, Meta(ge=0)] = 0
+    """How many exposures have these stalls, from the first on; 0 is all."""

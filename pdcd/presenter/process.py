@@ -7,7 +7,6 @@ import os
 import select
 import signal
 import socket
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -66,7 +65,10 @@ class Presenter:
         self._places = Places(options.display, request)
         name = self._places.name
         _start_glfw(name)
-        self._windows = Windows(options.layout, self._places.screen_px, self._places.panels)
+        places = self._places
+        self._windows = Windows(
+            options.layout, places.screen_px, places.panels, request.plane_order
+        )
         if self._windows.software and not options.allow_software:
             raise ConfigError(
                 f"the renderer is software ({self._windows.renderer})",
@@ -77,7 +79,6 @@ class Presenter:
         nominal_ns = 1e9 / min(request.projector.refresh_hz, request.mask.refresh_hz)
         self._source, self._period_ns = self._find_source(nominal_ns)
         self._frames: Frames | None = None
-        self._opens = [False]
         self._windows.black()
         self.ready = Ready(
             source=self._source.name,
@@ -95,19 +96,18 @@ class Presenter:
 
     def load(self, message: Load, arrays: dict[str, NDArray[Any]]) -> None:
         """Take over patterns; the panels stay as they are."""
-        frames = Frames(
-            **arrays, grid=message.grid, lattice=message.lattice, window=message.window
-        )
+        frames = Frames(**arrays, grid=message.grid, lattice=message.lattice, window=message.window)
         self._frames = None
         self._windows.load(frames)
         self._frames = frames
-        self._opens = [*(frames.dual_index != BLACK).tolist(), False]
 
     def show(self, row: int) -> None:
         """Hold one row."""
         self._source.sync()
+        rows = np.full((1, self._windows.planes), row, dtype=np.int32)
+        self._windows.prepare(rows, rows)
         for _ in range(2):  # both buffers alike: nothing else may come up
-            self._windows.draw(row, row)
+            self._windows.draw(0)
             self._source.put()
             self._source.shown()
         self._windows.settle()
@@ -117,24 +117,30 @@ class Presenter:
         """Both panels black."""
         self._windows.black()
 
-    def play(self, arrays: dict[str, NDArray[Any]]) -> None:
+    def play(self, message: Play, arrays: dict[str, NDArray[Any]]) -> None:
         """Show the rows asked for; the log and how far it got are in the shared arrays."""
-        head, options = arrays["head"], self._options
+        head, options, frames = arrays["head"], self._options, self._frames
+        if frames is None:
+            raise ConfigError("no frames are loaded", device="display", hint="call load first")
+        abort = message.abort
         hung_up = self._hung_up
         patience_s = 2.0 * options.hang_s
 
         def stop() -> bool:
             realtime.dead_mans_switch(patience_s)
-            return bool(head[Head.STOP]) or hung_up() or self._places.changed()
+            if head[Head.STOP] or (abort and head[Head.SPOILT]):
+                return True
+            return hung_up() or self._places.changed()
 
-        stalls_ns = {int(n): round(ms * 1e6) for n, ms in options.stalls_ms.items()}
-        loop = Loop(
-            self._source, self._windows.draw, self._opens, self._period_ns, stop, stalls_ns
-        )
-        primal, dual = arrays["primal"].tolist(), arrays["dual"].tolist()
+        stalls = options.stalls_ms if message.stalls else {}
+        stalls_ns = {int(n): round(ms * 1e6) for n, ms in stalls.items()}
+        windows, dual = self._windows, arrays["dual"]
+        opens = (np.append(frames.dual_index, BLACK)[dual] != BLACK).any(axis=1).tolist()
+        windows.prepare(arrays["primal"], dual)
+        loop = Loop(self._source, windows.draw, opens, self._period_ns, stop, stalls_ns)
         realtime.dead_mans_switch(patience_s)
         try:
-            loop.run(primal, dual, arrays["log"], head, int(head[Head.FIRST]))
+            loop.run(arrays["log"], head, int(head[Head.FIRST]))
         finally:
             realtime.dead_mans_switch(0.0)
             self._windows.black()
@@ -171,7 +177,7 @@ class Presenter:
         asked = self._options.time_source
         for name in SOURCES if asked == "auto" else (asked,):
             source = make(name)
-            period_ns = probe(source, lambda: windows.draw(-1, -1), nominal_ns)
+            period_ns = probe(source, windows.draw_black, nominal_ns)
             if period_ns is not None:
                 return source, period_ns
         raise DeviceLost(
@@ -229,7 +235,7 @@ def _answer(presenter: Presenter, message: Request, fd: int | None) -> None:
     if isinstance(message, Load) and fd is not None:
         presenter.load(message, attach(fd, message.slots))
     elif isinstance(message, Play) and fd is not None:
-        presenter.play(attach(fd, message.slots))
+        presenter.play(message, attach(fd, message.slots))
     elif isinstance(message, Show):
         presenter.show(message.row)
     elif isinstance(message, Black | Quit):

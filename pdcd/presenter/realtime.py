@@ -7,8 +7,8 @@ import gc
 import os
 import signal
 
-MCL_CURRENT_AND_FUTURE = 3
-"""MCL_CURRENT | MCL_FUTURE of sys/mman.h."""
+MCL_TOUCHED = 1 | 2 | 4
+"""MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT of sys/mman.h."""
 
 
 def raise_priority(priority: int) -> str:
@@ -26,9 +26,13 @@ def raise_priority(priority: int) -> str:
 
 
 def lock_memory() -> str:
-    """Keep every page in memory; returns what came of it."""
+    """Keep every page that is used in memory; returns what came of it.
+
+    Pages that were never touched stay out: with them a killed process takes a tenth of a second to
+    die, and its windows stay lit for so long.
+    """
     libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(MCL_CURRENT_AND_FUTURE):
+    if libc.mlockall(MCL_TOUCHED):
         reason = os.strerror(ctypes.get_errno())
         return f"no: {reason}; the service needs LimitMEMLOCK=infinity"
     return "yes"

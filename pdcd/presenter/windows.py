@@ -2,7 +2,7 @@
 
 All patterns of a shot lie in one integer texture, bits or bytes as they come. A refresh is one
 uniform and one instanced draw for each panel: the vertex shader looks a cell's value up and places
-its rectangle on whole pixels; a dark cell draws nothing. So no arithmetic is left to the pixels, and
+its rectangle on whole pixels; a dark cell draws nothing. No arithmetic is left to the pixels, and
 cells that do not divide the panel are as exact as those that do.
 
 Panels show 8 bits: grey levels are rounded to 255ths. Their response to a level is the panel's
@@ -19,42 +19,63 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bitplanes import PLANES
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.interfaces import WHITE, Frames
 from pdcd.presenter.cells import panel_edges
 from pdcd.presenter.messages import Rect
 
 VERTEX_SHADER = """
-#version 330 core
 uniform usampler2D patterns;  // four bytes a texel, first byte lowest
 uniform isampler2D edges;     // first and past-the-last pixel of each cell: see cells.panel_edges
 uniform ivec2 size_px;
 uniform int cols;
 uniform bool grey;
-uniform ivec2 frame;          // first byte of the pattern, sub-shift
-flat out float level;
+uniform ivec4 frame[PACKED ? 7 : 1];  // first bytes of patterns, -1 for none; last: the sub-shift
+uniform ivec3 colours;        // bits by which the planes of red, green and blue lie in a picture
+flat out vec3 colour;
 
-void main() {
-    int cell = gl_InstanceID;
-    int at = frame.x + (grey ? cell : cell >> 3);
+int byte_at(int at) {
     int wide = textureSize(patterns, 0).x;
     uint texel = texelFetch(patterns, ivec2((at >> 2) % wide, (at >> 2) / wide), 0).r;
-    uint byte = (texel >> (8 * (at & 3))) & 255u;
-    level = grey ? float(byte) / 255.0 : float((byte >> (7 - (cell & 7))) & 1u);
-    ivec2 x = texelFetch(edges, ivec2(cell % cols, frame.y & 1), 0).rg;
-    ivec2 y = texelFetch(edges, ivec2(cell / cols, 2 + (frame.y >> 1)), 0).rg;
+    return int((texel >> (8 * (at & 3))) & 255u);
+}
+
+int bit_of(int first, int cell) {
+    return first < 0 ? 0 : (byte_at(first + (cell >> 3)) >> (7 - (cell & 7))) & 1;
+}
+
+void main() {
+    int cell = gl_InstanceID, shift;
+    if (PACKED) {
+        int picture = 0;
+        for (int j = 0; j < 24; j++) picture |= bit_of(frame[j >> 2][j & 3], cell) << j;
+        colour = vec3((ivec3(picture) >> colours) & 255) / 255.0;
+        shift = frame[PACKED ? 6 : 0].x;
+    } else {
+        int first = frame[0].x;
+        colour = vec3(grey ? float(byte_at(first + cell)) / 255.0 : float(bit_of(first, cell)));
+        shift = frame[0].y;
+    }
+    ivec2 x = texelFetch(edges, ivec2(cell % cols, shift & 1), 0).rg;
+    ivec2 y = texelFetch(edges, ivec2(cell / cols, 2 + (shift >> 1)), 0).rg;
     ivec2 corner = ivec2((gl_VertexID & 1) == 0 ? x.r : x.g, (gl_VertexID & 2) == 0 ? y.r : y.g);
     vec2 place = 2.0 * vec2(corner) / vec2(size_px) - 1.0;
-    gl_Position = level > 0.0 ? vec4(place.x, -place.y, 0.0, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
+    bool dark = colour == vec3(0.0);
+    gl_Position = dark ? vec4(2.0, 2.0, 2.0, 1.0) : vec4(place.x, -place.y, 0.0, 1.0);
 }
 """
 
 FRAGMENT_SHADER = """
 #version 330 core
-flat in float level;
-out vec3 colour;
-void main() { colour = vec3(level); }
+flat in vec3 colour;
+out vec3 shown;
+void main() { shown = colour; }
 """
+
+Command = tuple[tuple[float, float, float] | None, tuple[bytes, ...]]
+"""What a panel shows in one refresh: the colour it is cleared to, if not black, and the uniform of
+each draw over it."""
 
 GL_DITHER = 0x0BD0
 TEXTURE_WIDTH = 4096
@@ -63,22 +84,35 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
 
 
 class Panel:
-    """One panel's part of a window, and its patterns on the graphics card."""
+    """One panel's part of a window, and its patterns on the graphics card.
 
-    def __init__(self, context: moderngl.Context, place: Rect, window_height: int) -> None:
+    plane_order : colours of the bit planes, where a refresh shows the 24 rows of a picture, each
+        as one bit; None where it shows one row.
+    """
+
+    def __init__(
+        self, context: moderngl.Context, place: Rect, window_height: int, plane_order: str | None
+    ) -> None:
         self._context = context
         self._size_px = (place.width, place.height)
         # GL counts rows from the bottom.
         below = window_height - place.y - place.height
         self._viewport = (place.x, below, place.width, place.height)
-        self._program = context.program(VERTEX_SHADER, FRAGMENT_SHADER)
+        self._order = plane_order
+        packed = "true" if plane_order else "false"
+        self._program = context.program(
+            f"#version 330 core\nconst bool PACKED = {packed};\n{VERTEX_SHADER}", FRAGMENT_SHADER
+        )
         self._program["size_px"] = self._size_px
         self._program["patterns"], self._program["edges"] = 0, 1
+        if plane_order:
+            self._program["colours"] = tuple(8 * plane_order.index(c) for c in "RGB")
         self._vertices = context.vertex_array(self._program, [])
-        self._frame = self._program["frame"]
+        self._uniform: Any = self._program["frame"]
         self._textures: list[moderngl.Texture] = []
-        self._uniforms: list[bytes | None] = []
-        self._whites: list[bool] = []
+        self._first_byte = self._shift = np.zeros(1, dtype=np.int32)
+        self._white = np.zeros(1, dtype=np.bool_)
+        self._commands: list[Command] = []
         self._cells = 0
 
     def load(self, frames: Frames, *, mask: bool) -> None:
@@ -97,14 +131,39 @@ class Panel:
         levels = np.rint(patterns * 255.0).astype(np.uint8) if grey else patterns
         self._upload(levels, panel_edges(frames, self._size_px, mask=mask), name)
         self._program["cols"] = frames.lattice[1]
-        self._program["grey"] = grey
+        if not self._order:
+            self._program["grey"] = grey
         self._cells = frames.lattice[0] * frames.lattice[1]
-        stride = patterns.shape[1]
-        self._uniforms = [
-            np.array([i * stride, s], dtype=np.int32).tobytes() if i >= 0 else None
-            for i, s in zip(index.tolist(), frames.shift.tolist(), strict=True)
-        ]
-        self._whites = [i == WHITE for i in index.tolist()]
+        # One more, black, so that row -1 is black.
+        self._first_byte = np.append(np.where(index >= 0, index * patterns.shape[1], -1), -1)
+        self._first_byte = self._first_byte.astype(np.int32)
+        self._shift = np.append(frames.shift, 0).astype(np.int32)
+        self._white = np.append(index == WHITE, False)
+
+    def prepare(self, rows: NDArray[np.int32]) -> None:
+        """Make the commands of some refreshes, (refreshes, planes) rows of the frames."""
+        if self._order:
+            self._commands = [self._packed(planes) for planes in rows]
+            return
+        plain: dict[int, Command] = {}
+        for row in set(rows[:, 0].tolist()):
+            place = [self._first_byte[row], self._shift[row], 0, 0]
+            draws = (np.array(place, dtype=np.int32).tobytes(),) if place[0] >= 0 else ()
+            plain[row] = ((1.0, 1.0, 1.0) if self._white[row] else None, draws)
+        self._commands = [plain[row] for row in rows[:, 0].tolist()]
+
+    def _packed(self, rows: NDArray[np.int32]) -> Command:
+        """The command of one picture: a draw for each sub-shift, since that moves all cells."""
+        first, shift, white = self._first_byte[rows], self._shift[rows], self._white[rows]
+        lit = int(np.sum(white * (1 << np.arange(PLANES))))
+        order = self._order or ""
+        red, green, blue = ((lit >> 8 * order.index(c) & 255) / 255.0 for c in "RGB")
+        draws = []
+        for which in np.unique(shift[first >= 0]):
+            block = np.full(28, which, dtype=np.int32)
+            block[:PLANES] = np.where(shift == which, first, -1)
+            draws.append(block.tobytes())
+        return (red, green, blue) if lit else None, tuple(draws)
 
     def _upload(self, levels: NDArray[Any], edges: NDArray[np.int32], name: str) -> None:
         """Put patterns and cell edges into textures, in place of those before."""
@@ -132,19 +191,18 @@ class Panel:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             self._textures.append(texture)
 
-    def draw(self, row: int) -> None:
-        """Draw one row over a black window; -1 is black."""
-        if row < 0:
-            return
-        uniform = self._uniforms[row]
-        if uniform is not None:
+    def draw(self, number: int) -> None:
+        """Draw one of the refreshes made ready over a black window."""
+        clear, draws = self._commands[number]
+        if clear is not None:
+            self._context.screen.clear(*clear, viewport=self._viewport)
+        if draws:
             self._context.viewport = self._viewport
             for unit, texture in enumerate(self._textures):
                 texture.use(unit)
-            self._frame.write(uniform)
+        for uniform in draws:
+            self._uniform.write(uniform)
             self._vertices.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=self._cells)
-        elif self._whites[row]:
-            self._context.screen.clear(1.0, 1.0, 1.0, viewport=self._viewport)
 
 
 class Windows:
@@ -154,7 +212,14 @@ class Windows:
     swap waits for the vblank and the projector's does not, or they would halve the rate.
     """
 
-    def __init__(self, layout: str, screen_px: tuple[int, int], places: tuple[Rect, Rect]) -> None:
+    def __init__(
+        self,
+        layout: str,
+        screen_px: tuple[int, int],
+        places: tuple[Rect, Rect],
+        plane_order: str | None,
+    ) -> None:
+        self.planes = PLANES if plane_order else 1
         self._handles: list[Any] = []
         self._contexts: list[moderngl.Context] = []
         self.panels: list[Panel] = []
@@ -162,14 +227,14 @@ class Windows:
             whole = Rect(0, 0, *screen_px)
             self._open(whole, 1)
             for place in places:
-                self.panels.append(Panel(self._contexts[0], place, whole.height))
+                self.panels.append(Panel(self._contexts[0], place, whole.height, plane_order))
         else:
             for place, interval in zip(places, (0, 1), strict=True):
                 self._open(place, interval)
                 own = Rect(0, 0, place.width, place.height)
-                self.panels.append(Panel(self._contexts[-1], own, place.height))
+                self.panels.append(Panel(self._contexts[-1], own, place.height, plane_order))
         self._several = len(self._handles) > 1
-        self._sync = _x_sync(glfw.get_x11_display())
+        self._sync = _x_sync(_x_display())
 
     @property
     def timed_window(self) -> int:
@@ -179,7 +244,7 @@ class Windows:
     @property
     def glx_handles(self) -> tuple[int, int]:
         """Display and GLX drawable of that window."""
-        return int(glfw.get_x11_display()), int(glfw.get_glx_window(self._handles[-1]))
+        return _x_display(), int(glfw.get_glx_window(self._handles[-1]))
 
     @property
     def renderer(self) -> str:
@@ -199,15 +264,26 @@ class Windows:
         self.finish()
         self.check()
 
-    def draw(self, primal: int, dual: int) -> None:
-        """Draw one row of each panel; nothing is shown yet."""
+    def prepare(self, primal: NDArray[np.int32], dual: NDArray[np.int32]) -> None:
+        """Make refreshes ready: (refreshes, planes) rows of the frames each, -1 for black."""
+        for panel, rows in zip(self.panels, (primal, dual), strict=True):
+            panel.prepare(rows)
+
+    def draw(self, number: int) -> None:
+        """Draw one of these refreshes on both panels; nothing is shown yet."""
         if not self._several:
             self._contexts[0].screen.clear()
-        for number, panel in enumerate(self.panels):
+        for panel_number, panel in enumerate(self.panels):
             if self._several:
-                self._use(number)
-                self._contexts[number].screen.clear()
-            panel.draw(dual if number else primal)
+                self._use(panel_number)
+                self._contexts[panel_number].screen.clear()
+            panel.draw(number)
+
+    def draw_black(self) -> None:
+        """Draw black on both panels."""
+        for number, context in enumerate(self._contexts):
+            self._use(number)
+            context.screen.clear()
 
     def finish(self) -> None:
         """Wait until everything drawn is drawn."""
@@ -225,7 +301,7 @@ class Windows:
 
     def black(self) -> None:
         """Both panels black on return, as far as the X server can tell."""
-        self.draw(-1, -1)
+        self.draw_black()
         self.finish()
         self.swap()
         self.settle()
@@ -284,7 +360,9 @@ class Windows:
         glfw.make_context_current(handle)
         glfw.swap_interval(interval)
         context = moderngl.create_context(require=330)
-        context.disable(moderngl.BLEND)
+        # Draws of one picture's bit planes add up; single ones are over black.
+        context.enable(moderngl.BLEND)
+        context.blend_func = moderngl.ONE, moderngl.ONE
         context.disable_direct(GL_DITHER)
         self._contexts.append(context)
         # Two frames, so that neither buffer holds anything else when the window appears.
@@ -302,6 +380,12 @@ class Windows:
                 device="display",
                 hint="no window manager may run on the panels' X server",
             )
+
+
+def _x_display() -> int:
+    """The library's own connection to the X server, a Display pointer."""
+    get: Any = glfw.get_x11_display
+    return int(get())
 
 
 def _x_sync(display: int) -> Any:

@@ -6,9 +6,24 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.xserver import x_full, x_quarter
+from tests import x11_rig
+from tests.xserver import FULL, QUARTER, XServer, run
 
-__all__ = ["x_full", "x_quarter"]
+
+@pytest.fixture(scope="session")
+def x_quarter() -> Iterator[XServer]:
+    """Panels of a quarter of their size, which software rendering serves at 60 Hz."""
+    with run(*QUARTER) as server:
+        x11_rig.hurry(server)
+        yield server
+
+
+@pytest.fixture(scope="session")
+def x_full() -> Iterator[XServer]:
+    """Panels at full size, for comparing pixels."""
+    with run(*FULL) as server:
+        x11_rig.hurry(server)
+        yield server
 
 
 @pytest.fixture(autouse=True)

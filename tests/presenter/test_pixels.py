@@ -1,4 +1,4 @@
-"""Every pixel of the X screen against the planned code, and the planned code against the lattice."""
+"""Every pixel of the X screen against the planned code, and that against the lattice."""
 
 from __future__ import annotations
 

@@ -33,6 +33,7 @@ PLAN = PlanSummary(
     grid=(48, 64),
     window="whole",
     guards=True,
+    schedule="full",
     passes=2,
     shots=(ShotSummary(name="coded", codes=8, refreshes=24, exposure_s=0.5, light_share=0.25),),
     refreshes=24,

@@ -30,7 +30,8 @@ def plan(folder: Path, request: CaptureRequest, **tables: Any) -> PlanSummary:
 
 def setting(config: Config) -> Setting:
     engine = Engine.from_config(config)
-    return Setting(config, engine._rig.look_at_camera(), engine._profile)
+    rig = engine._rig
+    return Setting(config, rig.look_at_camera(), engine._profile, rig.mask_lag_s())
 
 
 @pytest.mark.parametrize(
