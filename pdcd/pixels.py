@@ -19,6 +19,10 @@ from pdcd.errors import ConfigError
 FULL = 765
 """Level of a white pixel: three channels of 255."""
 
+PIXELS = "pixels"
+"""Where `DriverContext.shared` holds the `Shown` of the frames that were last played, by a display
+that looks at its own pixels: a virtual camera then believes them rather than the frame log."""
+
 BLACK_PICTURE = -1
 """Index of a picture without any light; it is not stored."""
 
@@ -59,24 +63,37 @@ class Shown:
         return int(self.projector.index.size)
 
 
-class Recorder:
-    """Takes grabs of the whole screen in the order of the frame log, keeps what is new in them.
+def picture(screen: NDArray[np.uint8], box: Box) -> Picture:
+    """One panel out of a grab of the screen, (H, W, 3) uint8.
 
-    `projector` and `mask` are the panels' places on the screen, as `Box`.
+    Raises ConfigError when the grab does not hold the panel.
     """
+    x, y, width, height = box
+    part = screen[y : y + height, x : x + width]
+    if part.shape[:2] != (height, width):
+        raise ConfigError(
+            f"a grab of {screen.shape[1]} x {screen.shape[0]} pixels does not hold the panel",
+            device="display",
+            hint="has an output changed?",
+        )
+    return np.asarray(part.sum(axis=2, dtype=np.uint16))
 
-    def __init__(self, projector: Box, mask: Box) -> None:
-        self._panels = (_Panel(projector), _Panel(mask))
 
-    def add(self, screen: NDArray[np.uint8]) -> None:
-        """Keep one refresh; `screen` is (H, W, 3) uint8 RGB and may be used again afterwards."""
+class Recorder:
+    """Takes pictures of both panels in the order of the frame log, keeps what is new in them."""
+
+    def __init__(self, projector_px: tuple[int, int], mask_px: tuple[int, int]) -> None:
+        self._panels = (_Panel(projector_px), _Panel(mask_px))
+
+    def add(self, projector: Picture, mask: Picture) -> None:
+        """Keep one refresh; the arrays may be used again afterwards."""
+        for panel, shown in zip(self._panels, (projector, mask), strict=True):
+            panel.add(shown)
+
+    def black(self) -> None:
+        """Both panels were black for one row of the log, without a picture of it."""
         for panel in self._panels:
-            panel.add(screen)
-
-    def repeat(self, times: int = 1) -> None:
-        """The panels showed the last picture for further rows of the log, without a new grab."""
-        for panel in self._panels:
-            panel.index.extend(panel.index[-1:] * times)
+            panel.index.append(BLACK_PICTURE)
 
     def shown(self) -> Shown:
         """Everything so far."""
@@ -97,49 +114,31 @@ def from_pictures(
             device="display",
             hint="one of each for every refresh",
         )
-    panels = []
-    for pictures in (projector, mask):
-        height, width = pictures[0].shape
-        panel = _Panel((0, 0, width, height))
-        for picture in pictures:
-            panel.keep(picture.astype(np.uint16) * 3)
-        panels.append(panel.pictures())
-    return Shown(panels[0], panels[1])
+    (ph, pw), (mh, mw) = projector[0].shape, mask[0].shape
+    recorder = Recorder((pw, ph), (mw, mh))
+    for shown in zip(projector, mask, strict=True):
+        recorder.add(*(part.astype(np.uint16) * 3 for part in shown))
+    return recorder.shown()
 
 
 class _Panel:
     """The distinct pictures of one panel so far."""
 
-    def __init__(self, box: Box) -> None:
-        self._x, self._y, self._width, self._height = box
+    def __init__(self, size_px: tuple[int, int]) -> None:
+        self._size_px = size_px
         self._known: dict[bytes, int] = {}
         self._kept: list[Picture] = []
         self.index: list[int] = []
 
-    def add(self, screen: NDArray[np.uint8]) -> None:
-        rows, columns = (
-            slice(self._y, self._y + self._height),
-            slice(self._x, self._x + self._width),
-        )
-        part = screen[rows, columns]
-        if part.shape[:2] != (self._height, self._width):
-            raise ConfigError(
-                f"a grab of {screen.shape[1]} x {screen.shape[0]} pixels does not hold the panel",
-                device="display",
-                hint="has an output changed?",
-            )
-        self.keep(part.sum(axis=2, dtype=np.uint16))
-
-    def keep(self, picture: Picture) -> None:
-        if not picture.any():
+    def add(self, shown: Picture) -> None:
+        if not shown.any():
             self.index.append(BLACK_PICTURE)
             return
-        name = hashlib.blake2b(picture.tobytes(), digest_size=16).digest()
+        name = hashlib.blake2b(shown.tobytes(), digest_size=16).digest()
         if name not in self._known:
             self._known[name] = len(self._kept)
-            self._kept.append(picture.copy())
+            self._kept.append(shown.copy())
         self.index.append(self._known[name])
 
     def pictures(self) -> PanelPictures:
-        size = self._width, self._height
-        return PanelPictures(size, tuple(self._kept), np.array(self.index, dtype=np.int32))
+        return PanelPictures(self._size_px, tuple(self._kept), np.array(self.index, dtype=np.int32))

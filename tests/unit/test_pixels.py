@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.pixels import BLACK_PICTURE, FULL, Recorder, from_pictures
+from pdcd.pixels import BLACK_PICTURE, FULL, Recorder, from_pictures, picture
 
 
 def test_panels_are_cut_out_of_the_screen() -> None:
     screen = np.zeros((6, 12, 3), dtype=np.uint8)
     screen[1:4, 2:6] = (10, 20, 30)
     screen[0:5, 6:12] = 255
-    recorder = Recorder((2, 1, 4, 3), (6, 0, 6, 5))
-    recorder.add(screen)
+    recorder = Recorder((4, 3), (6, 5))
+    recorder.add(picture(screen, (2, 1, 4, 3)), picture(screen, (6, 0, 6, 5)))
     shown = recorder.shown()
     assert shown.projector.size_px == (4, 3)
     np.testing.assert_array_equal(shown.projector.pictures[0], np.full((3, 4), 60))
@@ -23,16 +23,18 @@ def test_panels_are_cut_out_of_the_screen() -> None:
 
 
 def test_each_picture_is_kept_once_and_black_never() -> None:
-    recorder = Recorder((0, 0, 2, 2), (2, 0, 2, 2))
-    screen = np.zeros((2, 4, 3), dtype=np.uint8)
-    for projector, mask in ((7, 0), (8, 0), (7, 9), (0, 9)):
-        screen[:, :2], screen[:, 2:] = projector, mask  # the same array, used again
-        recorder.add(screen)
-    recorder.repeat(2)
+    recorder = Recorder((2, 2), (2, 2))
+    pictures = np.zeros((2, 2, 2), dtype=np.uint16)
+    for levels in ((21, 0), (24, 0), (21, 27), (0, 27)):
+        pictures[:] = np.reshape(levels, (2, 1, 1))  # the same array, used again
+        recorder.add(*pictures)
+    recorder.black()
+    recorder.add(*pictures)
     shown = recorder.shown()
     assert len(shown) == 6
-    assert shown.projector.index.tolist() == [0, 1, 0, BLACK_PICTURE, BLACK_PICTURE, BLACK_PICTURE]
-    assert shown.mask.index.tolist() == [BLACK_PICTURE, BLACK_PICTURE, 0, 0, 0, 0]
+    black = BLACK_PICTURE
+    assert shown.projector.index.tolist() == [0, 1, 0, black, black, black]
+    assert shown.mask.index.tolist() == [black, black, 0, 0, black, 0]
     assert [int(p[0, 0]) for p in shown.projector.pictures] == [21, 24]
     assert not shown.mask.levels(BLACK_PICTURE).any()
 
@@ -44,9 +46,8 @@ def test_pictures_that_differ_in_one_level_are_not_the_same() -> None:
 
 
 def test_a_screen_that_has_shrunk_is_refused() -> None:
-    recorder = Recorder((0, 0, 4, 3), (4, 0, 4, 3))
     with pytest.raises(ConfigError, match="does not hold the panel"):
-        recorder.add(np.zeros((3, 7, 3), dtype=np.uint8))
+        picture(np.zeros((3, 7, 3), dtype=np.uint8), (4, 0, 4, 3))
 
 
 def test_both_panels_need_as_many_pictures() -> None:
