@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from pdcd.config import Config
 from pdcd.errors import ExposureError
 from pdcd.interfaces import PLAYED, DriverContext, FrameLog, Frames
+from pdcd.pixel_matrix import pixel_factors
+from pdcd.pixels import PIXELS
 from pdcd.realised import bench_factors
 from pdcd.scene import Scene, build_scene
 
@@ -54,6 +56,7 @@ class Bench:
         """A new exposure: nothing has been shown in it yet."""
         self.frames = self.log = None
         self.shared.pop(PLAYED, None)
+        self.shared.pop(PIXELS, None)
 
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure, (N, 3) float64 in scene units times seconds.
@@ -69,14 +72,23 @@ class Bench:
         frames, log = self.frames, self.log
         if frames is None or log is None:  # another display than the mock's: the rig knows
             frames, log = self.shared.get(PLAYED) or _nothing(self.scene.grid, self.open_ns)
-        for part in bench_factors(
-            frames,
-            log,
-            config.projector,
-            config.mask,
-            open_ns=self.open_ns,
-            close_ns=self.close_ns,
-        ):
+        open_ns, close_ns = self.open_ns, self.close_ns
+        shown = self.shared.get(PIXELS)
+        if shown is None:
+            parts = bench_factors(
+                frames, log, config.projector, config.mask, open_ns=open_ns, close_ns=close_ns
+            )
+        else:  # the display has seen its own pixels: they decide, not what it was asked to show
+            parts = pixel_factors(
+                shown,
+                log,
+                config.projector,
+                config.mask,
+                grid=self.scene.grid,
+                open_ns=open_ns,
+                close_ns=close_ns,
+            )
+        for part in parts:
             light += self.scene.photo(part.left, part.right, part.coaxial, part.open_s)
         return light
 
