@@ -104,21 +104,20 @@ def test_a_late_process_stretches_black_and_never_a_code(run: Run, late: int) ->
     assert not any(GUARDED[n] for n in stretched)
 
 
-def test_a_code_just_late_waits_for_one_more_black(run: Run) -> None:
+def test_a_code_just_late_waits_for_one_more_black(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Held up by 0.6 refreshes before a code: there is time for this vblank, but no margin."""
     wait = round(0.6 * PERIOD_NS)
-    original = Screen.shown
+    shown = Screen.shown
 
     def slow(screen: Screen) -> None:
-        original(screen)
+        shown(screen)
         if screen.msc == 8:  # the guard before the first code is on
             screen.now_ns += wait
 
-    Screen.shown = slow  # type: ignore[method-assign]
-    try:
-        _, log = run(GUARDED)
-    finally:
-        Screen.shown = original  # type: ignore[method-assign]
+    monkeypatch.setattr(Screen, "shown", slow)
+    _, log = run(GUARDED)
     assert lasted(log)[2] == 2
     assert sum(lasted(log)) == len(GUARDED)
 
@@ -126,7 +125,7 @@ def test_a_code_just_late_waits_for_one_more_black(run: Run) -> None:
 def test_held_up_between_a_code_and_its_black_is_counted(run: Run) -> None:
     """The moment between two swaps is all that a queue leaves to the process."""
     _, log = run(GUARDED, delays_ns={4: 3 * PERIOD_NS})
-    assert lasted(log)[3] == 4
+    assert lasted(log)[3] == 3
 
 
 def test_without_a_queue_a_late_black_stretches_the_code_and_is_counted(run: Run) -> None:
