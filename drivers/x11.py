@@ -76,7 +76,7 @@ class X11Display:
         """Hand all patterns to the graphics card; nothing is shown yet."""
         self._frames = None
         if self._planes > 1:
-            check_binary(frames)
+            check_binary(frames.primal_patterns, frames.dual_patterns)
         self._alive().load(frames)
         self._frames = frames
 

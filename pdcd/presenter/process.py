@@ -102,9 +102,13 @@ class Presenter:
         self._frames = frames
 
     def show(self, row: int) -> None:
-        """Hold one row."""
+        """Hold one refresh: a row, or the picture of planes that begins with it."""
         self._source.sync()
-        rows = np.full((1, self._windows.planes), row, dtype=np.int32)
+        planes, frames = self._windows.planes, self._frames
+        rows = np.full((1, planes), row, dtype=np.int32)
+        if frames is not None and len(frames) > 1:  # one row alone fills all planes of a picture
+            rows[0] = np.arange(row, row + planes)
+            rows[rows >= len(frames)] = BLACK
         self._windows.prepare(rows, rows)
         for _ in range(2):  # both buffers alike: nothing else may come up
             self._windows.draw(0)
