@@ -70,7 +70,16 @@ class X11Display:
             self._open.mask.size_px,
             ready.refresh_hz,
             ready.identity,
+            self._mask_lag_s(ready),
         )
+
+    def _mask_lag_s(self, ready: Ready) -> float | None:
+        """Measured phase and configured skews of the mask against the projector, delay included."""
+        if ready.lag_s is None:
+            return None
+        config = self._config
+        skew_s = config.mask.skew_s - config.projector.skew_s
+        return ready.lag_s + skew_s + config.mask_delay_rows / config.row_hz
 
     def load(self, frames: Frames) -> None:
         """Hand all patterns to the graphics card; nothing is shown yet."""

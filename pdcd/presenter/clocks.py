@@ -28,6 +28,10 @@ SPIN_NS = 1_000_000
 """A sleeping process wakes up to this late: the rest is spent looking at the clock."""
 LATE = 0.25
 """Part of a refresh by which a swap may follow its vblank and still count as in time."""
+EARLY_NS = 2_000_000
+"""Vblanks that servers make up scatter by their timer's millisecond; earlier ones are waited for."""
+VBLANK_TRIES = 4
+"""Vblanks that may be late in a row; then the grid they are measured against has moved."""
 EVENT_TIMEOUT_S = 0.5
 
 Swap = Callable[[], None]
@@ -143,7 +147,12 @@ class Vblanks:
         """Land on a vblank of now."""
         self._ask(0)
         self._ask(self._events.msc + 2)
+        ns, msc = self._events.ns, self._events.msc
+        self._ask(msc + 1)
         self.ns, self.msc = self._events.ns, self._events.msc
+        if self.ns - ns < (self.msc - msc) * self._period_ns:
+            # A server without a screen answered this one before its time: the other one holds.
+            self.ns = ns + round((self.msc - msc) * self._period_ns)
 
     def put(self) -> None:
         """Finish the drawing: the swap must cost no time."""
@@ -152,7 +161,7 @@ class Vblanks:
     def shown(self) -> None:
         """Swap at the next vblank; one that has just passed is left to go by."""
         msc, late_ns = self.msc + 1, round(LATE * self._period_ns)
-        while True:
+        for _ in range(VBLANK_TRIES):
             self._ask(msc)
             msc = self._events.msc
             # Servers without a screen answer for a vblank up to half a refresh before it comes.
@@ -161,8 +170,8 @@ class Vblanks:
             if now_ns - due_ns <= late_ns:
                 break
             msc += 1
-        ns = self._events.ns
-        if due_ns - now_ns > late_ns:
+        ns, msc = self._events.ns, self._events.msc
+        if due_ns - now_ns > EARLY_NS:
             sleep_until(due_ns)
             ns = due_ns
         self._swap()

@@ -90,6 +90,9 @@ class Ready(msgspec.Struct, frozen=True, tag=True):
     source: str
     refresh_hz: float
     identity: dict[str, str]
+    lag_s: float | None = None
+    """By how much the mask's vblank follows the projector's; None where it could not be measured,
+    or drifts."""
 
 
 class Done(msgspec.Struct, frozen=True, tag=True):

@@ -49,6 +49,11 @@ class Places:
             found["slip"] = "none" if slip_s is None else f"one refresh in {slip_s:.1f} s"
         return found
 
+    @property
+    def drifts(self) -> bool:
+        """Whether the modes have different rates, so that no phase lasts."""
+        return self._pair.projector.refresh_hz != self._pair.mask.refresh_hz
+
     def changed(self) -> bool:
         """Whether outputs changed since the start; `check` says what to make of it."""
         self._moved = self._watcher.changed() or self._moved

@@ -43,6 +43,7 @@ from pdcd.presenter.messages import (
     Request,
     Show,
 )
+from pdcd.presenter.phase import Phase, measure
 from pdcd.presenter.places import Places
 from pdcd.presenter.windows import Windows
 from pdcd.presenter.xpresent import PresentEvents
@@ -80,7 +81,9 @@ class Presenter:
         self._source, self._period_ns = self._find_source(nominal_ns)
         self._frames: Frames | None = None
         self._windows.black()
+        phase = measure(name, places.panels)
         self.ready = Ready(
+            lag_s=None if phase is None or places.drifts else phase.lag_s,
             source=self._source.name,
             refresh_hz=1e9 / self._period_ns,
             identity={
@@ -88,6 +91,7 @@ class Presenter:
                 "layout": options.layout,
                 "renderer": self._windows.renderer,
                 "time source": self._source.name,
+                "phase": _phase_text(phase),
                 "realtime": realtime_note,
                 "memory locked": realtime.lock_memory(),
             },
@@ -274,6 +278,13 @@ def _report(channel: Channel, message: Reply) -> int:
     except OSError:
         logger.warning("nobody is left to be told: %s", message)
     return 1
+
+
+def _phase_text(phase: Phase | None) -> str:
+    if phase is None:
+        return "not measured: no vblanks of two screens"
+    projector, mask = (f"{1.0 / period_s:.3f} Hz" for period_s in phase.period_s)
+    return f"projector {projector}, mask {mask}, mask later by {phase.lag_s * 1e3:.2f} ms"
 
 
 def _start_glfw(display: str) -> None:
