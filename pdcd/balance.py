@@ -128,22 +128,20 @@ def play_all(
     For display drivers, whose `play(rows)` shows those rows of `frames` once, ends black, and logs
     them; `streams` says what each panel is to carry, `joined` puts the passes together.
 
-    Raises SyncError when `rounds` further passes were not enough.
+    All that is shown again lasts no longer than `rounds` more passes over all frames: a stall of
+    seconds must not ask for hours. Raises SyncError when that is not enough.
     """
     log = play(np.arange(len(frames), dtype=np.int32))
-    if on_miss != "balance":
-        return log
-    for _ in range(rounds):
-        more = catch_up(frames, log, row_hz)
-        if more is None:
-            return log
+    left = rounds * len(frames)
+    while on_miss == "balance" and (more := catch_up(frames, log, row_hz)) is not None:
+        if more.size > left:
+            raise SyncError(
+                f"codes are unequal, and {rounds} further passes do not mend that",
+                device="display",
+                hint="see why refreshes are missed; rig.retries allows more passes",
+            )
+        left -= more.size
         log = joined([log, play(more)])
-    if catch_up(frames, log, row_hz) is not None:
-        raise SyncError(
-            f"codes are still unequal after {rounds} further passes",
-            device="display",
-            hint="see why refreshes are missed; rig.retries allows more passes",
-        )
     return log
 
 
@@ -237,4 +235,6 @@ def _find(
 def _slots(frames: Frames, rows: NDArray[np.int64]) -> list[Rows]:
     """All rows of the slots that hold these rows: same code, same sub-shift, without a break."""
     slot = np.append(0, np.cumsum((np.diff(frames.code) != 0) | (np.diff(frames.shift) != 0)))
-    return [np.flatnonzero(slot == slot[row]).astype(np.int32) for row in rows]
+    first = np.searchsorted(slot, slot[rows], side="left")
+    last = np.searchsorted(slot, slot[rows], side="right")
+    return [np.arange(a, b, dtype=np.int32) for a, b in zip(first, last, strict=True)]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.interfaces import Frames
+from pdcd.patterns import Patterns
 
 PLANES = 24
 """Bit planes of one RGB picture."""
@@ -55,9 +55,9 @@ def unpack_planes(picture: NDArray[np.uint8], order: str = "GRB") -> NDArray[np.
     return planes
 
 
-def check_binary(frames: Frames) -> None:
+def check_binary(*patterns: Patterns) -> None:
     """Refuse grey levels, which bit planes cannot show. Raises ConfigError."""
-    if any(p.dtype != np.uint8 for p in (frames.primal_patterns, frames.dual_patterns)):
+    if any(p.dtype != np.uint8 for p in patterns):
         raise ConfigError(
             "bit planes show black and white only, and these patterns have grey levels",
             device="display",

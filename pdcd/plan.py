@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from pdcd import planes
+from pdcd.bitplanes import check_binary
 from pdcd.codes import make_codes
 from pdcd.codes.prior import prior_codes
 from pdcd.config import Config
@@ -254,6 +255,9 @@ def make_plan(
         _check_limit(one_pass_s / max(parts, count if recipe.stack else 1), config)
     passes = _passes(request, one_pass_s, count)
     patterns = _patterns(recipe, request, lattice, family, part_count, parts)
+    if config.display.planes_per_refresh > 1:
+        for pair in patterns.values():
+            check_binary(*pair)
     plan = Plan(
         recipe=recipe,
         patterns=patterns,

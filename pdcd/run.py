@@ -212,11 +212,11 @@ class Run:
         f_number = self._aperture(plan, shot, camera)
         settings = CameraSettings(self._iso(camera), f_number if camera.f_numbers else None)
         frames = plan.frames(shot)
-        done, level = self._sound(plan, shot, frames, settings)
+        done, level, harm = self._sound(plan, shot, frames, settings)
         self.folder.write_frames(shot.name, frames, done.log)
         lost = int(done.log.missed.sum())
         if level is None:
-            self.warnings.append(f"shot {shot.name}: {lost} refreshes were missed")
+            self.warnings.append(f"shot {shot.name}: {lost} refreshes were missed; {harm}")
         elif lost:
             self.warnings.append(
                 f"shot {shot.name}: {lost} refreshes were missed, without harm to the codes"
@@ -245,10 +245,11 @@ class Run:
 
     def _sound(
         self, plan: Plan, shot: Shot, frames: Frames, settings: CameraSettings
-    ) -> tuple[Exposure, float | None]:
+    ) -> tuple[Exposure, float | None, str]:
         """Expose, and once more where codes got unequal light, as often as the rig allows.
 
-        Returns the exposure and its level (see `ShotRecord`). Raises SyncError.
+        Returns the exposure, its level (see `ShotRecord`), and what harm was done. Raises
+        SyncError.
         """
         rig = self.config.rig
         # What leaks through black goes by the time an exposure took, not by its codes: photos that
@@ -263,11 +264,11 @@ class Run:
                 cause = err.message
                 name = self.folder.set_aside(shot.name, number)
             else:
-                level = self._level(frames, done.log)
+                level, harm = self._level(frames, done.log)
                 sound = level == 1.0 if paired else level is not None
                 if sound or rig.on_miss == "flag":
-                    return done, level
-                cause = f"{int(done.log.missed.sum())} refreshes were missed"
+                    return done, level, harm
+                cause = f"{int(done.log.missed.sum())} refreshes were missed; {harm}"
                 name = self.folder.set_aside(shot.name, number)
                 self.folder.write_frames(name, frames, done.log)
             self.notify("discarded", {"shot": shot.name, "name": name, "cause": cause})
@@ -278,12 +279,16 @@ class Run:
             hint="see frames.csv; rig.on_miss = 'flag' keeps such shots and reports the error",
         )
 
-    def _level(self, frames: Frames, log: FrameLog) -> float | None:
-        """Times that every code was shown over what was planned; None where that differs."""
+    def _level(self, frames: Frames, log: FrameLog) -> tuple[float | None, str]:
+        """Times that every code was shown over what was planned, None where that differs; and the
+        same in words."""
         try:
-            return lit_weights(frames, log, self.config.row_hz).level or None
-        except SyncError:  # a mask under another code's light
-            return None
+            weights = lit_weights(frames, log, self.config.row_hz)
+        except SyncError as err:
+            return None, err.message
+        shares = weights.realised / weights.planned if weights.planned.size else np.ones(1)
+        words = f"codes were lit {shares.min():.3g} to {shares.max():.3g} times as long as planned"
+        return weights.level or None, words
 
     def _expose(
         self,

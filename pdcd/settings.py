@@ -30,7 +30,7 @@ class RigConfig(_Table, frozen=True):
     """What to do where codes ended with unequal weights: discard the exposure and take it again,
     show codes again in the same exposure until all are equal, or keep it and report the error."""
     retries: Annotated[int, Meta(ge=0, le=100)] = 2
-    """How often an exposure is taken again, and how many further passes one may have."""
+    """How often an exposure is taken again, and how many passes' time one may take longer."""
     settle_s: NonNegative = 0.05
     """Time on black between the shutter being open and the first code, and after the last."""
     misregistration_px: NonNegative = 0.0

@@ -71,7 +71,7 @@ class MockDisplay:
     def load(self, frames: Frames) -> None:
         """Check that the code cells fit the panels, and keep them."""
         if self._config.display.planes_per_refresh > 1:
-            check_binary(frames)
+            check_binary(frames.primal_patterns, frames.dual_patterns)
         for name, panel in (("projector", self._config.projector), ("mask", self._config.mask)):
             width, height = panel.size_px
             if frames.grid[0] > height or frames.grid[1] > width:

@@ -60,6 +60,7 @@ EventType = Literal[
     "shutter_open",
     "progress",
     "shutter_closed",
+    "discarded",
     "converging",
     "decoding",
     "archived",

@@ -8,7 +8,16 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.bench import alternatives, closed_form, code_error, machine, report, throughput
+from tests.bench import (
+    alternatives,
+    closed_form,
+    code_error,
+    error_seconds,
+    machine,
+    report,
+    representations,
+    throughput,
+)
 from tests.bench import hard_cases as hard
 from tests.bench import whole_capture as capture
 from tests.bench.measure import ROOT
@@ -17,7 +26,9 @@ from tests.bench.tables import Section
 SECTIONS: tuple[Callable[..., Section], ...] = (
     closed_form.run,
     alternatives.run,
+    representations.run,
     code_error.run,
+    error_seconds.run,
     capture.run,
     throughput.run,
     hard.run,

@@ -42,8 +42,8 @@ def noisy_error(scene: str, count: int, family: str, seed: int) -> float:
     config = msgspec.structs.replace(config, camera=camera)
     name = msgspec.convert(family, FamilyName)
     request = CaptureRequest(goal="indirect", codes=count, family=name, seed=seed, white=False)
-    with _engine(config) as engine, tempfile.TemporaryDirectory() as folder:
-        error = _capture(engine, request, Path(folder), f"noisy-{seed}").summary["rms_error"]
+    with opened(config) as engine, tempfile.TemporaryDirectory() as folder:
+        error = capture_with(engine, request, Path(folder), f"noisy-{seed}").summary["rms_error"]
     if not isinstance(error, float):
         raise RuntimeError(f"the capture of {scene} knows no error")
     return error
@@ -52,10 +52,12 @@ def noisy_error(scene: str, count: int, family: str, seed: int) -> float:
 def measure_engine(grid: tuple[int, int], count: int, window: str) -> dict[str, float]:
     """Seconds and peak MiB of a default indirect capture (and its white shot), in process."""
     request = _request(count, window)
-    with _engine(config_for(SCENE, (grid[0], grid[1]))) as engine:
+    with opened(config_for(SCENE, (grid[0], grid[1]))) as engine:
         with tempfile.TemporaryDirectory() as folder:
             jobs = iter(range(1000))
-            time_s, _ = timed(lambda: _capture(engine, request, Path(folder), f"job-{next(jobs)}"))
+            time_s, _ = timed(
+                lambda: capture_with(engine, request, Path(folder), f"job-{next(jobs)}")
+            )
     return {"time_s": time_s, "peak_mib": peak_mib()}
 
 
@@ -87,7 +89,7 @@ def _request(count: int, window: str) -> CaptureRequest:
 
 
 @contextmanager
-def _engine(config: Config) -> Iterator[Engine]:
+def opened(config: Config) -> Iterator[Engine]:
     engine = Engine.from_config(config)
     engine.start()
     try:
@@ -96,7 +98,7 @@ def _engine(config: Config) -> Iterator[Engine]:
         engine.stop()
 
 
-def _capture(engine: Engine, request: CaptureRequest, folder: Path, job: str) -> CaptureResult:
+def capture_with(engine: Engine, request: CaptureRequest, folder: Path, job: str) -> CaptureResult:
     result = engine.capture(
         request,
         job=job,

@@ -180,11 +180,34 @@ def test_all_weights_end_equal(lasts: list[int], stale: set[int], unlucky: int) 
 
 def test_passes_that_do_not_end_are_given_up() -> None:
     frames = frames_of()
-    with pytest.raises(SyncError, match="after 2 further passes"):
+    with pytest.raises(SyncError, match="2 further passes do not"):
         play_all(
             lambda rows: log_of(rows.tolist(), [1, 2, *[1] * (len(rows) - 2)]),
             frames, on_miss="balance", rounds=2, row_hz=HZ,
         )  # fmt: skip
+
+
+def test_a_stall_of_seconds_is_not_made_up_for_by_hours() -> None:
+    played = []
+
+    def play(rows: NDArray[np.int32]) -> FrameLog:
+        played.append(rows)
+        return log_of(rows.tolist(), [1, 300, *[1] * (len(rows) - 2)])
+
+    with pytest.raises(SyncError, match="do not mend"):
+        play_all(play, frames_of(), on_miss="balance", rounds=3, row_hz=HZ)
+    assert len(played) == 1
+
+
+def test_many_codes_take_no_time() -> None:
+    """65536 codes under guards: a search over all rows for each of them would take minutes."""
+    count = 65536
+    bits = np.zeros((count, 1), dtype=np.uint8)
+    frames = build_frames((bits, bits), (1, 8), window="whole", guards=True, passes=1)
+    lasts = np.ones(3 * count, dtype=int)
+    lasts[4] = 2
+    more = catch_up(frames, log_of(range(3 * count), lasts.tolist()), HZ)
+    assert more is not None and more.size == 3 * (count - 1)
 
 
 def test_joined_logs_have_a_black_row_between() -> None:
