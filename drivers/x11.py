@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -17,6 +18,7 @@ from pdcd.bitplanes import check_binary
 from pdcd.config import Config
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.interfaces import BLACK, Display, DisplayInfo, DriverContext, FrameLog, Frames
+from pdcd.pixels import PIXELS, Recorder
 from pdcd.presenter.client import Log, Presenter, Rows
 from pdcd.presenter.messages import Log as Column
 from pdcd.presenter.messages import Open, Panel, Ready
@@ -34,7 +36,7 @@ class X11Display:
 
     maturity = "experimental"
 
-    def __init__(self, config: Config, options: Options) -> None:
+    def __init__(self, config: Config, options: Options, shared: dict[str, Any]) -> None:
         projector, mask = config.projector, config.mask
         self._open = Open(
             options,
@@ -43,6 +45,7 @@ class X11Display:
             config.display.plane_order if config.display.planes_per_refresh > 1 else None,
         )
         self._config = config
+        self._shared = shared
         self._planes = config.display.planes_per_refresh
         self._exposures = 0
         self._presenter: Presenter | None = None
@@ -60,7 +63,13 @@ class X11Display:
             raise ConfigError(
                 "real panels keep real time", device="display", hint='set rig.clock = "real"'
             )
-        return cls(config, options)
+        if options.grab_px and config.display.planes_per_refresh > 1:
+            raise ConfigError(
+                "pictures of several planes are not taken apart again",
+                device="display",
+                hint="leave grab_px out, or set planes_per_refresh = 1",
+            )
+        return cls(config, options, context.shared)
 
     def connect(self) -> DisplayInfo:
         """Start the display process; both panels are black on return."""
@@ -115,6 +124,7 @@ class X11Display:
         stalls = self._open.options.stall_exposures
         stalled = not stalls or self._exposures <= stalls
         shown, lost = 0, 0
+        recorder = self._recorder()
 
         def once(rows: Rows) -> FrameLog:
             nonlocal shown, lost
@@ -132,18 +142,32 @@ class X11Display:
             )
             found = frame_log(primal, dual, log, presenter.ready, self._planes)
             found = replace(found, mask_delay=config.mask_delay_rows)
+            if recorder is not None:
+                if shown:
+                    recorder.black()  # the row that `joined` puts between two passes
+                for pictures in zip(*presenter.pictures, strict=True):
+                    recorder.add(*pictures)
             shown += len(log) - 1
             lost += int(found.missed.sum())
             progress(first + count, first + count, lost)
             return found
 
-        return play_all(once, frames, on_miss=rig.on_miss, rounds=rig.retries, row_hz=config.row_hz)
+        log = play_all(once, frames, on_miss=rig.on_miss, rounds=rig.retries, row_hz=config.row_hz)
+        if recorder is not None:
+            self._shared[PIXELS] = recorder.shown()
+        return log
 
     def disconnect(self) -> None:
         """Black, then end the display process."""
         if self._presenter is not None:
             presenter, self._presenter, self._frames = self._presenter, None, None
             presenter.close()
+
+    def _recorder(self) -> Recorder | None:
+        """What keeps the pictures of an exposure, with option `grab_px`."""
+        self._shared.pop(PIXELS, None)
+        sizes_px = self._config.projector.size_px, self._config.mask.size_px
+        return Recorder(*sizes_px) if self._open.options.grab_px else None
 
     def _alive(self) -> Presenter:
         if self._presenter is None or not self._presenter.alive:

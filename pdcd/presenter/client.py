@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.interfaces import BLACK, Frames
+from pdcd.pixels import Picture
+from pdcd.presenter.grabs import PICTURES, room
 from pdcd.presenter.memory import share
 from pdcd.presenter.messages import (
     HEAD_SIZE,
@@ -66,6 +68,10 @@ class Presenter:
         self._poller.register(mine, select.POLLIN | select.POLLHUP)
         self._display = request.options.display
         self._hang_s = request.options.hang_s
+        self._grab = request.options.grab_px is not None
+        self._sizes_px = request.projector.size_px, request.mask.size_px
+        self.pictures: list[Picture] = []
+        """With option `grab_px`: what projector and mask showed in the last pass."""
         try:
             reply = self._ask(request, START_S)
         except BaseException:
@@ -137,6 +143,7 @@ class Presenter:
                 "primal": np.concatenate([before, primal, after], dtype=np.int32),
                 "dual": np.concatenate([before, dual, after], dtype=np.int32),
                 "log": np.zeros((count, LOG_COLUMNS), dtype=np.int64),
+                **(room(count, self._sizes_px) if self._grab else {}),
             }
         )
         head = arrays["head"]
@@ -150,6 +157,7 @@ class Presenter:
                 device="display",
                 hint="see what keeps the machine busy; rig.on_miss says what is done about it",
             )
+        self.pictures = [arrays[n][lead : count - 1] for n in PICTURES if n in arrays]
         return np.array(arrays["log"][lead:])
 
     def black(self) -> None:

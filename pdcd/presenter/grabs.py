@@ -1,4 +1,4 @@
-"""The display process looks at its own pixels, refresh by refresh: option `grab`.
+"""The display process looks at its own pixels, refresh by refresh: option `grab_px`.
 
 For tests of the whole chain: a wrong pixel, exchanged panels, a mirrored or shifted window then
 show in the photo of a virtual camera. Takes about 2 ms a refresh at a quarter of full size. At full
@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.pixels import Picture, picture
-from pdcd.presenter.messages import Rect
+from pdcd.pixels import Box, Picture, picture
 from pdcd.presenter.xgrab import RootGrabber
 
 PICTURES = ("projector_pictures", "mask_pictures")
@@ -35,7 +34,7 @@ def room(count: int, sizes_px: tuple[tuple[int, int], tuple[int, int]]) -> dict[
         raise ConfigError(
             f"pictures of {count} refreshes would take {size / 2**30:.1f} GiB",
             device="display",
-            hint="grab is for short tests: fewer codes, smaller panels, or grab = false",
+            hint="grab_px is for short tests: fewer codes, smaller panels, or leave it out",
         )
     return {
         name: np.zeros((count, height, width), dtype=np.uint16)
@@ -46,12 +45,14 @@ def room(count: int, sizes_px: tuple[tuple[int, int], tuple[int, int]]) -> dict[
 class Grabs:
     """Pictures of both panels, taken by the display process after each refresh.
 
-    `settle` returns once the server has taken what was swapped.
+    `boxes` are where the virtual bench has its panels, whatever the windows' places are: a panel
+    that is shown elsewhere is then seen as what it is. `settle` returns once the server has taken
+    what was swapped.
     """
 
-    def __init__(self, name: str, panels: tuple[Rect, Rect], settle: Callable[[], None]) -> None:
+    def __init__(self, name: str, boxes: tuple[Box, Box], settle: Callable[[], None]) -> None:
         self._grabber = RootGrabber(name)
-        self._boxes = [(p.x, p.y, p.width, p.height) for p in panels]
+        self._boxes = boxes
         self._settle = settle
         self._into: list[NDArray[Any]] = []
 

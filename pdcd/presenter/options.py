@@ -32,6 +32,10 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """A loop that shows nothing for so long is killed, and the panels go black."""
     positions_px: tuple[tuple[int, int], tuple[int, int]] | None = None
     """Places of projector and mask on an X screen whose server has one output (Xvfb)."""
+    grab_px: tuple[tuple[int, int], tuple[int, int]] | None = None
+    """Where on the X screen a virtual bench has its projector and its mask (x, y): they are looked
+    at after every refresh, and a mock camera's photo is made of the pixels that were really there.
+    For tests, on servers without a graphics card, at small sizes."""
     stalls_ms: dict[str, Annotated[float, Meta(ge=0.0)]] = field(default_factory=dict)
     """Fault injection: refresh of each play -> how long the loop sleeps after it."""
     stall_exposures: Annotated[int, Meta(ge=0)] = 0

@@ -26,6 +26,7 @@ from pdcd.presenter.clocks import (
     Vblanks,
     probe,
 )
+from pdcd.presenter.grabs import Grabs
 from pdcd.presenter.loop import Loop
 from pdcd.presenter.memory import attach
 from pdcd.presenter.messages import (
@@ -80,6 +81,7 @@ class Presenter:
         nominal_ns = 1e9 / min(request.projector.refresh_hz, request.mask.refresh_hz)
         self._source, self._period_ns = self._find_source(nominal_ns)
         self._frames: Frames | None = None
+        self._grabs = self._grabber(name, request)
         self._windows.black()
         phase = measure(name, places.panels)
         self.ready = Ready(
@@ -134,8 +136,14 @@ class Presenter:
         hung_up = self._hung_up
         patience_s = 2.0 * options.hang_s
 
+        grabs = self._grabs
+        if grabs is not None:
+            grabs.begin(arrays)
+
         def stop() -> bool:
             realtime.dead_mans_switch(patience_s)
+            if grabs is not None:
+                grabs.take(int(head[Head.SHOWN]) - 1)
             if head[Head.STOP] or (abort and head[Head.SPOILT]):
                 return True
             return hung_up() or self._places.changed()
@@ -166,6 +174,22 @@ class Presenter:
         self._events.close()
         self._windows.close()
         glfw.terminate()
+
+    def _grabber(self, name: str, request: Open) -> Grabs | None:
+        """What looks at the screen. Raises ConfigError where it would look too late."""
+        if request.options.grab_px is None:
+            return None
+        if self._source.queues:
+            raise ConfigError(
+                f"with the time source {self._source.name} the screen may be a refresh ahead",
+                device="display",
+                hint='set time_source = "present-msc" for option grab_px',
+            )
+        sizes_px = request.projector.size_px, request.mask.size_px
+        projector, mask = zip(request.options.grab_px, sizes_px, strict=True)
+        return Grabs(
+            name, ((*projector[0], *projector[1]), (*mask[0], *mask[1])), self._windows.settle
+        )
 
     def _find_source(self, nominal_ns: float) -> tuple[Source, float]:
         """The best time source that delivers, and its period in ns."""
