@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from pdcd.balance import play_all, streams
@@ -21,8 +20,8 @@ from pdcd.interfaces import BLACK, Display, DisplayInfo, DriverContext, FrameLog
 from pdcd.pixels import PIXELS, Recorder
 from pdcd.presenter.client import Log, Presenter, Rows
 from pdcd.presenter.messages import Log as Column
-from pdcd.presenter.messages import Open, Panel, Ready
-from pdcd.presenter.options import Options
+from pdcd.presenter.messages import Open, Ready
+from pdcd.presenter.opening import opening
 
 VERIFIED = ("present-complete",)
 """Time sources that prove presentation, where every frame was a page flip."""
@@ -36,14 +35,8 @@ class X11Display:
 
     maturity = "experimental"
 
-    def __init__(self, config: Config, options: Options, shared: dict[str, Any]) -> None:
-        projector, mask = config.projector, config.mask
-        self._open = Open(
-            options,
-            Panel(projector.size_px, projector.refresh_hz),
-            Panel(mask.size_px, mask.refresh_hz),
-            config.display.plane_order if config.display.planes_per_refresh > 1 else None,
-        )
+    def __init__(self, config: Config, request: Open, shared: dict[str, Any]) -> None:
+        self._open = request
         self._config = config
         self._shared = shared
         self._planes = config.display.planes_per_refresh
@@ -55,21 +48,14 @@ class X11Display:
     def create(cls, context: DriverContext) -> X11Display:
         """Check the options; the panels are opened by `connect`."""
         config: Config = context.config
-        try:
-            options = msgspec.convert(config.display.options, Options)
-        except msgspec.ValidationError as err:
-            raise ConfigError(f"[display.options]: {err}", device="display") from err
-        if config.rig.clock != "real":
-            raise ConfigError(
-                "real panels keep real time", device="display", hint='set rig.clock = "real"'
-            )
-        if options.grab_px and config.display.planes_per_refresh > 1:
+        request = opening(config)
+        if request.options.grab_px and config.display.planes_per_refresh > 1:
             raise ConfigError(
                 "pictures of several planes are not taken apart again",
                 device="display",
                 hint="leave grab_px out, or set planes_per_refresh = 1",
             )
-        return cls(config, options, context.shared)
+        return cls(config, request, context.shared)
 
     def connect(self) -> DisplayInfo:
         """Start the display process; both panels are black on return."""

@@ -93,7 +93,7 @@ class Engine:
         return choose(request, setting, self.grid, self._rig.scene).plan.summary()
 
     def show(self, pattern: str, index: int = 0) -> None:
-        """Hold a pattern on both panels: black, white, checker, or one code by its number."""
+        """Hold a pattern on both panels: black, white, checker, grid, or one code by its number."""
         if pattern == "black":
             self._rig.display.black()
             return

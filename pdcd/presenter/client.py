@@ -148,7 +148,16 @@ class Presenter:
         )
         head = arrays["head"]
         self._send(Play(slots, abort=abort, stalls=stalls_from is not None), fd)
-        self._watch(head, count, progress, cancelled)
+        try:
+            self._watch(head, count, progress, cancelled)
+        except PdcdError:
+            raise
+        except BaseException:
+            # Whoever was told of the progress failed, or a signal came: black now, not in the end.
+            head[Head.STOP] = 1
+            if self._poller.poll(self._hang_s * 1000):
+                self._reply()
+            raise
         if head[Head.STOP]:
             raise Cancelled("cancelled while the codes were shown", device="display")
         if head[Head.SHOWN] != count:

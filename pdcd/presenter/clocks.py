@@ -29,7 +29,7 @@ SPIN_NS = 1_000_000
 LATE = 0.25
 """Part of a refresh by which a swap may follow its vblank and still count as in time."""
 EARLY_NS = 2_000_000
-"""Vblanks that servers make up scatter by their timer's millisecond; earlier ones are waited for."""
+"""Vblanks that servers make up scatter by a millisecond; those earlier still are waited for."""
 VBLANK_TRIES = 4
 """Vblanks that may be late in a row; then the grid they are measured against has moved."""
 EVENT_TIMEOUT_S = 0.5
