@@ -249,6 +249,31 @@ class ProcessorClock:
 _OTHER = "choose another time_source in [display.options]"
 
 
+class FreeRunning:
+    """No pace at all: each frame as soon as the last one is drawn, to see how fast that goes."""
+
+    name = "free"
+    queues = False
+
+    def __init__(self, swap: Swap, finish: Swap) -> None:
+        self._swap = swap
+        self._finish = finish
+        self.ns = self.msc = self.flipped = 0
+
+    def sync(self) -> None:
+        """Nothing to find."""
+
+    def put(self) -> None:
+        """Swap."""
+        self._swap()
+
+    def shown(self) -> None:
+        """Wait for the drawing; counts frames, not vblanks."""
+        self._finish()
+        self.ns = time.monotonic_ns()
+        self.msc += 1
+
+
 def sleep_until(t_ns: int) -> None:
     """Sleep, then spin: a sleep alone wakes too late."""
     while (left_ns := t_ns - time.monotonic_ns()) > 0:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta, field
 
-SourceName = Literal["auto", "present-complete", "oml", "present-msc", "swap", "clock"]
+SourceName = Literal["auto", "present-complete", "oml", "present-msc", "swap", "clock", "free"]
 LayoutName = Literal["span", "windows"]
 
 
@@ -23,7 +23,8 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     layout: LayoutName = "span"
     """One window over the whole X screen, or one window for each output."""
     time_source: SourceName = "auto"
-    """Where presentation times come from; "auto" takes the best that delivers."""
+    """Where presentation times come from; "auto" takes the best that delivers, "free" keeps no
+    pace and is for benchmarks only."""
     allow_software: bool = False
     """Accept a renderer without a graphics card: for tests."""
     realtime_priority: Annotated[int, Meta(ge=0, le=99)] = 20

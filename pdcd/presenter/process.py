@@ -19,6 +19,7 @@ from pdcd.interfaces import BLACK, Frames
 from pdcd.presenter import realtime
 from pdcd.presenter.clocks import (
     Completions,
+    FreeRunning,
     ProcessorClock,
     Source,
     SwapReturns,
@@ -204,11 +205,15 @@ class Presenter:
                 return Vblanks(events, windows.swap, windows.finish, nominal_ns)
             if name == "swap":
                 return SwapReturns(windows.swap, windows.finish, nominal_ns)
+            if name == "free":
+                return FreeRunning(windows.swap, windows.finish)
             return ProcessorClock(windows.swap, windows.finish, nominal_ns)
 
         asked = self._options.time_source
         for name in SOURCES if asked == "auto" else (asked,):
             source = make(name)
+            if name == "free":
+                return source, nominal_ns
             period_ns = probe(source, windows.draw_black, nominal_ns)
             if period_ns is not None:
                 return source, period_ns

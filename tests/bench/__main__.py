@@ -14,6 +14,7 @@ from tests.bench import (
     code_error,
     error_seconds,
     machine,
+    presenter,
     report,
     representations,
     throughput,
@@ -31,6 +32,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
     error_seconds.run,
     capture.run,
     throughput.run,
+    presenter.section,
     hard.run,
 )
 
