@@ -12,19 +12,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from pathlib import Path
 
 import msgspec
 import numpy as np
 
 from pdcd.errors import ConfigError
 from pdcd.guess import GOALS, Prior, guess
+from pdcd.guided import by_prior, guidable
 from pdcd.pilot import pilot_share
 from pdcd.plan import Plan, lag_rows, make_plan
 from pdcd.predict import Alive, Estimate, Outlook, Setting, rehearse
+from pdcd.prior import GivenPrior, load_prior
 from pdcd.repeat import repeated
 from pdcd.request import CaptureRequest, FamilyName, GuardsName, Prediction
-from pdcd.scene import Scene, load_matrix, matrix_effects
+from pdcd.scene import Scene
 from pdcd.schedule import choose_guards, tolerant
 
 CONFIDENCE = 0.95
@@ -74,12 +75,11 @@ def wants_choice(request: CaptureRequest) -> bool:
     contradicts itself."""
     asked = [name for name in ("error", "seconds") if getattr(request, name) is not None]
     if not asked:
-        for name in ("confidence", "prior"):
-            if getattr(request, name) is not None:
-                raise ConfigError(
-                    f"{name} goes with a wanted error only",
-                    hint="give an error, or seconds, and leave the number of codes open",
-                )
+        if request.confidence is not None:
+            raise ConfigError(
+                "confidence goes with a wanted error only",
+                hint="give an error, or seconds, and leave the number of codes open",
+            )
         return False
     if len(asked) == 2:
         raise ConfigError(
@@ -123,7 +123,8 @@ def choose(
     ConfigError
         The error cannot be had within the limits, or the time is too short for any plan.
     """
-    search = _Search(request, setting, grid, _prior(request, grid, scene), alive)
+    given = None if request.prior is None else load_prior(request.prior, grid)
+    search = _Search(request, setting, grid, _known(request, given, scene), given, alive)
     best = search.run()
     confidence = request.confidence or CONFIDENCE
     prediction = Prediction(
@@ -138,18 +139,10 @@ def choose(
     return replace(best, plan=replace(best.plan, prediction=prediction))
 
 
-def _prior(request: CaptureRequest, grid: tuple[int, int], scene: Scene | None) -> Scene | Prior:
+def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | None) -> Scene | Prior:
     """What the scene is taken to be. Raises ConfigError."""
-    if request.prior is not None:
-        path = Path(request.prior)
-        transport, own = load_matrix(path)
-        if own != grid:
-            raise ConfigError(
-                f"the prior {path} is of {own[0]} x {own[1]} cells, the rig of "
-                f"{grid[0]} x {grid[1]}",
-                hint="give a transport matrix over the rig's cells",
-            )
-        return Scene(path.stem, own, matrix_effects(transport))
+    if given is not None and given.scene is not None:
+        return given.scene
     if scene is not None:
         return scene
     if request.goal not in GOALS:
@@ -169,10 +162,11 @@ class _Search:
         setting: Setting,
         grid: tuple[int, int],
         prior: Scene | Prior,
+        given: GivenPrior | None,
         alive: Alive,
     ) -> None:
         self.request, self.setting, self.grid = request, setting, grid
-        self.prior, self.alive = prior, alive
+        self.prior, self.given, self.alive = prior, given, alive
         self.confidence = request.confidence or CONFIDENCE
         self.best: Choice | None = None
         self.refused = ""
@@ -181,8 +175,8 @@ class _Search:
     @property
     def prior_name(self) -> str:
         """What the scene is taken to be, for people."""
-        if self.request.prior is not None:
-            return f"file {Path(self.request.prior).name}"
+        if self.given is not None and self.given.scene is not None:
+            return self.given.name
         return f"scene {self.prior.name}" if isinstance(self.prior, Scene) else str(self.prior)
 
     def run(self) -> Choice:
@@ -257,6 +251,8 @@ class _Search:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
             plan = make_plan(request, self.setting.config, self.grid)
+            if self.given is not None and guidable(plan):
+                plan = by_prior(plan, self.given, request.seed)
             if any(program.coded for program in plan.recipe.programs.values()):
                 per_code_s = max(plan.exposure_s(s) for s in plan.recipe.shots) / plan.count
             yield plan
@@ -270,9 +266,10 @@ class _Search:
         return family, share.denominator if family == "balanced" else 1
 
     def _takes_pilot(self) -> bool:
-        """Whether a pilot may help: it guides Hadamard codes, before a scene that is known."""
+        """Whether a pilot may help: it guides Hadamard codes, before a scene that is known, unless
+        a prior does so."""
         fits = self.request.goal in PILOTED and self._family()[0] == "hadamard"
-        return fits and isinstance(self.prior, Scene)
+        return fits and isinstance(self.prior, Scene) and self.given is None
 
     def _outlook(self, plan: Plan) -> Outlook:
         if isinstance(self.prior, Prior):

@@ -14,7 +14,8 @@ from pdcd.archive import RunFolder
 from pdcd.choose import choose, wants_choice
 from pdcd.config import Config, state_dir
 from pdcd.errors import DeviceLost, PdcdError
-from pdcd.plan import asks_for_lag, make_plan
+from pdcd.guided import plan_for, summary
+from pdcd.plan import asks_for_lag
 from pdcd.predict import Setting
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.rig import Rig
@@ -87,10 +88,12 @@ class Engine:
         """What a request would do. Raises ConfigError."""
         if not wants_choice(request):
             lag_s = self._rig.mask_lag_s() if asks_for_lag(request, self._config) else None
-            return make_plan(request, self._config, self.grid, lag_s).summary()
+            plan = plan_for(request, self._config, self.grid, lag_s)
+            return summary(plan, self._config.limits.max_exposure_s)
         camera, lag_s = self._rig.look_at_camera(), self._rig.mask_lag_s()
         setting = Setting(self._config, camera, self._profile, lag_s)
-        return choose(request, setting, self.grid, self._rig.scene).plan.summary()
+        plan = choose(request, setting, self.grid, self._rig.scene).plan
+        return summary(plan, self._config.limits.max_exposure_s)
 
     def show(self, pattern: str, index: int = 0) -> None:
         """Hold a pattern on both panels: black, white, checker, grid, or one code by its number."""

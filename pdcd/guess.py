@@ -39,7 +39,7 @@ class Prior:
 
     paths: float = 50.0
     indirect: float = 0.3
-    contrast: float = 4.0
+    contrast: float = 3.0
 
     def __str__(self) -> str:
         return (

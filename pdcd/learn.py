@@ -8,9 +8,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from pdcd.combine import Exposed, Picture, realised_photo
-from pdcd.pilot import Worth, correction, estimate_links, worth
+from pdcd.pilot import (
+    SCOUTS,
+    SHARP,
+    Worth,
+    correction,
+    estimate_links,
+    sharpness,
+    worth,
+)
 from pdcd.realised import Factors
 from pdcd.recipe import Recipe
 from pdcd.report import weight_s
@@ -22,15 +31,28 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Learned:
-    """Paths found by a pilot.
+    """Paths found by a pilot, or what its scouts saw.
 
     links : sparse (N, N), of all channels together; paths : the same for R, G, B.
     worth : predicted errors with and without the pilot; if it does not pay, the paths are empty.
+        None where only the scouts were taken, which find no paths.
+    sharpness : of the light in the scouts (`pdcd.pilot.sharpness`).
     """
 
     links: Any
     paths: tuple[Any, Any, Any]
-    worth: Worth
+    worth: Worth | None
+    sharpness: float
+
+    @property
+    def promising(self) -> bool:
+        """Whether the scouts saw enough for the pilot to go on."""
+        return self.sharpness >= SHARP
+
+    @property
+    def pays(self) -> bool:
+        """Whether the paths found are worth avoiding."""
+        return self.worth is not None and self.worth.pays
 
 
 def stack_photos(
@@ -38,11 +60,13 @@ def stack_photos(
 ) -> tuple[Floats, Floats]:
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
 
-    Each is divided by its own time of open mask and lit projector; quads of a cell are averaged.
+    Those not taken yet are left out; `bits` are of those that were. Each is divided by its
+    own time of open mask and lit projector; quads of a cell are averaged.
     """
     photos, sigmas = [], []
     rows, cols = recipe.goal.grid
-    for name, lit in zip(recipe.stack, bits, strict=True):
+    taken = [name for name in recipe.stack if name in shots]
+    for name, lit in zip(taken, bits, strict=True):
         shot = shots[name]
         weight = time_s(shot.realised, lit)
         quads = (shot.light.shape[0] // rows, shot.light.shape[1] // cols)
@@ -54,20 +78,30 @@ def stack_photos(
 
 
 def learn(recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, total: int) -> Learned:
-    """Find the strong far paths in the pilot photos, `total` codes being spent in all."""
+    """Find the strong far paths in the pilot photos, `total` codes being spent in all.
+
+    With the scouts alone among `shots`, only look whether there may be any.
+    """
+    taken = sum(name in shots for name in recipe.stack)
+    bits = bits[:taken]
     photos, sigma = stack_photos(recipe, shots, bits)
     grid = recipe.goal.grid
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
+    first = slice(0, SCOUTS)
+    sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first])
+    none = sparse.csr_array((bits.shape[1], bits.shape[1]))
+    if taken == SCOUTS:
+        return Learned(none, (none, none, none), None, sharp)
     links = estimate_links(bits, grey, grid, sigma=grey_sigma)
     predicted = worth(bits, grey, links, total, sigma=grey_sigma)
     if not predicted.pays:
-        return Learned(links * 0.0, (links * 0.0,) * 3, predicted)
+        return Learned(none, (none, none, none), predicted, sharp)
     if np.array_equal(photos[..., 0], photos[..., 1]):
-        return Learned(links, (links, links, links), predicted)
+        return Learned(links, (links, links, links), predicted, sharp)
     red, green, blue = (
         estimate_links(bits, photos[..., c], grid, sigma=sigma[..., c]) for c in range(3)
     )
-    return Learned(links, (red, green, blue), predicted)
+    return Learned(links, (red, green, blue), predicted, sharp)
 
 
 def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:

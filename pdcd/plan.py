@@ -65,6 +65,8 @@ class Plan:
     """Time by which the mask is sent its frames later, or earlier."""
     repeat: int = 1
     prediction: Prediction | None = None
+    prior: str | None = None
+    """What guided the codes, in words."""
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""
@@ -162,6 +164,7 @@ class Plan:
             raw_files=len(self.recipe.shots),
             pilot=self.pilot,
             prediction=self.prediction,
+            prior=self.prior,
         )
 
 
@@ -401,13 +404,20 @@ def with_links(plan: Plan, links: Any, seed: int) -> Plan:
     lattice = Lattice(plan.grid, plan.window)
     n, shape = lattice.cells, lattice.shape
     row, column = np.divmod(np.arange(n), plan.grid[1])
+    # With quarter windows each cell is served by four code cells, so a path links all of these.
+    more = range(shape[0] - plan.grid[0] + 1)
+    code_cell = [(row + down) * shape[1] + column + right for down in more for right in more]
     onto = sparse.csr_array(
-        (np.ones(n), (row * shape[1] + column, np.arange(n))), shape=(lattice.lattice_cells, n)
+        (
+            np.full(len(code_cell) * n, 1.0 / len(code_cell)),
+            (np.concatenate(code_cell), np.tile(np.arange(n), len(code_cell))),
+        ),
+        shape=(lattice.lattice_cells, n),
     )
     part_of = {shot.program: shot.part for shot in plan.recipe.shots}
     coded = {}
     for name, program in plan.recipe.programs.items():
-        if _windowed(program):
+        if _windowed(program) and program.p == 0.5:
             # The generator is the one that `make_codes` takes, so that no links give the usual
             # codes.
             own = part_seed(seed, plan.parts, part_of.get(name, 0))

@@ -20,11 +20,13 @@ from numpy.typing import NDArray
 from pdcd.balance import streams
 from pdcd.combine import Exposed, combine
 from pdcd.config import Config
+from pdcd.guided import stopped
 from pdcd.interfaces import CameraInfo, FrameLog, Frames
 from pdcd.learn import Learned, corrections, learn
 from pdcd.metering import TARGET, USABLE, at_least, metered_pairs
 from pdcd.panel import apart_s
 from pdcd.patterns import levels_of
+from pdcd.pilot import SCOUTS
 from pdcd.plan import Plan, with_links
 from pdcd.realised import Factors, bench_factors, collect, signed_sum
 from pdcd.recipe import Extremes, Recipe, Shot
@@ -120,7 +122,7 @@ class Rehearsal:
     recipe : what of the plan's recipe the answer needs, in single exposures.
     light : (rows, cols, 3) of each shot, scene units times seconds.
     metered_e : electrons at f/1 that metering expects of the brightest sample of each program. Its
-        test exposure shows few of the codes, so that this is more than there will be.
+        test exposure shows few of the codes, so that this is not quite what there will be.
     added : what a pilot corrects, as `combine` takes it.
     truth : (rows, cols, 3), scene units.
     """
@@ -192,10 +194,16 @@ def rehearse(
 
     learned = None
     if plan.pilot:
-        take(shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack)
+        pilot = [shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack]
+        take(pilot[:SCOUTS])
         learned = _learned(plan, setting, rehearsed, seed)
-        if learned.worth.pays:
-            plan = with_links(plan, learned.links, seed)
+        if not learned.promising:
+            plan = stopped(plan, seed, setting.config.limits.max_exposure_s)
+        else:
+            take(pilot[SCOUTS:])
+            learned = _learned(plan, setting, rehearsed, seed)
+            if learned.pays:
+                plan = with_links(plan, learned.links, seed)
     recipe = _bare(plan.recipe)
     take(recipe.shots)
     realised = {name: matrix for name, (_, matrix) in rehearsed.items()}
@@ -284,7 +292,7 @@ def _learned(
     """What a pilot would find in its photos, with noise drawn from the sensor model."""
     rng = np.random.default_rng([seed, 2])
     iso = min(setting.isos)
-    stack = [shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack]
+    stack = [shot for shot in plan.recipe.shots if shot.only is not None and shot.name in photos]
     f_number = setting.f_number(_peak_e(photos[stack[0].name][0], setting), iso)
     shots = {}
     for shot in stack:
@@ -312,7 +320,7 @@ def _metered_e(plan: Plan, shot: Shot, setting: Setting, scene: Scene) -> float:
     """Electrons at f/1 that metering expects of the brightest sample of a shot."""
     pairs, ratio = metered_pairs(plan, shot)
     light, _ = _photo(plan, shot, setting.config, scene, pairs)
-    return ratio * _peak_e(light, setting)
+    return _peak_e(light * ratio[..., None], setting)
 
 
 def _peak_e(light: Floats, setting: Setting) -> float:

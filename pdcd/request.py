@@ -76,7 +76,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     separation by shifted checkers (Nayar et al. 2006). The last two are there to compare with."""
     pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
-    which far cells are linked. Each is one more RAW file."""
+    which far cells are linked. Each is one more RAW file. Where the first few see no sharp paths
+    the pilot stops, and the coded photo gets its other codes."""
     parts: Annotated[int, Meta(ge=1, le=64)] = 1
     """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
     From 4 parts on their spread measures the error of the codes."""
@@ -91,7 +92,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     seconds: Annotated[float, Meta(gt=0.0)] | None = None
     """Total time of all exposures, from which codes and exposures follow instead."""
     prior: str | None = None
-    """Path of a transport matrix like the scene's, to predict errors by."""
+    """What the scene is like, to guide the codes and foresee errors by: the path of a transport
+    matrix, "scene:" and the name of a preset, or "decay:" and a distance in cells."""
     smooth: bool = False
     """Correct an indirect photo for what its codes get wrong of smoothly spread light, by a model
     that the photo itself gives."""
@@ -138,6 +140,22 @@ class Prediction(msgspec.Struct, frozen=True, kw_only=True):
     prior: str
 
 
+class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
+    """What the photos of a pilot cost, and what is saved if its first ones see no sharp paths.
+
+    After `scouts` photos it may stop; the coded photo then gets `stopped_codes` codes, and the
+    whole capture has `stopped_raw_files` files and takes `stopped_seconds`. The seconds are those
+    of exposures.
+    """
+
+    raw_files: int
+    seconds: float
+    scouts: int
+    stopped_codes: int
+    stopped_raw_files: int
+    stopped_seconds: float
+
+
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
 
@@ -160,7 +178,10 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     light_share: float
     raw_files: int
     pilot: int = 0
+    pilot_cost: PilotCost | None = None
     prediction: Prediction | None = None
+    prior: str | None = None
+    """What guided the codes, in words."""
 
 
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):

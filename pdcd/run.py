@@ -18,10 +18,19 @@ from pdcd.config import Config
 from pdcd.convergence import Convergence, rms_sigma
 from pdcd.decode import Decoded, decode, write_pictures
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
+from pdcd.guided import piloted, plan_for, scouted, stopped
+from pdcd.guided import summary as plan_summary
 from pdcd.interfaces import CameraInfo, CameraSettings, FrameLog, Frames
-from pdcd.metering import MAX_TESTS, metered_pairs, next_aperture, peak_share
+from pdcd.metering import (
+    MAX_TESTS,
+    expected_share,
+    metered_pairs,
+    next_aperture,
+    peak_share,
+)
 from pdcd.parts import part_numbers
-from pdcd.plan import Plan, make_plan, with_links
+from pdcd.pilot import SCOUTS
+from pdcd.plan import Plan, with_links
 from pdcd.predict import Setting
 from pdcd.provenance import git_commit, utc_now, versions
 from pdcd.raw import read_raw
@@ -80,9 +89,9 @@ class Run:
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
         self.notify("started", {"job": job, "goal": request.goal})
         self.folder.write_patterns(plan, request.seed)
-        for shot in plan.recipe.shots:
-            if len(self.shots) == self._pilot_ends(plan):
-                plan = self._learn(plan, request, camera)
+        while len(self.shots) < len(plan.recipe.shots):
+            plan = self._learn(plan, request, camera)
+            shot = plan.recipe.shots[len(self.shots)]
             self._take(plan, shot, camera)
             if self._good_enough(plan, request, camera, shot):
                 break
@@ -104,7 +113,7 @@ class Run:
             started_utc=started,
             finished_utc=utc_now(),
             request=msgspec.to_builtins(request),
-            plan=msgspec.to_builtins(plan.summary()),
+            plan=msgspec.to_builtins(plan_summary(plan, self.config.limits.max_exposure_s)),
             run=record,
             realised={name: msgspec.to_builtins(d) for name, d in deviations.items()},
             summary=summary,
@@ -131,7 +140,7 @@ class Run:
     def _plan(self, request: CaptureRequest, grid: tuple[int, int], camera: CameraInfo) -> Plan:
         """The plan as asked for, or as a wanted error or time has it, which sets the ISO too."""
         if not wants_choice(request):
-            return make_plan(request, self.config, grid, self.rig.mask_lag_s())
+            return plan_for(request, self.config, grid, self.rig.mask_lag_s())
         setting = Setting(self.config, camera, self.profile, self.rig.mask_lag_s())
         choice = choose(request, setting, grid, self.rig.scene, self.look_for_cancel)
         own_camera = msgspec.structs.replace(self.config.camera, iso=choice.iso)
@@ -176,20 +185,28 @@ class Run:
         if self._cancelled():
             raise Cancelled("the job was cancelled")
 
-    def _pilot_ends(self, plan: Plan) -> int | None:
-        """Number of shots after which the pilot is complete; None without one."""
-        names = [shot.name for shot in plan.recipe.shots]
-        return names.index(plan.recipe.stack[-1]) + 1 if plan.pilot else None
-
     def _learn(self, plan: Plan, request: CaptureRequest, camera: CameraInfo) -> Plan:
-        """Look at the pilot photos and keep linked cells apart in the codes that follow."""
-        self.notify("learning", {"photos": plan.pilot})
+        """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
+        linked cells apart in the codes that follow."""
+        scouts = scouted(plan, len(self.shots))
+        if not scouts and not piloted(plan, len(self.shots)):
+            return plan
+        self.notify("learning", {"photos": SCOUTS if scouts else plan.pilot})
         record = self._record(plan, request, camera)
         learned = decode(self.folder.path, record, self.look_for_cancel).learned
-        if learned is None or not learned.worth.pays:
+        if learned is None or (scouts and learned.promising):
+            return plan
+        if scouts:
+            plan = stopped(plan, request.seed, self.config.limits.max_exposure_s)
+            self.warnings.append(
+                f"the pilot ended after {SCOUTS} photos, which show no sharp far paths; the coded "
+                f"photo took {plan.count} codes"
+            )
+        elif learned.pays:
+            plan = with_links(plan, learned.links, request.seed)
+        else:
             self.warnings.append("the pilot found nothing that better codes could avoid")
             return plan
-        plan = with_links(plan, learned.links, request.seed)
         self.folder.write_patterns(plan, request.seed)
         return plan
 
@@ -343,6 +360,7 @@ class Run:
         iso = self._iso(camera)
         saturation_dn = self.profile.saturation_dn(iso)
         pairs, ratio = metered_pairs(plan, shot)
+        aligned = self.config.camera.homography is None
         f_number = min(camera.f_numbers, key=lambda f: abs(f - FIRST_F_NUMBER))
         for test in range(1, MAX_TESTS + 1):
             name = f"meter-{shot.name}-{test}"
@@ -350,7 +368,8 @@ class Run:
             raw = read_raw(done.raw.path, sha256=done.raw.sha256, saturation_dn=saturation_dn)
             peak = peak_share(raw.planes, raw.saturated, saturation_dn)
             self.meter.append({"raw": f"raw/{name}.dng", "f_number": f_number, "peak": peak})
-            f_number, settled = next_aperture(camera.f_numbers, f_number, peak, ratio)
+            expected = expected_share(raw.planes, ratio, saturation_dn, aligned=aligned)
+            f_number, settled = next_aperture(camera.f_numbers, f_number, peak, expected)
             if settled:
                 return f_number
         self.warnings.append(f"metering of {shot.name} did not settle; took f/{f_number:g}")

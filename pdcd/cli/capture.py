@@ -22,7 +22,7 @@ from pdcd.config import load, socket_path
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 
-FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix", "prior")
+FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
 """Options that name a file the daemon is to read."""
 
 GUARDS = {
@@ -86,8 +86,18 @@ def plan(args: argparse.Namespace) -> int:
         ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
     ]
-    if summary.pilot:
-        head.append(["pilot", f"{summary.pilot} of the codes, one by one"])
+    cost = summary.pilot_cost
+    if cost is not None:
+        head += [
+            ["pilot", f"{cost.raw_files} of the codes one by one, {cost.seconds:.3f} s, at most"],
+            [
+                "or",
+                f"ends after {cost.scouts} without sharp paths: {cost.stopped_raw_files} RAW "
+                f"files, {cost.stopped_seconds:.3f} s, {cost.stopped_codes} codes at once",
+            ],
+        ]
+    if summary.prior is not None:
+        head.append(["codes by", summary.prior])
     foreseen = summary.prediction
     if foreseen is not None:
         head += [
@@ -126,6 +136,7 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     fields = {
         **files,
         "goal": args.goal,
+        "prior": None if args.prior is None else _prior(args.prior),
         "pilot": args.pilot,
         "smooth": args.smooth,
         "parts": args.parts,
@@ -157,6 +168,12 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     except msgspec.ValidationError as err:
         what, _, place = str(err).replace("`", "").partition(" - at $.")
         raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
+
+
+def _prior(text: str) -> str:
+    """A prior as the daemon understands it: a file by its full path, all else as it is."""
+    named = text.startswith(("scene:", "decay:"))
+    return text if named else str(Path(text).absolute())
 
 
 def _plan(args: argparse.Namespace, request: CaptureRequest) -> PlanSummary:

@@ -55,8 +55,8 @@ def by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
     """The same request by another method, without what only codes on both panels can use."""
     if method == "coded":
         return request
-    # Without a mask there is no mask leak to subtract, and no coded photo for a pilot to help.
-    return msgspec.structs.replace(request, method=method, pilot=0, black_level="none")
+    # Without a mask there is no mask leak to subtract, and no coded photo to guide.
+    return msgspec.structs.replace(request, method=method, pilot=0, prior=None, black_level="none")
 
 
 def _compared(method: MethodName, result: CaptureResult) -> Compared:

@@ -254,9 +254,9 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--prior",
-        type=Path,
-        metavar="FILE",
-        help="transport matrix (.npz) to foresee the error by, where the scene is not known",
+        metavar="PRIOR",
+        help="what the scene is like, to guide the codes and foresee the error by: a transport "
+        "matrix (.npz), scene:NAME of a preset, or decay:CELLS",
     )
     parser.add_argument(
         "--repeat", type=int, default=1, metavar="B", help="equal exposures to add up; default 1"

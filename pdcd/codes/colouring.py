@@ -15,6 +15,10 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
+LINKED = 60.0
+"""Mean sum of squared links of a cell: ten times the sum of 1/d^4 over all cells around it. So what
+is known goes before what distance alone would fear, but if it is wrong it does not undo all of
+it."""
 _SPARE_BINS = 64
 """Enough that sums of cells without a colour do not wait for each other."""
 
@@ -40,7 +44,8 @@ def colour_lattice(
         Source of the direction and of signs that nothing else decides.
     links : sparse array (L, L), symmetric, >= 0, empty diagonal, or None
         Known strengths of light paths between cells, in any unit. A link crowds by its squared
-        strength, the mean square being 1: as much as a cell at distance 1 does.
+        strength; those of a cell do so ten times as much, on average, as all cells around it do
+        by their distance.
 
     Returns
     -------
@@ -82,11 +87,12 @@ def colour_lattice(
 
 
 class _Links:
-    """Links of one cell at a time, scaled to a mean square of 1."""
+    """Links of one cell at a time, scaled to a mean sum of squares of `LINKED` for each cell."""
 
     def __init__(self, links: Any, cells: int) -> None:
         matrix = scipy.sparse.csr_array((cells, cells) if links is None else links, dtype=float)
-        scale = np.sqrt(np.mean(matrix.data**2)) if matrix.nnz else 1.0
+        total = float(np.sum(matrix.data**2))
+        scale = np.sqrt(total / (LINKED * cells)) if total > 0.0 else 1.0
         self._start, self._other = matrix.indptr, matrix.indices
         self._strength = matrix.data / scale
         self.weight: NDArray[np.float64] = matrix.power(2).sum(axis=1)

@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pdcd.archive import read_manifest
-from pdcd.config import CameraConfig, SceneConfig
+from pdcd.config import CameraConfig, LimitsConfig, SceneConfig
 from pdcd.decode import decode_folder
 from pdcd.engine import Engine
+from pdcd.pilot import SCOUTS
+from pdcd.record import ShotRecord
 from pdcd.request import CaptureRequest, CaptureResult
 from tests import bench_rig
 
 MIRROR = SceneConfig(kind="matrix", path=str(bench_rig.DATA / "mirror_32x24.npz"))
 
 
-def run(folder: Path, request: CaptureRequest, camera: CameraConfig | None = None) -> CaptureResult:
-    quiet = CameraConfig(noise="none")
-    config = bench_rig.config(folder, scene=MIRROR, camera=camera or quiet)
+CORNER = SceneConfig(kind="matrix", path=str(bench_rig.DATA / "corner_32x24.npz"))
+DISCO = SceneConfig(kind="disco-ball", grid=(24, 32))
+
+
+def run(
+    folder: Path,
+    request: CaptureRequest,
+    camera: CameraConfig | None = None,
+    scene: SceneConfig = MIRROR,
+    limits: LimitsConfig | None = None,
+) -> CaptureResult:
+    folder.mkdir(exist_ok=True)
+    config = bench_rig.config(
+        folder,
+        scene=scene,
+        camera=camera or CameraConfig(noise="none"),
+        limits=limits or LimitsConfig(min_free_bytes=0),
+    )
     engine = Engine.from_config(config)
     engine.start()
     return bench_rig.capture(engine, request)
@@ -49,6 +67,79 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path, window: str) -> None:
     assert read_manifest(done).plan["raw_files"] == 65
 
 
+@pytest.mark.parametrize("noise", ["none", "full"])
+@pytest.mark.parametrize("kind", ["corner", "open-book", "wax-disk", "milky-bottle"])
+def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str) -> None:
+    """Diffuse scenes: four photos, the other 60 codes where they would be without a pilot."""
+    scene = CORNER if kind == "corner" else SceneConfig(kind=kind, grid=(24, 32))
+    errors: dict[int, list[float]] = {0: [], 64: []}
+    for pilot, seed in itertools.product(errors, range(3)):
+        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False, seed=seed)
+        camera = CameraConfig(noise=noise, seed=seed)  # type: ignore[arg-type]
+        result = run(tmp_path / f"{pilot}-{seed}", request, camera, scene)
+        assert result.state == "done", result.error
+        errors[pilot].append(float(str(result.summary["rms_error"])))
+    assert np.mean(errors[64]) < 1.15 * np.mean(errors[0])
+    assert (result.summary["codes"], result.summary["pilot"], result.summary["shots"]) == (
+        128,
+        SCOUTS,
+        SCOUTS + 1,
+    )
+    assert result.folder is not None
+    done = Path(result.folder)
+    manifest = read_manifest(done)
+    assert decode_folder(done)["identical"]
+    assert manifest.run.codes == 124 and manifest.plan["raw_files"] == SCOUTS + 1
+    assert any("no sharp far paths" in warning for warning in manifest.warnings)
+
+
+def test_48_codes_with_a_pilot_show_a_mirror_ball(tmp_path: Path) -> None:
+    """Better than 128 coins, which leave 11.1 %."""
+    request = CaptureRequest(goal="indirect", codes=48, pilot=32, white=False)
+    result = run(tmp_path, request, scene=DISCO)
+    assert result.summary["pilot"] == 32
+    assert float(str(result.summary["rms_error"])) < 0.02
+
+
+def test_what_ends_early_is_what_the_plan_foresaw(tmp_path: Path) -> None:
+    request = CaptureRequest(goal="indirect", codes=128, pilot=64, parts=4, black_level="mask")
+    engine = Engine.from_config(bench_rig.config(tmp_path, scene=CORNER))
+    cost = engine.plan(request).pilot_cost
+    assert cost is not None
+    result = run(tmp_path, request, scene=CORNER)
+    assert result.folder is not None, result.error
+    manifest = read_manifest(Path(result.folder))
+    assert cost.stopped_codes == manifest.run.codes == 112  # in fours of Hadamard sets
+    assert cost.stopped_raw_files == manifest.plan["raw_files"] == len(manifest.run.shots)
+    assert cost.stopped_seconds == pytest.approx(manifest.plan["seconds"])
+
+
+def test_codes_that_come_back_stay_within_the_longest_exposure(tmp_path: Path) -> None:
+    """64 codes of three refreshes take 3.2 s."""
+    request = CaptureRequest(goal="indirect", codes=128, pilot=64, white=False, guards=True)
+    limits = LimitsConfig(min_free_bytes=0, max_exposure_s=4.0)
+    result = run(tmp_path, request, scene=CORNER, limits=limits)
+    assert result.state == "done", result.error
+    assert 64 + SCOUTS < float(str(result.summary["codes"])) < 128
+    assert max(s.close_ns - s.open_ns for s in read_shots(result)) < 4.1e9
+
+
+def read_shots(result: CaptureResult) -> tuple[ShotRecord, ...]:
+    assert result.folder is not None
+    return read_manifest(Path(result.folder)).run.shots
+
+
+def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
+    """A pilot guides the codes that are lit half of the time; the others stay as they are."""
+    errors = []
+    for pilot in (0, 64):
+        request = CaptureRequest(goal="short-range", radius=1, codes=576, pilot=pilot)
+        result = run(tmp_path / str(pilot), request)
+        assert result.state == "done", result.error
+        errors.append(float(str(result.summary["rms_error"])))
+    assert errors[1] < 1.2 * errors[0]
+
+
 def test_noise_in_the_pilot_does_no_harm(tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", codes=128, pilot=64, white=False)
     noisy = CameraConfig(noise="full")
@@ -67,6 +158,12 @@ def test_plan_says_what_a_pilot_costs(tmp_path: Path) -> None:
     assert (pilot.exposures, summary.raw_files, summary.codes) == (64, 66, 128)
     total = sum(s.exposure_s * s.exposures for s in summary.shots)
     assert summary.seconds == pytest.approx(total)
+    cost = summary.pilot_cost
+    assert cost is not None
+    assert cost.raw_files == 64 and cost.seconds == pytest.approx(64 * pilot.exposure_s)
+    assert (cost.scouts, cost.stopped_codes, cost.stopped_raw_files) == (SCOUTS, 124, 2 + SCOUTS)
+    assert cost.stopped_seconds < summary.seconds
+    assert engine.plan(CaptureRequest(goal="indirect", codes=128)).pilot_cost is None
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 from pdcd.codes import make_codes
 from pdcd.codes.prior import prior_codes
 from pdcd.errors import ConfigError
-from pdcd.pilot import Worth, correction, estimate_links, pilot_codes, pilot_share, worth
+from pdcd.pilot import (
+    SCOUTS,
+    SHARP,
+    Worth,
+    correction,
+    estimate_links,
+    pilot_codes,
+    pilot_share,
+    sharpness,
+    worth,
+)
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -183,6 +193,36 @@ def test_a_pilot_pays_on_sharp_paths_and_not_on_smooth_light() -> None:
             assert worth(codes, photos, paths, 128, sigma=sigma).pays is pays
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("sigma", [0.0, 0.02])
+def test_scouts_measure_how_sharp_light_is(seed: int, sigma: float) -> None:
+    """Against the matrix itself, for unrelated paths: sqrt(mean Q / mean S^2), noise left out."""
+    rng = np.random.default_rng(seed)
+    transport = np.diag(rng.uniform(0.5, 1.5, CELLS))
+    for _ in range(5):
+        transport[np.arange(CELLS), rng.permutation(CELLS)] += 0.1
+    codes, photos = take_pilot(transport, 32, seed, sigma)
+    rest = transport - np.diag(np.diag(transport))
+    true = np.sqrt(np.mean(np.sum(rest**2, axis=1)) / np.mean(np.sum(rest, axis=1) ** 2))
+    seen = sharpness(codes[:SCOUTS], photos[:SCOUTS], sigma=sigma)
+    assert seen == pytest.approx(true, rel=0.1)
+
+
+def test_scouts_tell_sharp_paths_from_smooth_light() -> None:
+    smooth_scene = np.diag(np.linspace(0.5, 1.5, CELLS)) + smooth(0.3)
+    for seed in range(3):
+        for transport, sharp in (
+            (scattered_paths(seed), True),
+            (two_caustics(seed), True),
+            (matrix_scene("mirror_32x24"), True),
+            (smooth_scene, False),
+            (matrix_scene("corner_32x24"), False),
+            (np.eye(CELLS), False),
+        ):
+            codes, photos = take_pilot(transport, 64, seed)
+            assert (sharpness(codes[:SCOUTS], photos[:SCOUTS]) >= SHARP) is sharp
+
+
 def test_worth_predicts_unrelated_paths_without_a_pilot() -> None:
     """One path a cell to anywhere is what the rule was made for."""
     transport = scattered_paths(2)
@@ -192,12 +232,13 @@ def test_worth_predicts_unrelated_paths_without_a_pilot() -> None:
     assert predicted == pytest.approx(measured, rel=0.25)
 
 
-def test_worth_compares_its_two_errors() -> None:
-    assert Worth(alone=0.02, piloted=0.01).pays
-    assert not Worth(alone=0.01, piloted=0.01).pays
+def test_worth_compares_what_is_left_to_do() -> None:
+    """Codes that the pilot has used up are gone, whether or not it found something."""
+    assert Worth(alone=0.009, piloted=0.01, unguided=0.02).pays
+    assert not Worth(alone=0.02, piloted=0.01, unguided=0.012).pays
 
 
-@pytest.mark.parametrize("count", [0, 2, 7, 30, 44])
+@pytest.mark.parametrize("count", [0, 2, 4, 7, 8, 30, 44])
 def test_pilots_that_cannot_be_made_are_refused(count: int) -> None:
     with pytest.raises(ConfigError, match=f"pilot of {count} codes"):
         pilot_codes((4, 4), count, seed=0)

@@ -1,0 +1,139 @@
+"""Plans that follow what is known of the scene: by a prior beforehand, by a pilot on the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgspec
+from scipy import sparse
+
+from pdcd.codes.orders import is_order
+from pdcd.config import Config
+from pdcd.errors import ConfigError
+from pdcd.pilot import SCOUTS
+from pdcd.plan import Plan, make_plan, with_links
+from pdcd.prior import GivenPrior, load_prior
+from pdcd.programs import Coded, Program, Signed, Under
+from pdcd.request import CaptureRequest, PilotCost, PlanSummary
+
+
+def plan_for(
+    request: CaptureRequest,
+    config: Config,
+    grid: tuple[int, int],
+    mask_lag_s: float | None = None,
+) -> Plan:
+    """Resolve a request that names its number of codes, and follow its prior.
+
+    Raises
+    ------
+    ConfigError
+        As `make_plan`, or the prior is unsound, comes with a pilot, or cannot guide these codes.
+    """
+    plan = make_plan(request, config, grid, mask_lag_s)
+    if request.prior is None:
+        return plan
+    if plan.pilot:
+        raise ConfigError(
+            "a prior and a pilot are both asked for",
+            hint="give one: a pilot learns what a prior tells",
+        )
+    if not guidable(plan):
+        raise ConfigError(
+            f"a prior cannot guide the codes of goal {plan.recipe.goal.name}, family {plan.family}",
+            hint="it guides hadamard codes of the goals indirect, direct, diagonal, split and "
+            "short-range; leave out the prior",
+        )
+    return by_prior(plan, load_prior(request.prior, grid), request.seed)
+
+
+def by_prior(plan: Plan, prior: GivenPrior, seed: int) -> Plan:
+    """The same `guidable` plan with codes that keep cells apart which the prior links."""
+    return replace(with_links(plan, prior.links, seed), prior=prior.name)
+
+
+def guidable(plan: Plan) -> bool:
+    """Whether a plan has Hadamard codes which pair each cell with itself, as links assume it."""
+    coded = [p for p in plan.recipe.programs.values() if p.coded and p.p == 0.5]
+    fits = bool(coded) and all(_own(program) for program in coded)
+    return fits and plan.family == "hadamard"
+
+
+def _own(program: Program) -> bool:
+    if isinstance(program, Under):
+        return _own(program.program)
+    if isinstance(program, Signed):
+        return all(partner is None for _, partner in program.taps)
+    return isinstance(program, Coded) and program.partner is None
+
+
+def scouted(plan: Plan, taken: int) -> bool:
+    """Whether the scouts of a pilot, and no more, are among the first `taken` shots of a plan."""
+    return plan.pilot > SCOUTS and taken == _position(plan, plan.recipe.stack[SCOUTS - 1]) + 1
+
+
+def piloted(plan: Plan, taken: int) -> bool:
+    """Whether a pilot is complete after the first `taken` shots, and went on after its scouts."""
+    return plan.pilot > SCOUTS and taken == _position(plan, plan.recipe.stack[-1]) + 1
+
+
+def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
+    """The plan that is left of one with a pilot when that ends with its scouts.
+
+    The codes of all further pilot photos go to the coded photo, as far as there is a Hadamard
+    matrix and an exposure of `limit_s` holds them. Passes stay, and so does the time of all codes.
+    """
+    unspent = plan.recipe.stack[SCOUTS:]
+    recipe = replace(
+        plan.recipe,
+        shots=tuple(shot for shot in plan.recipe.shots if shot.name not in unspent),
+        stack=plan.recipe.stack[:SCOUTS],
+    )
+    primal, dual = plan.patterns["pilot"]
+    short = replace(
+        plan,
+        recipe=recipe,
+        patterns={**plan.patterns, "pilot": (primal[:SCOUTS], dual[:SCOUTS])},
+        count=_stopped_count(plan, limit_s),
+        pilot=SCOUTS,
+    )
+    cells = plan.grid[0] * plan.grid[1]
+    return with_links(short, sparse.csr_array((cells, cells)), seed)
+
+
+def summary(plan: Plan, limit_s: float) -> PlanSummary:
+    """A plan in figures: what a pilot costs at most, and what if it ends with its scouts."""
+    whole = plan.summary()
+    if plan.pilot <= SCOUTS:
+        return whole
+    pilot_s = [plan.exposure_s(shot) for shot in plan.recipe.shots if shot.only is not None]
+    count = _stopped_count(plan, limit_s)
+    more_s = (count / plan.count - 1.0) * sum(
+        plan.refreshes(shot) / plan.refresh_hz for shot in plan.recipe.shots if shot.kind == "coded"
+    )
+    cost = PilotCost(
+        raw_files=len(pilot_s),
+        seconds=sum(pilot_s),
+        scouts=SCOUTS,
+        stopped_codes=count,
+        stopped_raw_files=whole.raw_files - len(pilot_s) + SCOUTS,
+        stopped_seconds=whole.seconds - sum(pilot_s[SCOUTS:]) + more_s,
+    )
+    return msgspec.structs.replace(whole, pilot_cost=cost)
+
+
+def _stopped_count(plan: Plan, limit_s: float) -> int:
+    """Codes of the coded photo when a pilot ends with its scouts."""
+    coded = next(shot for shot in plan.recipe.shots if shot.kind == "coded")
+    codes_s = plan.refreshes(coded) / plan.refresh_hz
+    around_s = plan.exposure_s(coded) - codes_s
+    most = plan.count + plan.pilot - SCOUTS
+    for count in range(most, plan.count, -1):
+        fits = codes_s * count / plan.count + around_s <= limit_s
+        if fits and count % plan.parts == 0 and is_order(count // plan.parts):
+            return count
+    return plan.count
+
+
+def _position(plan: Plan, name: str) -> int:
+    return next(i for i, shot in enumerate(plan.recipe.shots) if shot.name == name)
