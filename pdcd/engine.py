@@ -96,7 +96,7 @@ class Engine:
         return summary(plan, self._config.limits.max_exposure_s)
 
     def show(self, pattern: str, index: int = 0) -> None:
-        """Hold a pattern on both panels: black, white, checker, or one code by its number."""
+        """Hold a pattern on both panels: black, white, checker, grid, or one code by its number."""
         if pattern == "black":
             self._rig.display.black()
             return

@@ -20,6 +20,10 @@ from numpy.typing import NDArray
 
 from pdcd.patterns import Patterns
 
+PLAYED = "played"
+"""Where `DriverContext.shared` holds the (Frames, FrameLog) that the display last played: what a
+virtual camera makes its photo from, whichever display it stands before."""
+
 Maturity = str
 """One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
 

@@ -104,7 +104,7 @@ def factors(
         lattice.fields * (lattice.lattice_cells + 1),
         lambda s: _target(frames, lattice, d_rows[s], primal_side=False),
     )
-    weights, open_weights = _weights(
+    weights, open_weights = span_weights(
         primal, dual, p_start_ns, d_start_ns, exposure_ns=close_ns - open_ns
     )
     widest = lattice.fields * (lattice.lattice_cells + 1) * 8
@@ -224,10 +224,22 @@ def _spans(
     index = np.append(asked, BLACK)[shown]  # a row of -1 is black too
     # The sub-shift moves patterns only: uniform panels look the same under all of them.
     key = np.where(index >= 0, index * 4 + np.append(frames.shift, 0)[shown], index)
+    changes, starts = span_starts(key, start_ns, end_ns, panel, open_ns)
+    return [int(shown[c]) if c >= 0 else -1 for c in changes], starts
+
+
+def span_starts(
+    content: NDArray[np.int32], start_ns: Times, end_ns: int, panel: Panel, open_ns: int
+) -> tuple[list[int], Times]:
+    """Refreshes that change what a panel shows, and when its light does, in ns from the opening.
+
+    `content` (F,) names what each refresh shows; `BLACK` is black. The first span and all black
+    at the end are -1; refreshes that repeat the content before them belong to its span.
+    """
     light_ns = np.maximum.accumulate(np.append(start_ns, end_ns) + panel.skew_ns)
-    key = np.append(key, BLACK)
+    key = np.append(content, BLACK)
     changes = np.flatnonzero(np.diff(np.append(BLACK, key)))
-    rows = [-1] + [int(shown[c]) if c < shown.size else -1 for c in changes]
+    rows = [-1] + [int(c) if c < len(content) else -1 for c in changes]
     starts = np.append(0, light_ns[changes] - open_ns)
     return rows, np.maximum(starts, 0)
 
@@ -246,7 +258,7 @@ def _target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) ->
     return place(pattern, int(frames.shift[row])).ravel()
 
 
-def _weights(
+def span_weights(
     primal: Panel, dual: Panel, p_start_ns: Times, d_start_ns: Times, *, exposure_ns: int
 ) -> tuple[sparse.csr_array, sparse.csr_array]:
     """Integrals of products of fields over the overlaps of spans.

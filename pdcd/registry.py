@@ -25,6 +25,7 @@ GROUP = "pdcd.drivers"
 
 DRIVERS: Mapping[tuple[str, str], str] = {
     ("display", "mock"): "drivers.mock:MockDisplay",
+    ("display", "x11"): "drivers.x11:X11Display",
     ("shutter", "gphoto2"): "drivers.gphoto:GphotoShutter",
     ("shutter", "mock"): "drivers.mock:MockShutter",
     ("shutter", "ptp"): "drivers.ptp.shutter:PtpShutter",

@@ -14,6 +14,7 @@ from pdcd.clock import RealClock, VirtualClock
 from pdcd.config import Config
 from pdcd.errors import PdcdError, SyncError
 from pdcd.interfaces import (
+    PLAYED,
     CameraInfo,
     CameraSettings,
     Clock,
@@ -182,6 +183,7 @@ class Rig:
             with disk_errors("camera"):
                 self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
             raise
+        self._context.shared[PLAYED] = (frames, log)
         self.display.black()
         self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
         close_ns = self.shutter.close()

@@ -8,12 +8,16 @@ from pdcd.codes import make_codes
 from pdcd.config import Config
 from pdcd.errors import ConfigError
 from pdcd.interfaces import WHITE, Frames
+from pdcd.lattice import Lattice
+from pdcd.schedule import build_frames, choose_window
 
-PATTERNS = ("white", "checker", "code")
+PATTERNS = ("white", "checker", "grid", "code")
+GRID_CELLS = 8
+"""Distance of the lines of the alignment grid."""
 
 
 def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Config) -> Frames:
-    """One refresh: the projector shows the pattern, the mask its complement (white: both).
+    """One refresh: the projector shows the pattern, the mask its complement (white, grid: both).
 
     Raises ConfigError for a pattern that is not known or a code that does not exist.
     """
@@ -21,6 +25,9 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
     primal = np.zeros((rows, cols), dtype=np.bool_)
     if pattern == "checker":
         primal = np.indices(grid).sum(axis=0) % 2 == 0
+    elif pattern == "grid":
+        r, c = np.indices(grid)
+        primal = (r % GRID_CELLS == 0) | (c % GRID_CELLS == 0)
     elif pattern == "code":
         schedule = config.schedule
         if not 0 <= index < schedule.codes:
@@ -29,11 +36,12 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
         primal = codes.primal()[index].reshape(grid)
     elif pattern != "white":
         raise ConfigError(f"unknown pattern {pattern!r}", hint=f"take black, {', '.join(PATTERNS)}")
+    dual = primal if pattern == "grid" else ~primal
     which = WHITE if pattern == "white" else 0
     one = np.array([which], dtype=np.int32)
     return Frames(
         primal_patterns=np.packbits(primal.reshape(1, -1), axis=1),
-        dual_patterns=np.packbits(~primal.reshape(1, -1), axis=1),
+        dual_patterns=np.packbits(dual.reshape(1, -1), axis=1),
         primal_index=one,
         dual_index=one,
         shift=np.zeros(1, dtype=np.uint8),
@@ -43,3 +51,20 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
         lattice=grid,
         window="whole",
     )
+
+
+def loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames:
+    """All codes of the schedule over and over for about that time, as an indirect photo has them.
+
+    Seen through the mask by eye: direct light is dark, indirect light remains.
+    """
+    schedule, (width, height) = config.schedule, config.projector.size_px
+    cell_px = min(width / grid[1], height / grid[0])
+    window = choose_window(schedule.window, config.rig.misregistration_px / cell_px)
+    codes = make_codes(
+        schedule.family, Lattice(grid, window).shape, schedule.codes, dual="complement"
+    )
+    pairs = codes.primal_bits, codes.dual_bits
+    once = build_frames(pairs, grid, window=window, guards="full", passes=1)
+    passes = max(1, round(seconds * config.row_hz / len(once)))
+    return build_frames(pairs, grid, window=window, guards="full", passes=passes)

@@ -10,13 +10,16 @@ shutter opens.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.config import Config
 from pdcd.errors import ExposureError
-from pdcd.interfaces import DriverContext, FrameLog, Frames
+from pdcd.interfaces import PLAYED, DriverContext, FrameLog, Frames
+from pdcd.pixel_matrix import pixel_factors
+from pdcd.pixels import PIXELS
 from pdcd.realised import bench_factors
 from pdcd.scene import Scene, build_scene
 
@@ -35,13 +38,15 @@ class Bench:
     close_ns: int | None = None
     panels_black: bool = True
     shutter_open: bool = field(default=False)
+    shared: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, context: DriverContext) -> Bench:
         """The bench of this rig; made by the first driver that asks."""
         bench = context.shared.get(KEY)
         if not isinstance(bench, cls):
-            bench = cls(context.config, build_scene(context.config.scene))
+            scene = build_scene(context.config.scene)
+            bench = cls(context.config, scene, shared=context.shared)
             context.shared[KEY] = bench
             # A rig that knows its scene says so: the engine then reports errors against truth.
             context.shared["scene"] = bench.scene
@@ -51,6 +56,8 @@ class Bench:
         """Light falls on the sensor from then on; what was shown before does not count."""
         self.open_ns, self.close_ns = open_ns, None
         self.frames = self.log = None
+        self.shared.pop(PLAYED, None)
+        self.shared.pop(PIXELS, None)
         self.shutter_open = True
 
     def close_shutter(self, close_ns: int) -> None:
@@ -69,18 +76,26 @@ class Bench:
             )
         config = self.config
         light = np.zeros((self.scene.cells, 3))
-        if self.frames is None or self.log is None:
-            frames, log = _nothing(self.scene.grid, self.open_ns)
-        else:
-            frames, log = self.frames, self.log
-        for part in bench_factors(
-            frames,
-            log,
-            config.projector,
-            config.mask,
-            open_ns=self.open_ns,
-            close_ns=self.close_ns,
-        ):
+        frames, log = self.frames, self.log
+        if frames is None or log is None:  # another display than the mock's: the rig knows
+            frames, log = self.shared.get(PLAYED) or _nothing(self.scene.grid, self.open_ns)
+        open_ns, close_ns = self.open_ns, self.close_ns
+        shown = self.shared.get(PIXELS)
+        if shown is None:
+            parts = bench_factors(
+                frames, log, config.projector, config.mask, open_ns=open_ns, close_ns=close_ns
+            )
+        else:  # the display has seen its own pixels: they decide, not what it was asked to show
+            parts = pixel_factors(
+                shown,
+                log,
+                config.projector,
+                config.mask,
+                grid=self.scene.grid,
+                open_ns=open_ns,
+                close_ns=close_ns,
+            )
+        for part in parts:
             light += self.scene.photo(part.left, part.right, part.coaxial, part.open_s)
         return light
 

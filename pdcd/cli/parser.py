@@ -109,6 +109,24 @@ def build_parser() -> argparse.ArgumentParser:
     _client_options(wait)
 
     _json_option(add("drivers", "tools:drivers", "list drivers and why some are unavailable"))
+    _doctors(
+        add("doctor", "doctor:display", "say what of the bench is fit to work, and what is not")
+    )
+    held = add("show", "panels:show", "show a pattern on both panels, without a camera")
+    held.add_argument(
+        "pattern", nargs="?", default="grid", choices=("white", "checker", "grid", "code")
+    )
+    held.add_argument("--index", type=int, default=0, metavar="N", help="which code")
+    held.add_argument(
+        "--loop", action="store_true", help="all codes over and over: see through the mask"
+    )
+    held.add_argument("--seconds", type=float, metavar="S", help="end by itself")
+    held.add_argument("--config", type=Path, metavar="FILE", help="where the panels are named")
+    timing = add("timing", "panels:timing", "measure how regularly the panels show codes")
+    timing.add_argument("--frames", type=int, default=3000, metavar="N", help="refreshes to show")
+    timing.add_argument("--out", type=Path, metavar="PNG", help="write histograms of the times")
+    timing.add_argument("--config", type=Path, metavar="FILE", help="where the panels are named")
+    _json_option(timing)
     config = add("config", "tools:config", "check, show or describe the configuration")
     config.add_argument("action", choices=("check", "show", "schema"))
     config.add_argument("--config", type=Path, metavar="FILE", help="instead of the usual file")
@@ -134,6 +152,23 @@ def build_parser() -> argparse.ArgumentParser:
     _snr_options(add("snr", "snr:snr", "compare one coded photo with many photos without a mask"))
     add("version", "tools:version", "print the version")
     return parser
+
+
+def _doctors(parser: argparse.ArgumentParser) -> None:
+    """Add one subcommand a device."""
+    devices = parser.add_subparsers(dest="device", required=True, metavar="DEVICE")
+
+    def add(name: str, run: str, text: str) -> argparse.ArgumentParser:
+        made = devices.add_parser(
+            name, help=text, description=text, epilog=EXIT_CODES, allow_abbrev=False
+        )
+        made.set_defaults(run=run)
+        made.add_argument("--config", type=Path, metavar="FILE", help="where the device is named")
+        _json_option(made)
+        return made
+
+    display = add("display", "doctor:display", "look at the X server and at both panels")
+    display.add_argument("--display", metavar=":N", help="X server; default: the configuration's")
 
 
 def share(text: str) -> float:

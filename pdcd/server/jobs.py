@@ -70,7 +70,7 @@ class EngineLike(Protocol):
         ...
 
     def show(self, pattern: str, index: int) -> None:
-        """Both panels show "black", "white", "checker" or pattern `index` of "code"."""
+        """Both panels show "black", "white", "checker", "grid" or pattern `index` of "code"."""
         ...
 
     def preview(self) -> dict[str, Any]:

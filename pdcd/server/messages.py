@@ -106,7 +106,7 @@ class JobParams(_Params, frozen=True):
 class ShowParams(_Params, frozen=True):
     """`display.show`: a test picture; `index` picks the code of the pattern "code"."""
 
-    pattern: Literal["black", "white", "checker", "code"]
+    pattern: Literal["black", "white", "checker", "grid", "code"]
     index: Annotated[int, Meta(ge=0, lt=2**31)] = 0
 
 

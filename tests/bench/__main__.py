@@ -15,6 +15,7 @@ from tests.bench import (
     code_error,
     error_seconds,
     machine,
+    presenter,
     report,
     representations,
     throughput,
@@ -33,6 +34,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
     capture.run,
     throughput.run,
     camera.run,
+    presenter.section,
     hard.run,
 )
 

@@ -14,6 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 UNITS = ROOT / "systemd"
 PROGRAM = "/opt/pdcd/.venv/bin/pdcd"
+X_SERVER = "/usr/lib/xorg/Xorg"
 
 analyze = pytest.mark.skipif(
     shutil.which("systemd-analyze") is None, reason="systemd-analyze is missing"
@@ -36,9 +37,12 @@ def unit(name: str) -> dict[str, dict[str, list[str]]]:
 @pytest.fixture
 def copies(tmp_path: Path) -> Path:
     """The units with a program that exists on this machine."""
-    for name in ("pdcd.service", "pdcd.socket"):
+    for name in ("pdcd.service", "pdcd.socket", "pdcd-x.service"):
         text = (UNITS / name).read_text(encoding="utf-8")
-        (tmp_path / name).write_text(text.replace(PROGRAM, sys.executable), encoding="utf-8")
+        for program in (PROGRAM, X_SERVER):
+            text = text.replace(program, sys.executable)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    shutil.copytree(UNITS / "pdcd.service.d", tmp_path / "pdcd.service.d")
     return tmp_path
 
 
@@ -50,9 +54,20 @@ def systemd_analyze(*words: str) -> subprocess.CompletedProcess[str]:
 
 @analyze
 def test_the_units_are_accepted(copies: Path) -> None:
-    done = systemd_analyze("verify", str(copies / "pdcd.service"), str(copies / "pdcd.socket"))
+    names = ("pdcd.service", "pdcd.socket", "pdcd-x.service")
+    done = systemd_analyze("verify", *(str(copies / name) for name in names))
     assert done.returncode == 0, done.stderr
     assert "pdcd" not in done.stderr
+
+
+@analyze
+def test_the_daemon_with_panels_is_accepted(copies: Path) -> None:
+    """With the drop-in, a misspelt directive of which is noticed too."""
+    words = ("verify", str(copies / "pdcd.service"))
+    drop_in = copies / "pdcd.service.d" / "x.conf"
+    assert systemd_analyze(*words).stderr == ""
+    drop_in.write_text(drop_in.read_text().replace("LimitMEMLOCK", "LimitMEMLOCKS"))
+    assert "LimitMEMLOCKS" in systemd_analyze(*words).stderr
 
 
 @analyze
@@ -110,7 +125,7 @@ def test_what_the_daemon_counts_on_is_set() -> None:
 def test_every_drop_in_of_the_readme_is_well_formed() -> None:
     text = (UNITS / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```ini\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 3
     for block in blocks:
         parser = configparser.ConfigParser(strict=False)
         parser.read_string(block)

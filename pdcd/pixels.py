@@ -1,0 +1,144 @@
+"""Pictures of what two panels showed, refresh by refresh, each distinct picture kept once.
+
+Codes repeat, blacks repeat: a run of thousands of refreshes has a few hundred distinct pictures. A
+picture is a panel's pixels as sums of the three colour channels, 0..765, so that a pixel of a wrong
+colour counts as the light it really gives; `FULL` is white.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+
+FULL = 765
+"""Level of a white pixel: three channels of 255."""
+
+PIXELS = "pixels"
+"""Where `DriverContext.shared` holds the `Shown` of the frames that were last played, by a display
+that looks at its own pixels: a virtual camera then believes them rather than the frame log."""
+
+BLACK_PICTURE = -1
+"""Index of a picture without any light; it is not stored."""
+
+Box = tuple[int, int, int, int]
+"""x, y, width, height in pixels."""
+
+Picture = NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class PanelPictures:
+    """What one panel showed over F refreshes.
+
+    size_px : (width, height)
+    pictures : tuple of (height, width) uint16, 0..765; all different, none of them black.
+    index : (F,) int32 into `pictures`; `BLACK_PICTURE` is black.
+    """
+
+    size_px: tuple[int, int]
+    pictures: tuple[Picture, ...]
+    index: NDArray[np.int32]
+
+    def levels(self, index: int) -> NDArray[np.float64]:
+        """Share of full light of every pixel, (height, width), of a picture or of black."""
+        if index == BLACK_PICTURE:
+            return np.zeros((self.size_px[1], self.size_px[0]))
+        return self.pictures[index] / FULL
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What both panels showed, one picture each for every refresh of the frame log."""
+
+    projector: PanelPictures
+    mask: PanelPictures
+
+    def __len__(self) -> int:
+        return int(self.projector.index.size)
+
+
+def picture(screen: NDArray[np.uint8], box: Box) -> Picture:
+    """One panel out of a grab of the screen, (H, W, 3) uint8.
+
+    Raises ConfigError when the grab does not hold the panel.
+    """
+    x, y, width, height = box
+    part = screen[y : y + height, x : x + width]
+    if part.shape[:2] != (height, width):
+        raise ConfigError(
+            f"a grab of {screen.shape[1]} x {screen.shape[0]} pixels does not hold the panel",
+            device="display",
+            hint="has an output changed?",
+        )
+    return np.asarray(part.sum(axis=2, dtype=np.uint16))
+
+
+class Recorder:
+    """Takes pictures of both panels in the order of the frame log, keeps what is new in them."""
+
+    def __init__(self, projector_px: tuple[int, int], mask_px: tuple[int, int]) -> None:
+        self._panels = (_Panel(projector_px), _Panel(mask_px))
+
+    def add(self, projector: Picture, mask: Picture) -> None:
+        """Keep one refresh; the arrays may be used again afterwards."""
+        for panel, shown in zip(self._panels, (projector, mask), strict=True):
+            panel.add(shown)
+
+    def black(self) -> None:
+        """Both panels were black for one row of the log, without a picture of it."""
+        for panel in self._panels:
+            panel.index.append(BLACK_PICTURE)
+
+    def shown(self) -> Shown:
+        """Everything so far."""
+        projector, mask = (panel.pictures() for panel in self._panels)
+        return Shown(projector, mask)
+
+
+def from_pictures(
+    projector: Sequence[NDArray[np.uint8]], mask: Sequence[NDArray[np.uint8]]
+) -> Shown:
+    """Pictures made elsewhere: one (h, w) grey uint8 picture of each panel for each refresh.
+
+    At least one refresh; raises ConfigError when the two have different numbers of refreshes.
+    """
+    if len(projector) != len(mask):
+        raise ConfigError(
+            f"{len(projector)} pictures of the projector and {len(mask)} of the mask",
+            device="display",
+            hint="one of each for every refresh",
+        )
+    (ph, pw), (mh, mw) = projector[0].shape, mask[0].shape
+    recorder = Recorder((pw, ph), (mw, mh))
+    for shown in zip(projector, mask, strict=True):
+        recorder.add(*(part.astype(np.uint16) * 3 for part in shown))
+    return recorder.shown()
+
+
+class _Panel:
+    """The distinct pictures of one panel so far."""
+
+    def __init__(self, size_px: tuple[int, int]) -> None:
+        self._size_px = size_px
+        self._known: dict[bytes, int] = {}
+        self._kept: list[Picture] = []
+        self.index: list[int] = []
+
+    def add(self, shown: Picture) -> None:
+        if not shown.any():
+            self.index.append(BLACK_PICTURE)
+            return
+        name = hashlib.blake2b(shown.tobytes(), digest_size=16).digest()
+        if name not in self._known:
+            self._known[name] = len(self._kept)
+            self._kept.append(shown.copy())
+        self.index.append(self._known[name])
+
+    def pictures(self) -> PanelPictures:
+        return PanelPictures(self._size_px, tuple(self._kept), np.array(self.index, dtype=np.int32))

@@ -1,0 +1,307 @@
+"""Which vblank a frame was shown at: time sources, and the probe that finds the best one.
+
+A source also sets the pace: `put` hands over what was drawn, `shown` returns once the oldest frame
+handed over is on the panels, with `ns` and `msc` of the vblank at which that began. From best to
+worst: the display system tells when each swap was shown, the vblank is known but not which swap it
+took, or there is only the processor's clock. What a server advertises is not believed: a source is
+taken when 30 frames come back from it as they should.
+
+DRM's own vblank counters are not used: they need a graphics card's device node.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from pdcd.errors import DeviceLost
+from pdcd.presenter.xpresent import KIND_MSC, KIND_PIXMAP, PresentEvents, lost
+
+WARM_UP_FRAMES = 30
+PERIOD_TOLERANCE = 0.02
+"""Largest relative error of the median period of a source that is believed."""
+SPIN_NS = 1_000_000
+"""A sleeping process wakes up to this late: the rest is spent looking at the clock."""
+LATE = 0.25
+"""Part of a refresh by which a swap may follow its vblank and still count as in time."""
+EARLY_NS = 2_000_000
+"""Vblanks that servers make up scatter by a millisecond; those earlier still are waited for."""
+VBLANK_TRIES = 4
+"""Vblanks that may be late in a row; then the grid they are measured against has moved."""
+EVENT_TIMEOUT_S = 0.5
+
+Swap = Callable[[], None]
+
+
+class Source(Protocol):
+    """One way to know when a frame was shown.
+
+    queues : two frames handed over in one go are shown at two vblanks.
+    verified : the times are those of presentation, not of submission; only known frame by frame.
+    """
+
+    name: str
+    queues: bool
+    ns: int
+    msc: int
+    flipped: int
+
+    def sync(self) -> None:
+        """Find the vblank again after a pause."""
+        ...
+
+    def put(self) -> None:
+        """Hand over what was drawn."""
+        ...
+
+    def shown(self) -> None:
+        """Wait until the oldest frame handed over is on the panels."""
+        ...
+
+
+class Completions:
+    """Present CompleteNotify of each swap: the display system says when, and whether by a flip."""
+
+    name = "present-complete"
+    queues = True
+
+    def __init__(self, events: PresentEvents, swap: Swap) -> None:
+        self._events = events
+        self._swap = swap
+        self.ns = self.msc = self.flipped = 0
+
+    def sync(self) -> None:
+        """Nothing to do: each frame brings its own time."""
+
+    def put(self) -> None:
+        """Swap; the server shows it at the next vblank that is free."""
+        self._swap()
+
+    def shown(self) -> None:
+        """Take the oldest completion."""
+        if not self._events.wait(KIND_PIXMAP, EVENT_TIMEOUT_S):
+            raise DeviceLost("swaps are not reported as shown", device="display", hint=_OTHER)
+        self.ns, self.msc = self._events.ns, self._events.msc
+        self.flipped = self._events.flipped
+
+
+class SyncValues:
+    """GLX_OML_sync_control: after a swap, wait until its count is reached; no flips reported."""
+
+    name = "oml"
+    queues = False
+
+    def __init__(self, handles: tuple[int, int], swap: Swap) -> None:
+        self._display, self._drawable = handles
+        gl = ctypes.CDLL("libGL.so.1")
+        gl.glXGetProcAddressARB.restype = ctypes.c_void_p
+        address = gl.glXGetProcAddressARB(b"glXWaitForSbcOML")
+        i64, pointer = ctypes.c_int64, ctypes.c_void_p
+        out = ctypes.POINTER(i64)
+        kind = ctypes.CFUNCTYPE(ctypes.c_int, pointer, ctypes.c_ulong, i64, out, out, out)
+        self._wait_for_sbc = kind(address) if address else None
+        self._values = (i64(), i64(), i64())
+        self._swap = swap
+        self.ns = self.msc = self.flipped = 0
+
+    def sync(self) -> None:
+        """Nothing to do: each frame brings its own time."""
+
+    def put(self) -> None:
+        """Swap."""
+        self._swap()
+
+    def shown(self) -> None:
+        """Wait for the last swap; servers that cannot return at once without a time."""
+        ust, msc, _ = self._values
+        done = self._wait_for_sbc is not None and self._wait_for_sbc(
+            self._display, self._drawable, 0, *map(ctypes.byref, self._values)
+        )
+        if not done or not ust.value:
+            raise DeviceLost("swaps are not reported as shown", device="display", hint=_OTHER)
+        self.ns, self.msc = ust.value * 1000, msc.value
+
+
+class Vblanks:
+    """Present NotifyMSC: swaps right after a vblank that the server reports.
+
+    The vblank is the screen's, or one that the server makes up from its clock where it has no
+    screen. The swap itself is not reported: it is taken to show at that vblank.
+    """
+
+    name = "present-msc"
+    queues = False
+
+    def __init__(self, events: PresentEvents, swap: Swap, finish: Swap, period_ns: float) -> None:
+        self._events = events
+        self._swap = swap
+        self._finish = finish
+        self._period_ns = period_ns
+        self.ns = self.msc = self.flipped = 0
+
+    def sync(self) -> None:
+        """Land on a vblank of now."""
+        self._ask(0)
+        self._ask(self._events.msc + 2)
+        ns, msc = self._events.ns, self._events.msc
+        self._ask(msc + 1)
+        self.ns, self.msc = self._events.ns, self._events.msc
+        if self.ns - ns < (self.msc - msc) * self._period_ns:
+            # A server without a screen answered this one before its time: the other one holds.
+            self.ns = ns + round((self.msc - msc) * self._period_ns)
+
+    def put(self) -> None:
+        """Finish the drawing: the swap must cost no time."""
+        self._finish()
+
+    def shown(self) -> None:
+        """Swap at the next vblank; one that has just passed is left to go by."""
+        msc, late_ns = self.msc + 1, round(LATE * self._period_ns)
+        for _ in range(VBLANK_TRIES):
+            self._ask(msc)
+            msc = self._events.msc
+            # Servers without a screen answer for a vblank up to half a refresh before it comes.
+            due_ns = self.ns + round((msc - self.msc) * self._period_ns)
+            now_ns = time.monotonic_ns()
+            if now_ns - due_ns <= late_ns:
+                break
+            msc += 1
+        ns, msc = self._events.ns, self._events.msc
+        if due_ns - now_ns > EARLY_NS:
+            sleep_until(due_ns)
+            ns = due_ns
+        self._swap()
+        self.ns, self.msc = ns, msc
+
+    def _ask(self, msc: int) -> None:
+        self._events.ask(msc)
+        if not self._events.wait(KIND_MSC, EVENT_TIMEOUT_S):
+            raise DeviceLost("the X server reports no vblanks", device="display", hint=_OTHER)
+
+
+class SwapReturns:
+    """The processor's clock when a swap that waits for the vblank has returned and is finished."""
+
+    name = "swap"
+    queues = False
+
+    def __init__(self, swap: Swap, finish: Swap, period_ns: float) -> None:
+        self._swap = swap
+        self._finish = finish
+        self._period_ns = period_ns
+        self.ns = time.monotonic_ns()
+        self.msc = self.flipped = 0
+
+    def sync(self) -> None:
+        """Two swaps: the second returns at a vblank."""
+        self.shown()
+        self.shown()
+
+    def put(self) -> None:
+        """Nothing yet: the swap waits."""
+
+    def shown(self) -> None:
+        """Swap and wait for the graphics card."""
+        self._swap()
+        self._finish()
+        ns = time.monotonic_ns()
+        self.msc += max(1, round((ns - self.ns) / self._period_ns))
+        self.ns = ns
+
+
+class ProcessorClock:
+    """Swaps on a grid of the processor's clock: for servers with no vblank of any kind."""
+
+    name = "clock"
+    queues = False
+
+    def __init__(self, swap: Swap, finish: Swap, period_ns: float) -> None:
+        self._swap = swap
+        self._finish = finish
+        self._period_ns = period_ns
+        self._start_ns = time.monotonic_ns()
+        self.ns = self._start_ns
+        self.msc = self.flipped = 0
+
+    def sync(self) -> None:
+        """Land on the grid."""
+        self.msc = int((time.monotonic_ns() - self._start_ns) / self._period_ns)
+
+    def put(self) -> None:
+        """Finish the drawing: the swap must cost no time."""
+        self._finish()
+
+    def shown(self) -> None:
+        """Swap at the next point of the grid that is not past."""
+        elapsed = (time.monotonic_ns() - self._start_ns) / self._period_ns
+        # One that passed this very moment counts as met.
+        self.msc = max(self.msc + 1, int(np.ceil(elapsed - LATE)))
+        due_ns = self._start_ns + round(self.msc * self._period_ns)
+        sleep_until(due_ns)
+        self._swap()
+        self.ns = due_ns
+
+
+_OTHER = "choose another time_source in [display.options]"
+
+
+class FreeRunning:
+    """No pace at all: each frame as soon as the last one is drawn, to see how fast that goes."""
+
+    name = "free"
+    queues = False
+
+    def __init__(self, swap: Swap, finish: Swap) -> None:
+        self._swap = swap
+        self._finish = finish
+        self.ns = self.msc = self.flipped = 0
+
+    def sync(self) -> None:
+        """Nothing to find."""
+
+    def put(self) -> None:
+        """Swap."""
+        self._swap()
+
+    def shown(self) -> None:
+        """Wait for the drawing; counts frames, not vblanks."""
+        self._finish()
+        self.ns = time.monotonic_ns()
+        self.msc += 1
+
+
+def sleep_until(t_ns: int) -> None:
+    """Sleep, then spin: a sleep alone wakes too late."""
+    while (left_ns := t_ns - time.monotonic_ns()) > 0:
+        if left_ns > SPIN_NS:
+            time.sleep((left_ns - SPIN_NS) * 1e-9)
+
+
+def probe(source: Source, frame: Callable[[], None], period_ns: float) -> float | None:
+    """Show 30 black frames; the source's period in ns, or None when it does not deliver.
+
+    A source delivers when it counts every frame once, give or take a few that came late on a busy
+    machine, and its median period is the nominal one within 2 %.
+    """
+    stamps, counts = [], []
+    try:
+        source.sync()
+        for _ in range(WARM_UP_FRAMES):
+            frame()
+            source.put()
+            source.shown()
+            stamps.append(source.ns)
+            counts.append(source.msc)
+    except DeviceLost as err:
+        if err.message == lost("").message:
+            raise
+        return None
+    steps, ticks = np.diff(stamps), np.diff(counts)
+    if np.any(steps <= 0) or np.mean(ticks == 1) < 0.5:
+        return None
+    found = float((stamps[-1] - stamps[0]) / (counts[-1] - counts[0]))
+    return found if abs(found / period_ns - 1.0) <= PERIOD_TOLERANCE else None

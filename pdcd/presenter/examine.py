@@ -1,0 +1,265 @@
+"""Everything that decides whether two panels can be driven from here, looked at one by one.
+
+Opens the panels as the daemon would, once for each time source, because what a server advertises
+is not what it delivers; but never over a window that is already there, which may be a run's.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+from collections.abc import Iterator
+from typing import Any, Literal, get_args
+
+import msgspec
+from Xlib import X, error
+
+from pdcd.config import Config
+from pdcd.errors import PdcdError
+from pdcd.presenter import desktop
+from pdcd.presenter.client import Presenter
+from pdcd.presenter.messages import Open, Panel, Ready
+from pdcd.presenter.options import Options, SourceName
+from pdcd.presenter.outputs import (
+    Output,
+    Pair,
+    check_rates,
+    find_pair,
+    overlap,
+    place_pair,
+    read_outputs,
+)
+from pdcd.presenter.xconnection import answering, connect, disconnect
+
+NOMINAL_HZ = 60.0
+"""Assumed where neither a configuration nor the server knows a rate."""
+
+VERIFIED: tuple[SourceName, ...] = ("present-complete", "oml")
+"""Sources that can prove when a swap was shown."""
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing looked at. `state` "unknown" means that it could not be looked at."""
+
+    what: str
+    state: Literal["good", "warning", "fault", "unknown"]
+    found: str
+    hint: str | None = None
+
+
+def examine(config: Config, display_name: str | None = None) -> Iterator[Finding]:
+    """Yield findings; `config` names the panels where its display driver is x11.
+
+    Takes about five seconds, during which both panels are black. Raises nothing of its own: what
+    fails is a finding.
+    """
+    options = _options(config)
+    if isinstance(options, Finding):
+        yield options
+        options = None
+    display_name = display_name or (options.display if options else None)
+    try:
+        display = connect(display_name)
+    except PdcdError as err:
+        yield _fault("X server", err)
+        yield _unknown("outputs", "there is no X server")
+        yield from _permissions(None)
+        return
+    try:
+        yield from _examine(display, config, options)
+    except PdcdError as err:
+        yield _fault("X server", err)
+    finally:
+        disconnect(display)
+
+
+def _examine(display: Any, config: Config, options: Options | None) -> Iterator[Finding]:
+    info = display.display.info
+    name = display.get_display_name()
+    screen = display.screen()
+    size = f"{screen.width_in_pixels} x {screen.height_in_pixels}, depth {screen.root_depth}"
+    vendor = f"{info.vendor} {info.release_number}"
+    yield Finding("X server", "good", f"{name}: {vendor}, {size}")
+    outputs = read_outputs(display)
+    pair = None
+    yield from _outputs(outputs)
+    try:
+        pair = _pair(outputs, config, options)
+    except PdcdError as err:
+        yield _fault("panels", err)
+    else:
+        yield _panels(pair)
+    yield _rates(pair)
+    faults = desktop.faults(desktop.look(display), name)
+    for fault in faults:
+        yield _fault("desktop", fault)
+    if not faults:
+        yield Finding("desktop", "good", "no compositor, no window manager, no blanking")
+    if display.has_extension("Composite"):
+        yield Finding(
+            "Composite", "warning", "the extension is on, so a compositor could start",
+            'Section "Extensions", Option "Composite" "Disable" in xorg.conf',
+        )  # fmt: skip
+    if _occupied(display):
+        why = "not tried: a window is on the screen, perhaps the daemon's"
+        yield Finding("renderer", "unknown", why, "stop pdcd.service and ask again")
+        yield from _permissions(None)
+    elif pair is None:
+        yield _unknown("renderer", "not tried: there are no two panels")
+        yield from _permissions(None)
+    else:
+        yield from _opened(name, pair, config, options)
+
+
+def _options(config: Config) -> Options | Finding | None:
+    """[display.options] of the x11 driver; None with another driver."""
+    if config.display.driver != "x11":
+        return None
+    try:
+        return msgspec.convert(config.display.options, Options)
+    except msgspec.ValidationError as err:
+        return Finding("configuration", "fault", f"[display.options]: {err}", "see bench.toml")
+
+
+def _outputs(outputs: tuple[Output, ...]) -> Iterator[Finding]:
+    connected = [o for o in outputs if o.connected]
+    for output in connected:
+        mode = f", mode {output.mode}" if output.on else ""
+        edid = "" if output.edid else "; no EDID: choose it by its name"
+        yield Finding("output", "good", f"{output}{mode}{edid}")
+    if not connected:
+        yield Finding("output", "fault", "none is connected", "check cables and power")
+
+
+def _pair(outputs: tuple[Output, ...], config: Config, options: Options | None) -> Pair | None:
+    """The panels of the configuration, or else the only two outputs that are on."""
+    if options is None:
+        on = [o for o in outputs if o.connected and o.on]
+        return Pair(on[0], on[1]) if len(on) == 2 and not overlap(on[0], on[1]) else None
+    projector = options.projector, config.projector.size_px
+    mask = options.mask, config.mask.size_px
+    if options.positions_px is not None:
+        places = options.positions_px
+        return place_pair(outputs, projector=projector, mask=mask, positions_px=places)
+    return find_pair(outputs, projector=projector, mask=mask)
+
+
+def _panels(pair: Pair | None) -> Finding:
+    if pair is None:
+        return _unknown("panels", "not named", "give --config with an x11 display in it")
+    return Finding("panels", "good", f"{pair.projector.name} and {pair.mask.name}")
+
+
+def _rates(pair: Pair | None) -> Finding:
+    if pair is None:
+        return _unknown("lockstep", "there are no two panels")
+    first_hz, second_hz = pair.projector.refresh_hz, pair.mask.refresh_hz
+    if first_hz is None or second_hz is None:
+        return _unknown("lockstep", "the server knows no refresh rate")
+    try:
+        check_rates(first_hz, second_hz)
+    except PdcdError as err:
+        return _fault("lockstep", err)
+    slip = "never slip" if pair.slip_s is None else f"slip a refresh every {pair.slip_s:.0f} s"
+    return Finding(
+        "lockstep", "good", f"{first_hz:.4f} and {second_hz:.4f} Hz by the modes: {slip}"
+    )
+
+
+def _occupied(display: Any) -> bool:
+    """Whether any window is shown on the screen."""
+    with answering(display):
+        for window in display.screen().root.query_tree().children:
+            try:
+                attributes = window.get_attributes()
+            except error.BadWindow:  # it has just gone
+                continue
+            shown = attributes.map_state == X.IsViewable
+            if shown and attributes.win_class == X.InputOutput:
+                return True
+    return False
+
+
+def _opened(name: str, pair: Pair, config: Config, options: Options | None) -> Iterator[Finding]:
+    """What the display process finds, with each time source in turn."""
+    if options is None:
+        options = Options(projector=pair.projector.name, mask=pair.mask.name)
+    allowed, sources = options.allow_software, []
+    readies: dict[SourceName, Ready] = {}
+    failed = PdcdError("no time source")
+    for source in get_args(SourceName):
+        if source == "auto":
+            continue
+        tried = msgspec.structs.replace(
+            options, display=name, allow_software=True, time_source=source
+        )
+        try:
+            readies[source] = _open(tried, pair, config)
+        except PdcdError as err:
+            failed = err
+            sources.append(Finding(f"time by {source}", "warning", "does not deliver"))
+        else:
+            proof = "" if source in VERIFIED else ", proves no presentation"
+            rate = f"{readies[source].refresh_hz:.3f} Hz{proof}"
+            state: Literal["good", "warning"] = "good" if source in VERIFIED else "warning"
+            sources.append(Finding(f"time by {source}", state, rate))
+    if not readies:
+        yield _fault("time", failed)
+        yield from _permissions(None)
+        return
+    best = next(iter(readies.values()))
+    renderer = best.identity["renderer"]
+    if "llvmpipe" in renderer or "softpipe" in renderer or "swrast" in renderer:
+        state_: Literal["warning", "fault"] = "warning" if allowed else "fault"
+        hint = "install the graphics card's driver; for tests: allow_software = true"
+        yield Finding("renderer", state_, f"software: {renderer}", hint)
+    else:
+        yield Finding("renderer", "good", renderer)
+    yield from sources
+    yield from _permissions(best)
+
+
+def _open(options: Options, pair: Pair, config: Config) -> Ready:
+    """Open both panels, black, and close them again."""
+    configured = config.display.driver == "x11"
+    panels = []
+    for output, table in ((pair.projector, config.projector), (pair.mask, config.mask)):
+        rate = table.refresh_hz if configured else output.refresh_hz or NOMINAL_HZ
+        panels.append(Panel(output.size, rate))
+    presenter = Presenter(Open(options, panels[0], panels[1]))
+    try:
+        return presenter.ready
+    finally:
+        presenter.close()
+
+
+def _permissions(ready: Ready | None) -> Iterator[Finding]:
+    """Real-time scheduling and locked memory: as found by the process, or by this one's limits."""
+    if ready is None:
+        root = os.geteuid() == 0
+        priority, memory = resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK
+        limits = {
+            "real time": (resource.getrlimit(priority)[0] != 0, "LimitRTPRIO=20"),
+            "memory lock": (
+                resource.getrlimit(memory)[0] == resource.RLIM_INFINITY,
+                "LimitMEMLOCK=infinity",
+            ),
+        }
+        for what, (enough, hint) in limits.items():
+            allowed = root or enough
+            found = "permitted" if allowed else "not permitted"
+            yield Finding(what, "good" if allowed else "warning", found, None if allowed else hint)
+        return
+    for what, key in (("real time", "realtime"), ("memory lock", "memory locked")):
+        found = ready.identity[key]
+        denied = found.startswith("no")
+        yield Finding(what, "warning" if denied else "good", found)
+
+
+def _fault(what: str, err: PdcdError) -> Finding:
+    where = f"{err.device}: " if err.device not in (None, "display") else ""
+    return Finding(what, "fault", where + err.message, err.hint)
+
+
+def _unknown(what: str, why: str, hint: str | None = None) -> Finding:
+    return Finding(what, "unknown", why, hint)

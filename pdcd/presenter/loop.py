@@ -1,0 +1,102 @@
+"""Shows a list of rows, one vblank after the other, and logs what became of each.
+
+Nothing here allocates more than a few small numbers, logs text or touches a disk: all rows, their
+draw commands and the log exist before the first one is shown.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
+from pdcd.presenter.clocks import Source, sleep_until
+from pdcd.presenter.messages import Head, Log
+
+MARGIN = 0.5
+"""Part of a refresh after which a code is no longer handed over for the coming vblank."""
+
+
+class Loop:
+    """One pass over some rows.
+
+    Parameters
+    ----------
+    source : hands frames over and tells when they were shown.
+    draw : draws a refresh, by its number, on both panels.
+    opens : whether the mask is anything but black, by number of the refresh.
+    period_ns : length of a refresh.
+    stop : asked after every refresh; true ends the pass.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        draw: Callable[[int], None],
+        opens: Sequence[bool],
+        period_ns: float,
+        stop: Callable[[], bool],
+        stalls_ns: dict[int, int],
+    ) -> None:
+        self._source = source
+        self._draw = draw
+        self._opens = opens
+        self._period_ns = period_ns
+        self._stop = stop
+        self._stalls_ns = stalls_ns
+
+    def run(self, log: NDArray[Any], head: NDArray[Any], first: int) -> bool:
+        """Show all refreshes; False when stopped before the end.
+
+        Row n of `log` is that of refresh n; stalls are counted from number `first`.
+        """
+        source, draw, opens = self._source, self._draw, self._opens
+        margin_ns = MARGIN * self._period_ns
+        count, put, missed, open_now = len(opens), 0, 0, False
+        source.sync()
+        last_msc = 0
+        for n in range(count):
+            if put == n:
+                opening = opens[n]
+                if opening and not open_now and source.queues:
+                    # Too late to be sure of the coming vblank: the mask stays black for one more,
+                    # which costs nothing; a code that comes late would stretch the next guard.
+                    now_ns = time.monotonic_ns()
+                    if now_ns - source.ns > margin_ns:
+                        gone = int((now_ns - source.ns) / self._period_ns) + 1
+                        sleep_until(source.ns + int((gone + 0.05) * self._period_ns))
+                log[n, Log.PUT_NS] = time.monotonic_ns()
+                draw(n)
+                source.put()
+                log[n, Log.SWAP_NS] = time.monotonic_ns()
+                put += 1
+                if opening and source.queues and put < count and not opens[put]:
+                    # The black that ends a code goes with it: not this process but the display
+                    # system then sees to it that the code lasts one refresh.
+                    log[put, Log.PUT_NS] = time.monotonic_ns()
+                    draw(put)
+                    source.put()
+                    log[put, Log.SWAP_NS] = time.monotonic_ns()
+                    put += 1
+                    opening = False
+                open_now = opening
+            source.shown()
+            log[n, Log.NS] = source.ns
+            log[n, Log.MSC] = source.msc
+            log[n, Log.CPU_NS] = time.thread_time_ns()
+            log[n, Log.FLIPPED] = source.flipped
+            if n:
+                missed += source.msc - last_msc - 1
+                if source.msc - last_msc > 1 and opens[n - 1]:
+                    head[Head.SPOILT] += 1
+            last_msc = source.msc
+            head[Head.MISSED] = missed
+            head[Head.SHOWN] = n + 1
+            if self._stop():
+                return False
+            stall_ns = self._stalls_ns.get(n - first)
+            if stall_ns is not None:
+                time.sleep(stall_ns * 1e-9)
+        return True

@@ -1,0 +1,29 @@
+"""From a configuration to the request that opens its panels."""
+
+from __future__ import annotations
+
+import msgspec
+
+from pdcd.config import Config
+from pdcd.errors import ConfigError
+from pdcd.presenter.messages import Open, Panel
+from pdcd.presenter.options import Options
+
+
+def opening(config: Config) -> Open:
+    """What the display process is asked to open. Raises ConfigError."""
+    try:
+        options = msgspec.convert(config.display.options, Options)
+    except msgspec.ValidationError as err:
+        raise ConfigError(f"[display.options]: {err}", device="display") from err
+    if config.rig.clock != "real":
+        raise ConfigError(
+            "real panels keep real time", device="display", hint='set rig.clock = "real"'
+        )
+    projector, mask, display = config.projector, config.mask, config.display
+    return Open(
+        options,
+        Panel(projector.size_px, projector.refresh_hz),
+        Panel(mask.size_px, mask.refresh_hz),
+        display.plane_order if display.planes_per_refresh > 1 else None,
+    )

@@ -1,0 +1,118 @@
+"""How the vblanks of two outputs lie to each other: periods, phase, and how fast that slips.
+
+Each output is asked by a small window of its own that lies on it and is never shown. A server
+without screens counts one clock for all windows; that is told from a screen's, and nothing is
+claimed then. Never run on two real outputs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.presenter.messages import Rect
+from pdcd.presenter.xconnection import answering, connect, disconnect
+from pdcd.presenter.xpresent import KIND_MSC, PresentEvents
+
+SAMPLES = 20
+STEP = 2
+"""Refreshes between two samples of one output."""
+TIMEOUT_S = 0.5
+STEADY_NS = 100_000.0
+"""Scatter of a screen's vblank stamps stays below this: the kernel takes them from the scan-out. A
+server that makes vblanks up does so by a timer of whole milliseconds (`present_fake.c` of xserver
+21.1), which scatters by 290 us at least."""
+
+Stamps = NDArray[np.int64]
+"""(S, 2): ns and msc of some vblanks of one output."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Two outputs against each other.
+
+    period_s : refresh of projector and mask.
+    lag_s : by how much the mask's vblank follows the projector's nearest one, at the last sample;
+        negative when it leads.
+    slip_s : time in which one gains a refresh on the other, by the measured periods; with 20
+        samples over a second it is known no better than its order of magnitude.
+    """
+
+    period_s: tuple[float, float]
+    lag_s: float
+    slip_s: float | None
+
+
+def made_up(stamps: Stamps) -> bool:
+    """Whether these come from the server's timer and from no screen."""
+    period, at_ns = _line(stamps)
+    expected = at_ns + (stamps[:, 1] - stamps[-1, 1]) * period
+    return float(np.std(stamps[:, 0] - expected)) > STEADY_NS
+
+
+def compare(projector: Stamps, mask: Stamps) -> Phase | None:
+    """Periods and phase by straight lines through the stamps; None where no screen was counted."""
+    if made_up(projector) or made_up(mask):
+        return None
+    lines = [_line(s) for s in (projector, mask)]
+    (first, first_ns), (second, second_ns) = lines
+    period = min(first, second)
+    # Both lines at the same time: a vblank of the projector near the last sample.
+    at_ns = float(max(projector[-1, 0], mask[-1, 0]))
+    apart = (second_ns - at_ns) % second - (first_ns - at_ns) % first
+    lag = (apart + 0.5 * period) % period - 0.5 * period
+    slip_s = None if first == second else 1e-9 / abs(1.0 / first - 1.0 / second)
+    return Phase((first * 1e-9, second * 1e-9), lag * 1e-9, slip_s)
+
+
+def measure(name: str, panels: tuple[Rect, Rect]) -> Phase | None:
+    """Ask both outputs of a server; takes a second. None where it cannot tell.
+
+    Raises DeviceLost when the server goes away.
+    """
+    display = connect(name)
+    try:
+        with answering(display):
+            windows = [_window(display, place) for place in panels]
+            display.sync()
+        found = _sample(name, [int(window.id) for window in windows])
+    finally:
+        disconnect(display)
+    return None if found is None else compare(*found)
+
+
+def _line(stamps: Stamps) -> tuple[float, float]:
+    """Period and time of one vblank, in ns, by least squares."""
+    origin_ns, count = stamps[-1]
+    period, offset = np.polyfit(stamps[:, 1] - count, (stamps[:, 0] - origin_ns).astype(float), 1)
+    return float(period), float(origin_ns + offset)
+
+
+def _window(display: Any, place: Rect) -> Any:
+    screen = display.screen()
+    return screen.root.create_window(
+        place.x, place.y, 1, 1, 0, screen.root_depth, override_redirect=True
+    )
+
+
+def _sample(name: str, windows: list[int]) -> tuple[Stamps, Stamps] | None:
+    """Vblanks of both windows' outputs, one after the other; None where none come."""
+    both = [PresentEvents(name, window) for window in windows]
+    stamps: tuple[list[tuple[int, int]], ...] = ([], [])
+    try:
+        for number in range(SAMPLES + 1):
+            for events in both:
+                events.ask(events.msc + STEP if number else 0)
+            for events, seen in zip(both, stamps, strict=True):
+                if not events.wait(KIND_MSC, TIMEOUT_S):
+                    return None
+                seen.append((events.ns, events.msc))
+    finally:
+        for events in both:
+            events.close()
+    # The first was answered at once, between two vblanks.
+    projector, mask = (np.array(seen[1:], dtype=np.int64) for seen in stamps)
+    return projector, mask

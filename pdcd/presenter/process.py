@@ -1,0 +1,330 @@
+"""The display process itself: opens the panels, answers its driver, goes black when left alone."""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+import signal
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import glfw
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError, DeviceLost, PdcdError
+from pdcd.interfaces import BLACK, Frames
+from pdcd.presenter import realtime
+from pdcd.presenter.clocks import (
+    Completions,
+    FreeRunning,
+    ProcessorClock,
+    Source,
+    SwapReturns,
+    SyncValues,
+    Vblanks,
+    probe,
+)
+from pdcd.presenter.grabs import Grabs
+from pdcd.presenter.loop import Loop
+from pdcd.presenter.memory import attach
+from pdcd.presenter.messages import (
+    Black,
+    Channel,
+    Done,
+    Failed,
+    Head,
+    Load,
+    Open,
+    Play,
+    Quit,
+    Ready,
+    Reply,
+    Request,
+    Show,
+)
+from pdcd.presenter.phase import Phase, measure
+from pdcd.presenter.places import Places
+from pdcd.presenter.windows import Windows
+from pdcd.presenter.xpresent import PresentEvents
+
+logger = logging.getLogger(__name__)
+
+IDLE_S = 0.25
+"""How often the process looks at its windows while it waits."""
+SOURCES = ("present-complete", "oml", "present-msc", "swap", "clock")
+"""From best to worst."""
+
+
+class Presenter:
+    """Both panels, from `Open` to the end of the process."""
+
+    def __init__(self, request: Open, hung_up: Callable[[], bool]) -> None:
+        self._options = options = request.options
+        self._hung_up = hung_up
+        realtime_note = realtime.raise_priority(options.realtime_priority)
+        self._places = Places(options.display, request)
+        name = self._places.name
+        _start_glfw(name)
+        places = self._places
+        self._windows = Windows(
+            options.layout, places.screen_px, places.panels, request.plane_order
+        )
+        if self._windows.software and not options.allow_software:
+            raise ConfigError(
+                f"the renderer is software ({self._windows.renderer})",
+                device="display",
+                hint="install the graphics card's driver, or set allow_software for a test",
+            )
+        self._events = PresentEvents(name, self._windows.timed_window)
+        nominal_ns = 1e9 / min(request.projector.refresh_hz, request.mask.refresh_hz)
+        self._source, self._period_ns = self._find_source(nominal_ns)
+        self._frames: Frames | None = None
+        self._grabs = self._grabber(name, request)
+        self._windows.black()
+        phase = measure(name, places.panels)
+        self.ready = Ready(
+            lag_s=None if phase is None or places.drifts else phase.lag_s,
+            source=self._source.name,
+            refresh_hz=1e9 / self._period_ns,
+            identity={
+                **self._places.identity,
+                "layout": options.layout,
+                "renderer": self._windows.renderer,
+                "time source": self._source.name,
+                "phase": _phase_text(phase),
+                "realtime": realtime_note,
+                "memory locked": realtime.lock_memory(),
+            },
+        )
+        realtime.freeze_garbage()
+
+    def load(self, message: Load, arrays: dict[str, NDArray[Any]]) -> None:
+        """Take over patterns; the panels stay as they are."""
+        frames = Frames(**arrays, grid=message.grid, lattice=message.lattice, window=message.window)
+        self._frames = None
+        self._windows.load(frames)
+        self._frames = frames
+
+    def show(self, row: int) -> None:
+        """Hold one refresh: a row, or the picture of planes that begins with it."""
+        self._source.sync()
+        planes, frames = self._windows.planes, self._frames
+        rows = np.full((1, planes), row, dtype=np.int32)
+        if frames is not None and len(frames) > 1:  # one row alone fills all planes of a picture
+            rows[0] = np.arange(row, row + planes)
+            rows[rows >= len(frames)] = BLACK
+        self._windows.prepare(rows, rows)
+        for _ in range(2):  # both buffers alike: nothing else may come up
+            self._windows.draw(0)
+            self._source.put()
+            self._source.shown()
+        self._windows.settle()
+        self._windows.check()
+
+    def black(self) -> None:
+        """Both panels black."""
+        self._windows.black()
+
+    def play(self, message: Play, arrays: dict[str, NDArray[Any]]) -> None:
+        """Show the rows asked for; the log and how far it got are in the shared arrays."""
+        head, options, frames = arrays["head"], self._options, self._frames
+        if frames is None:
+            raise ConfigError("no frames are loaded", device="display", hint="call load first")
+        abort = message.abort
+        hung_up = self._hung_up
+        patience_s = 2.0 * options.hang_s
+
+        grabs = self._grabs
+        if grabs is not None:
+            grabs.begin(arrays)
+
+        def stop() -> bool:
+            realtime.dead_mans_switch(patience_s)
+            if grabs is not None:
+                grabs.take(int(head[Head.SHOWN]) - 1)
+            if head[Head.STOP] or (abort and head[Head.SPOILT]):
+                return True
+            return hung_up() or self._places.changed()
+
+        stalls = options.stalls_ms if message.stalls else {}
+        stalls_ns = {int(n): round(ms * 1e6) for n, ms in stalls.items()}
+        windows, dual = self._windows, arrays["dual"]
+        opens = (np.append(frames.dual_index, BLACK)[dual] != BLACK).any(axis=1).tolist()
+        windows.prepare(arrays["primal"], dual)
+        loop = Loop(self._source, windows.draw, opens, self._period_ns, stop, stalls_ns)
+        realtime.dead_mans_switch(patience_s)
+        try:
+            loop.run(arrays["log"], head, int(head[Head.FIRST]))
+        finally:
+            realtime.dead_mans_switch(0.0)
+            self._windows.black()
+        self._windows.check()
+        self._places.check()
+
+    def idle(self) -> None:
+        """Look at windows and outputs while nothing is asked."""
+        glfw.poll_events()
+        self._places.check()
+
+    def close(self) -> None:
+        """Black, then close everything."""
+        self._windows.black()
+        self._events.close()
+        self._windows.close()
+        glfw.terminate()
+
+    def _grabber(self, name: str, request: Open) -> Grabs | None:
+        """What looks at the screen. Raises ConfigError where it would look too late."""
+        if request.options.grab_px is None:
+            return None
+        if self._source.queues:
+            raise ConfigError(
+                f"with the time source {self._source.name} the screen may be a refresh ahead",
+                device="display",
+                hint='set time_source = "present-msc" for option grab_px',
+            )
+        sizes_px = request.projector.size_px, request.mask.size_px
+        projector, mask = zip(request.options.grab_px, sizes_px, strict=True)
+        return Grabs(
+            name, ((*projector[0], *projector[1]), (*mask[0], *mask[1])), self._windows.settle
+        )
+
+    def _find_source(self, nominal_ns: float) -> tuple[Source, float]:
+        """The best time source that delivers, and its period in ns."""
+        windows, events = self._windows, self._events
+
+        def make(name: str) -> Source:
+            if name == "present-complete":
+                return Completions(events, windows.swap)
+            if name == "oml":
+                return SyncValues(windows.glx_handles, windows.swap)
+            if name == "present-msc":
+                return Vblanks(events, windows.swap, windows.finish, nominal_ns)
+            if name == "swap":
+                return SwapReturns(windows.swap, windows.finish, nominal_ns)
+            if name == "free":
+                return FreeRunning(windows.swap, windows.finish)
+            return ProcessorClock(windows.swap, windows.finish, nominal_ns)
+
+        asked = self._options.time_source
+        for name in SOURCES if asked == "auto" else (asked,):
+            source = make(name)
+            if name == "free":
+                return source, nominal_ns
+            period_ns = probe(source, windows.draw_black, nominal_ns)
+            if period_ns is not None:
+                return source, period_ns
+        raise DeviceLost(
+            f"no vblank at {1e9 / nominal_ns:.3f} Hz from the time source {asked!r}",
+            device="display",
+            hint='check refresh_hz, or take time_source = "auto"',
+        )
+
+
+def serve(channel: Channel) -> None:
+    """Answer requests until `Quit` or until the other end is gone; black in either case."""
+    poller = select.poll()
+    poller.register(channel.sock, select.POLLIN | select.POLLHUP)
+    gone = select.poll()
+    gone.register(channel.sock, select.POLLHUP)
+
+    def hung_up() -> bool:
+        return bool(gone.poll(0))
+
+    presenter: Presenter | None = None
+    try:
+        while True:
+            while not poller.poll(IDLE_S * 1000):
+                if presenter is not None:
+                    presenter.idle()
+            try:
+                message, fd = channel.receive()
+            except EOFError:
+                return
+            try:
+                if isinstance(message, Open):
+                    presenter = Presenter(message, hung_up)
+                    channel.send(presenter.ready)
+                    continue
+                if presenter is None:
+                    raise DeviceLost("the panels are not open", device="display")
+                _answer(presenter, message, fd)
+            except ConfigError as err:
+                channel.send(_failed(err, alive=presenter is not None))
+                if presenter is None:
+                    return
+                continue
+            finally:
+                if fd is not None:
+                    os.close(fd)
+            channel.send(Done())
+            if isinstance(message, Quit):
+                return
+    finally:
+        if presenter is not None:
+            presenter.close()
+
+
+def _answer(presenter: Presenter, message: Request, fd: int | None) -> None:
+    if isinstance(message, Load) and fd is not None:
+        presenter.load(message, attach(fd, message.slots))
+    elif isinstance(message, Play) and fd is not None:
+        presenter.play(message, attach(fd, message.slots))
+    elif isinstance(message, Show):
+        presenter.show(message.row)
+    elif isinstance(message, Black | Quit):
+        presenter.black()
+
+
+def main(fd: int) -> int:
+    """Run the process on one end of a socket pair; its exit status."""
+    # The driver decides when this ends: a Ctrl-C in its terminal is not for here.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    channel = Channel(socket.socket(fileno=fd), Request)
+    try:
+        serve(channel)
+    except BrokenPipeError:
+        return 0
+    except PdcdError as err:
+        return _report(channel, _failed(err, alive=False))
+    except Exception as err:
+        logger.exception("presenter failed")
+        return _report(channel, Failed("device_lost", f"{type(err).__name__}: {err}", None, False))
+    return 0
+
+
+def _failed(err: PdcdError, *, alive: bool) -> Failed:
+    where = "" if err.device in (None, "display") else f"{err.device}: "
+    return Failed(err.kind, where + err.message, err.hint, alive)
+
+
+def _report(channel: Channel, message: Reply) -> int:
+    try:
+        channel.send(message)
+    except OSError:
+        logger.warning("nobody is left to be told: %s", message)
+    return 1
+
+
+def _phase_text(phase: Phase | None) -> str:
+    if phase is None:
+        return "not measured: no vblanks of two screens"
+    projector, mask = (f"{1.0 / period_s:.3f} Hz" for period_s in phase.period_s)
+    return f"projector {projector}, mask {mask}, mask later by {phase.lag_s * 1e3:.2f} ms"
+
+
+def _start_glfw(display: str) -> None:
+    """Open the library on a display. Raises DeviceLost when it cannot."""
+    os.environ["DISPLAY"] = display
+    glfw.ERROR_REPORTING = "raise"
+    try:
+        glfw.init()
+    except glfw.GLFWError as err:
+        raise DeviceLost(
+            f"cannot open the display {display!r}: {err}",
+            device="display",
+            hint="start the panels' X server (pdcd-x.service) or set DISPLAY",
+        ) from err

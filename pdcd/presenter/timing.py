@@ -1,0 +1,122 @@
+"""How well the panels of a rig keep time: many refreshes of random codes, and when they came."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.config import Config
+from pdcd.errors import ConfigError
+from pdcd.interfaces import BLACK, Frames
+from pdcd.patterns import pack
+from pdcd.presenter.client import Log, Presenter
+from pdcd.presenter.messages import Log as Column
+from pdcd.presenter.messages import Ready
+from pdcd.presenter.opening import opening
+
+PATTERNS = 64
+"""Different codes that are shown in turn."""
+QUANTILES = (50.0, 99.0, 100.0)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Refreshes of one run, (R,) each but `ready`.
+
+    interval_s : from each refresh to the next. missed : refreshes lost before each. late_s : from
+    a refresh to the beginning of the next one's drawing. draw_s : until that was handed over.
+    cpu_s : processor time of the loop's thread.
+    """
+
+    ready: Ready
+    interval_s: NDArray[np.float64]
+    missed: NDArray[np.int64]
+    late_s: NDArray[np.float64]
+    draw_s: NDArray[np.float64]
+    cpu_s: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, log: Log, ready: Ready) -> Timing:
+        """The figures of a log."""
+        ns, put_ns = log[:, Column.NS], log[1:, Column.PUT_NS]
+        spans_ns = (
+            np.diff(ns),
+            put_ns - ns[:-1],
+            log[1:, Column.SWAP_NS] - put_ns,
+            np.diff(log[:, Column.CPU_NS]),
+        )
+        interval_s, late_s, draw_s, cpu_s = (1e-9 * ns.astype(np.float64) for ns in spans_ns)
+        return cls(ready, interval_s, np.diff(log[:, Column.MSC]) - 1, late_s, draw_s, cpu_s)
+
+    def table(self) -> list[tuple[str, float, float, float]]:
+        """Name, median, 99th percentile and maximum of each time, in ms."""
+        rows = (
+            ("refresh to refresh", self.interval_s),
+            ("vblank to drawing", self.late_s),
+            ("drawing", self.draw_s),
+            ("processor time", self.cpu_s),
+        )
+        found = []
+        for name, seconds in rows:
+            p50, p99, most = (float(q) * 1e3 for q in np.percentile(seconds, QUANTILES))
+            found.append((name, p50, p99, most))
+        return found
+
+
+def measure(config: Config, refreshes: int) -> Timing:
+    """Show random codes with guards for so many refreshes. Raises what the display raises."""
+    presenter = Presenter(opening(config))
+    try:
+        planes = config.display.planes_per_refresh
+        presenter.load(random_codes(config.scene.grid or (48, 64)))
+        rows = np.arange(refreshes * planes, dtype=np.int32) % (3 * PATTERNS)
+        sent = rows.reshape(refreshes, planes)
+        log = presenter.play(sent, sent, lambda *_: None, lambda: False)
+        return Timing.of(log, presenter.ready)
+    finally:
+        presenter.close()
+
+
+def random_codes(grid: tuple[int, int]) -> Frames:
+    """64 random codes and their complements, three refreshes each: [P P P] and [0 M 0]."""
+    on = np.random.default_rng(0).random((PATTERNS, grid[0] * grid[1])) < 0.5
+    row = np.arange(3 * PATTERNS)
+    guard = row % 3 != 1
+    index = (row // 3).astype(np.int32)
+    return Frames(
+        primal_patterns=pack(on),
+        dual_patterns=pack(~on),
+        primal_index=index,
+        dual_index=np.where(guard, BLACK, index).astype(np.int32),
+        shift=np.zeros(row.size, dtype=np.uint8),
+        code=index,
+        guard=guard,
+        grid=grid,
+        lattice=grid,
+        window="whole",
+    )
+
+
+def histogram(timing: Timing, path: Path) -> None:
+    """Write the intervals and the processor time as a picture. Raises ConfigError."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as err:
+        raise ConfigError("a histogram needs matplotlib", hint="pip install 'pdcd[plots]'") from err
+    figure = Figure(figsize=(8.0, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for axes, seconds, label in (
+        (left, timing.interval_s, "refresh to refresh / ms"),
+        (right, timing.cpu_s, "processor time of a refresh / ms"),
+    ):
+        axes.hist(seconds * 1e3, bins=80, log=True)
+        axes.set_xlabel(label)
+        axes.set_ylabel("refreshes")
+    figure.suptitle(
+        f"{timing.interval_s.size} refreshes, {int(timing.missed.sum())} missed, "
+        f"time source {timing.ready.source}"
+    )
+    figure.savefig(path, dpi=120)

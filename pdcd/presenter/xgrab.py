@@ -1,0 +1,147 @@
+"""Pixels of the root window: what the X server holds for both panels, whoever drew it.
+
+These are the pixels that the server would scan out, before gamma tables, the link and the panel.
+Source: X11 protocol, GetImage; xcb/xproto.h for the layout of its reply.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.presenter.xconnection import answering, connect, disconnect, lost
+
+Pixels = NDArray[np.uint8]
+
+_ZPIXMAP = 2
+_ALL_PLANES = 0xFFFFFFFF
+_REPLY_HEADER = 32
+_SUPPORTED = (24, 0xFF0000, 0x00FF00, 0x0000FF)
+"""Depth and masks of red, green and blue: 32 bits a pixel in the order blue, green, red, unused."""
+
+
+class RootGrabber:
+    """Reads rectangles of the root window, (H, W, 3) uint8 RGB, top row first.
+
+    Blocks until the server answers: 0.9 ms for 656 x 300 pixels, 19 ms for 2624 x 1200 (median of
+    20, two cores, software rendering). Belongs to one thread.
+
+    Raises ConfigError when the screen is not 24-bit true colour, DeviceLost when the server is
+    gone.
+    """
+
+    def __init__(self, display_name: str | None = None) -> None:
+        look = connect(display_name)
+        try:
+            with answering(look):
+                screen, format_ = look.screen(), _pixel_format(look)
+                self._root = int(screen.root.id)
+                self.size_px = (int(screen.width_in_pixels), int(screen.height_in_pixels))
+                self._name = str(look.get_display_name())
+        finally:
+            disconnect(look)
+        if format_ != _SUPPORTED:
+            raise ConfigError(
+                f"the X screen has pixels of another form: depth and masks are {format_}",
+                device="display",
+                hint="DefaultDepth 24 in xorg.conf",
+            )
+        self._xcb = _library()
+        self._connection = self._xcb.xcb_connect(self._name.encode(), None)
+        if self._xcb.xcb_connection_has_error(self._connection):
+            self.close()
+            raise lost(self._name, "connection refused")
+
+    def grab(self, box: tuple[int, int, int, int] | None = None) -> Pixels:
+        """Pixels of `box` (x, y, width, height), or of the whole screen as it was at first.
+
+        Raises ConfigError when the box is not within the screen.
+        """
+        x, y, width, height = box or (0, 0, *self.size_px)
+        if self._connection is None:
+            raise DeviceLost("the grabber is closed", device="display", hint="open a new one")
+        # All fields of the request are unsigned or small: never let one wrap round.
+        if min(x, y) < 0 or min(width, height) < 1 or max(x, y, width, height) > 0x7FFF:
+            raise _outside(x, y, width, height)
+        cookie = self._xcb.xcb_get_image(
+            self._connection, _ZPIXMAP, self._root, x, y, width, height, _ALL_PLANES
+        )
+        error = ctypes.c_void_p()
+        reply = self._xcb.xcb_get_image_reply(self._connection, cookie, ctypes.byref(error))
+        try:
+            if reply is None:
+                if error.value is None:
+                    raise lost(self._name, "it ended while being asked for pixels")
+                raise _outside(x, y, width, height)
+            size = width * height * 4
+            held = (ctypes.c_uint8 * size).from_address(reply + _REPLY_HEADER)
+            bgrx = np.ctypeslib.as_array(held).reshape(height, width, 4)
+            return bgrx[..., 2::-1].copy()
+        finally:
+            for pointer in (reply, error.value):
+                if pointer is not None:
+                    self._xcb.free(pointer)
+
+    def close(self) -> None:
+        """Release the connection. Idempotent."""
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            self._xcb.xcb_disconnect(connection)
+
+
+def _pixel_format(display: Any) -> tuple[int, int, int, int] | None:
+    """Depth and colour masks of the root window; None when pixels are not 32 bits wide."""
+    screen, info = display.screen(), display.display.info
+    wide = any(f.depth == screen.root_depth and f.bits_per_pixel == 32 for f in info.pixmap_formats)
+    if not wide or info.image_byte_order != 0:
+        return None
+    for depth in screen.allowed_depths:
+        for visual in depth.visuals:
+            if visual.visual_id == screen.root_visual:
+                return depth.depth, visual.red_mask, visual.green_mask, visual.blue_mask
+    return None
+
+
+def _outside(x: int, y: int, width: int, height: int) -> ConfigError:
+    return ConfigError(
+        f"{width} x {height} pixels at +{x}+{y} are not within the X screen",
+        device="display",
+        hint="has an output changed?",
+    )
+
+
+class _Library:
+    """The functions of libxcb that are used, and `free`, with their signatures."""
+
+    def __init__(self) -> None:
+        xcb, pointer, u32 = ctypes.CDLL("libxcb.so.1"), ctypes.c_void_p, ctypes.c_uint32
+        i16, u16 = ctypes.c_int16, ctypes.c_uint16
+        self.xcb_connect = xcb.xcb_connect
+        self.xcb_connect.restype, self.xcb_connect.argtypes = pointer, [ctypes.c_char_p, pointer]
+        self.xcb_connection_has_error = xcb.xcb_connection_has_error
+        self.xcb_connection_has_error.argtypes = [pointer]
+        self.xcb_disconnect = xcb.xcb_disconnect
+        self.xcb_disconnect.restype, self.xcb_disconnect.argtypes = None, [pointer]
+        self.xcb_get_image = xcb.xcb_get_image
+        self.xcb_get_image.restype = u32
+        self.xcb_get_image.argtypes = [pointer, ctypes.c_uint8, u32, i16, i16, u16, u16, u32]
+        self.xcb_get_image_reply = xcb.xcb_get_image_reply
+        self.xcb_get_image_reply.restype = pointer
+        self.xcb_get_image_reply.argtypes = [pointer, u32, pointer]
+        self.free = ctypes.CDLL(None).free
+        self.free.restype, self.free.argtypes = None, [pointer]
+
+
+@functools.cache
+def _library() -> _Library:
+    try:
+        return _Library()
+    except OSError as err:
+        raise DeviceLost(
+            f"the X library is missing: {err}", device="display", hint="apt-get install libxcb1"
+        ) from err

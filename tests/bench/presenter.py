@@ -1,0 +1,139 @@
+"""The display process on an X server without hardware, beside a plain script."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.config import Config
+from pdcd.presenter.client import Presenter
+from pdcd.presenter.opening import opening
+from pdcd.presenter.timing import Timing, measure, random_codes
+from tests import x11_rig
+from tests.bench.measure import REPEATS
+from tests.bench.tables import Aim, Section, Table, grid_name, seconds
+from tests.xserver import FULL, QUARTER, XServer, run
+
+GRID = (48, 64)
+COUNTS = (128, 4096, 65536)
+HEADS = ("who", "frames", "a second", "processor time p50/p99/max", "late p50/p99/max", "missed")
+LONG_INTERVAL = 1.5
+"""Refreshes from which an interval counts as missed where nobody counts vblanks."""
+
+
+def section(*, quick: bool, folder: Path) -> Section:
+    """Measure; without an X server the section says so."""
+    title = "The display process"
+    try:
+        tables, aims = _measure(quick=quick)
+    except pytest.skip.Exception as err:
+        return Section(title, f"Not measured: {err}", [])
+    return Section(
+        title=title,
+        text=(
+            "Xorg's dummy driver and software rendering: no vblank, no graphics card. The plain "
+            "script has one window for each output and uploads each pattern when it is due. Free "
+            "running is as fast as it goes; paced is 60 Hz, by the server's made-up vblank, and by "
+            "sleeping in the script. Processor time is that of the loop's thread; late is from "
+            "the vblank, or the time that was due, to the beginning of the drawing. Missed are "
+            "vblanks without a new frame, in the script intervals of 1.5 refreshes or more."
+        ),
+        tables=tables,
+        aims=aims,
+    )
+
+
+def _measure(*, quick: bool) -> tuple[list[Table], list[Aim]]:
+    os.environ.update(LIBGL_ALWAYS_SOFTWARE="1", LP_NUM_THREADS="1")
+    frames = 300 if quick else 3000
+    table = Table("Frames of random 64x48 codes", HEADS)
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        for name, sizes in (("full size", FULL), ("a quarter", QUARTER)):
+            with run(*sizes) as server:
+                x11_rig.hurry(server)
+                config = x11_rig.config(folder, server, grid=GRID)
+                free = measure(_with(config, time_source="free"), frames // 5)
+                _add(table, f"pdcd, {name}, free running", free)
+                _plain(table, server, f"plain script, {name}, free running", frames // 5, 0.0)
+                if sizes == QUARTER:
+                    paced = measure(config, frames)
+                    _add(table, f"pdcd, {name}, paced", paced)
+                    _plain(table, server, f"plain script, {name}, paced", frames, 60.0)
+                    uploads = _uploads(config)
+    aims = [Aim("refreshes missed on a quiet machine", "refreshes", float(paced.missed.sum()), 1.0)]
+    return [table, uploads], aims
+
+
+def _with(config: Config, **options: Any) -> Config:
+    display = config.display
+    display = msgspec.structs.replace(display, options={**display.options, **options})
+    return msgspec.structs.replace(config, display=display)
+
+
+def _add(table: Table, name: str, found: Timing) -> None:
+    paced = found.ready.source != "free"
+    table.add(
+        name,
+        str(found.interval_s.size),
+        f"{found.interval_s.size / found.interval_s.sum():.1f}",
+        _spread(found.cpu_s),
+        _spread(found.late_s) if paced else "",
+        str(int(found.missed.sum())) if paced else "",
+    )
+
+
+def _plain(table: Table, server: XServer, name: str, frames: int, hz: float) -> None:
+    sizes = [str(n) for n in (*server.projector_px, *server.mask_px)]
+    words = [sys.executable, "-m", "tests.bench.plain_display", str(frames), str(hz), *sizes]
+    done = subprocess.run(words, env=server.env(), capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    intervals_s = np.diff(found["stamps_s"])
+    missed = np.rint(intervals_s * hz) - 1
+    table.add(
+        name,
+        str(frames),
+        f"{intervals_s.size / intervals_s.sum():.1f}",
+        _spread(found["cpu_s"]),
+        _spread(found["late_s"]) if hz else "",
+        str(int(missed[intervals_s * hz > LONG_INTERVAL].sum())) if hz else "",
+    )
+
+
+def _spread(values_s: Sequence[float] | NDArray[np.float64]) -> str:
+    return " / ".join(seconds(float(v)) for v in np.percentile(values_s, (50, 99, 100)))
+
+
+def _uploads(config: Config) -> Table:
+    """From the driver's call until the patterns of both panels are in textures."""
+    table = Table("Time to hand over all patterns of a shot", ("codes", "cells", "MB", "time"))
+    presenter = Presenter(opening(config))
+    try:
+        for count in COUNTS:
+            few = random_codes(GRID)
+            repeated = np.resize(few.primal_patterns, (count, few.primal_patterns.shape[1]))
+            frames = type(few)(
+                **{**vars(few), "primal_patterns": repeated, "dual_patterns": repeated}
+            )
+            took_s = []
+            for _ in range(REPEATS):
+                begun_s = time.perf_counter()
+                presenter.load(frames)
+                took_s.append(time.perf_counter() - begun_s)
+            megabytes = f"{2e-6 * repeated.nbytes:.1f}"
+            table.add(str(count), grid_name(GRID), megabytes, seconds(float(np.median(took_s))))
+    finally:
+        presenter.close()
+    return table

@@ -1,0 +1,235 @@
+"""Outputs found, refused and watched, on a real X server whose modes are known."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from Xlib import X
+
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.presenter import outputs as x_outputs
+from pdcd.presenter.outputs import Output, Pair, Watcher, find_output, find_pair, read_outputs
+from pdcd.presenter.xconnection import connect, disconnect
+from tests.edid_block import block
+from tests.xserver import QUARTER, XServer, run
+
+PROJECTOR, MASK = ("DUMMY1", QUARTER[0]), ("DUMMY0", QUARTER[1])
+ANSWER_S = 5.0
+
+
+@pytest.fixture
+def server() -> Iterator[XServer]:
+    """A server of its own: these tests unplug and rotate."""
+    with run(kinds=("dummy",)) as server:
+        yield server
+
+
+@pytest.fixture
+def display(server: XServer) -> Iterator[Any]:
+    display = connect(server.display)
+    yield display
+    disconnect(display)
+
+
+def read(server: XServer) -> dict[str, Output]:
+    display = connect(server.display)
+    try:
+        return {o.name: o for o in read_outputs(display)}
+    finally:
+        disconnect(display)
+
+
+def give_edid(display: Any, name: str, data: bytes) -> None:
+    """Write the EDID property, as a driver would."""
+    resources = display.screen().root.xrandr_get_screen_resources()
+    for number in resources.outputs:
+        if display.xrandr_get_output_info(number, 0).name == name:
+            display.xrandr_change_output_property(
+                number, display.intern_atom("EDID"), 19, X.PropModeReplace, (8, data)
+            )
+    display.sync()
+
+
+@pytest.fixture
+def watcher(server: XServer) -> Iterator[Watcher]:
+    display = connect(server.display)
+    yield Watcher(display)
+    disconnect(display)
+
+
+def eventually(watcher: Watcher) -> bool:
+    """Whether the watcher hears of something before long."""
+    end = time.monotonic() + ANSWER_S
+    while time.monotonic() < end:
+        if watcher.changed():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_outputs_have_the_geometry_and_the_rate_of_their_modelines(display: Any) -> None:
+    found = {o.name: o for o in read_outputs(display)}
+    # 336 x 600 total pixels at 12.096 MHz, and 480 x 450 at 12.960 MHz: 60 Hz exactly.
+    assert found["DUMMY1"] == Output("DUMMY1", True, 0, 0, 256, 192, "projector", 60.0)
+    assert found["DUMMY0"] == Output("DUMMY0", True, 256, 0, 400, 300, "mask", 60.0)
+    assert not found["DUMMY2"].connected and not found["DUMMY2"].on
+
+
+def test_the_pair_is_found_by_connector(display: Any) -> None:
+    pair = find_pair(read_outputs(display), projector=PROJECTOR, mask=MASK)
+    assert (pair.projector.name, pair.mask.name) == ("DUMMY1", "DUMMY0")
+    assert pair.refresh_hz == 60.0
+    assert pair.slip_s is None
+
+
+def test_the_pair_is_found_by_serial_wherever_it_is_plugged(display: Any) -> None:
+    give_edid(display, "DUMMY1", block(serial="X4K700123", name="EPSON PJ"))
+    give_edid(display, "DUMMY0", block(number=77, serial="MASK-7"))
+    pair = find_pair(
+        read_outputs(display), projector=("X4K700123", QUARTER[0]), mask=("77", QUARTER[1])
+    )
+    assert (pair.projector.name, pair.mask.name) == ("DUMMY1", "DUMMY0")
+    with pytest.raises(ConfigError, match="DUMMY1 \\(EPSON PJ, serial X4K700123\\)"):
+        find_pair(read_outputs(display), projector=("X4K7", QUARTER[0]), mask=MASK)
+
+
+def test_two_panels_of_one_serial_are_refused(display: Any) -> None:
+    for name in ("DUMMY0", "DUMMY1"):
+        give_edid(display, name, block(serial="SAME"))
+    with pytest.raises(ConfigError, match="2 outputs are named 'SAME'"):
+        find_output(read_outputs(display), "SAME", "mask")
+
+
+def test_an_unknown_output_is_refused_with_what_there_is(server: XServer) -> None:
+    outputs = tuple(read(server).values())
+    with pytest.raises(ConfigError) as caught:
+        find_output(outputs, "HDMI-1", "projector")
+    assert "DUMMY0: 400 x 300 at +256+0, 60.0000 Hz; DUMMY1: 256 x 192" in str(caught.value)
+    assert caught.value.hint == "set [display.options] projector to exactly one of them"
+
+
+def test_an_output_by_number_is_refused(server: XServer) -> None:
+    with pytest.raises(ConfigError, match="no output is named '0'"):
+        find_output(tuple(read(server).values()), "0", "mask")
+
+
+def test_an_unplugged_output_is_lost(server: XServer) -> None:
+    with pytest.raises(DeviceLost, match="'DUMMY5' is not connected"):
+        find_output(tuple(read(server).values()), "DUMMY5", "mask")
+
+
+def test_an_output_that_is_off_is_refused(server: XServer) -> None:
+    server.xrandr("--output", "DUMMY1", "--off")
+    found = read(server)["DUMMY1"]
+    assert found.connected and not found.on and found.refresh_hz is None
+    with pytest.raises(ConfigError, match="switched off"):
+        find_output((found,), "DUMMY1", "projector")
+
+
+def test_a_wrong_mode_is_refused(display: Any) -> None:
+    with pytest.raises(ConfigError, match="DUMMY1 shows 256 x 192 pixels, not 1024 x 768"):
+        find_pair(read_outputs(display), projector=("DUMMY1", (1024, 768)), mask=MASK)
+
+
+def test_overlapping_outputs_are_refused(server: XServer) -> None:
+    server.xrandr("--output", "DUMMY0", "--pos", "255x0")
+    with pytest.raises(ConfigError, match="same part of the screen") as caught:
+        find_pair(tuple(read(server).values()), projector=PROJECTOR, mask=MASK)
+    assert caught.value.hint == "xrandr --output DUMMY0 --right-of DUMMY1"
+
+
+def test_outputs_that_only_touch_do_not_overlap() -> None:
+    left = Output("a", True, 0, 0, 10, 10)
+    for x, y, wanted in ((10, 0, False), (9, 0, True), (0, 10, False), (9, 9, True)):
+        assert x_outputs.overlap(left, Output("b", True, x, y, 10, 10)) is wanted
+
+
+def test_one_output_cannot_be_both_panels(display: Any) -> None:
+    with pytest.raises(ConfigError, match="same part of the screen"):
+        find_pair(read_outputs(display), projector=PROJECTOR, mask=("DUMMY1", QUARTER[0]))
+
+
+def test_rates_that_slip_too_fast_are_refused() -> None:
+    # 12.960 MHz scaled to 59.924 Hz, what a reduced-blanking mode of 1600 x 1200 has.
+    with run(kinds=("dummy",), refresh_hz=(60.0, 59.924)) as server:
+        outputs = tuple(read(server).values())
+        with pytest.raises(ConfigError, match=r"slip by one refresh every 13\.\d s"):
+            find_pair(outputs, projector=PROJECTOR, mask=MASK)
+        pair = find_pair(outputs, projector=PROJECTOR, mask=MASK, rate_tolerance=0.01)
+        assert pair.refresh_hz == pytest.approx(59.924, abs=0.005)
+        assert pair.slip_s == pytest.approx(13.2, abs=0.5)
+
+
+def test_published_timings_have_their_published_rates() -> None:
+    """VESA DMT 1.13: 1024 x 768 and 1600 x 1200; CTA-861: 1920 x 1080 interlaced."""
+    projector_hz = x_outputs.mode_hz(65_000_000, 1344, 806)
+    mask_hz = x_outputs.mode_hz(162_000_000, 2160, 1250)
+    assert projector_hz == pytest.approx(60.0038, abs=5e-5)
+    assert mask_hz == 60.0
+    assert x_outputs.slip_s(projector_hz, mask_hz) == pytest.approx(260.0, abs=1.0)
+    x_outputs.check_rates(projector_hz, mask_hz)
+    assert x_outputs.mode_hz(74_250_000, 2200, 1125, 0x10) == pytest.approx(60.0)  # interlaced
+    assert x_outputs.mode_hz(25_175_000, 800, 525, 0x20) == pytest.approx(29.97, abs=0.01)
+
+
+def test_a_rate_that_the_server_does_not_know_is_none() -> None:
+    assert x_outputs.mode_hz(0, 0, 0) is None
+    x_outputs.check_rates(None, 60.0)
+    pair = Pair(Output("a", True), Output("b", True, refresh_hz=60.0))
+    assert pair.refresh_hz is None and pair.slip_s is None
+
+
+def test_a_turned_output_is_refused(display: Any) -> None:
+    turned = [replace(o, turned=o.name == "DUMMY1") for o in read_outputs(display)]
+    with pytest.raises(ConfigError, match="rotated or mirrored"):
+        find_pair(turned, projector=PROJECTOR, mask=MASK)
+
+
+def test_one_large_output_is_divided_by_the_configuration() -> None:
+    sizes = (("screen", QUARTER[0]), ("screen", QUARTER[1]))
+    with run(kinds=("xvfb",)) as server:
+        outputs = tuple(read(server).values())
+    pair = x_outputs.place_pair(
+        outputs, projector=sizes[0], mask=sizes[1], positions_px=((0, 0), (256, 0))
+    )
+    assert (pair.projector.size, pair.mask.x, pair.refresh_hz) == ((256, 192), 256, None)
+    for places, why in ((((0, 0), (255, 0)), "same part"), (((0, 0), (257, 0)), "do not lie")):
+        with pytest.raises(ConfigError, match=why):
+            x_outputs.place_pair(outputs, projector=sizes[0], mask=sizes[1], positions_px=places)
+
+
+def test_the_watcher_hears_of_a_change_and_of_nothing_else(
+    server: XServer, watcher: Watcher
+) -> None:
+    assert not any(watcher.changed() for _ in range(1000))
+    server.xrandr("--output", "DUMMY1", "--off")
+    assert eventually(watcher)
+    assert not watcher.changed()
+
+
+def test_the_watcher_hears_of_a_server_that_dies(server: XServer, watcher: Watcher) -> None:
+    os.kill(server.pid, signal.SIGKILL)
+    with pytest.raises(DeviceLost, match="does not answer"):
+        eventually(watcher)
+
+
+def test_a_server_that_dies_between_questions_is_lost(server: XServer, display: Any) -> None:
+    os.kill(server.pid, signal.SIGKILL)
+    with pytest.raises(DeviceLost, match=server.display):
+        read_outputs(display)
+
+
+def test_without_a_server_the_message_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    with pytest.raises(ConfigError, match="DISPLAY is not set"):
+        connect()
+    with pytest.raises(ConfigError, match="not the name of an X server"):
+        connect("HDMI-1")
+    with pytest.raises(DeviceLost, match="systemctl status pdcd-x"):
+        connect(":4242")

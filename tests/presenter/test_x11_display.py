@@ -1,0 +1,236 @@
+"""The contract of every display on real windows, and what this one does when things die."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.x11 import X11Display
+from pdcd.config import PanelConfig, RigConfig
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.interfaces import Display
+from pdcd.presenter.xgrab import RootGrabber
+from tests import x11_rig
+from tests.contract.test_display import DisplayContract, frames
+from tests.xserver import QUARTER, XServer, run
+
+BLACK_WITHIN_S = 0.1
+
+
+@pytest.fixture
+def display(tmp_path: Path, x_quarter: XServer) -> Iterator[Display]:
+    display = x11_rig.display(x11_rig.config(tmp_path, x_quarter))
+    display.connect()
+    yield display
+    display.disconnect()
+
+
+class TestX11Display(DisplayContract):
+    """Windows of an X server without hardware."""
+
+
+@pytest.fixture
+def lit(x_quarter: XServer) -> Iterator[Callable[[], bool]]:
+    """Whether any pixel of the X screen is lit; answers within a millisecond."""
+    grabber = RootGrabber(x_quarter.display)
+    yield lambda: bool(grabber.grab().any())
+    grabber.close()
+
+
+def pid_of(display: X11Display) -> int:
+    assert display._presenter is not None
+    return display._presenter.pid
+
+
+def until(condition: Callable[[], bool], within_s: float) -> float | None:
+    """Time until a condition held, in s; None if it did not in time."""
+    begun = time.monotonic()
+    while not condition():
+        if time.monotonic() - begun > within_s:
+            return None
+    return time.monotonic() - begun
+
+
+def test_a_killed_presenter_leaves_black_panels_and_is_started_again(
+    tmp_path: Path, x_quarter: XServer, lit: Callable[[], bool]
+) -> None:
+    display = x11_rig.display(x11_rig.config(tmp_path, x_quarter))
+    display.connect()
+    try:
+        display.load(frames(128))
+        failed: list[Exception] = []
+
+        def play() -> None:
+            try:
+                display.play(lambda *_: None, lambda: False)
+            except DeviceLost as err:
+                failed.append(err)
+
+        thread = threading.Thread(target=play)
+        thread.start()
+        assert until(lit, 10.0) is not None
+        os.kill(pid_of(display), signal.SIGKILL)
+        took_s = until(lambda: not lit(), 5.0)
+        thread.join(10.0)
+        assert took_s is not None and took_s < BLACK_WITHIN_S
+        assert failed and "signal 9" in str(failed[0])
+        display.black()
+        display.load(frames())
+        assert len(display.play(lambda *_: None, lambda: False)) == len(frames())
+    finally:
+        display.disconnect()
+
+
+OWNER = """
+import sys
+from pathlib import Path
+from typing import Any
+from tests import x11_rig
+from tests.contract.test_display import frames
+from tests.xserver import XServer
+import msgspec
+server = msgspec.json.decode(sys.argv[2], type=XServer)
+display = x11_rig.display(x11_rig.config(Path(sys.argv[1]), server))
+display.connect()
+if sys.argv[3] == "play":
+    display.load(frames(512))
+    display.play(lambda *_: None, lambda: False)
+else:
+    display.show(frames())
+print("ready", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("doing", ["play", "show"])
+def test_panels_go_black_when_their_owner_is_killed(
+    tmp_path: Path, x_quarter: XServer, lit: Callable[[], bool], doing: str
+) -> None:
+    words = [str(tmp_path), msgspec.json.encode(x_quarter).decode(), doing]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OWNER, *words], stdin=subprocess.PIPE, env=environment
+    )
+    try:
+        assert until(lit, 20.0) is not None
+        owner.kill()
+        owner.wait()
+        took_s = until(lambda: not lit(), 5.0)
+        assert took_s is not None and took_s < BLACK_WITHIN_S
+    finally:
+        owner.kill()
+        owner.communicate()
+
+
+def test_a_presenter_that_hangs_is_killed(tmp_path: Path, x_quarter: XServer) -> None:
+    display = x11_rig.display(x11_rig.config(tmp_path, x_quarter, more={"hang_s": 0.5}))
+    display.connect()
+    try:
+        display.load(frames(64))
+        pid = pid_of(display)
+
+        def stop(*_: int) -> None:
+            os.kill(pid, signal.SIGSTOP)
+
+        with pytest.raises(DeviceLost, match="hung"):
+            display.play(stop, lambda: False)
+        display.black()
+        assert not x11_rig.root_pixels(x_quarter).any()
+        display.load(frames())  # started anew
+        assert pid_of(display) != pid
+    finally:
+        display.disconnect()
+
+
+def test_a_server_that_dies_is_a_lost_device(tmp_path: Path) -> None:
+    with run(*QUARTER) as server:
+        display = x11_rig.display(x11_rig.config(tmp_path, server))
+        display.connect()
+        display.load(frames(64))
+        with pytest.raises(DeviceLost):
+            display.play(lambda *_: os.kill(server.pid, signal.SIGKILL), lambda: False)
+        with pytest.raises(DeviceLost, match="does not answer"):
+            display.black()
+        with pytest.raises(DeviceLost, match="does not answer"):
+            display.load(frames())
+        display.disconnect()
+
+
+def test_an_unplugged_output_ends_the_pass_black(tmp_path: Path) -> None:
+    with run(*QUARTER, kinds=("dummy",)) as server:
+        display = x11_rig.display(x11_rig.config(tmp_path, server))
+        display.connect()
+        display.load(frames(256))
+        pulled = threading.Event()
+
+        def pull(*_: int) -> None:
+            if not pulled.is_set():
+                pulled.set()
+                server.xrandr("--output", server.projector, "--off")
+
+        with pytest.raises((ConfigError, DeviceLost), match=r"projector|outputs"):
+            display.play(pull, lambda: False)
+        assert not x11_rig.root_pixels(server).any()
+        display.disconnect()
+
+
+def test_no_display_says_what_to_do(tmp_path: Path, x_quarter: XServer) -> None:
+    display = x11_rig.display(x11_rig.config(tmp_path, x_quarter, more={"display": ":4711"}))
+    with pytest.raises(DeviceLost, match="does not answer"):
+        display.connect()
+    display.black()
+    display.disconnect()
+
+
+@pytest.mark.parametrize(
+    ("more", "tables", "message"),
+    [
+        ({"allow_software": False}, {}, "renderer is software"),
+        ({"projector": "HDMI-9"}, {}, "no output is named"),
+        ({}, {"projector": PanelConfig(size_px=(640, 480))}, "not 640 x 480|do not lie"),
+        ({"time_source": "present-complete"}, {}, "no vblank"),
+        ({"time_source": "oml"}, {}, "no vblank"),
+        ({"layout": "one"}, {}, "layout"),
+        ({"colour": "red"}, {}, "unknown field `colour`"),
+        ({}, {"rig": RigConfig(clock="virtual")}, "real time"),
+    ],
+)
+def test_what_does_not_fit_is_refused(
+    tmp_path: Path,
+    x_quarter: XServer,
+    more: dict[str, Any],
+    tables: dict[str, Any],
+    message: str,
+) -> None:
+    with pytest.raises((ConfigError, DeviceLost), match=message):
+        x11_rig.display(x11_rig.config(tmp_path, x_quarter, more=more, **tables)).connect()
+    assert not x11_rig.root_pixels(x_quarter).any()
+
+
+def test_patterns_that_exceed_the_graphics_card_are_refused(
+    tmp_path: Path, x_quarter: XServer
+) -> None:
+    display = x11_rig.display(x11_rig.config(tmp_path, x_quarter))
+    display.connect()
+    try:
+        asked = frames()
+        huge = np.lib.stride_tricks.as_strided(
+            np.zeros(1, dtype=np.uint8), shape=(1 << 20, 1 << 10), strides=(0, 0)
+        )
+        with pytest.raises(ConfigError, match="exceed"):
+            display.load(type(asked)(**{**vars(asked), "primal_patterns": huge}))
+        display.load(asked)
+        display.play(lambda *_: None, lambda: False)
+    finally:
+        display.disconnect()
