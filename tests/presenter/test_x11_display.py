@@ -18,13 +18,14 @@ import numpy as np
 import pytest
 
 from drivers.x11 import X11Display
-from pdcd.config import PanelConfig, RigConfig
+from pdcd.config import Config, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.interfaces import Display
 from pdcd.presenter.windows import Windows
 from pdcd.presenter.xgrab import RootGrabber
+from pdcd.show import pattern_frames
 from tests import x11_rig
-from tests.contract.test_display import DisplayContract, frames
+from tests.contract.test_display import GRID, DisplayContract, frames
 from tests.xserver import QUARTER, XServer, run
 
 BLACK_WITHIN_S = 0.1
@@ -244,11 +245,18 @@ def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
         display = x11_rig.display(x11_rig.config(tmp_path, server))
         try:
             assert display.connect().refresh_hz == pytest.approx(60.0, rel=0.02)
-            display.show(frames())
+            shown = pattern_frames("checker", 0, GRID, Config())
+            display.show(shown)
             projector, mask, rest = x11_rig.panels(server)
-            assert projector.any() and mask.any() and not rest
         finally:
             display.disconnect()
+    assert not rest
+    for found, size, is_mask in (
+        (projector, server.projector_px, False),
+        (mask, server.mask_px, True),
+    ):
+        wanted = x11_rig.planned(shown, 0, size, mask=is_mask)
+        np.testing.assert_array_equal(found, np.repeat(wanted[..., None], 3, axis=2))
 
 
 def test_a_lost_graphics_context_is_a_lost_device() -> None:
