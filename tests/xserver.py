@@ -13,6 +13,7 @@ that is killed, whose outputs are unplugged, or whose rates differ.
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 import subprocess
 import tempfile
@@ -162,6 +163,8 @@ def run(
                 yield server
             finally:
                 _end(process)
+                for path in _traces(number):
+                    path.unlink(missing_ok=True)
             return
     pytest.skip("NO X SERVER, nothing that draws is tested here. " + "; ".join(why))
 
@@ -179,7 +182,7 @@ def _launch(
     more: tuple[str, ...],
     config: str | None,
 ) -> tuple[subprocess.Popen[bytes], int]:
-    """Start one server on a display number that it finds free itself."""
+    """Start one server, on a display number that no other test takes as soon as it is free."""
     width, height = projector_px[0] + mask_px[0], max(projector_px[1], mask_px[1])
     log = folder / "server.log"
     if kind == "dummy":
@@ -205,7 +208,10 @@ def _launch(
     words += ["-displayfd", str(its), "-nolisten", "tcp", "-noreset", "-s", "0", *more]
     with (folder / "stderr").open("wb") as stderr:
         process = subprocess.Popen(
-            [*leash, program, *words], pass_fds=(its,), stdout=stderr, stderr=stderr
+            [*leash, program, f":{_free_number()}", *words],
+            pass_fds=(its,),
+            stdout=stderr,
+            stderr=stderr,
         )
     os.close(its)
     try:
@@ -222,6 +228,19 @@ def _launch(
         _end(process)
         raise _StartError(_complaint(log, folder / "stderr"))
     return process, int(answer)
+
+
+def _free_number() -> int:
+    """A number at random: tests kill servers and then look for them, while others start some."""
+    while True:
+        number = secrets.randbelow(9000) + 1000
+        if not any(path.exists() for path in _traces(number)):
+            return number
+
+
+def _traces(number: int) -> tuple[Path, Path]:
+    """What a server leaves behind when it is killed."""
+    return Path(f"/tmp/.X{number}-lock"), Path(f"/tmp/.X11-unix/X{number}")
 
 
 def _complaint(*files: Path) -> str:
