@@ -16,6 +16,7 @@ from fractions import Fraction
 import msgspec
 import numpy as np
 
+from pdcd.codes import hadamard_fits, line_count
 from pdcd.errors import ConfigError
 from pdcd.guess import GOALS, Prior, guess
 from pdcd.guided import by_prior, guidable
@@ -244,6 +245,8 @@ class _Search:
         per_code_s = 0.0
         for rung in LADDER:
             count = -(-rung // step) * step
+            if family == "hadamard" and not hadamard_fits(count, self.request.p or 0.5):
+                continue
             if count * per_code_s > self.setting.config.limits.max_exposure_s:
                 return
             share = pilot_share(count) if pilot else 0
@@ -262,6 +265,8 @@ class _Search:
         p = self.request.p
         family: FamilyName = "hadamard" if p is None or p == 0.5 else "balanced"
         family = self.request.family or family
+        if family == "singer" and p is not None:
+            return family, line_count(p)
         share = Fraction(0.5 if p is None else p).limit_denominator(MOST_PARTS)
         return family, share.denominator if family == "balanced" else 1
 

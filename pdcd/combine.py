@@ -103,8 +103,8 @@ def divided_by_row(photo: Photo, shots: Mapping[str, Exposed], normalise: Normal
     return normalise == "row"
 
 
-def _weight(photo: Photo, realised: Factors, shape: tuple[int, int], *, by_row: bool) -> Floats:
-    """What to divide a photo by: one number, or (h, w, 1) with that of each cell's row."""
+def cell_weights_s(photo: Photo, realised: Factors, *, by_row: bool) -> Floats:
+    """What to divide a photo by: one number (), or that of each cell's row (N,)."""
     common = weight_s(realised, photo.wanted)
     if not common > 0.0:
         raise DecodeError(
@@ -115,7 +115,15 @@ def _weight(photo: Photo, realised: Factors, shape: tuple[int, int], *, by_row: 
         return np.array(common)
     inner, norm = row_weights_s(realised, photo.wanted)
     usable = (norm > 0.0) & (inner > 0.0)
-    own = np.where(usable, inner / np.where(norm > 0.0, norm, 1.0), common)
+    own: Floats = np.where(usable, inner / np.where(norm > 0.0, norm, 1.0), common)
+    return own
+
+
+def _weight(photo: Photo, realised: Factors, shape: tuple[int, int], *, by_row: bool) -> Floats:
+    """What to divide a photo by: one number, or (h, w, 1) with that of each cell's row."""
+    own = cell_weights_s(photo, realised, by_row=by_row)
+    if not own.ndim:
+        return own
     cells = own.reshape(photo.wanted.grid)
     per_cell = (shape[0] // cells.shape[0], shape[1] // cells.shape[1])
     return cells.repeat(per_cell[0], axis=0).repeat(per_cell[1], axis=1)[..., None]

@@ -232,14 +232,7 @@ def _expose(
         variance=rgb_variance(raw.planes, profile, shot.iso, exposure_s) * (to_units / level) ** 2,
         saturated=raw.saturated,
         realised=realised if level == 1.0 else shared(realised, level),
-        exif={
-            "model": raw.model,
-            "iso": raw.iso,
-            "exposure_s": raw.exposure_s,
-            "f_number": raw.f_number,
-            "black_dn": raw.black.tolist(),
-            "white_dn": raw.white,
-        },
+        exif=raw.exif(),
         missed=shot.missed if shot.level is None else 0,
     )
 
@@ -263,7 +256,9 @@ def _barred(
         added = _missing(part, shots, learned)
         scaled = scaled_photos(part, shots, added, normalise=record.normalise)
         if record.smooth and "coded" in scaled:
-            scaled["coded"] = smoothed(part, shots, scaled["coded"], learned)
+            scaled["coded"] = smoothed(
+                part, shots, scaled["coded"], learned, normalise=record.normalise
+            )
         return scaled
 
     scaled = photos(recipe)

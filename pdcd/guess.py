@@ -27,6 +27,9 @@ from pdcd.report import weight_s
 GOALS = ("white", "indirect", "direct", "fraction")
 """Goals whose errors a guess can tell."""
 
+COINS = ("bernoulli", "rademacher")
+"""Families whose cells are lit unequally often."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -97,14 +100,14 @@ class Guess:
     def _indirect_error(self) -> float:
         """RMS error of the codes in indirect light, as a share of all light."""
         s2 = self.prior.indirect**2
-        if self.plan.family == "bernoulli":
+        if self.plan.family in COINS:
             return float(np.sqrt((s2 + 2.0 * s2 / self.prior.paths) / self.plan.count))
         return float(np.sqrt(s2 / self.prior.paths * self._share()))
 
     def _kept_error(self, p: float, signal: float) -> float:
         """The same in ``direct + p indirect`` light."""
         q = self.prior.indirect**2 / self.prior.paths
-        if self.plan.family == "bernoulli":
+        if self.plan.family in COINS:
             return float(np.sqrt((1.0 - p) * (q + signal**2 / p) / self.plan.count))
         return (1.0 - p) * float(np.sqrt(q * self._share()))
 

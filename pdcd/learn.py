@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from pdcd.combine import Exposed, Picture, realised_photo
+from pdcd.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pilot import (
     SCOUTS,
     SHARP,
@@ -22,8 +22,8 @@ from pdcd.pilot import (
 )
 from pdcd.realised import Factors
 from pdcd.recipe import Recipe
-from pdcd.report import weight_s
-from pdcd.smooth import smooth_correction
+from pdcd.request import NormaliseName
+from pdcd.smooth import colour_correction
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -112,30 +112,36 @@ def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:
 
 
 def smoothed(
-    recipe: Recipe, shots: Mapping[str, Exposed], picture: Picture, learned: Learned | None
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    picture: Picture,
+    learned: Learned | None,
+    *,
+    normalise: NormaliseName = "auto",
 ) -> Picture:
-    """An indirect picture corrected for its smooth light (`pdcd.smooth`), channel by channel.
+    """An indirect picture corrected for its smooth light (`pdcd.smooth`).
 
-    Its sigma stays: the correction is a small part of the picture.
+    Sigma stays: the correction is a small part of the picture. `normalise` is what the picture was
+    made with (`pdcd.combine`).
     """
     photo = next(p for p in recipe.photos if p.name == "coded")
     realised = realised_photo(photo.shots, shots)
-    weight = weight_s(realised, photo.wanted)
+    weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
     rows, cols = recipe.goal.grid
     height, width = picture.image.shape[:2]
     quads = (height // rows, width // cols)
     cells = picture.image.reshape(rows, quads[0], cols, quads[1], 3).mean(axis=(1, 3))
     image = cells.reshape(-1, 3)
-    more = np.empty_like(image)
-    for c in range(3):
-        rest = image[:, c]
-        if learned is not None:
-            rest = rest - np.asarray(learned.paths[c].sum(axis=1)).ravel()
-        more[:, c] = smooth_correction(
-            realised.left, realised.right, weight, rest, recipe.goal.grid
-        )
+    if learned is not None:
+        image = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
+    more = colour_correction(realised.left, realised.right, weight, image, recipe.goal.grid)
     full = more.reshape(rows, cols, 3).repeat(quads[0], axis=0).repeat(quads[1], axis=1)
     return Picture(picture.image + full, picture.sigma)
+
+
+def _sums(paths: Any) -> Floats:
+    """Row sums of a sparse matrix, (N,)."""
+    return np.asarray(paths.sum(axis=1), dtype=np.float64).ravel()
 
 
 def time_s(realised: Factors, lit: Bools) -> float:

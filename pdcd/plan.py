@@ -12,7 +12,7 @@ from scipy import sparse
 
 from pdcd import planes
 from pdcd.bitplanes import check_binary
-from pdcd.codes import make_codes
+from pdcd.codes import hadamard_fits, make_codes
 from pdcd.codes.prior import prior_codes
 from pdcd.config import Config
 from pdcd.errors import ConfigError
@@ -64,6 +64,8 @@ class Plan:
     delay_s: float = 0.0
     """Time by which the mask is sent its frames later, or earlier."""
     repeat: int = 1
+    smooth: bool = False
+    """Whether the indirect photo is to be corrected for its smooth light (`pdcd.smooth`)."""
     prediction: Prediction | None = None
     prior: str | None = None
     """What guided the codes, in words."""
@@ -224,7 +226,8 @@ def make_plan(
         method=request.method,
     )
     photos = {photo.name: photo for photo in recipe.photos}
-    if request.smooth and ("coded" not in photos or photos["coded"].wanted.uniform != (0.0, 1.0)):
+    smoothable = "coded" in photos and photos["coded"].wanted.uniform == (0.0, 1.0)
+    if request.smooth and not smoothable:
         raise ConfigError(
             f"goal {recipe.goal.name} takes no photo of indirect light under full light to smooth",
             hint="leave out smooth",
@@ -244,7 +247,7 @@ def make_plan(
     )
     asked = schedule.guards if request.guards is None else request.guards
     guards = choose_guards(asked, *lag_rows(config, mask_lag_s))
-    family = _family(request, schedule.family, recipe)
+    family = _family(request, schedule.family, recipe, part_count, parts)
     _check_family(family, request, parts)
     slot_s = slot_rows(guards) / config.row_hz
     if family in ISOLATION:
@@ -278,6 +281,7 @@ def make_plan(
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         repeat=request.repeat,
+        smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
     return plan
@@ -356,14 +360,15 @@ def _patterns(
     return patterns
 
 
-def _family(request: CaptureRequest, default: str, recipe: Recipe) -> str:
-    """The family asked for. Hadamard columns are lit half of the time: where codes must be lit
-    less often, balanced ones stand in for them unless they were asked for by name."""
+def _family(request: CaptureRequest, default: str, recipe: Recipe, count: int, parts: int) -> str:
+    """The family asked for. Where codes must be lit in another share than 1/2 that Hadamard codes
+    cannot do with this number, balanced ones stand in for them unless they were asked for by name;
+    and in parts, whose spread tells of errors only where phases are left to chance."""
     family = request.family or default
     main = next((p.p for p in recipe.programs.values() if p.coded), 0.5)
-    if family == "hadamard" and main != 0.5 and request.family is None:
-        return "balanced"
-    return family
+    if family != "hadamard" or main == 0.5 or request.family is not None:
+        return family
+    return family if parts == 1 and hadamard_fits(count, main) else "balanced"
 
 
 def _bits(
@@ -384,7 +389,7 @@ def _bits(
     if p != 0.5 and request.p is None:
         # The best share of lit cells, rounded to what balanced codes can do.
         p = max(1, round(p * count)) / count
-        family = "bernoulli" if family == "bernoulli" else "balanced"
+        family = "bernoulli" if family in ("bernoulli", "rademacher") else "balanced"
     shape = lattice.shape if _windowed(program) else lattice.grid
     return make_codes(family, shape, count, dual="same", p=p, seed=seed).primal()
 

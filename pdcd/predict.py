@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.balance import streams
-from pdcd.combine import Exposed, combine
+from pdcd.combine import Exposed, combine, scaled_photos
 from pdcd.config import Config
 from pdcd.guided import stopped
 from pdcd.interfaces import CameraInfo, FrameLog, Frames
-from pdcd.learn import Learned, corrections, learn
+from pdcd.learn import Learned, corrections, learn, smoothed
 from pdcd.metering import TARGET, USABLE, at_least, metered_pairs
 from pdcd.panel import apart_s
 from pdcd.patterns import levels_of
@@ -123,7 +123,7 @@ class Rehearsal:
     light : (rows, cols, 3) of each shot, scene units times seconds.
     metered_e : electrons at f/1 that metering expects of the brightest sample of each program. Its
         test exposure shows few of the codes, so that this is not quite what there will be.
-    added : what a pilot corrects, as `combine` takes it.
+    added : what a pilot and smooth light correct, as `combine` takes it.
     truth : (rows, cols, 3), scene units.
     """
 
@@ -211,6 +211,16 @@ def rehearse(
     for shot in recipe.shots:
         if shot.program not in metered_e:
             metered_e[shot.program] = _metered_e(plan, shot, setting, scene)
+    added = {} if learned is None else _added(plan, recipe, learned, realised)
+    if plan.smooth and "coded" in (photo.name for photo in recipe.photos):
+        dark = np.zeros((*plan.grid, 3))
+        shots = {
+            name: Exposed(light, dark, dark[..., 0] > 0.0, matrix, {})
+            for name, (light, matrix) in rehearsed.items()
+        }
+        coded = scaled_photos(recipe, shots, added, normalise=normalise)["coded"]
+        more = smoothed(recipe, shots, coded, learned, normalise=normalise).image - coded.image
+        added["coded"] = added.get("coded", 0.0) + more
     return Rehearsal(
         plan=plan,
         recipe=recipe,
@@ -219,7 +229,7 @@ def rehearse(
         light={name: light for name, (light, _) in rehearsed.items()},
         realised=realised,
         metered_e=metered_e,
-        added={} if learned is None else _added(plan, recipe, learned, realised),
+        added=added,
         truth=answer(scene, plan.recipe).reshape(*plan.grid, 3),
     )
 

@@ -64,10 +64,15 @@ class _Maker:
             self.exact("white", wanted, [np.ones(_cells(self.goal))], [self.goal.light])
 
     def coded(
-        self, name: str, program: Program, *parts: tuple[float, Part], light: Floats | None = None
+        self,
+        name: str,
+        program: Program,
+        *parts: tuple[float, Part],
+        light: Floats | None = None,
+        by_direct: bool = False,
     ) -> None:
         """A photo of one coded shot, under `light` beside the goal's own."""
-        wanted = self.wanted(*parts)
+        wanted = replace(self.wanted(*parts), by_direct=by_direct)
         rows = isinstance(program, Far)
         if light is not None:
             program = Under(program, light)
@@ -268,7 +273,7 @@ def _fraction(maker: _Maker, white: bool, codes: int) -> dict[str, Rule]:
     goal = maker.goal
     p = goal.p or 0.0
     everything, same = Uniform(_cells(goal)), _same(goal)
-    maker.coded("coded", Coded(None, False, p), (p, everything), (1.0 - p, same))
+    maker.coded("coded", Coded(None, False, p), (p, everything), (1.0 - p, same), by_direct=True)
     return {"fraction": ((1.0, "coded"),)}
 
 

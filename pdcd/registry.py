@@ -27,7 +27,11 @@ DRIVERS: Mapping[tuple[str, str], str] = {
     ("display", "mock"): "drivers.mock:MockDisplay",
     ("display", "x11"): "drivers.x11:X11Display",
     ("shutter", "mock"): "drivers.mock:MockShutter",
+    ("shutter", "gphoto2"): "drivers.gphoto:GphotoShutter",
+    ("shutter", "serial"): "drivers.serial_shutter:SerialShutter",
     ("readout", "mock"): "drivers.mock:MockReadout",
+    ("readout", "folder"): "drivers.folder:FolderReadout",
+    ("readout", "gphoto2"): "drivers.gphoto:GphotoReadout",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 

@@ -33,7 +33,9 @@ GoalName = Literal[
 ]
 Table = str | tuple[tuple[float, ...], ...]
 """Path of an image or `.npy` file that the daemon can read, or rows of numbers."""
-FamilyName = Literal["bernoulli", "balanced", "hadamard", "isolation", "confocal"]
+FamilyName = Literal[
+    "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"
+]
 MethodName = Literal["coded", "multi-image", "nayar"]
 GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
 """Black refreshes of a code (`pdcd.schedule`); True stands for "full", False for "none"."""
@@ -94,9 +96,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     prior: str | None = None
     """What the scene is like, to guide the codes and foresee errors by: the path of a transport
     matrix, "scene:" and the name of a preset, or "decay:" and a distance in cells."""
-    smooth: bool = False
+    smooth: bool | None = None
     """Correct an indirect photo for what its codes get wrong of smoothly spread light, by a model
-    that the photo itself gives."""
+    that the photo itself gives. None: with the family hadamard; others show what they are."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None

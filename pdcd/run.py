@@ -367,7 +367,8 @@ class Run:
             done = self._expose(plan, shot, name, CameraSettings(iso, f_number), pairs=pairs)
             raw = read_raw(done.raw.path, sha256=done.raw.sha256, saturation_dn=saturation_dn)
             peak = peak_share(raw.planes, raw.saturated, saturation_dn)
-            self.meter.append({"raw": f"raw/{name}.dng", "f_number": f_number, "peak": peak})
+            file = str(done.raw.path.relative_to(self.folder.path))
+            self.meter.append({"raw": file, "f_number": f_number, "peak": peak})
             expected = expected_share(raw.planes, ratio, saturation_dn, aligned=aligned)
             f_number, settled = next_aperture(camera.f_numbers, f_number, peak, expected)
             if settled:
@@ -387,7 +388,7 @@ class Run:
             codes=plan.count,
             method=request.method,
             pilot=plan.pilot,
-            smooth=request.smooth,
+            smooth=plan.smooth,
             parts=plan.parts,
             repeat=plan.repeat,
             black_level=request.black_level or self.config.schedule.black_level,

@@ -93,11 +93,15 @@ class Full:
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """``sum of weight * part``, each column times `light` where an illumination is given."""
+    """``sum of weight * part``, each column times `light` where an illumination is given.
+
+    With `by_direct` photos are scaled by the direct light they keep (`pdcd.report.weight_s`).
+    """
 
     grid: Grid
     parts: tuple[tuple[float, Part], ...]
     light: Floats | None = None
+    by_direct: bool = False
 
     @property
     def cells(self) -> int:
@@ -117,7 +121,7 @@ class Wanted:
 
     def under(self, light: Floats | None) -> Wanted:
         """The same under an illumination of the projector (N,)."""
-        return Wanted(self.grid, self.parts, light)
+        return Wanted(self.grid, self.parts, light, self.by_direct)
 
     @property
     def uniform(self) -> tuple[float, float] | None:

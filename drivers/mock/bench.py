@@ -52,11 +52,18 @@ class Bench:
             context.shared["scene"] = bench.scene
         return bench
 
-    def forget(self) -> None:
-        """A new exposure: nothing has been shown in it yet."""
+    def open_shutter(self, open_ns: int) -> None:
+        """Light falls on the sensor from then on; what was shown before does not count."""
+        self.open_ns, self.close_ns = open_ns, None
         self.frames = self.log = None
         self.shared.pop(PLAYED, None)
         self.shared.pop(PIXELS, None)
+        self.shutter_open = True
+
+    def close_shutter(self, close_ns: int) -> None:
+        """The exposure ends then."""
+        self.close_ns = close_ns
+        self.shutter_open = False
 
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure, (N, 3) float64 in scene units times seconds.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
-from drivers.mock.dng import write_dng
+from drivers.mock.dng import dng_bytes
 from pdcd.config import CameraConfig
 from pdcd.errors import ConfigError, ExposureError
 from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
@@ -27,80 +27,43 @@ READOUT_S = 0.2
 """Time from the end of the exposure until the file is there."""
 
 
-class MockReadout:
-    """The bench's camera: one Bayer quad, or a block of them, per scene cell.
+class BenchSensor:
+    """The sensor on the bench: one Bayer quad, or a block of them, per scene cell.
 
     Each quad sees the mean over its cell; light finer than a cell is not resolved. Models the
     noise of `pdcd.sensor`; not models optical black borders, hot pixels or lens shading.
     """
 
-    maturity = "stable"
-
-    def __init__(self, bench: Bench, clock: Clock, config: CameraConfig) -> None:
+    def __init__(self, bench: Bench, config: CameraConfig) -> None:
         self._bench = bench
-        self._clock = clock
         self._config = config
-        self._profile = load_profile(config.profile)
-        self._responsivity_e = np.array(config.responsivity_e or RESPONSIVITY_E)
+        self.profile = load_profile(config.profile)
+        self.responsivity_e = np.array(config.responsivity_e or RESPONSIVITY_E)
         self._rng = np.random.default_rng([config.seed, 1])
-        self._settings: CameraSettings | None = None
 
-    @classmethod
-    def create(cls, context: DriverContext) -> MockReadout:
-        """The camera of this rig's bench."""
-        return cls(Bench.of(context), context.clock, context.config.camera)
+    def dng(self, iso: int, f_number: float) -> bytes:
+        """The last exposure as a DNG file; ConfigError when the profile lacks the ISO.
 
-    def connect(self) -> CameraInfo:
-        """Report the sensor profile's ISOs and a lens with every aperture."""
-        fixed = self._config.f_number
-        return CameraInfo(
-            model=f"mock {self._profile.name}",
-            serial="virtual",
-            profile=self._config.profile,
-            responsivity_e=self._responsivity_e,
-            isos=self._profile.isos,
-            f_numbers=F_NUMBERS if fixed == "auto" else (float(fixed),),
-        )
-
-    def arm(self, settings: CameraSettings) -> None:
-        """Take over the settings; ConfigError when the profile lacks the ISO."""
-        self._profile.row(settings.iso)
-        if settings.f_number is None:
-            raise ConfigError(
-                "the mock lens has no ring to leave alone", device="camera", hint="set f_number"
-            )
-        self._settings = settings
-
-    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
-        """Integrate the last exposure and write it as `folder/name.dng`."""
-        bench, settings = self._bench, self._settings
-        if settings is None or settings.f_number is None:
-            raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
+        Raises ExposureError when no exposure has been completed, or it was taken already.
+        """
+        bench = self._bench
         light = bench.photo()
-        self._clock.sleep_until_ns(self._clock.now_ns() + round(READOUT_S * 1e9))
         exposure_s = ((bench.close_ns or 0) - (bench.open_ns or 0)) * 1e-9
-        electrons = self._mosaic(light * self._responsivity_e / settings.f_number**2)
+        electrons = self._mosaic(light * self.responsivity_e / f_number**2)
         rng = self._rng if self._config.noise == "full" else None
-        path = folder / f"{name}.dng"
-        write_dng(
-            path,
-            expose(electrons, self._profile, settings.iso, exposure_s, rng),
-            black=self._profile.black_dn,
-            white=self._profile.white_dn,
-            iso=settings.iso,
+        data = dng_bytes(
+            expose(electrons, self.profile, iso, exposure_s, rng),
+            black=self.profile.black_dn,
+            white=self.profile.white_dn,
+            iso=iso,
             exposure_s=exposure_s,
-            f_number=settings.f_number,
-            model=f"pdcd mock {self._profile.name}",
+            f_number=f_number,
+            model=f"pdcd mock {self.profile.name}",
             date=datetime.now(UTC),
             as_shot_neutral=self._neutral(),
         )
         bench.open_ns = bench.close_ns = None
-        data = path.read_bytes()
-        return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
-
-    def disconnect(self) -> None:
-        """Forget the settings."""
-        self._settings = None
+        return data
 
     def _mosaic(self, cells: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 3) per cell -> (H, W) RGGB mosaic."""
@@ -114,5 +77,58 @@ class MockReadout:
         return mosaic
 
     def _neutral(self) -> tuple[float, float, float]:
-        red, green, blue = self._responsivity_e / self._responsivity_e.max()
+        red, green, blue = self.responsivity_e / self.responsivity_e.max()
         return float(red), float(green), float(blue)
+
+
+class MockReadout:
+    """A camera without a connection: its files are simply there."""
+
+    maturity = "stable"
+
+    def __init__(self, bench: Bench, clock: Clock, config: CameraConfig) -> None:
+        self._clock = clock
+        self._config = config
+        self._sensor = BenchSensor(bench, config)
+        self._settings: CameraSettings | None = None
+
+    @classmethod
+    def create(cls, context: DriverContext) -> MockReadout:
+        """The camera of this rig's bench."""
+        return cls(Bench.of(context), context.clock, context.config.camera)
+
+    def connect(self) -> CameraInfo:
+        """Report the sensor profile's ISOs and a lens with every aperture."""
+        fixed = self._config.f_number
+        return CameraInfo(
+            model=f"mock {self._sensor.profile.name}",
+            serial="virtual",
+            profile=self._config.profile,
+            responsivity_e=self._sensor.responsivity_e,
+            isos=self._sensor.profile.isos,
+            f_numbers=F_NUMBERS if fixed == "auto" else (float(fixed),),
+        )
+
+    def arm(self, settings: CameraSettings) -> None:
+        """Take over the settings; ConfigError when the profile lacks the ISO."""
+        self._sensor.profile.row(settings.iso)
+        if settings.f_number is None:
+            raise ConfigError(
+                "the mock lens has no ring to leave alone", device="camera", hint="set f_number"
+            )
+        self._settings = settings
+
+    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
+        """Integrate the last exposure and write it as `folder/name.dng`."""
+        settings = self._settings
+        if settings is None or settings.f_number is None:
+            raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
+        data = self._sensor.dng(settings.iso, settings.f_number)
+        self._clock.sleep_until_ns(self._clock.now_ns() + round(READOUT_S * 1e9))
+        path = folder / f"{name}.dng"
+        path.write_bytes(data)
+        return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
+
+    def disconnect(self) -> None:
+        """Forget the settings."""
+        self._settings = None

@@ -37,8 +37,7 @@ _D65 = 21
 _Field = tuple[int, int, bytes]  # type, count, value
 
 
-def write_dng(
-    path: Path,
+def dng_bytes(
     mosaic: NDArray[np.uint16],
     *,
     black: int,
@@ -49,13 +48,11 @@ def write_dng(
     model: str,
     date: datetime,
     as_shot_neutral: tuple[float, float, float] = (1.0, 1.0, 1.0),
-) -> int:
-    """Write an RGGB mosaic as an uncompressed DNG file.
+) -> bytes:
+    """Make an RGGB mosaic into an uncompressed DNG file.
 
     Parameters
     ----------
-    path
-        File to write; one that exists is overwritten.
     mosaic : (H, W) uint16
         Samples in DN, H and W even, row 0 column 0 red.
     black, white
@@ -68,15 +65,13 @@ def write_dng(
 
     Returns
     -------
-    int
-        Bytes written.
+    bytes
+        The whole file.
 
     Raises
     ------
     ConfigError
         The mosaic is not (even, even) uint16.
-    OSError
-        The file cannot be written, ENOSPC on a full disk.
 
     Source: TIFF 6.0; Adobe DNG specification 1.4, chapters 2 and 4; EXIF 2.3, section 4.6.
     """
@@ -140,12 +135,40 @@ def write_dng(
     strip_offset = exif_offset + len(_directory(exif, 0))
     image[273] = _numbers(_LONG, strip_offset)
     image[34665] = _numbers(_LONG, exif_offset)
-    with path.open("wb") as file:
-        file.write(struct.pack("<2sHI", b"II", 42, header_bytes))
-        file.write(_directory(image, header_bytes))
-        file.write(_directory(exif, exif_offset))
-        file.write(frame.data)
-        return file.tell()
+    return b"".join(
+        (
+            struct.pack("<2sHI", b"II", 42, header_bytes),
+            _directory(image, header_bytes),
+            _directory(exif, exif_offset),
+            frame.data,
+        )
+    )
+
+
+def write_dng(
+    path: Path,
+    mosaic: NDArray[np.uint16],
+    *,
+    black: int,
+    white: int,
+    iso: int,
+    exposure_s: float,
+    f_number: float | None,
+    model: str,
+    date: datetime,
+    as_shot_neutral: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> int:
+    """Write what `dng_bytes` makes of the same arguments; returns the bytes written.
+
+    A file that exists is overwritten. Raises ConfigError as `dng_bytes` does, and OSError when the
+    file cannot be written, ENOSPC on a full disk.
+    """
+    return path.write_bytes(
+        dng_bytes(
+            mosaic, black=black, white=white, iso=iso, exposure_s=exposure_s, f_number=f_number,
+            model=model, date=date, as_shot_neutral=as_shot_neutral,
+        )
+    )  # fmt: skip
 
 
 def _odd(shape: Sequence[int]) -> bool:

@@ -9,6 +9,24 @@ from pdcd.config import TriggerConfig
 from pdcd.interfaces import Clock, DriverContext
 
 
+class Lag:
+    """By how much the blades follow their orders: the configured lag and its seeded jitter."""
+
+    def __init__(self, config: TriggerConfig, seed: int) -> None:
+        self._config = config
+        self._rng = np.random.default_rng([seed, 2])
+
+    @property
+    def longest_ns(self) -> int:
+        """Lag and four jitters: no order takes longer."""
+        return round((self._config.lag_s + 4.0 * self._config.jitter_s) * 1e9)
+
+    def draw_ns(self) -> int:
+        """How long the next order takes."""
+        wobble = float(np.clip(self._rng.standard_normal(), -4.0, 4.0))
+        return max(0, round((self._config.lag_s + self._config.jitter_s * wobble) * 1e9))
+
+
 class MockShutter:
     """Opens and closes the bench's shutter, late by the configured lag and its seeded jitter.
 
@@ -20,8 +38,7 @@ class MockShutter:
     def __init__(self, bench: Bench, clock: Clock, config: TriggerConfig, seed: int) -> None:
         self._bench = bench
         self._clock = clock
-        self._config = config
-        self._rng = np.random.default_rng([seed, 2])
+        self._lag = Lag(config, seed)
 
     @classmethod
     def create(cls, context: DriverContext) -> MockShutter:
@@ -36,13 +53,9 @@ class MockShutter:
 
     def open(self) -> int:
         """Open within lag and four jitters; returns that time."""
-        bench = self._bench
         asked_ns = self._clock.now_ns()
-        bench.open_ns = asked_ns + self._delay_ns()
-        bench.close_ns = None
-        bench.forget()
-        bench.shutter_open = True
-        sure_ns = asked_ns + self._longest_ns
+        self._bench.open_shutter(asked_ns + self._lag.draw_ns())
+        sure_ns = asked_ns + self._lag.longest_ns
         self._clock.sleep_until_ns(sure_ns)
         return sure_ns
 
@@ -51,20 +64,11 @@ class MockShutter:
         asked_ns = self._clock.now_ns()
         if not self._bench.shutter_open:
             return asked_ns
-        self._bench.close_ns = asked_ns + self._delay_ns()
-        self._bench.shutter_open = False
-        sure_ns = asked_ns + self._longest_ns
+        self._bench.close_shutter(asked_ns + self._lag.draw_ns())
+        sure_ns = asked_ns + self._lag.longest_ns
         self._clock.sleep_until_ns(sure_ns)
         return sure_ns
 
     def disconnect(self) -> None:
         """Close."""
         self.close()
-
-    @property
-    def _longest_ns(self) -> int:
-        return round((self._config.lag_s + 4.0 * self._config.jitter_s) * 1e9)
-
-    def _delay_ns(self) -> int:
-        wobble = float(np.clip(self._rng.standard_normal(), -4.0, 4.0))
-        return max(0, round((self._config.lag_s + self._config.jitter_s * wobble) * 1e9))

@@ -25,7 +25,15 @@ GOALS = (
     "filtered",
     "split",
 )
-FAMILIES = ("bernoulli", "balanced", "hadamard", "isolation", "confocal")
+FAMILIES = (
+    "bernoulli",
+    "rademacher",
+    "balanced",
+    "hadamard",
+    "singer",
+    "isolation",
+    "confocal",
+)
 METHODS: tuple[Literal["coded", "multi-image", "nayar"], ...] = ("coded", "multi-image", "nayar")
 SCHEDULES = ("none", "both", "lag", "lead", "full", "auto")
 WINDOWS = ("auto", "whole", "quarter")
@@ -133,6 +141,14 @@ def build_parser() -> argparse.ArgumentParser:
     row.add_argument("--photo", metavar="NAME", help="default: the one that the answer rests on")
     row.add_argument("--out", type=Path, metavar="PNG", help="default: PHOTO-ROW-COLUMN.png here")
     _json_option(row)
+    virtual = add("virtual-camera", "virtual:virtual_camera", "be a Canon EOS 450D on the network")
+    virtual.add_argument(
+        "--port", type=int, default=15740, metavar="N", help="default: 15740; 0 takes a free one"
+    )
+    virtual.add_argument(
+        "--scene", default="chart", metavar="KIND", help="a scene of the mock bench; default: chart"
+    )
+    virtual.add_argument("--small", action="store_true", help="files of 192 x 128 samples")
     _snr_options(add("snr", "snr:snr", "compare one coded photo with many photos without a mask"))
     add("version", "tools:version", "print the version")
     return parser
@@ -221,8 +237,10 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--smooth",
-        action="store_true",
-        help="correct indirect light for its smooth part, by a model that the photo itself gives",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="correct indirect light for its smooth part, by a model that the photo itself gives "
+        "(default: with hadamard codes)",
     )
     parser.add_argument(
         "--parts",

@@ -86,6 +86,40 @@ def colour_lattice(
     return colour, sign
 
 
+def phase_lattice(
+    lattice: tuple[int, int], colour: NDArray[np.int64], phases: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Give each cell one of some phases, which among cells of a colour alternate in every region.
+
+    Parameters
+    ----------
+    lattice : (rows, cols)
+    colour : (L,) int64
+        From `colour_lattice`.
+    phases : int
+        How many there are; cells of one colour are to have different ones, above all near cells.
+    rng : Generator
+        Source of the order of cells, and of phases that nothing else decides.
+
+    Returns
+    -------
+    (L,) int64
+        0 .. phases - 1: the one with the least sum(1/d) over cells of the same colour and phase.
+    """
+    cols = lattice[1]
+    placed: list[list[int]] = [[] for _ in range(int(colour.max()) + 1)]
+    phase = rng.integers(phases, size=colour.size)
+    for cell in _front(lattice, rng):
+        same = np.array(placed[colour[cell]], dtype=np.int64)
+        row, col = np.divmod(same, cols)
+        pull = 1.0 / np.hypot(row - cell // cols, col - cell % cols)
+        around = np.bincount(phase[same], pull, phases)
+        first = phase[cell]
+        phase[cell] = (first + np.argmin(np.roll(around, -first))) % phases
+        placed[colour[cell]].append(int(cell))
+    return phase
+
+
 class _Links:
     """Links of one cell at a time, scaled to a mean sum of squares of `LINKED` for each cell."""
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.colouring import colour_lattice
+from pdcd.codes.colouring import colour_lattice, phase_lattice
 from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders
+from pdcd.codes.spread import spread_codes, spread_size
 from pdcd.errors import ConfigError
 
 
@@ -21,6 +24,10 @@ def hadamard(
     they differ; `colour_lattice` keeps such cells apart and lets these errors cancel. With more
     codes than cells no column is used twice and the probing matrix is exact.
 
+    For p = 1/4, 1/8 ... a cell gets the product of 2, 3 ... columns (`pdcd.codes.spread`), and is
+    lit in exactly pK codes. Two cells with different products meet in exactly p^2 K; of cells with
+    the same product those of one phase meet in pK, and others never.
+
     Returns
     -------
     (K, L) bool
@@ -28,15 +35,46 @@ def hadamard(
     Raises
     ------
     ConfigError
-        p is not 1/2, or no Hadamard matrix of order K >= 2 can be constructed here.
+        p is no power of 1/2; for p = 1/2 no Hadamard matrix of order K >= 2 can be constructed
+        here; for smaller p, K is no power of two from 1/p^2 on.
     """
     if p != 0.5:
-        raise ConfigError(
-            f"hadamard codes light every cell half of the time, not p = {p:g}",
-            hint="take the family 'balanced' for other p",
-        )
+        return _seldom(lattice, count, p, rng)
     check_order(count)
     return coloured(count, *colour_lattice(lattice, count - 1, rng), rng)
+
+
+def _seldom(
+    lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Codes for p = 2^-t with t > 1: (K, L) bool."""
+    mantissa, exponent = math.frexp(p)
+    t = 1 - exponent
+    if mantissa != 0.5 or t < 2:
+        raise ConfigError(
+            f"hadamard codes light cells in 1/2, 1/4, 1/8 ... of the codes, not p = {p:g}",
+            hint="take the family 'balanced' for other p",
+        )
+    if not hadamard_fits(count, p):
+        least = 4**t
+        below = 1 << (count.bit_length() - 1)
+        near = [n for n in (below, 2 * below) if n >= least] or [least]
+        raise ConfigError(
+            f"hadamard codes of p = {p:g} do not come in sets of K = {count}",
+            hint=f"take {' or '.join(str(n) for n in near)} codes, or the family 'balanced'",
+        )
+    spaces = spread_size(count.bit_length() - 1, t)
+    colour, _ = colour_lattice(lattice, spaces, rng)
+    phase = phase_lattice(lattice, colour, 2**t, rng)
+    return spread_codes(count, t, rng.permutation(spaces)[colour], phase)
+
+
+def hadamard_fits(count: int, p: float) -> bool:
+    """Whether `hadamard` can make `count` codes that light cells in the share p of them."""
+    if p == 0.5:
+        return count >= 2 and is_order(count)
+    mantissa, exponent = math.frexp(p)
+    return mantissa == 0.5 and count >= 4 ** (1 - exponent) and count & (count - 1) == 0
 
 
 def check_order(count: int) -> None:

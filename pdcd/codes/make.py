@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.codes.balanced import balanced
-from pdcd.codes.bernoulli import bernoulli
+from pdcd.codes.bernoulli import bernoulli, rademacher
 from pdcd.codes.hadamard import hadamard
+from pdcd.codes.singer import singer
 from pdcd.errors import ConfigError
 
 Family = Callable[[tuple[int, int], int, float, np.random.Generator], NDArray[np.bool_]]
@@ -19,8 +20,10 @@ Family = Callable[[tuple[int, int], int, float, np.random.Generator], NDArray[np
 
 FAMILIES: dict[str, Family] = {
     "bernoulli": bernoulli,
+    "rademacher": rademacher,
     "balanced": balanced,
     "hadamard": hadamard,
+    "singer": singer,
 }
 
 
@@ -82,7 +85,8 @@ def make_codes(
         p(1-p) on average); m = i keeps direct light and the fraction p of indirect light (p on
         the diagonal, p^2 elsewhere). Paper, section 5.
     p : float
-        Share of codes in which a cell is lit, 0 < p < 1.
+        Share of codes in which a cell is lit, 0 < p < 1; for `singer` codes the share of indirect
+        light that m = i keeps, which is slightly more.
     seed : int
         Non-negative; one seed always gives the same codes.
 

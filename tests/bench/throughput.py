@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import rawpy
 
 from drivers.mock.dng import write_dng
 from pdcd.codes import FAMILIES, make_codes
@@ -15,7 +16,8 @@ from pdcd.lattice import Lattice
 from pdcd.raw import read_raw
 from tests.bench import plots
 from tests.bench.measure import REPEATS, timed
-from tests.bench.tables import Section, Table, grid_name, seconds
+from tests.bench.tables import Aim, Section, Table, grid_name, seconds
+from tests.cr2 import SIZE_450D, write_cr2
 
 GRIDS = ((48, 64), (96, 128))
 COUNTS = (8, 128, 1024)
@@ -37,6 +39,7 @@ def run(*, quick: bool, folder: Path) -> Section:
                 make = partial(make_codes, family, lattice, count, dual="complement", seed=1)
                 code_s[family, grid, count] = timed(make)[0]
     _plot(code_s, folder / "codes.png")
+    raw_table, raw_aims = _raw()
     return Section(
         title="Codes and RAW files",
         text=(
@@ -44,9 +47,12 @@ def run(*, quick: bool, folder: Path) -> Section:
             "giving equal columns to cells far apart; that is done for the lattice as a whole and "
             "grows with the cells, not with K. RAW files are uncompressed 14-bit mosaics in DNG, "
             "written to the temporary folder and read back through LibRaw, with their SHA-256 left "
-            f"out. Medians of {REPEATS}."
+            "out; the CR2 is compressed, as Canon's are, and holds a grey surface with noise of 20 "
+            "DN. AHD is the whole way that LibRaw goes to a picture of the same file, linear, "
+            f"demosaiced. Medians of {REPEATS}."
         ),
-        tables=[_code_table(code_s), _raw_table()],
+        tables=[_code_table(code_s), raw_table],
+        aims=raw_aims,
         plots=[("codes.png", "Time to make a set of codes.")],
     )
 
@@ -60,9 +66,11 @@ def _code_table(code_s: CodeTimes) -> Table:
     return table
 
 
-def _raw_table() -> Table:
-    table = Table("RAW files", ("pixels", "size", "write", "read and decode"))
+def _raw() -> tuple[Table, list[Aim]]:
+    heads = ("file", "size", "write", "read and decode", "LibRaw to AHD")
+    table = Table("RAW files", heads)
     rng = np.random.default_rng(1)
+    aims: list[Aim] = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "photo.dng"
         for width, height in SIZES_PX:
@@ -79,15 +87,42 @@ def _raw_table() -> Table:
                 model="bench",
                 date=datetime(2012, 8, 5, tzinfo=UTC),
             )
-            write_s, size = timed(write)
-            read_s, _ = timed(partial(read_raw, path))
-            table.add(
-                f"{width}x{height}",
-                f"{size / MIB:.1f} MiB",
-                f"{seconds(write_s)}, {size / MIB / write_s:.0f} MiB/s",
-                f"{seconds(read_s)}, {size / MIB / read_s:.0f} MiB/s",
-            )
-    return table
+            write_s, _ = timed(write)
+            read_s, ahd_s = _read_row(table, f"DNG {width}x{height}", path, write_s)
+        aims.append(Aim(f"RAW file of {width}x{height} to linear planes", "s", read_s, 0.15))
+        aims.append(Aim("the same as a share of LibRaw's way by AHD", "", read_s / ahd_s, 0.25))
+        path = Path(folder) / "photo.cr2"
+        grey = rng.normal(4000.0, 20.0, SIZE_450D).astype(np.uint16)
+        write_s, _ = timed(partial(write_cr2, path, grey))
+        _read_row(table, f"CR2 {SIZE_450D[1]}x{SIZE_450D[0]}", path, write_s)
+    return table, aims
+
+
+def _read_row(table: Table, name: str, path: Path, write_s: float) -> tuple[float, float]:
+    """Times of both ways to read a file, also put into the table."""
+    size = path.stat().st_size
+    read_s, _ = timed(partial(read_raw, path))
+    ahd_s, _ = timed(partial(_ahd, path))
+    table.add(
+        name,
+        f"{size / MIB:.1f} MiB",
+        f"{seconds(write_s)}, {size / MIB / write_s:.0f} MiB/s",
+        f"{seconds(read_s)}, {size / MIB / read_s:.0f} MiB/s",
+        f"{seconds(ahd_s)}, {ahd_s / read_s:.1f} times as long",
+    )
+    return read_s, ahd_s
+
+
+def _ahd(path: Path) -> None:
+    with rawpy.imread(str(path)) as raw:
+        raw.postprocess(
+            demosaic_algorithm=rawpy.DemosaicAlgorithm.AHD,
+            gamma=(1, 1),
+            no_auto_bright=True,
+            output_bps=16,
+            user_wb=[1.0, 1.0, 1.0, 1.0],
+            adjust_maximum_thr=0.0,
+        )
 
 
 def _plot(code_s: CodeTimes, path: Path) -> None:

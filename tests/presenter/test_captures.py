@@ -20,7 +20,8 @@ REQUEST = CaptureRequest(goal="indirect", codes=12, window="whole")
 
 def engine_on(folder: Path, server: XServer, **more: Any) -> Engine:
     rig = RigConfig(clock="real", on_miss="flag", settle_s=0.03)
-    return Engine.from_config(x11_rig.config(folder, server, rig=rig, **more))
+    config = x11_rig.config(folder, server, rig=rig, more={"time_source": "auto"}, **more)
+    return Engine.from_config(config)
 
 
 def test_a_photo_of_real_windows_is_that_of_their_frame_log(

@@ -49,8 +49,7 @@ def random_frames(
 def shown(
     folder: Path, server: XServer, panels: dict[str, Any] | None = None, **more: Any
 ) -> Iterator[X11Display]:
-    # Which time source it is makes no difference to pixels; to look for the best takes a while.
-    config = x11_rig.config(folder, server, more={"time_source": "present-msc", **more})
+    config = x11_rig.config(folder, server, more=more)
     config = msgspec.structs.replace(
         config, display=msgspec.structs.replace(config.display, **(panels or {}))
     )

@@ -34,7 +34,7 @@ def random_bits(count: int, p: float, seed: int = 0) -> Any:
 def test_c1_rademacher_codes_are_equiprobable_and_uncorrelated() -> None:
     """Mean 0 and covariance 1, each within five standard errors of R samples."""
     samples = 20_000
-    h = 2.0 * random_bits(samples, 0.5) - 1.0
+    h = 2.0 * make_codes("rademacher", GRID, samples, dual="same").primal() - 1.0
     assert np.abs(h.mean(axis=0)).max() < 5.0 / np.sqrt(samples)
     covariance = h.T @ h / samples
     assert np.all(np.diag(covariance) == 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pytest
@@ -10,8 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pdcd.cli import parser
 from pdcd.codes import FAMILIES, Codes, make_codes
 from pdcd.errors import ConfigError
+from pdcd.request import FamilyName
 
 Dual = Literal["complement", "same"]
 LATTICES = [(1, 1), (1, 9), (7, 1), (5, 7), (11, 13)]
@@ -22,13 +24,19 @@ def probing(codes: Codes) -> NDArray[np.int64]:
     return codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
 
 
-def test_families_are_the_three_that_requests_may_name() -> None:
-    assert list(FAMILIES) == ["bernoulli", "balanced", "hadamard"]
+ANY_COUNT = [name for name in FAMILIES if name != "singer"]
+"""Families that take p = 1/2; `singer` has tests of its own."""
+
+
+def test_families_are_those_that_requests_and_the_command_line_may_name() -> None:
+    named = [name for name in get_args(FamilyName) if name not in ("isolation", "confocal")]
+    assert list(FAMILIES) == named
+    assert list(get_args(FamilyName)) == list(parser.FAMILIES)
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
 @pytest.mark.parametrize("count", [2, 4, 8, 12, 20, 24, 28, 36, 64, 128])
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", ANY_COUNT)
 def test_complement_codes_never_let_a_cell_see_itself(
     family: str, count: int, lattice: tuple[int, int]
 ) -> None:
@@ -71,7 +79,7 @@ def test_bernoulli_lights_the_asked_share_of_cells() -> None:
     assert abs(lit.mean() - 0.2) < 5 * np.sqrt(0.2 * 0.8 / lit.size)
 
 
-@pytest.mark.parametrize("family", ["bernoulli", "balanced"])
+@pytest.mark.parametrize("family", ["bernoulli", "rademacher", "balanced"])
 def test_cells_are_independent_of_each_other(family: str) -> None:
     """Correlations between cells are those of unrelated sequences: squares average 1/(K-1)."""
     sign = 2.0 * make_codes(family, (20, 20), 200, dual="same", seed=4).primal() - 1.0
@@ -80,7 +88,7 @@ def test_cells_are_independent_of_each_other(family: str) -> None:
     assert np.isclose((correlation**2).mean() * 199, 1.0, atol=0.05)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", ANY_COUNT)
 def test_a_seed_always_gives_the_same_codes_and_another_seed_others(family: str) -> None:
     first, again, other = (
         make_codes(family, (12, 17), 32, dual="complement", seed=seed) for seed in (7, 7, 8)
@@ -92,7 +100,7 @@ def test_a_seed_always_gives_the_same_codes_and_another_seed_others(family: str)
 
 @settings(deadline=None, derandomize=True, max_examples=50)
 @given(
-    family=st.sampled_from(sorted(FAMILIES)),
+    family=st.sampled_from(sorted(ANY_COUNT)),
     rows=st.integers(1, 12),
     cols=st.integers(1, 12),
     count=st.sampled_from([2, 4, 8, 12, 16]),
@@ -152,7 +160,7 @@ def test_out_of_range_arguments_are_refused(
 
 
 def test_an_unknown_family_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"'fourier'.*bernoulli, balanced, hadamard"):
+    with pytest.raises(ConfigError, match=r"'fourier'.*bernoulli, rademacher, .* singer"):
         make_codes("fourier", (4, 4), 8, dual="same")
 
 
@@ -172,3 +180,8 @@ def test_balanced_names_the_counts_that_fit_p(p: float, count: int, hint: str) -
     with pytest.raises(ConfigError) as caught:
         make_codes("balanced", (4, 4), count, dual="same", p=p)
     assert hint in str(caught.value.hint)
+
+
+def test_rademacher_refuses_shares_other_than_a_half() -> None:
+    with pytest.raises(ConfigError, match="equally often"):
+        make_codes("rademacher", (4, 4), 8, dual="same", p=0.25)

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.codes import colour_lattice, hadamard_columns, is_order, make_codes, nearest_orders
+from pdcd.codes import (
+    colour_lattice,
+    hadamard_columns,
+    hadamard_fits,
+    is_order,
+    make_codes,
+    nearest_orders,
+)
 from pdcd.errors import ConfigError
 
 ORDERS = [n for n in range(1, 133) if is_order(n)]
@@ -116,6 +123,19 @@ def test_counts_that_are_no_order_are_refused_with_the_nearest(count: int, hint:
     assert caught.value.hint == hint
 
 
-def test_other_shares_than_half_are_sent_to_balanced() -> None:
-    with pytest.raises(ConfigError, match="balanced"):
-        make_codes("hadamard", (4, 4), 16, dual="same", p=0.25)
+@pytest.mark.parametrize(
+    ("count", "p", "hint"),
+    [
+        (16, 0.3, "balanced"),
+        (16, 0.75, "balanced"),
+        (8, 0.25, "take 16 codes"),
+        (24, 0.25, "take 16 or 32 codes"),
+        (100, 0.0625, "take 256 codes"),
+        (300, 0.0625, "take 256 or 512 codes"),
+    ],
+)
+def test_shares_and_counts_without_columns_are_refused(count: int, p: float, hint: str) -> None:
+    assert not hadamard_fits(count, p)
+    with pytest.raises(ConfigError) as caught:
+        make_codes("hadamard", (4, 4), count, dual="same", p=p)
+    assert hint in str(caught.value.hint)

@@ -54,7 +54,7 @@ X11 = "\n[display]\ndriver = 'x11'"
         ("[schedule]\nguards = 1", "schedule.guards: ", "expected bool"),
         ("[schedule]\ncodes = 0", "schedule.codes: ", ">= 1"),
         ("[schedule]\ncodes = 8.5", "schedule.codes: ", "expected int"),
-        ("[schedule]\nfamily = 'x'", "schedule.family: ", "bernoulli, balanced, hadamard"),
+        ("[schedule]\nfamily = 'x'", "schedule.family: ", "bernoulli, rademacher, balanced"),
         ("[camera]\nf_number = 'f8'", "camera.f_number: ", "auto, a number"),
         ("[camera]\nf_number = -8", "camera.f_number: ", "> 0"),
         ("[projector]\nsize_px = [1024]", "projector.size_px: ", "length 2"),

@@ -63,7 +63,15 @@ def test_formulas_for_indirect_light(goal: str, family: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("family", "p"), [("bernoulli", 0.25), ("balanced", 0.25), ("balanced", 0.5), ("hadamard", 0.5)]
+    ("family", "p"),
+    [
+        ("bernoulli", 0.25),
+        ("balanced", 0.25),
+        ("balanced", 0.5),
+        ("hadamard", 0.5),
+        ("hadamard", 0.25),
+        ("rademacher", 0.5),
+    ],
 )
 def test_formulas_for_a_fraction(family: str, p: float, tmp_path: Path) -> None:
     rig = setting(tmp_path)

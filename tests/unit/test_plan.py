@@ -50,11 +50,47 @@ def test_exposure_becomes_whole_passes() -> None:
         plan_of(codes=128, exposure_s=6.0)
 
 
-def test_fraction_below_a_half_takes_balanced_codes_unless_told() -> None:
-    assert plan_of(goal="fraction", p=0.25).family == "balanced"
-    assert plan_of(goal="fraction", p=0.5).family == "hadamard"
+@pytest.mark.parametrize(
+    ("p", "codes", "parts", "family"),
+    [
+        (0.5, 128, 1, "hadamard"),
+        (0.25, 128, 1, "hadamard"),
+        (0.25, 96, 1, "balanced"),
+        (0.2, 100, 1, "balanced"),
+        (0.0625, 128, 1, "balanced"),
+        (0.25, 128, 4, "balanced"),
+    ],
+)
+def test_a_fraction_takes_hadamard_codes_where_they_are_defined(
+    p: float, codes: int, parts: int, family: str
+) -> None:
+    assert plan_of(goal="fraction", p=p, codes=codes, parts=parts).family == family
+
+
+def test_a_family_that_is_named_is_not_replaced() -> None:
     with pytest.raises(ConfigError, match="hadamard"):
-        plan_of(goal="fraction", p=0.25, family="hadamard")
+        plan_of(goal="fraction", p=0.2, codes=100, family="hadamard")
+    assert plan_of(goal="fraction", p=0.2, codes=21, family="singer").family == "singer"
+    with pytest.raises(ConfigError, match="goal fraction"):
+        plan_of(goal="indirect", codes=21, family="singer")
+
+
+@pytest.mark.parametrize(
+    ("fields", "smooth"),
+    [
+        ({}, True),
+        ({"goal": "direct"}, True),
+        ({"family": "balanced"}, False),
+        ({"family": "balanced", "smooth": True}, True),
+        ({"smooth": False}, False),
+        ({"goal": "fraction", "p": 0.5}, False),
+        ({"goal": "white"}, False),
+    ],
+)
+def test_smooth_light_is_corrected_with_hadamard_codes_unless_told(
+    fields: dict[str, Any], smooth: bool
+) -> None:
+    assert plan_of(**fields).smooth is smooth
 
 
 @pytest.mark.parametrize(

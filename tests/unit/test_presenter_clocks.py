@@ -127,7 +127,8 @@ def test_a_completion_is_that_of_its_own_swap_and_of_none_before() -> None:
     source = Completions(reports, lambda: reports.pending.append(8))
     reports.pending = [5, 6]  # black panels: shown, and nobody asked when
     source.sync()
-    show(source)
+    source.put()
+    source.shown()
     assert (source.msc, source.ns, source.flipped) == (8, 8 * PERIOD_NS, 1)
 
 

@@ -1,0 +1,247 @@
+"""Shutter and readout of a camera that libgphoto2 knows.
+
+Never run on a real camera. Not modelled: cameras without the setting ``bulb`` (most Nikons have
+it; others need a trigger of their own), long-exposure noise reduction, which must be off in the
+camera's menu. A process that is killed cannot end a bulb exposure over USB: use the driver
+``serial`` where that matters.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import logging
+from contextlib import suppress
+from pathlib import Path, PurePath
+
+import numpy as np
+
+from drivers.gphoto.session import CameraFile, Session
+from pdcd.config import CameraConfig, TriggerConfig
+from pdcd.errors import ConfigError, DecodeError, ExposureError, NoSpaceError, PdcdError
+from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+from pdcd.raw import RAW_SUFFIXES
+from pdcd.tiff import read_tags
+
+logger = logging.getLogger(__name__)
+
+_TARGETS = {"ram": "Internal RAM", "card": "Memory card"}
+_SLICE_S = 0.5
+"""Longest single wait for an event."""
+_LATE_S = 0.3
+"""How long a second file of the same exposure is listened for."""
+_DRAIN_S = 5.0
+
+
+class GphotoShutter:
+    """Opens and closes by the camera's setting ``bulb``."""
+
+    maturity = "experimental"
+
+    def __init__(self, session: Session, config: TriggerConfig, clock: Clock) -> None:
+        self._session = session
+        self._clock = clock
+        self._sure_ns = round((config.lag_s + 4.0 * config.jitter_s) * 1e9)
+        self._open = False
+
+    @classmethod
+    def create(cls, context: DriverContext) -> GphotoShutter:
+        """The shutter of this rig's camera. Raises ConfigError."""
+        return cls(Session.of(context), context.config.trigger, context.clock)
+
+    def connect(self) -> dict[str, str]:
+        """Open the camera; an exposure that a dead program left running is ended."""
+        self._session.open("shutter")
+        self._session.get("bulb")  # or say that there is none
+        self._session.prefer("shutterspeed", "bulb")
+        with suppress(PdcdError):  # most cameras refuse to end what has not begun
+            self._session.set("bulb", 0)
+        self._open = False
+        return {"model": "gphoto2 bulb", "port": self._session.options.port or "usb"}
+
+    def open(self) -> int:
+        """Start the exposure; never asked twice, as the first may have worked.
+
+        Raises DeviceLost; `close` must then be called, and ends it if it did start.
+        """
+        self._open = True
+        self._session.set("bulb", 1)
+        return self._settled_ns()
+
+    def close(self) -> int:
+        """End the exposure. Raises DeviceLost, then nothing is known of the shutter."""
+        if not self._open:
+            return self._clock.now_ns()
+        self._session.set("bulb", 0)
+        self._open = False
+        return self._settled_ns()
+
+    def disconnect(self) -> None:
+        """Close, then release the camera."""
+        try:
+            self.close()
+        finally:
+            self._open = False
+            self._session.close("shutter")
+
+    def _settled_ns(self) -> int:
+        sure_ns = self._clock.now_ns() + self._sure_ns
+        self._clock.sleep_until_ns(sure_ns)
+        return sure_ns
+
+
+class GphotoReadout:
+    """Sets ISO and aperture, and fetches the RAW file of an exposure whoever released it."""
+
+    maturity = "experimental"
+
+    def __init__(self, session: Session, config: CameraConfig, clock: Clock) -> None:
+        self._session = session
+        self._config = config
+        self._clock = clock
+        self._isos: dict[int, str] = {}
+        self._f_numbers: dict[float, str] = {}
+        self._armed = False
+
+    @classmethod
+    def create(cls, context: DriverContext) -> GphotoReadout:
+        """The readout of this rig's camera. Raises ConfigError."""
+        config: CameraConfig = context.config.camera
+        if config.responsivity_e is None:
+            raise ConfigError(
+                "camera.responsivity_e is not set, and the camera cannot tell it",
+                device="camera",
+                hint="measure it, or set [1.0, 1.0, 1.0]: results are then in electrons at f/1",
+            )
+        return cls(Session.of(context), config, context.clock)
+
+    def connect(self) -> CameraInfo:
+        """Open the camera and ask for its settings.
+
+        Raises DeviceLost, and ConfigError for a camera whose ISO cannot be set.
+        """
+        session = self._session
+        session.open("readout")
+        self._isos = {int(c): c for c in session.choices("iso") if c.isdigit()}
+        if not self._isos:
+            raise ConfigError(
+                "the camera offers no ISO",
+                device="camera",
+                hint="turn its dial to M; see gphoto2 --get-config iso",
+            )
+        self._f_numbers = {}
+        for choice in session.choices("aperture"):
+            with suppress(ValueError):  # "implicit auto" and the like
+                self._f_numbers[float(choice.removeprefix("f/"))] = choice
+        session.drain(self._clock, _DRAIN_S)
+        if session.choices("capturetarget"):
+            session.set("capturetarget", _TARGETS[session.options.destination])
+        return CameraInfo(
+            model=self._say("cameramodel") or "gphoto2 camera",
+            serial=self._say("serialnumber"),
+            profile=self._config.profile,
+            responsivity_e=np.array(self._config.responsivity_e),
+            isos=tuple(sorted(self._isos)),
+            f_numbers=tuple(sorted(self._f_numbers)),
+        )
+
+    def arm(self, settings: CameraSettings) -> None:
+        """Set bulb, RAW, ISO and aperture; pictures of earlier exposures are thrown away.
+
+        Raises ConfigError with the list of what the camera offers, DeviceLost.
+        """
+        self._armed = False
+        if settings.iso not in self._isos:
+            raise ConfigError(
+                f"ISO {settings.iso} is not offered",
+                device="camera",
+                hint=f"take one of {', '.join(map(str, sorted(self._isos)))}",
+            )
+        session = self._session
+        session.set("iso", self._isos[settings.iso])
+        if settings.f_number is not None and self._f_numbers:
+            nearest = min(self._f_numbers, key=lambda f: abs(f - (settings.f_number or 0.0)))
+            if abs(nearest / settings.f_number - 1.0) > 0.01:
+                raise ConfigError(
+                    f"f/{settings.f_number:g} is not offered",
+                    device="camera",
+                    hint=f"take one of {', '.join(f'{f:g}' for f in sorted(self._f_numbers))}",
+                )
+            session.set("aperture", self._f_numbers[nearest])
+        session.prefer("shutterspeed", "bulb")  # also for a shutter on a cable
+        session.prefer("imageformat", "RAW")
+        for late in session.drain(self._clock, _DRAIN_S):
+            logger.warning("picture of an earlier exposure thrown away name=%s", late.name)
+            session.download(late)  # or its place in the buffer stays taken
+        self._armed = True
+
+    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
+        """Wait for the RAW file and store it; JPEGs beside it are thrown away.
+
+        Raises ExposureError for none or more than one, DecodeError for a file with a piece missing,
+        DeviceLost, NoSpaceError.
+        """
+        if not self._armed:
+            raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
+        self._armed = False
+        file, data = self._wait(timeout_s)
+        tags = read_tags(data)
+        if not data or (tags is not None and tags.needs_bytes > len(data)):
+            raise DecodeError(
+                f"{file.name} came home with {len(data)} bytes, not whole",
+                device="camera",
+                hint="take the photo again; check the cable",
+            )
+        path = folder / f"{name}{PurePath(file.name).suffix.lower()}"
+        try:
+            with path.open("xb") as copy:
+                copy.write(data)
+        except OSError as err:
+            if err.errno in (errno.ENOSPC, errno.EDQUOT):
+                path.unlink(missing_ok=True)
+                raise NoSpaceError(
+                    f"no space left for {path.name}", device="camera", hint="free some space"
+                ) from err
+            raise
+        return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
+
+    def disconnect(self) -> None:
+        """Release the camera."""
+        self._armed = False
+        self._session.close("readout")
+
+    def _wait(self, timeout_s: float) -> tuple[CameraFile, bytes]:
+        """The one RAW file of this exposure, downloaded."""
+        until_ns = self._clock.now_ns() + round(timeout_s * 1e9)
+        seen: set[CameraFile] = set()
+        found: list[tuple[CameraFile, bytes]] = []
+        while (left_s := (until_ns - self._clock.now_ns()) * 1e-9) > 0.0:
+            file = self._session.next_file(min(left_s, _SLICE_S))
+            if file is None or file in seen:  # the same event twice
+                continue
+            seen.add(file)
+            data = self._session.download(file)
+            if PurePath(file.name).suffix.lower() in RAW_SUFFIXES:
+                if not found:
+                    until_ns = self._clock.now_ns() + round(_LATE_S * 1e9)
+                found.append((file, data))
+        if len(found) > 1:
+            raise ExposureError(
+                f"{len(found)} RAW files came for one exposure",
+                device="camera",
+                hint="set single shots; has somebody else released the shutter?",
+            )
+        if not found:
+            other = ", ".join(sorted(file.name for file in seen))
+            raise ExposureError(
+                f"no RAW file came within {timeout_s:g} s" + (f", only {other}" if other else ""),
+                device="camera",
+                hint="is the camera set to RAW, the dial to M or B, noise reduction off?",
+            )
+        return found[0]
+
+    def _say(self, name: str) -> str:
+        """A setting that need not be there."""
+        with suppress(ConfigError):
+            return self._session.get(name)
+        return ""

@@ -1,0 +1,234 @@
+"""One open camera of libgphoto2, which shutter and readout share.
+
+Every call ends by libgphoto2's own time-outs: 20 s on USB, 2.5 s over PTP/IP, longer while a Canon
+is busy with a picture. Some of its calls hold Python's global lock as long as that (seen with the
+summary, which is never asked for here), so a program that has other threads to serve in time keeps
+the camera to the driver ``ptp``.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Literal, NamedTuple
+
+import gphoto2 as gp
+import msgspec
+
+from pdcd.config import Config
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.interfaces import Clock, DriverContext
+
+logger = logging.getLogger(__name__)
+
+_KEY = "gphoto.session"
+_HINTS = {
+    gp.GP_ERROR_IO_USB_CLAIM: "another program holds it: gio mount -s gphoto2, or close it",
+    gp.GP_ERROR_MODEL_NOT_FOUND: "is it on, and plugged in? gphoto2 --auto-detect lists cameras",
+    gp.GP_ERROR_UNKNOWN_PORT: "see gphoto2 --list-ports",
+    gp.GP_ERROR_BAD_PARAMETERS: "see gphoto2 --list-config",
+    gp.GP_ERROR_CAMERA_BUSY: "wait until it has written its pictures",
+}
+_OFF_ON = "check cable and battery; switch the camera off and on"
+_QUIET_MS = 50
+
+
+class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[camera.options] of this driver; [trigger.options] if only the trigger uses it."""
+
+    port: str = ""
+    """Port as libgphoto2 names it (``usb:001,004``, ``ptpip:192.168.1.2``); "" takes the only USB
+    camera."""
+    model: str = ""
+    """Model as libgphoto2 names it; "" asks the camera. PTP/IP needs ``PTP/IP Camera``."""
+    destination: Literal["ram", "card"] = "ram"
+    """Where the camera keeps a picture until it is fetched."""
+
+
+class CameraFile(NamedTuple):
+    """Where a picture lies in the camera."""
+
+    folder: str
+    name: str
+
+
+class Session:
+    """Opened by the first of its users, closed by the last."""
+
+    def __init__(self, options: Options) -> None:
+        self.options = options
+        self._users: set[str] = set()
+        self._camera: Any = None
+
+    @classmethod
+    def of(cls, context: DriverContext) -> Session:
+        """The session of this rig. Raises ConfigError for wrong options."""
+        session = context.shared.get(_KEY)
+        if not isinstance(session, cls):
+            session = context.shared[_KEY] = cls(_options(context.config))
+        return session
+
+    def open(self, user: str) -> None:
+        """Find and open the camera. Raises DeviceLost."""
+        self._users.add(user)
+        if self._camera is not None:
+            return
+        camera = gp.Camera()
+        with self.errors("open the camera"):
+            if self.options.port:
+                ports = gp.PortInfoList()
+                ports.load()
+                camera.set_port_info(ports[ports.lookup_path(self.options.port)])
+            if self.options.model:
+                models = gp.CameraAbilitiesList()
+                models.load()
+                camera.set_abilities(models[models.lookup_model(self.options.model)])
+            with _standard_input_kept():
+                camera.init()
+        self._camera = camera
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the camera is open."""
+        return self._camera is not None
+
+    def close(self, user: str) -> None:
+        """Release the camera if nobody else uses it. Idempotent; never fails."""
+        self._users.discard(user)
+        if not self._users and self._camera is not None:
+            camera, self._camera = self._camera, None
+            try:
+                with _standard_input_kept():
+                    camera.exit()
+            except gp.GPhoto2Error as err:  # it is gone, which is what was wanted
+                logger.warning("camera not closed in order error=%s", err)
+
+    def get(self, name: str) -> str:
+        """A setting as text. Raises ConfigError when the camera has none of that name."""
+        return str(self._widget(name).get_value())
+
+    def choices(self, name: str) -> list[str]:
+        """What a setting may be; empty when the camera lacks it or names no choices."""
+        with suppress(ConfigError):
+            widget = self._widget(name)
+            if widget.get_type() in (gp.GP_WIDGET_RADIO, gp.GP_WIDGET_MENU):
+                return [str(widget.get_choice(i)) for i in range(widget.count_choices())]
+        return []
+
+    def set(self, name: str, value: str | int) -> None:
+        """Change a setting. Raises ConfigError, with the list, for one that is not offered."""
+        choices = self.choices(name) if isinstance(value, str) else []
+        if choices and value not in choices:
+            raise ConfigError(
+                f"{name} {value} is not offered",
+                device="camera",
+                hint=f"take one of {', '.join(choices)}",
+            )
+        widget = self._widget(name)
+        with self.errors(f"set {name} to {value}"):
+            widget.set_value(value)
+            self._opened().set_single_config(name, widget)
+
+    def prefer(self, name: str, value: str) -> None:
+        """Change a setting if the camera has it and offers that; some have a dial for it."""
+        for choice in self.choices(name):
+            if choice.lower() == value.lower():
+                self.set(name, choice)
+
+    def next_file(self, wait_s: float) -> CameraFile | None:
+        """The next picture the camera tells of, None if there is none within the time."""
+        with self.errors("ask for events"):
+            kind, data = self._opened().wait_for_event(max(1, round(wait_s * 1e3)))
+        if kind == gp.GP_EVENT_FILE_ADDED:
+            return CameraFile(str(data.folder), str(data.name))
+        return None
+
+    def drain(self, clock: Clock, limit_s: float) -> list[CameraFile]:
+        """Pictures that are waiting to be told of; reads events until there are none."""
+        files: list[CameraFile] = []
+        until_ns = clock.now_ns() + round(limit_s * 1e9)
+        while clock.now_ns() < until_ns:
+            with self.errors("ask for events"):
+                kind, data = self._opened().wait_for_event(_QUIET_MS)
+            if kind == gp.GP_EVENT_FILE_ADDED:
+                files.append(CameraFile(str(data.folder), str(data.name)))
+            elif kind == gp.GP_EVENT_TIMEOUT:
+                break
+        return files
+
+    def download(self, file: CameraFile) -> bytes:
+        """All bytes of a picture; the camera's buffer is free of it afterwards."""
+        with self.errors(f"download {file.name}"):
+            found = self._opened().file_get(file.folder, file.name, gp.GP_FILE_TYPE_NORMAL)
+            return bytes(memoryview(found.get_data_and_size()))
+
+    @contextmanager
+    def errors(self, doing: str) -> Iterator[None]:
+        """Turn libgphoto2's errors into DeviceLost with a hint."""
+        try:
+            yield
+        except gp.GPhoto2Error as err:
+            raise DeviceLost(
+                f"cannot {doing}: {err.string} ({err.code})",
+                device="camera",
+                hint=_HINTS.get(err.code, _OFF_ON),
+            ) from err
+
+    def _opened(self) -> Any:
+        if self._camera is None:
+            raise DeviceLost("the camera is not open", device="camera", hint="connect first")
+        return self._camera
+
+    def _widget(self, name: str) -> Any:
+        camera = self._opened()
+        try:
+            return camera.get_single_config(name)
+        except gp.GPhoto2Error as err:
+            if err.code in (gp.GP_ERROR_BAD_PARAMETERS, gp.GP_ERROR_NOT_SUPPORTED):
+                raise ConfigError(
+                    f"the camera has no setting {name}",
+                    device="camera",
+                    hint="see gphoto2 --list-config; use another driver for what it lacks",
+                ) from err
+            with self.errors(f"read {name}"):
+                raise
+
+
+@contextmanager
+def _standard_input_kept() -> Iterator[None]:
+    """Put file descriptor 0 back afterwards, whatever file that is by now.
+
+    libgphoto2 2.5.34 closes it when it leaves a PTP/IP camera (seen; it takes a field never set for
+    a descriptor), and with it the next file that the daemon opens and gets that number.
+    """
+    try:
+        kept = os.dup(0)
+    except OSError:  # closed before: nothing to keep
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.dup2(kept, 0)
+        os.close(kept)
+
+
+def _options(config: Config) -> Options:
+    mine = config.camera if config.camera.driver == "gphoto2" else config.trigger
+    try:
+        options = msgspec.convert(mine.options, Options)
+    except msgspec.ValidationError as err:
+        raise ConfigError(
+            f"options of the driver gphoto2: {err}",
+            device="camera",
+            hint="docs/cameras.md lists them",
+        ) from err
+    if config.rig.clock != "real":
+        raise ConfigError(
+            "a real camera cannot keep up with a virtual clock",
+            device="camera",
+            hint="set rig.clock = 'real'",
+        )
+    return options

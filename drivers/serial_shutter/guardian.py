@@ -1,0 +1,89 @@
+"""The process that releases the shutter when the daemon cannot: killed, crashed or stuck.
+
+Started by `drivers.serial_shutter.watchdog` with the open port and one end of a socket pair; run
+as a file by a bare interpreter (``-I -S``), so it imports nothing of pdcd. It speaks on the socket:
+
+======== ==================== =====================================================
+in       out                  meaning
+======== ==================== =====================================================
+arm S    ok                   release the shutter unless told otherwise within S seconds
+disarm   ok, fired, lost      the shutter is closed; whether it was this process that did it,
+                              or tried to
+(end)                         the daemon is gone or done: release if armed, then end
+======== ==================== =====================================================
+
+The kernel closes the daemon's end however the daemon ends, so SIGKILL and segmentation faults
+count as well. The only thing it does not survive is what kills it too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import select
+import signal
+import socket
+import struct
+import sys
+import termios
+import time
+
+LINES = {"rts": termios.TIOCM_RTS, "dtr": termios.TIOCM_DTR}
+_TRIES = 3
+
+
+def release(port: int, how: str, value: str) -> bool:
+    """Close the shutter. Returns whether the port took it.
+
+    Parameters
+    ----------
+    port
+        File descriptor of the open port.
+    how, value
+        ``"rts"`` or ``"dtr"`` and the level of the closed shutter, ``"0"`` or ``"1"``; or
+        ``"command"`` and the bytes to send, in hexadecimal.
+    """
+    for _ in range(_TRIES):
+        with contextlib.suppress(OSError):
+            if how == "command":
+                os.write(port, bytes.fromhex(value))
+            else:
+                action = termios.TIOCMBIS if value == "1" else termios.TIOCMBIC
+                fcntl.ioctl(port, action, struct.pack("I", LINES[how]))
+            return True
+    return False
+
+
+def main(port: int, talk: socket.socket, how: str, value: str) -> None:
+    """Serve until the other end is gone."""
+    deadline_s: float | None = None
+    state = b"ok"
+    while True:
+        wait_s = None if deadline_s is None else max(0.0, deadline_s - time.monotonic())
+        if not select.select([talk], [], [], wait_s)[0]:
+            state = b"fired" if release(port, how, value) else b"lost"
+            deadline_s = None
+            continue
+        try:
+            word = talk.recv(64)
+        except OSError:  # the daemon died with an answer unread
+            word = b""
+        if not word:
+            if deadline_s is not None:
+                release(port, how, value)
+            return
+        verb, _, seconds = word.decode("ascii").partition(" ")
+        if verb == "arm":
+            deadline_s, state = time.monotonic() + float(seconds), b"ok"
+        else:
+            deadline_s = None
+        with contextlib.suppress(OSError):
+            talk.send(state)
+
+
+if __name__ == "__main__":
+    # A Ctrl-C in the terminal, or a stop of the service, is the daemon's to answer.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    main(int(sys.argv[1]), socket.socket(fileno=int(sys.argv[2])), sys.argv[3], sys.argv[4])

@@ -1,0 +1,172 @@
+"""A serial port as the shutter uses it: opened once, lines at rest, errors in pdcd's words.
+
+What the lines do on their own, by pyserial 3.5 and Linux:
+
+- pyserial asserts RTS and DTR when it opens a port unless both were set before.
+- The kernel asserts both when a UART or USB adapter is opened, before any program can speak. So
+  there may be a pulse of microseconds to milliseconds at each open, also when another program
+  opens the port (`TIOCEXCL` keeps others out, root excepted). Hence: opened once, kept open.
+- At the last close the kernel drops both lines if HUPCL is set and leaves them if it is clear.
+  That is the last safety when every process was killed. It is set where dropping closes the
+  shutter, and cleared where it would open it (a line active low) or would reset the box at the
+  next start (commands to an Arduino).
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import io
+import os
+import termios
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import serial
+
+from drivers.serial_shutter.options import Options
+from pdcd.errors import ConfigError, DeviceLost, ExposureError
+
+_HINTS = {
+    errno.ENOENT: "is it plugged in? see /dev/serial/by-id",
+    errno.EACCES: "add the daemon's user to the group dialout",
+    errno.EBUSY: "another program holds it: fuser -v names it",
+    errno.EAGAIN: "another program holds it: fuser -v names it",
+}
+_CFLAG = 2
+
+
+class Port:
+    """An open port. Raises DeviceLost when it cannot be opened or stops answering."""
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+        self._idle = options.active_low
+        self._serial = self._opened()
+        try:
+            self._claim()
+        except BaseException:
+            self._serial.close()
+            raise
+
+    @property
+    def fd(self) -> int | None:
+        """File descriptor; None for ports that are not of this machine."""
+        try:
+            return int(self._serial.fileno())
+        except (io.UnsupportedOperation, AttributeError):
+            return None
+
+    @property
+    def release(self) -> tuple[str, str]:
+        """How to close the shutter, as `drivers.serial_shutter.guardian.release` takes it."""
+        if self._options.release == "command":
+            return "command", self._options.close_hex
+        return self._options.release, str(int(self._idle))
+
+    def drive(self, *, opened: bool) -> None:
+        """Hold the line, or send the command and see that the reply is right.
+
+        Raises ExposureError for a wrong reply, ConfigError for a port without modem lines.
+        """
+        with self._errors():
+            if self._options.release == "rts":
+                self._serial.rts = opened != self._idle
+            elif self._options.release == "dtr":
+                self._serial.dtr = opened != self._idle
+            else:
+                self._command(opened=opened)
+
+    def shutter_is_open(self) -> bool:
+        """What the feedback input says."""
+        with self._errors():
+            level = self._serial.cts if self._options.feedback == "cts" else self._serial.dsr
+        return bool(level) != self._options.feedback_active_low
+
+    def close(self) -> None:
+        """Give the port back. Idempotent."""
+        self._serial.close()
+
+    def _opened(self) -> serial.Serial:
+        options = self._options
+        try:
+            port = serial.serial_for_url(
+                options.port,
+                do_not_open=True,
+                baudrate=options.baud,
+                timeout=options.answer_s,
+            )
+            if options.release != "command":
+                # At rest before the port is open; boxes on USB need both lines to talk at all.
+                port.rts = self._idle and options.release == "rts"
+                port.dtr = self._idle and options.release == "dtr"
+            if "://" not in options.port:
+                port.exclusive = True
+                port.write_timeout = options.answer_s  # rfc2217 has none
+            port.open()
+        except (ValueError, NotImplementedError) as err:  # an unknown scheme or baud rate
+            raise ConfigError(
+                f"[trigger.options] port = {options.port!r}: {err}", device="shutter"
+            ) from err
+        except (OSError, termios.error) as err:
+            number = err.args[0] if err.args and isinstance(err.args[0], int) else None
+            raise DeviceLost(
+                f"cannot open {options.port}: {os.strerror(number) if number else err}",
+                device="shutter",
+                hint=_HINTS.get(number or 0, "is it a serial port?"),
+            ) from err
+        return port
+
+    def _claim(self) -> None:
+        """Keep other programs out, and settle what the last close does to the lines."""
+        if self.fd is None:
+            return
+        with self._errors():
+            fcntl.ioctl(self.fd, termios.TIOCEXCL)
+            attributes = termios.tcgetattr(self.fd)
+            attributes[_CFLAG] &= ~termios.HUPCL
+            if self._options.release != "command" and not self._idle:
+                attributes[_CFLAG] |= termios.HUPCL
+            termios.tcsetattr(self.fd, termios.TCSANOW, attributes)
+
+    def _command(self, *, opened: bool) -> None:
+        options = self._options
+        word, reply = (
+            (options.open_hex, options.open_reply_hex)
+            if opened
+            else (options.close_hex, options.close_reply_hex)
+        )
+        expected = bytes.fromhex(reply)
+        self._serial.reset_input_buffer()
+        self._serial.write(bytes.fromhex(word))
+        self._serial.flush()
+        answer = self._serial.read(len(expected)) if expected else b""
+        if not answer and expected:
+            raise DeviceLost(
+                f"no reply to {word} within {options.answer_s:g} s",
+                device="shutter",
+                hint="check the box's power, port, baud and reply bytes",
+            )
+        if answer != expected:
+            raise ExposureError(
+                f"the box answered {answer.hex(' ')} to {word}, not {reply}",
+                device="shutter",
+                hint="compare open_reply_hex and close_reply_hex with its manual",
+            )
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        # OSError is also pyserial's own exception; termios.error is none.
+        except (OSError, termios.error) as err:
+            port = self._options.port
+            if err.args and err.args[0] in (errno.ENOTTY, errno.EINVAL):
+                raise ConfigError(
+                    f"{port} has no modem lines", device="shutter", hint="release = 'command'?"
+                ) from err
+            raise DeviceLost(
+                f"{port} does not answer: {err}",
+                device="shutter",
+                hint="was it unplugged? check that the camera's shutter is closed",
+            ) from err

@@ -1,0 +1,181 @@
+"""The shutter on a serial port.
+
+Never run on real hardware: the port's own code is tested on pseudo-terminals and on a fake line,
+the kernel's part (pulse at open, HUPCL) is from its source. Not modelled: boxes that only send a
+pulse, or that toggle.
+"""
+
+from __future__ import annotations
+
+import logging
+from contextlib import suppress
+
+from drivers.serial_shutter.options import Options, read_options
+from drivers.serial_shutter.port import Port
+from drivers.serial_shutter.watchdog import Alarm, Guardian, Watchdog
+from pdcd.config import Config
+from pdcd.errors import ConfigError, DeviceLost, ExposureError, PdcdError
+from pdcd.interfaces import Clock, DriverContext
+
+logger = logging.getLogger(__name__)
+
+_POLL_NS = 1_000_000
+_MARGIN_S = 30.0
+"""What an exposure may take beyond its limit before the watchdog ends it."""
+
+
+class SerialShutter:
+    """Holds a line, or has a box hold it, while the exposure lasts.
+
+    Without feedback the shutter counts as open, or closed, a lag and four jitters of [trigger]
+    after the command. With it, as open when the feedback says so, and as closed a lag and four
+    jitters after it said so: a flash contact opens when the blades start to close.
+    """
+
+    maturity = "experimental"
+
+    def __init__(self, options: Options, config: Config, clock: Clock) -> None:
+        self._options = options
+        self._clock = clock
+        self._lag_ns = round((config.trigger.lag_s + 4.0 * config.trigger.jitter_s) * 1e9)
+        self._limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
+        self._port: Port | None = None
+        self._watchdog: Watchdog | None = None
+        self._open = False
+
+    @classmethod
+    def create(cls, context: DriverContext) -> SerialShutter:
+        """Check the options; the port is opened by `connect`."""
+        config: Config = context.config
+        options = read_options(config.trigger)
+        if config.rig.clock == "virtual" and "://" not in options.port:
+            raise ConfigError(
+                "a real port cannot keep up with a virtual clock",
+                device="shutter",
+                hint="set rig.clock = 'real'",
+            )
+        return cls(options, config, context.clock)
+
+    def connect(self) -> dict[str, str]:
+        """Open the port if it is not open; the shutter is closed on return.
+
+        Raises DeviceLost, ConfigError for a port without the line, ExposureError when the feedback
+        says that the shutter stays open.
+        """
+        if self._port is not None:
+            try:
+                self.close()
+            except DeviceLost:  # gone since; perhaps it is back under its name
+                self._drop()
+        if self._port is None:
+            self._open_port()
+        options = self._options
+        detail = f"{options.open_hex} / {options.close_hex}"
+        if options.release != "command":
+            detail = "active low" if options.active_low else "active high"
+        return {
+            "model": "serial shutter",
+            "port": options.port,
+            "release": f"{options.release}, {detail}",
+            "feedback": options.feedback,
+            "watchdog": type(self._watchdog).__name__.lower(),
+        }
+
+    def open(self) -> int:
+        """Start the exposure; the watchdog is armed first.
+
+        Raises DeviceLost, and ExposureError when the box or the feedback does not confirm; the line
+        is then released again.
+        """
+        port, watchdog = self._port, self._watchdog
+        if port is None or watchdog is None:
+            raise DeviceLost("the port is not open", device="shutter", hint="connect first")
+        watchdog.arm(self._limit_s)
+        self._open = True  # from here on it may be
+        try:
+            port.drive(opened=True)
+            if self._options.feedback != "none":
+                return self._wait_for(port, opened=True)
+            return self._settled_ns()
+        except BaseException:
+            with suppress(PdcdError):
+                self.close()
+            raise
+
+    def close(self) -> int:
+        """End the exposure. A port that was never opened holds no line.
+
+        Raises DeviceLost, then nothing is known of the shutter; ExposureError when the feedback
+        says that it stays open, or when the watchdog had to end the exposure.
+        """
+        port, watchdog = self._port, self._watchdog
+        if port is None or watchdog is None:
+            return self._clock.now_ns()
+        port.drive(opened=False)
+        was_open, self._open = self._open, False
+        ended = watchdog.disarm()
+        if self._options.feedback != "none":
+            self._wait_for(port, opened=False)
+        if ended:
+            raise ExposureError(
+                f"the watchdog ended the exposure after {self._limit_s:g} s",
+                device="shutter",
+                hint="the photo is cut short; see what held the daemon up, or raise limit_s",
+            )
+        return self._settled_ns() if was_open else self._clock.now_ns()
+
+    def disconnect(self) -> None:
+        """Close the shutter, then the port."""
+        try:
+            self.close()
+        finally:
+            self._drop()
+
+    def _open_port(self) -> None:
+        port = Port(self._options)
+        try:
+            self._clock.sleep_until_ns(self._clock.now_ns() + round(self._options.ready_s * 1e9))
+            port.drive(opened=False)
+            if self._options.feedback != "none":
+                self._wait_for(port, opened=False)
+            if port.fd is None:
+                self._watchdog = Alarm(lambda: port.drive(opened=False))
+            else:
+                self._watchdog = Guardian(port.fd, *port.release)
+        except BaseException:
+            port.close()
+            raise
+        self._port = port
+
+    def _drop(self) -> None:
+        """Forget the port, whatever state it is in. The watchdog goes first: it shares the port."""
+        watchdog, port = self._watchdog, self._port
+        self._watchdog = self._port = None
+        self._open = False
+        try:
+            if watchdog is not None:
+                watchdog.stop()
+        finally:
+            if port is not None:
+                port.close()
+
+    def _settled_ns(self) -> int:
+        sure_ns = self._clock.now_ns() + self._lag_ns
+        self._clock.sleep_until_ns(sure_ns)
+        return sure_ns
+
+    def _wait_for(self, port: Port, *, opened: bool) -> int:
+        """Return the time at which the feedback is as wanted."""
+        until_ns = self._clock.now_ns() + round(self._options.answer_s * 1e9)
+        while port.shutter_is_open() != opened:
+            now_ns = self._clock.now_ns()
+            if now_ns >= until_ns:
+                wanted = "open" if opened else "close"
+                raise ExposureError(
+                    f"the feedback on {self._options.feedback.upper()} does not say that the "
+                    f"shutter did {wanted}, {self._options.answer_s:g} s after it was told to",
+                    device="shutter",
+                    hint="check cable, polarity, bulb mode, and that the camera is on",
+                )
+            self._clock.sleep_until_ns(now_ns + _POLL_NS)
+        return self._clock.now_ns()

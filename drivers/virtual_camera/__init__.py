@@ -1,0 +1,59 @@
+"""A camera that is not there: a Canon EOS 450D as seen over PTP, on the USB or on a network.
+
+`Body` is the camera, `VirtualUsb` puts it on a pyusb backend, `drivers.virtual_camera.ptpip` on
+TCP. What goes wrong with it is told by a `Script`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drivers.ptp.codes import APERTURE_CODES, ISO_CODES
+from drivers.virtual_camera.body import Body
+from drivers.virtual_camera.faults import Script, WireFault
+from drivers.virtual_camera.films import BenchFilm, PlainFilm, chart_film
+from drivers.virtual_camera.model import (
+    BULB_BODY,
+    CABLE_BODY,
+    RELEASE_BODY,
+    THIRD_STOPS,
+    Model,
+)
+from drivers.virtual_camera.shutter import Exposure, Film
+from drivers.virtual_camera.usb_backend import VirtualUsb
+from pdcd.interfaces import DriverContext
+
+__all__ = [
+    "BULB_BODY",
+    "CABLE_BODY",
+    "RELEASE_BODY",
+    "BenchFilm",
+    "Body",
+    "Exposure",
+    "Film",
+    "Model",
+    "PlainFilm",
+    "Script",
+    "VirtualUsb",
+    "WireFault",
+    "bench_backend",
+    "chart_film",
+]
+
+
+def bench_backend(
+    context: DriverContext, model: Model = BULB_BODY, script: Script | None = None
+) -> VirtualUsb:
+    """A pyusb backend with a camera that photographs the mock bench of this context.
+
+    It offers those of its ISOs that the bench's sensor profile has, and a lens from f/1 to f/45
+    where `[camera] f_number` is auto or a stop of that lens; else one that tells no aperture.
+    """
+    film = BenchFilm(context)
+    isos = tuple(code for code in model.isos if ISO_CODES.get(code, 0) in (0, *film.isos))
+    fixed = context.config.camera.f_number
+    stops = tuple(code for code in APERTURE_CODES if code % 8 in THIRD_STOPS)
+    if fixed != "auto" and float(fixed) not in {APERTURE_CODES[code] for code in stops}:
+        stops = ()
+    fitted = replace(model, isos=isos, apertures=stops)
+    return VirtualUsb(Body(context.clock, film, fitted, script))

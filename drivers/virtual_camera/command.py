@@ -1,0 +1,29 @@
+"""What `pdcd virtual-camera` runs: a body on a chart or a mock scene, behind PTP/IP."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.virtual_camera.body import Body
+from drivers.virtual_camera.films import SENSOR_450D, chart_film, scene_film
+from drivers.virtual_camera.ptpip import PtpIpServer
+from pdcd.clock import RealClock
+
+
+def serve(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> None:
+    """Serve until interrupted. `say` is given lines for the user, the port's first of all.
+
+    `scene` is "chart" or a preset of the mock bench. `small` makes files of 192 x 128 samples
+    instead of the 450D's 4272 x 2848. Raises ConfigError when there is no such scene, and OSError
+    when the port is taken.
+    """
+    shape = (128, 192) if small else SENSOR_450D
+    film = chart_film(shape) if scene == "chart" else scene_film(scene, shape)
+    with PtpIpServer(Body(RealClock(), film), port) as server:
+        say(f"virtual Canon EOS 450D on ptpip:{server.host}:{server.port}:{server.port}")
+        say(
+            'try: gphoto2 --camera "PTP/IP Camera" '
+            f"--port ptpip:{server.host}:{server.port}:{server.port} "
+            "--set-config shutterspeed=bulb --capture-image-and-download -B 1"
+        )
+        server.wait()

@@ -1,0 +1,129 @@
+"""What the virtual camera photographs: the mock bench, a chart of its own, or bytes from a test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mock.bench import Bench
+from drivers.mock.camera import BenchSensor
+from drivers.mock.dng import dng_bytes
+from drivers.mock.shutter import Lag
+from drivers.virtual_camera.shutter import Exposure
+from pdcd.config import SceneConfig
+from pdcd.interfaces import DriverContext
+from pdcd.scene import build_scene
+from pdcd.sensor import expose, load_profile
+
+_BRIGHTEST_E_PER_S = 20_000.0
+
+SENSOR_450D = (2848, 4272)
+"""Rows and columns of the 450D's picture, in samples."""
+
+
+class BenchFilm:
+    """The scene of the mock bench, through the shutter lag of [trigger] and the sensor of [camera].
+
+    A lens that does not tell its aperture stands at `[camera] f_number`, or f/8 where that is auto.
+    """
+
+    def __init__(self, context: DriverContext) -> None:
+        config = context.config
+        self._bench = Bench.of(context)
+        self._sensor = BenchSensor(self._bench, config.camera)
+        self._lag = Lag(config.trigger, config.camera.seed)
+        fixed = config.camera.f_number
+        self._fixed_f_number = 8.0 if fixed == "auto" else float(fixed)
+
+    @property
+    def isos(self) -> tuple[int, ...]:
+        """What the bench's sensor profile has."""
+        return self._sensor.profile.isos
+
+    def open(self, asked_ns: int) -> int:
+        """Open the bench's shutter, late by its lag."""
+        open_ns = asked_ns + self._lag.draw_ns()
+        self._bench.open_shutter(open_ns)
+        return open_ns
+
+    def close(self, asked_ns: int) -> int:
+        """Close it, late by its lag."""
+        close_ns = asked_ns + self._lag.draw_ns()
+        self._bench.close_shutter(close_ns)
+        return close_ns
+
+    def make_raw(self, exposure: Exposure) -> bytes:
+        """The bench's DNG; the body names it .CR2, which no reader of RAW files minds."""
+        return self._sensor.dng(exposure.iso, exposure.f_number or self._fixed_f_number)
+
+
+class PlainFilm:
+    """A shutter without lag, and files from a function: for tests, and for scenes of one's own."""
+
+    def __init__(self, make_raw: Callable[[Exposure], bytes]) -> None:
+        self._make_raw = make_raw
+
+    def open(self, asked_ns: int) -> int:
+        """Open at once."""
+        return asked_ns
+
+    def close(self, asked_ns: int) -> int:
+        """Close at once."""
+        return asked_ns
+
+    def make_raw(self, exposure: Exposure) -> bytes:
+        """What the function makes of it."""
+        return self._make_raw(exposure)
+
+
+def chart_film(shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm:
+    """A grey staircase in an even frame, lit steadily, on the 450D's sensor (estimated profile).
+
+    `shape` is rows and columns of the mosaic, both even. Sixteen steps of half a stop go from left
+    to right; the brightest gathers 20000 electrons a second at f/8 and saturates after about 2 s.
+    """
+    rows, columns = shape
+    steps = 2.0 ** (-0.5 * (15 - np.arange(columns) * 16 // columns))
+    frame = np.ones(rows)
+    frame[: rows // 16] = frame[rows - rows // 16 :] = 0.25
+    return _lit_film(np.outer(frame, _BRIGHTEST_E_PER_S * steps), seed)
+
+
+def scene_film(kind: str, shape: tuple[int, int] = SENSOR_450D, seed: int = 0) -> PlainFilm:
+    """A scene preset of the mock bench under steady white light, spread over the whole sensor.
+
+    Raises ConfigError when there is no such preset. Brightness as in `chart_film`.
+    """
+    scene = build_scene(SceneConfig(kind=kind))
+    seen = scene.white().reshape(*scene.grid, 3)
+    rows = np.arange(shape[0]) // 2 * scene.grid[0] // (shape[0] // 2)
+    columns = np.arange(shape[1]) // 2 * scene.grid[1] // (shape[1] // 2)
+    colour = np.add.outer(np.arange(shape[0]) % 2, np.arange(shape[1]) % 2)  # RGGB: 0, 1, 1, 2
+    light = seen[rows[:, None], columns[None, :], colour]
+    return _lit_film(light * (_BRIGHTEST_E_PER_S / max(float(light.max()), 1e-12)), seed)
+
+
+def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:
+    """Film under light that gathers so many electrons in each sample, in a second at f/8."""
+    profile = load_profile("450d")
+    rng = np.random.default_rng([seed, 3])
+
+    def make_raw(exposure: Exposure) -> bytes:
+        seconds = (exposure.close_ns - exposure.open_ns) * 1e-9
+        f_number = exposure.f_number or 8.0
+        light = electrons_per_s * (seconds * 64.0 / f_number**2)
+        return dng_bytes(
+            expose(light, profile, exposure.iso, seconds, rng),
+            black=profile.black_dn,
+            white=profile.white_dn,
+            iso=exposure.iso,
+            exposure_s=seconds,
+            f_number=exposure.f_number,
+            model="pdcd virtual camera",
+            date=datetime.now(UTC),
+        )
+
+    return PlainFilm(make_raw)

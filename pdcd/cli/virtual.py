@@ -1,0 +1,26 @@
+"""`pdcd virtual-camera`: a camera on the network that other programs can drive."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+
+from pdcd.cli.exits import DONE
+from pdcd.cli.output import say
+
+
+def virtual_camera(args: argparse.Namespace) -> int:
+    """Serve the virtual camera until interrupted."""
+    # By name, as the registry loads drivers: pdcd imports none of them.
+    command = importlib.import_module("drivers.virtual_camera.command")
+
+    def say_now(line: str) -> None:
+        say(line)
+        sys.stdout.flush()  # it runs on: whoever reads a pipe must not wait for its end
+
+    try:
+        command.serve(args.port, scene=args.scene, small=args.small, say=say_now)
+    except KeyboardInterrupt:
+        return DONE  # that is how it ends
+    return DONE

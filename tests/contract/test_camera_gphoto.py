@@ -1,0 +1,107 @@
+"""The gphoto2 drivers through the real libgphoto2, on a virtual camera in another process.
+
+In another process because some calls of libgphoto2 let no other thread of theirs run.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: pip install pdcd[gphoto2]")
+
+from pdcd.config import CameraConfig, RigConfig, TriggerConfig
+from pdcd.errors import ConfigError, DeviceLost, PdcdError
+from pdcd.interfaces import CameraSettings
+from pdcd.rig import Rig
+from tests import bench_rig
+from tests.contract.test_camera import ReadoutContract, ShutterContract, expose
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def camera() -> Iterator[subprocess.Popen[str]]:
+    """The process of a virtual camera; its first line names the port."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pdcd", "virtual-camera", "--port", "0", "--small"],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    yield process
+    process.kill()
+    process.wait()
+    assert process.stdout is not None
+    process.stdout.close()
+
+
+@pytest.fixture
+def rig(camera: subprocess.Popen[str], tmp_path: Path) -> Iterator[Rig]:
+    """A rig whose shutter and readout are that camera's."""
+    assert camera.stdout is not None
+    port = camera.stdout.readline().split()[-1]
+    config = bench_rig.config(
+        tmp_path,
+        rig=RigConfig(clock="real"),
+        trigger=TriggerConfig(driver="gphoto2"),
+        camera=CameraConfig(
+            driver="gphoto2",
+            f_number=8.0,
+            responsivity_e=(1.0, 1.0, 1.0),
+            options={"port": port, "model": "PTP/IP Camera"},
+        ),
+    )
+    rig = Rig(config)
+    rig.shutter.connect()
+    rig.readout.connect()
+    yield rig
+    for device in (rig.shutter, rig.readout):
+        try:
+            device.disconnect()
+        except PdcdError:
+            assert camera.poll() is not None  # only where the test took the camera away
+
+
+class TestGphotoShutter(ShutterContract):
+    """Bulb."""
+
+
+class TestGphotoReadout(ReadoutContract):
+    """RAM capture."""
+
+    def test_it_is_known_by_its_name_and_lists(self, rig: Rig) -> None:
+        info = rig.readout.connect()
+        assert info.model == "Canon EOS 450D"
+        assert info.isos == (100, 200, 400, 800, 1600)
+        assert 8.0 in info.f_numbers
+
+    def test_iso_50_is_refused_with_the_list(self, rig: Rig) -> None:
+        with pytest.raises(ConfigError, match="100, 200, 400, 800, 1600"):
+            rig.readout.arm(CameraSettings(iso=50, f_number=8.0))
+
+    def test_several_exposures_in_one_session(self, rig: Rig, tmp_path: Path) -> None:
+        for number in range(3):
+            expose(rig, 0.1)
+            rig.readout.fetch(tmp_path, f"photo-{number}", 20.0)
+
+    def test_no_file_of_ours_is_closed(self, rig: Rig) -> None:
+        """libgphoto2 closes file descriptor 0 on its way out."""
+        before = os.fstat(0)
+        for device in (rig.shutter, rig.readout):
+            device.disconnect()
+        assert os.path.samestat(os.fstat(0), before)
+
+    def test_a_camera_that_goes_away_is_lost(self, rig: Rig, camera: subprocess.Popen[str]) -> None:
+        rig.readout.arm(CameraSettings(iso=100, f_number=8.0))
+        rig.shutter.open()
+        camera.kill()
+        camera.wait()
+        with pytest.raises(DeviceLost):
+            rig.shutter.close()

@@ -1,0 +1,324 @@
+"""The virtual camera behaves as a 450D is known to, over real pyusb code."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from drivers.ptp.codes import ExposureMode, FocusMode
+from drivers.virtual_camera import (
+    BULB_BODY,
+    CABLE_BODY,
+    RELEASE_BODY,
+    Model,
+    Script,
+    WireFault,
+)
+from tests.virtual_eos import BULB, RAM, Client, raw_of, virtual_usb
+
+Make = Callable[..., Client]
+
+OK, GENERAL, NO_SESSION, UNSUPPORTED, BUSY, FULL = 0x2001, 0x2002, 0x2003, 0x2005, 0x2019, 0x200C
+
+
+@pytest.fixture
+def make() -> Iterator[Make]:
+    clients = []
+
+    def made(script: Script | None = None, model: Model = BULB_BODY) -> Client:
+        clients.append(Client(virtual_usb(script, model)))
+        return clients[-1]
+
+    yield made
+    for client in clients:
+        client.close()
+
+
+def bulb(client: Client, seconds: float) -> None:
+    assert client.call(0x9125)[0] == OK
+    client.wait(seconds)
+    assert client.call(0x9126)[0] == OK
+
+
+def listed(records: list[bytes], prop: int) -> tuple[int, ...]:
+    """Values that an AvailListChanged record allows."""
+    (found,) = (r for r in records if struct.unpack_from("<II", r, 4) == (0xC18A, prop))
+    (count,) = struct.unpack_from("<I", found, 0x10)
+    return struct.unpack_from(f"<{count}I", found, 0x14)
+
+
+def test_it_says_what_a_450d_says(make: Make) -> None:
+    client = make()
+    assert client.device.idProduct == 0x3145
+    assert (client.device.manufacturer, client.device.product) == ("Canon Inc.", "Canon EOS 450D")
+    info = client.ok(0x1001)  # without a session
+    operations = _operations(info)
+    assert {0x9125, 0x9126, 0x910F, 0x9116, 0x9110} <= operations
+    assert not {0x9128, 0x9129} & operations
+    assert "Canon EOS 450D".encode("utf-16-le") in info
+    assert "3-1.0.4".encode("utf-16-le") in info
+
+
+def _operations(info: bytes) -> set[int]:
+    (count,) = struct.unpack_from("<I", info, 11)  # behind version, vendor, no text, mode
+    return set(struct.unpack_from(f"<{count}H", info, 15))
+
+
+def test_without_a_session_nothing_is_done(make: Make) -> None:
+    client = make()
+    assert client.call(0x9116)[0] == NO_SESSION
+    client.start()
+    assert client.call(0x1002, 1)[0] == 0x201E
+    assert client.call(0x9128, 3, 1)[0] == UNSUPPORTED
+    assert client.call(0x9153)[0] == UNSUPPORTED  # listed, not modelled
+    client.ok(0x1003)
+    assert client.call(0x9116)[0] == NO_SESSION
+
+
+def test_the_property_list_comes_once_a_session(make: Make) -> None:
+    client = make()
+    first = client.start()
+    assert listed(first, 0xD103) == (0x00, 0x48, 0x50, 0x58, 0x60, 0x68)  # no ISO 50
+    assert listed(first, 0xD102)[0] == 0x0C
+    assert listed(first, 0xD11C) == (2, 4)
+    assert client.events() == []
+    client.ok(0x9115, 0)
+    client.ok(0x9115, 1)
+    assert client.events() == []
+    client.ok(0x1003)
+    assert client.start() == first
+
+
+def test_settings_are_held_against_the_lists(make: Make) -> None:
+    client = make()
+    client.start()
+    assert client.set(0xD103, 0x40) == 0x201C  # ISO 50
+    assert client.set(0xD103, 0x50) == OK
+    assert client.events() == [struct.pack("<4I", 16, 0xC189, 0xD103, 0x50)]
+    assert client.set(0xD105, 3) == 0x201C  # the dial is turned by hand
+    assert client.set(0xDEAD, 1) == 0x200A
+    assert client.call(0x9127, 0xDEAD)[0] == GENERAL
+    client.ok(0x9127, 0xD103)
+    assert client.events() == [struct.pack("<4I", 16, 0xC189, 0xD103, 0x50)]
+
+
+def test_a_bulb_exposure_to_memory(make: Make) -> None:
+    client = make()
+    client.ready()
+    bulb(client, 51.0)
+    (exposure,) = client.body.shutter.exposures
+    assert exposure.close_ns - exposure.open_ns == 51_000_000_000
+    assert client.files() == []  # it takes a moment
+    client.wait(0.2)
+    ((handle, size, name),) = client.files()
+    assert (size, name) == (3000, "IMG_0001.CR2")
+    whole = b"".join(client.ok(0x101B, handle, at, 1024) for at in range(0, size, 1024))
+    assert whole == raw_of(exposure) == client.ok(0x1009, handle)
+    assert client.call(0x101B, handle, size, 1024)[1] == (0,)
+    assert client.call(0x101B, handle, size + 1, 1)[0] == 0x201D
+    client.ok(0x9117, handle)
+    assert client.call(0x101B, handle, 0, 1024)[0] == 0x2009
+
+
+def test_a_long_bulb_tells_its_seconds(make: Make) -> None:
+    client = make()
+    client.ready()
+    client.ok(0x9125)
+    client.wait(2.5)
+    assert client.events() == [struct.pack("<III", 12, 0xC194, 2)]
+    assert client.events() == []
+    client.ok(0x9126)
+    assert client.call(0x9126)[0] == GENERAL  # nothing is open
+
+
+def test_memory_is_full_until_files_are_fetched(make: Make) -> None:
+    client = make()
+    client.ready()
+    handles = []
+    for _ in range(BULB_BODY.ram_shots):
+        bulb(client, 0.5)
+        client.wait(1.0)
+        handles += [handle for handle, _, _ in client.files()]
+        client.events()
+    assert client.call(0x9125)[0] == FULL
+    client.ok(0x9117, handles[0])
+    client.events()
+    assert client.call(0x9125)[0] == OK
+
+
+def test_without_room_on_the_computer_nothing_is_released(make: Make) -> None:
+    client = make()
+    client.start()
+    client.set(*BULB)
+    client.set(*RAM)
+    client.events()
+    assert client.call(0x9125)[0] == FULL
+
+
+def test_what_happened_must_be_heard_before_a_release(make: Make) -> None:
+    client = make()
+    client.ready()
+    client.set(0xD103, 0x50)
+    assert client.call(0x9125)[0] == BUSY
+    client.events()
+    assert client.call(0x9125)[0] == OK
+    assert client.call(0x9125)[0] == BUSY
+    assert client.body.shutter.opened == 1
+
+
+def test_a_file_on_the_card_stays_until_deleted(make: Make) -> None:
+    client = make()
+    client.start()
+    client.set(*BULB)
+    client.events()
+    bulb(client, 1.0)
+    client.wait(0.2)
+    ((handle, size, _),) = client.files()
+    client.ok(0x9117, handle)
+    assert len(client.ok(0x1009, handle)) == size
+    assert struct.unpack("<4I", client.ok(0x1007, 0x20001, 0, 0))[0] == 3  # two folders and it
+    client.ok(0x100B, handle)
+    assert client.call(0x1008, handle)[0] == 0x2009
+
+
+def test_a_timed_release(make: Make) -> None:
+    client = make()
+    client.start()
+    client.set(0xD102, 0x38)  # 1 s: five stops below 30 s
+    client.events()
+    assert client.call(0x910F)[:2] == (OK, (0,))
+    client.wait(1.5)
+    assert len(client.files()) == 1
+    (exposure,) = client.body.shutter.exposures
+    assert exposure.close_ns - exposure.open_ns == pytest.approx(30e9 / 32, rel=1e-9)
+
+
+def test_bodies_that_hold_the_release_instead(make: Make) -> None:
+    client = make(model=RELEASE_BODY)
+    client.ready()
+    assert client.call(0x9125)[0] == UNSUPPORTED
+    assert client.call(0x9128, 1, 1)[0] == OK  # half a press opens nothing
+    assert not client.body.shutter.is_open
+    assert client.call(0x9128, 3, 1)[0] == OK
+    assert client.body.shutter.is_open
+    client.ok(0x9129, 1)
+    assert client.body.shutter.is_open
+    client.ok(0x9129, 3)
+    assert not client.body.shutter.is_open
+
+
+def test_a_cable_release_needs_no_computer(make: Make) -> None:
+    client = make(model=CABLE_BODY)
+    client.ready()
+    assert client.call(0x9125)[0] == client.call(0x9128, 3, 1)[0] == UNSUPPORTED
+    client.body.press()
+    client.wait(2.0)
+    client.body.release()
+    client.body.release()
+    client.wait(0.2)
+    assert len(client.files()) == 1
+    (exposure,) = client.body.shutter.exposures
+    assert exposure.close_ns - exposure.open_ns == 2_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("script", "refusal"),
+    [
+        (Script(dial=ExposureMode.APERTURE_PRIORITY), GENERAL),
+        (Script(focus=FocusMode.ONE_SHOT), GENERAL),
+        (Script(battery=0), GENERAL),
+        (Script(buffer_full=True), FULL),
+    ],
+    ids=["dial", "autofocus", "battery", "buffer"],
+)
+def test_a_camera_not_set_for_bulb_does_not_release(
+    make: Make, script: Script, refusal: int
+) -> None:
+    client = make(script)
+    client.ready()
+    assert client.call(0x9125)[0] == refusal
+    client.body.press()
+    assert client.body.shutter.opened == 0
+
+
+def test_the_dial_off_m_offers_no_speeds_and_a_low_battery_speaks_up(make: Make) -> None:
+    client = make(Script(dial=ExposureMode.APERTURE_PRIORITY, battery=0))
+    first = client.start()
+    assert listed(first, 0xD102) == ()
+    assert client.set(*BULB) == 0x201C
+    assert struct.pack("<4I", 16, 0xC189, 0xD105, 2) in first
+    assert struct.pack("<III", 12, 0xC18D, 0) in first
+
+
+def test_autofocus_is_told_by_the_parameter_of_a_timed_release(make: Make) -> None:
+    client = make(Script(focus=FocusMode.ONE_SHOT))
+    client.start()
+    client.events()
+    assert client.call(0x910F)[:2] == (OK, (1,))
+    assert client.body.shutter.opened == 0
+
+
+def test_noise_reduction_doubles_the_time(make: Make) -> None:
+    client = make(Script(long_exposure_nr=True))
+    first = client.start()
+    nr = struct.pack("<III", 0x201, 1, 2)
+    assert any(nr in r for r in first if struct.unpack_from("<II", r, 4) == (0xC189, 0xD1A0))
+    client.set(*BULB)
+    client.events()
+    bulb(client, 10.0)
+    client.wait(9.0)
+    assert client.files() == []
+    assert client.call(0x9125)[0] == BUSY
+    client.wait(1.3)
+    assert len(client.files()) == 1
+
+
+def test_files_that_go_astray(make: Make) -> None:
+    def after(script: Script, wait_s: float) -> list[tuple[int, int, str]]:
+        client = make(script)
+        client.ready()
+        bulb(client, 1.0)
+        client.wait(wait_s)
+        found = client.files()
+        if script.file == "truncated":
+            assert len(client.ok(0x101B, found[0][0], 0, 4096)) == 1500
+        return found
+
+    assert after(Script(file="none"), 3600.0) == []
+    assert after(Script(file="late", late_s=20.0), 20.1) == []
+    assert len(after(Script(file="late", late_s=20.0), 20.3)) == 1
+    first, second = after(Script(file="twice"), 1.0)
+    assert first == second
+    assert after(Script(file="truncated"), 1.0)[0][1] == 3000
+
+
+def test_faults_of_answers(make: Make) -> None:
+    def fault(kind: str, operation: int) -> Client:
+        client = make(Script(wire=(WireFault(kind, operation),)))  # type: ignore[arg-type]
+        client.start()
+        return client
+
+    assert fault("busy", 0x911D).call(0x911D)[0] == BUSY
+    assert fault("error", 0x911D).call(0x911D)[0] == GENERAL
+    client = fault("lost-session", 0x911D)
+    assert client.call(0x911D)[0] == NO_SESSION
+    assert client.call(0x1002, 1)[0] == OK
+    with pytest.raises(AssertionError):
+        fault("wrong-transaction", 0x911D).call(0x911D)
+    assert fault("no-data", 0x9108).call(0x9108) == (OK, (), b"")
+    whole = make()
+    whole.start()
+    sound, damaged = whole.ok(0x9108), fault("corrupt", 0x9108).ok(0x9108)
+    assert sum(a != b for a, b in zip(sound, damaged, strict=True)) == 1
+    client = fault("short-read", 0x9108)
+    client.send(0x9108)
+    assert client.read()[12:] == sound[: len(sound) // 2]
+    assert len(client.read()) == 12  # and the response says OK
+
+
+def test_a_fault_meets_the_calls_it_names(make: Make) -> None:
+    client = make(Script(wire=(WireFault("busy", 0x911D, first=2, times=2),)))
+    client.start()
+    assert [client.call(0x911D)[0] for _ in range(4)] == [OK, BUSY, BUSY, OK]
