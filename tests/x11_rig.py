@@ -40,6 +40,7 @@ def options(server: XServer, **more: Any) -> dict[str, Any]:
         "mask": server.mask,
         "display": server.display,
         "allow_software": True,
+        "time_source": "present-msc",  # what "auto" finds here, after half a second
         **more,
     }
     if server.kind == "xvfb":

@@ -33,6 +33,8 @@ EARLY_NS = 2_000_000
 VBLANK_TRIES = 4
 """Vblanks that may be late in a row; then the grid they are measured against has moved."""
 EVENT_TIMEOUT_S = 0.5
+SETTLED_S = 0.05
+"""Three refreshes: no swap is under way when none was shown for so long."""
 
 Swap = Callable[[], None]
 
@@ -75,7 +77,9 @@ class Completions:
         self.ns = self.msc = self.flipped = 0
 
     def sync(self) -> None:
-        """Nothing to do: each frame brings its own time."""
+        """Let swaps that nobody waited for be shown: black panels, say."""
+        while self._events.wait(KIND_PIXMAP, SETTLED_S):
+            pass
 
     def put(self) -> None:
         """Swap; the server shows it at the next vblank that is free."""

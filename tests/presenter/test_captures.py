@@ -13,14 +13,15 @@ from pdcd.config import RigConfig
 from pdcd.engine import Engine
 from pdcd.request import CaptureRequest
 from tests import bench_rig, x11_rig
-from tests.xserver import XServer
+from tests.xserver import QUARTER, XServer, run
 
 REQUEST = CaptureRequest(goal="indirect", codes=12, window="whole")
 
 
 def engine_on(folder: Path, server: XServer, **more: Any) -> Engine:
     rig = RigConfig(clock="real", on_miss="flag", settle_s=0.03)
-    return Engine.from_config(x11_rig.config(folder, server, rig=rig, **more))
+    config = x11_rig.config(folder, server, rig=rig, more={"time_source": "auto"}, **more)
+    return Engine.from_config(config)
 
 
 def test_a_photo_of_real_windows_is_that_of_their_frame_log(
@@ -72,3 +73,35 @@ def test_a_presenter_killed_in_mid_run_fails_the_job_and_no_other(
         assert bench_rig.capture(engine, REQUEST, job="next").state == "done"
     finally:
         engine.stop()
+
+
+def test_a_server_that_dies_fails_the_job_and_the_next_without_ending_anything(
+    tmp_path: Path,
+) -> None:
+    with run(*QUARTER) as server:
+        engine = engine_on(tmp_path, server)
+        engine.start()
+        try:
+
+            def kill(kind: str, fields: dict[str, Any]) -> None:
+                if kind == "progress" and fields["frame"] > 0:
+                    os.kill(server.pid, signal.SIGKILL)
+
+            result = engine.capture(
+                CaptureRequest(goal="indirect", codes=64, window="whole"),
+                job="killed",
+                owner={},
+                emit=kill,
+                cancelled=lambda: False,
+            )
+            assert result.state == "failed"
+            assert result.error is not None and result.error["kind"] == "device_lost"
+            assert result.folder is not None
+            last = (Path(result.folder) / "log.jsonl").read_text().splitlines()[-1]
+            assert json.loads(last)["safe"] is False  # nobody can say what the panels show
+            assert not bench_rig.bench_of(engine).shutter_open
+            again = bench_rig.capture(engine, REQUEST, job="next")
+            assert again.state == "failed"
+            assert again.error is not None and again.error["kind"] == "device_lost"
+        finally:
+            engine.stop()

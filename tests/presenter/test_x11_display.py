@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -17,12 +18,14 @@ import numpy as np
 import pytest
 
 from drivers.x11 import X11Display
-from pdcd.config import PanelConfig, RigConfig
+from pdcd.config import Config, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.interfaces import Display
+from pdcd.presenter.windows import Windows
 from pdcd.presenter.xgrab import RootGrabber
+from pdcd.show import pattern_frames
 from tests import x11_rig
-from tests.contract.test_display import DisplayContract, frames
+from tests.contract.test_display import GRID, DisplayContract, frames
 from tests.xserver import QUARTER, XServer, run
 
 BLACK_WITHIN_S = 0.1
@@ -234,3 +237,31 @@ def test_patterns_that_exceed_the_graphics_card_are_refused(
         display.play(lambda *_: None, lambda: False)
     finally:
         display.disconnect()
+
+
+def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
+    """One output named "screen" without a refresh rate stands for both panels."""
+    with run(*QUARTER, kinds=("xvfb",)) as server:
+        display = x11_rig.display(x11_rig.config(tmp_path, server))
+        try:
+            assert display.connect().refresh_hz == pytest.approx(60.0, rel=0.02)
+            shown = pattern_frames("checker", 0, GRID, Config())
+            display.show(shown)
+            projector, mask, rest = x11_rig.panels(server)
+        finally:
+            display.disconnect()
+    assert not rest
+    for found, size, is_mask in (
+        (projector, server.projector_px, False),
+        (mask, server.mask_px, True),
+    ):
+        wanted = x11_rig.planned(shown, 0, size, mask=is_mask)
+        np.testing.assert_array_equal(found, np.repeat(wanted[..., None], 3, axis=2))
+
+
+def test_a_lost_graphics_context_is_a_lost_device() -> None:
+    windows = object.__new__(Windows)
+    windows._several = False
+    windows._contexts = [SimpleNamespace(error="GL_CONTEXT_LOST")]  # type: ignore[list-item]
+    with pytest.raises(DeviceLost, match="GL_CONTEXT_LOST"):
+        windows.check()

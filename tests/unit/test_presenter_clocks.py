@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from pdcd.presenter import clocks
-from pdcd.presenter.clocks import Vblanks
+from pdcd.presenter.clocks import Completions, Vblanks
 
 PERIOD_NS = 16_667_000
 
@@ -105,3 +105,34 @@ def test_a_pause_before_or_within_sync_moves_nothing(server: Server, held_up: fl
         show(source)
         assert source.msc == before + 1
         assert abs(server.swapped_ns[-1] - source.msc * PERIOD_NS) < 0.3 * PERIOD_NS
+
+
+class Reports:
+    """Completions of swaps, oldest first, each with the number of its vblank."""
+
+    def __init__(self) -> None:
+        self.ns = self.msc = self.flipped = 0
+        self.pending: list[int] = []
+
+    def wait(self, kind: int, timeout_s: float) -> bool:
+        if not self.pending:
+            return False
+        self.msc = self.pending.pop(0)
+        self.ns, self.flipped = self.msc * PERIOD_NS, 1
+        return True
+
+
+def test_a_completion_is_that_of_its_own_swap_and_of_none_before() -> None:
+    reports: Any = Reports()
+    source = Completions(reports, lambda: reports.pending.append(8))
+    reports.pending = [5, 6]  # black panels: shown, and nobody asked when
+    source.sync()
+    source.put()
+    source.shown()
+    assert (source.msc, source.ns, source.flipped) == (8, 8 * PERIOD_NS, 1)
+
+
+def test_a_server_that_reports_no_swap_is_not_believed() -> None:
+    reports: Any = Reports()
+    source = Completions(reports, lambda: None)
+    assert clocks.probe(source, lambda: None, float(PERIOD_NS)) is None
