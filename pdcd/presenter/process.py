@@ -64,7 +64,6 @@ class Presenter:
     def __init__(self, request: Open, hung_up: Callable[[], bool]) -> None:
         self._options = options = request.options
         self._hung_up = hung_up
-        realtime_note = realtime.raise_priority(options.realtime_priority)
         self._places = Places(options.display, request)
         name = self._places.name
         _start_glfw(name)
@@ -78,6 +77,7 @@ class Presenter:
                 device="display",
                 hint="install the graphics card's driver, or set allow_software for a test",
             )
+        realtime_note = realtime.raise_priority(options.realtime_priority)
         self._events = PresentEvents(name, self._windows.timed_window)
         nominal_ns = 1e9 / min(request.projector.refresh_hz, request.mask.refresh_hz)
         self._source, self._period_ns = self._find_source(nominal_ns)

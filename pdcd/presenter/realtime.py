@@ -6,20 +6,25 @@ import ctypes
 import gc
 import os
 import signal
+from pathlib import Path
 
 MCL_TOUCHED = 1 | 2 | 4
 """MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT of sys/mman.h."""
 
 
 def raise_priority(priority: int) -> str:
-    """Ask for SCHED_FIFO; returns what came of it, in words for the run's record.
+    """Ask for SCHED_FIFO for all threads of this process; returns what came of it, in words for
+    the run's record.
 
-    Threads that are made later inherit it: call this before the GL context.
+    Call this when the windows are open: GLFW waits for them to appear without letting go of the
+    processor, which would keep it from the very server that it waits for. The GL driver has made
+    its threads by then, so they are all asked for; later ones inherit it.
     """
     if not priority:
         return "no: not asked for"
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        for thread in Path("/proc/self/task").iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(priority))
     except OSError as err:
         return f"no: {err.strerror}; the service needs LimitRTPRIO={priority}"
     return f"SCHED_FIFO {priority}"
