@@ -1,0 +1,139 @@
+"""A whole bench in one process: the daemon, a serial cable release, an EOS 450D on the USB.
+
+The line's edges press and let go of the body's cable release; codes, shutter and photos go through
+the drivers that a real bench uses. The scene behind the body's lens is that of the mock bench.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.ptp.eos import BACKEND_KEY
+from drivers.serial_shutter.options import Options
+from drivers.virtual_camera import Body, VirtualUsb
+from pdcd.client import Client
+from pdcd.config import CameraConfig, Config, TriggerConfig
+from pdcd.engine import Engine
+from pdcd.errors import PdcdError
+from pdcd.interfaces import Clock
+from pdcd.server.daemon import serve
+from tests.fake_serial import Edge, FakeLine, fake_line
+
+PATIENCE_S = 30.0
+CABLE = TriggerConfig(driver="serial", options={"port": "line://cable", "feedback": "cts"})
+BLIND = TriggerConfig(driver="serial", options={"port": "line://cable"})
+BODY = CameraConfig(driver="ptp", noise="none", f_number=8.0, options={"usb": "virtual"})
+
+
+@dataclass
+class WholeRig:
+    """What a test sees of the bench: the daemon's socket, its engine, cable and body."""
+
+    socket: Path
+    engine: Engine
+    line: FakeLine
+    usb: VirtualUsb
+
+    @property
+    def body(self) -> Body:
+        return self.usb.body
+
+    def client(self) -> Client:
+        return Client(self.socket)
+
+
+def plug(line: FakeLine, usb: VirtualUsb, name: str = "rts") -> None:
+    """Put the cable between the line and the body's jack, and its flash contact on CTS."""
+
+    def pressed(edge: Edge) -> None:
+        if edge.line == name:
+            with usb._lock:  # the body is not for two threads at once
+                (usb.body.press if edge.level else usb.body.release)()
+
+    def contact() -> bool:
+        with usb._lock:
+            open_ns = usb.body.shutter._open_ns  # when the blades will be, a lag after the order
+            return open_ns is not None and line.clock.now_ns() >= open_ns
+
+    line.on_edge, line.cts = pressed, contact
+
+
+@contextmanager
+def served(config: Config) -> Iterator[WholeRig]:
+    """The daemon of that configuration in a thread, ready for clients; ended on leaving."""
+    socket = Path(str(config.server.state_dir)).parent / "s"
+    made: list[Engine] = []
+    stop = asyncio.Event()
+    loops: list[asyncio.AbstractEventLoop] = []
+    failed: list[PdcdError] = []
+    with ExitStack() as stack:
+        # The line's clock is the rig's, which is made with the engine.
+        line = stack.enter_context(
+            fake_line(Options(**config.trigger.options).port[7:], _NoClock())
+        )
+
+        def factory(config: Config) -> Engine:
+            engine = Engine.from_config(config)
+            context = engine._rig._context
+            line.clock = context.clock
+            plug(line, context.shared[BACKEND_KEY])
+            made.append(engine)
+            return engine
+
+        def run() -> None:
+            async def body() -> None:
+                loops.append(asyncio.get_running_loop())
+                await serve(config, socket=socket, engine_factory=factory, stop=stop)
+
+            try:
+                asyncio.run(body())
+            except PdcdError as err:
+                failed.append(err)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        try:
+            _wait_until_ready(socket, thread, failed)
+            (engine,) = made
+            yield WholeRig(socket, engine, line, engine._rig._context.shared[BACKEND_KEY])
+        finally:
+            if loops and not loops[0].is_closed():
+                loops[0].call_soon_threadsafe(stop.set)
+            thread.join(PATIENCE_S)
+        assert not thread.is_alive() and not failed
+
+
+def _wait_until_ready(socket: Path, thread: threading.Thread, failed: list[PdcdError]) -> None:
+    """The socket is there before the rig has started; its backlog keeps early clients."""
+    waited = threading.Event()
+    for _ in range(round(PATIENCE_S / 0.02)):
+        if socket.exists() or not thread.is_alive():
+            break
+        waited.wait(0.02)
+    if not socket.exists():
+        pytest.fail(f"the daemon did not start: {failed}")
+    with Client(socket) as client:
+        assert client.status()["state"] == "idle"
+
+
+class _NoClock(Clock):
+    """Until the rig's own clock is known nothing may move the line."""
+
+    def now_ns(self) -> int:
+        raise AssertionError("the line moved before the rig was made")
+
+    def sleep_until_ns(self, t_ns: int) -> None:
+        raise AssertionError("the line moved before the rig was made")
+
+
+def tables(**more: Any) -> dict[str, Any]:
+    """[camera] and [trigger] of this bench."""
+    return {"camera": BODY, "trigger": CABLE, **more}
