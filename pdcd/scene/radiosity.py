@@ -56,7 +56,8 @@ class Radiosity(Tinted):
         batch = light.shape[0]
         leaving = (light * self.albedo).reshape(batch, *self.grid)
         gathered = self.down.T @ (leaving @ self.across)
-        arriving = (gathered.reshape(batch, -1) @ self.exchange).reshape(gathered.shape)
+        patches = gathered.reshape(batch, len(self.exchange))  # also where there are no rows
+        arriving = (patches @ self.exchange).reshape(gathered.shape)
         spread = (self.down @ arriving) @ self.across.T
         return spread.reshape(light.shape) * self.albedo
 

@@ -82,6 +82,16 @@ def test_a_preset_reads_no_file() -> None:
         build_scene(SceneConfig(kind="open-book", path="scene.npz"))
 
 
+@pytest.mark.parametrize("kind", sorted(PRESETS))
+def test_panels_that_stay_black_make_a_black_photo(kind: str) -> None:
+    """An exposure of no refreshes at all: a matrix of rank 0."""
+    scene = preset(kind, (13, 17))
+    nothing, none = np.zeros((0, scene.cells)), np.zeros(scene.cells)
+    photo = scene.photo(nothing, nothing, none, none)
+    assert photo.shape == (scene.cells, 3) and not photo.any()
+    assert scene.apply(nothing).shape == (0, scene.cells, 3)
+
+
 @pytest.mark.parametrize(
     ("kind", "effects"),
     [
