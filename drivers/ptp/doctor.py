@@ -1,4 +1,4 @@
-"""What there is to say about the camera on the USB, row by row, for a person who looks for a fault.
+"""What there is to say about the camera on the USB, for a person who looks for a fault.
 
 Nothing is exposed. A camera that is in use by a running daemon is held by it and cannot be asked.
 """
@@ -6,78 +6,108 @@ Nothing is exposed. A camera that is in use by a running daemon is held by it an
 from __future__ import annotations
 
 import os
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 from drivers.ptp.codes import CUSTOM_LONG_EXPOSURE_NR, SHUTTER_BULB, Property
-from drivers.ptp.eos import EosCamera
-from drivers.ptp.holders import holders, in_words, node_of
-from drivers.ptp.options import PtpOptions
-from drivers.ptp.usb_port import find, in_short
+from drivers.ptp.eos import EosCamera, backend_of
+from drivers.ptp.faults import DEVICE
+from drivers.ptp.holders import HINT, holders, in_words, node_of
+from drivers.ptp.options import PtpOptions, options_of
+from drivers.ptp.usb_port import PERMISSION_HINT, find, in_short
 from drivers.ptp.values import f_numbers, isos
 from pdcd.errors import PdcdError
-from pdcd.interfaces import Clock
+from pdcd.findings import Finding, State, fault
+from pdcd.interfaces import DriverContext
 
 _ASKED_S = 60.0
+_DIAL_HINT = "turn the mode dial to M"
+_REDUCTION: dict[int | None, tuple[State, str]] = {
+    None: ("unknown", "not told"),
+    0: ("good", "off"),
+    1: ("warning", "auto"),
+    2: ("warning", "on"),
+}
 
 
-class Row(NamedTuple):
-    """One finding. `good` is None where there is nothing to judge."""
+def examine(context: DriverContext) -> Iterator[Finding]:
+    """Yield everything that can be found out, down to the first thing that fails.
 
-    what: str
-    found: str
-    good: bool | None = None
-
-
-def camera_rows(options: PtpOptions, clock: Clock, backend: Any = None) -> list[Row]:
-    """Everything that can be found out, down to the first thing that fails, which is the last row.
-
-    backend : a pyusb backend, or None for the machine's libusb.
+    The options are those of the drivers `ptp` in the configuration; where there is none, any Canon
+    is looked for. Takes a second with a camera that answers, up to a minute with one that does not.
+    Raises nothing of its own: what fails is a finding.
     """
-    rows: list[Row] = []
+    config = context.config
     try:
+        if "ptp" in (config.camera.driver, config.trigger.driver):
+            options = options_of(config)
+        else:
+            options = PtpOptions()
+            yield Finding(
+                "configuration",
+                "warning",
+                f"the camera's driver is {config.camera.driver}: any Canon is looked for",
+                "give --config with driver = 'ptp' in it",
+            )
+        backend = backend_of(context, options)
         devices = find(backend, options.usb_id)
-        rows.append(Row("still-image devices", str(len(devices)), bool(devices)))
-        rows += [row for device in devices for row in _device_rows(device)]
-        camera = EosCamera(options, clock, backend, _ASKED_S)
+        if devices:
+            yield Finding("still-image devices", "good", str(len(devices)))
+        for device in devices:
+            yield from _device(device)
+        camera = EosCamera(options, context.clock, backend, _ASKED_S)
         try:
-            identity = camera.open("doctor")
-            rows += _camera_rows(camera, identity)
+            yield from _camera(camera, camera.open("doctor"))
             camera.check_ready()
-            rows.append(Row("ready to expose", "yes", True))
+            yield Finding("ready to expose", "good", "yes")
         finally:
             camera.close("doctor")
     except PdcdError as err:
-        rows.append(Row("fault", str(err), False))
-    return rows
+        yield fault("camera", err, DEVICE)
 
 
-def _device_rows(device: Any) -> list[Row]:
+def _device(device: Any) -> Iterator[Finding]:
     node = node_of(device.bus, device.address)
-    rows = [Row("device", in_short(device))]
+    yield Finding("device", "good", in_short(device))
     if node.exists():
-        may = os.access(node, os.R_OK | os.W_OK)
-        rows.append(Row("permission", f"{node} {'may' if may else 'may not'} be opened", may))
+        if os.access(node, os.R_OK | os.W_OK):
+            yield Finding("permission", "good", f"{node} may be opened")
+        else:
+            yield Finding("permission", "fault", f"{node} may not be opened", PERMISSION_HINT)
         found = holders(node)
         if found:
-            rows.append(Row("held by", in_words(found, os.getpid()), False))
-    return rows
+            yield Finding("held by", "fault", in_words(found, os.getpid()), HINT)
 
 
-def _camera_rows(camera: EosCamera, identity: dict[str, str]) -> list[Row]:
+def _camera(camera: EosCamera, identity: dict[str, str]) -> Iterator[Finding]:
     choices = camera.choices
+    for what, found in identity.items():
+        if what != "release":
+            yield Finding(what, "good", found)
+    yield _release(identity["release"], camera.options)
     found_isos = ", ".join(map(str, isos(choices.get(Property.ISO, ()))))
-    found_apertures = ", ".join(f"{f:g}" for f in f_numbers(choices.get(Property.APERTURE, ())))
+    yield _listed("ISO", found_isos)
+    apertures = ", ".join(f"{f:g}" for f in f_numbers(choices.get(Property.APERTURE, ())))
+    yield Finding("apertures", "good", apertures or "none: a manual lens, or its dial off M")
     speeds = choices.get(Property.SHUTTER_SPEED, ())
+    yield _listed("shutter speeds", f"{len(speeds)}" if speeds else "")
+    yield _listed("bulb", "offered" if set(speeds) & set(SHUTTER_BULB) else "")
     reduction = camera.custom.get(CUSTOM_LONG_EXPOSURE_NR)
-    return [
-        *(Row(what, found) for what, found in identity.items() if what != "release"),
-        Row("release over USB", identity["release"], identity["release"] != "external"),
-        Row("ISO", found_isos or "none listed", bool(found_isos)),
-        Row("apertures", found_apertures or "none: a manual lens"),
-        Row("shutter speeds", f"{len(speeds)} listed", bool(speeds)),
-        Row("bulb", "offered" if set(speeds) & set(SHUTTER_BULB) else "not offered",
-            bool(set(speeds) & set(SHUTTER_BULB))),
-        Row("long-exposure noise reduction",
-            {None: "not told", 0: "off", 1: "auto", 2: "on"}.get(reduction, str(reduction)),
-            None if reduction is None else reduction == 0),
-    ]  # fmt: skip
+    state, found = _REDUCTION.get(reduction, ("unknown", str(reduction)))
+    hint = "switch it off: photos come twice as late" if state == "warning" else None
+    yield Finding("long-exposure noise reduction", state, found, hint)
+
+
+def _release(method: str, options: PtpOptions) -> Finding:
+    how = f"{method}, as asked for" if options.release != "auto" else method
+    if method != "external":
+        return Finding("release over USB", "good", how)
+    return Finding(
+        "release over USB", "warning", how, "a cable release does it: see [trigger] in cameras.md"
+    )
+
+
+def _listed(what: str, found: str) -> Finding:
+    if found:
+        return Finding(what, "good", found)
+    return Finding(what, "fault", "none listed", _DIAL_HINT)

@@ -113,7 +113,7 @@ class EosCamera:
         camera = context.shared.get(KEY)
         if not isinstance(camera, cls):
             options = options_of(context.config)
-            backend = _backend(context, options)
+            backend = backend_of(context, options)
             longest_s = context.config.limits.max_exposure_s
             camera = cls(options, context.clock, backend, longest_s, context.alive)
             context.shared[KEY] = camera
@@ -392,7 +392,7 @@ class EosCamera:
                 self.session.call(Operation.EOS_KEEP_DEVICE_ON)
 
 
-def _backend(context: DriverContext, options: PtpOptions) -> Any:
+def backend_of(context: DriverContext, options: PtpOptions) -> Any:
     """The pyusb backend of this rig; None is the machine's libusb."""
     if options.usb == "virtual" and BACKEND_KEY not in context.shared:
         from drivers.virtual_camera import bench_backend  # not needed by a real camera

@@ -56,7 +56,7 @@ def take(
     path = daemon_socket(args)
     # A terminated command must end its job in good order, as an interrupted one does.
     with (
-        _signals_to(signal.default_int_handler),
+        signals_to(signal.default_int_handler),
         progress() as on_event,
         Client(path) as client,
     ):
@@ -209,7 +209,7 @@ def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEven
         interrupted.set()
 
     engine = Engine.from_config(load(config))
-    with _signals_to(interrupt):
+    with signals_to(interrupt):
         try:
             engine.start()
             return engine.capture(
@@ -220,7 +220,7 @@ def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEven
 
 
 @contextmanager
-def _signals_to(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+def signals_to(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
     """Send SIGINT and SIGTERM to `handler` for a while."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, handler) for number in numbers]

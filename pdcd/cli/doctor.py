@@ -3,19 +3,56 @@
 from __future__ import annotations
 
 import argparse
+import importlib
+import signal
+from collections.abc import Iterable
 
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table
 from pdcd.config import load
+from pdcd.errors import ConfigError
+from pdcd.findings import Finding
 
 
 def display(args: argparse.Namespace) -> int:
     """Look at the X server and at both panels; fails when anything must be mended."""
     from pdcd.presenter.examine import examine
 
-    found = list(examine(load(args.config), args.display))
+    return _report(examine(load(args.config), args.display), as_json=args.json)
+
+
+def camera(args: argparse.Namespace) -> int:
+    """Look at the camera on the USB, without a photo; fails when anything must be mended."""
+    from pdcd.clock import RealClock
+    from pdcd.interfaces import DriverContext
+
+    # By name, as the registry loads drivers: pdcd imports none of them.
+    doctor = importlib.import_module("drivers.ptp.doctor")
+    # Cameras keep their own time, whatever clock the rest of the rig would run on.
+    context = DriverContext(config=load(args.config), clock=RealClock(), shared={})
+    return _report(doctor.examine(context), as_json=args.json)
+
+
+def trigger(args: argparse.Namespace) -> int:
+    """Click the shutter once, if that is asked for; fails when anything must be mended."""
+    from pdcd.cli.capture import signals_to
+    from pdcd.click import examine
+
+    config = load(args.config)
+    longest_s = config.limits.max_exposure_s
+    if not 0.0 <= args.seconds <= longest_s:
+        raise ConfigError(
+            f"--seconds {args.seconds:g} is not between 0 and limits.max_exposure_s = {longest_s:g}"
+        )
+    with signals_to(signal.default_int_handler):  # which closes the shutter on its way out
+        findings = list(examine(config, click=args.click, seconds=args.seconds))
+    return _report(findings, as_json=args.json)
+
+
+def _report(findings: Iterable[Finding], *, as_json: bool) -> int:
+    found = list(findings)
     faults = sum(f.state == "fault" for f in found)
-    if args.json:
+    if as_json:
         say_json({"fit": not faults, "findings": found})
         return FAILED if faults else DONE
     say_table([[f.state, f.what, f.found] for f in found])

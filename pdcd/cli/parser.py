@@ -169,6 +169,14 @@ def _doctors(parser: argparse.ArgumentParser) -> None:
 
     display = add("display", "doctor:display", "look at the X server and at both panels")
     display.add_argument("--display", metavar=":N", help="X server; default: the configuration's")
+    add("camera", "doctor:camera", "look at the camera on the USB; nothing is exposed")
+    trigger = add("trigger", "doctor:trigger", "look at the shutter, and click it if told to")
+    trigger.add_argument(
+        "--click", action="store_true", help="open the shutter, and close it again"
+    )
+    trigger.add_argument(
+        "--seconds", type=float, default=1.0, metavar="S", help="hold it open; default: 1"
+    )
 
 
 def share(text: str) -> float:

@@ -16,6 +16,7 @@ from Xlib import X, error
 
 from pdcd.config import Config
 from pdcd.errors import PdcdError
+from pdcd.findings import Finding, fault
 from pdcd.presenter import desktop
 from pdcd.presenter.client import Presenter
 from pdcd.presenter.messages import Open, Panel, Ready
@@ -36,15 +37,6 @@ NOMINAL_HZ = 60.0
 
 VERIFIED: tuple[SourceName, ...] = ("present-complete", "oml")
 """Sources that can prove when a swap was shown."""
-
-
-class Finding(msgspec.Struct, frozen=True):
-    """One thing looked at. `state` "unknown" means that it could not be looked at."""
-
-    what: str
-    state: Literal["good", "warning", "fault", "unknown"]
-    found: str
-    hint: str | None = None
 
 
 def examine(config: Config, display_name: str | None = None) -> Iterator[Finding]:
@@ -91,8 +83,8 @@ def _examine(display: Any, config: Config, options: Options | None) -> Iterator[
         yield _panels(pair)
     yield _rates(pair)
     faults = desktop.faults(desktop.look(display), name)
-    for fault in faults:
-        yield _fault("desktop", fault)
+    for found in faults:
+        yield _fault("desktop", found)
     if not faults:
         yield Finding("desktop", "good", "no compositor, no window manager, no blanking")
     if display.has_extension("Composite"):
@@ -257,8 +249,7 @@ def _permissions(ready: Ready | None) -> Iterator[Finding]:
 
 
 def _fault(what: str, err: PdcdError) -> Finding:
-    where = f"{err.device}: " if err.device not in (None, "display") else ""
-    return Finding(what, "fault", where + err.message, err.hint)
+    return fault(what, err, "display")
 
 
 def _unknown(what: str, why: str, hint: str | None = None) -> Finding:

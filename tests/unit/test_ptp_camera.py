@@ -18,14 +18,15 @@ from pathlib import Path
 import pytest
 import usb.core
 
-from drivers.mock.camera import RESPONSIVITY_E
 from drivers.ptp.codes import ExposureMode, FocusMode
-from drivers.ptp.doctor import camera_rows
+from drivers.ptp.doctor import examine
 from drivers.ptp.keepalive import KeepAlive
-from drivers.ptp.readout import NOMINAL_RESPONSIVITY_E
 from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, PlainFilm, Script
+from pdcd.clock import VirtualClock
+from pdcd.config import CameraConfig, Config
 from pdcd.errors import ConfigError, DeviceLost, DriverUnavailable, ExposureError
-from pdcd.interfaces import CameraSettings
+from pdcd.findings import Finding
+from pdcd.interfaces import CameraSettings, DriverContext
 from tests.ptp_rig import SETTINGS, PtpRig
 
 ROOT = Path(__file__).parents[2]
@@ -42,12 +43,8 @@ def rig() -> Iterator[PtpRig]:
 def test_the_camera_says_what_it_is_and_what_it_offers(rig: PtpRig) -> None:
     info = rig.readout.connect()
     assert info.model == "Canon EOS 450D" and info.isos == (100, 200, 400, 800, 1600)
-    assert 8.0 in info.f_numbers and tuple(info.responsivity_e) == NOMINAL_RESPONSIVITY_E
+    assert 8.0 in info.f_numbers and tuple(info.responsivity_e) == (4.8e6, 8.6e6, 5.6e6)
     assert rig.shutter.connect()["release"] == "bulb"
-
-
-def test_the_nominal_responsivity_is_that_of_the_mock_camera() -> None:
-    assert NOMINAL_RESPONSIVITY_E == RESPONSIVITY_E
 
 
 @pytest.mark.parametrize("seconds", [0.5, 30.0, 300.0])
@@ -400,31 +397,55 @@ def test_the_options_choose_the_body(rig: PtpRig) -> None:
     other.disconnect()
 
 
+def ask(rig: PtpRig) -> list[Finding]:
+    return list(examine(rig.context))
+
+
 def test_the_doctor_says_all_there_is() -> None:
     rig = PtpRig()
-    rows = camera_rows(rig.camera.options, rig.clock, rig.usb)
-    found = {row.what: row.found for row in rows}
+    findings = ask(rig)
+    found = {finding.what: finding.found for finding in findings}
     assert found["model"] == "Canon EOS 450D" and found["release over USB"] == "bulb"
     assert found["ISO"] == "100, 200, 400, 800, 1600" and found["bulb"] == "offered"
     assert found["long-exposure noise reduction"] == "off" and found["ready to expose"] == "yes"
-    assert not [row for row in rows if row.good is False]
-    assert not rig.body.session_open
+    assert {finding.state for finding in findings} == {"good"}
+    assert not rig.body.session_open and not rig.body.shutter.opened
 
 
 @pytest.mark.parametrize(
     ("script", "word"), [(Script(dial=ExposureMode.PROGRAM), "dial"), (Script(battery=0), "charge")]
 )
 def test_the_doctor_ends_with_the_fault(script: Script, word: str) -> None:
-    rig = PtpRig(script)
-    last = camera_rows(rig.camera.options, rig.clock, rig.usb)[-1]
-    assert last.good is False and word in last.found
+    last = ask(PtpRig(script))[-1]
+    assert last.state == "fault" and word in f"{last.found} {last.hint}"
+
+
+def test_the_doctor_warns_of_noise_reduction_and_of_a_body_for_a_cable() -> None:
+    warnings = {f.what: f for f in ask(PtpRig(Script(long_exposure_nr=True)))}
+    reduction = warnings["long-exposure noise reduction"]
+    assert reduction.state == "warning" and reduction.hint is not None
+    (release,) = [f for f in ask(PtpRig(model=CABLE_BODY)) if f.what == "release over USB"]
+    assert release.state == "warning" and release.found == "external"
 
 
 def test_the_doctor_finds_no_camera() -> None:
     rig = PtpRig()
     rig.body.unplug()
-    rows = camera_rows(rig.camera.options, rig.clock, rig.usb)
-    assert rows[0].found == "0" and rows[-1].good is False
+    (finding,) = ask(rig)
+    assert finding.state == "fault" and "no camera was found" in finding.found
+
+
+def test_the_doctor_says_that_another_program_holds_it() -> None:
+    rig = PtpRig()
+    rig.usb.held_by_other = True
+    last = ask(rig)[-1]
+    assert last.state == "fault" and "held by" in last.found and "gio mount" in str(last.hint)
+
+
+def test_wrong_options_are_a_finding() -> None:
+    config = Config(camera=CameraConfig(driver="ptp", options={"ubs": "virtual"}))
+    (finding,) = examine(DriverContext(config, VirtualClock(), {}))
+    assert finding.state == "fault" and "ubs" in finding.found
 
 
 def test_without_libusb_the_driver_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
