@@ -17,18 +17,18 @@ import errno
 import hashlib
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 import msgspec
-import numpy as np
 from msgspec import Meta
 
 from pdcd.config import CameraConfig
 from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
 from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.raw import RAW_SUFFIXES, read_raw
-from pdcd.sensor import load_profile
+from pdcd.sensor import load_profile, responsivity_e
 from pdcd.tiff import read_tags
 
 _DATE_SLACK_S = 2.0
@@ -65,10 +65,17 @@ class FolderReadout:
 
     maturity = "experimental"
 
-    def __init__(self, options: Options, config: CameraConfig, clock: Clock) -> None:
+    def __init__(
+        self,
+        options: Options,
+        config: CameraConfig,
+        clock: Clock,
+        alive: Callable[[], object] = lambda: None,
+    ) -> None:
         self._options = options
         self._config = config
         self._clock = clock
+        self._alive = alive
         self._folder = Path(options.folder).expanduser()
         self._isos = load_profile(config.profile).isos
         self._settings: CameraSettings | None = None
@@ -77,7 +84,7 @@ class FolderReadout:
 
     @classmethod
     def create(cls, context: DriverContext) -> FolderReadout:
-        """Check the options; ConfigError also when the camera's responsivity is not given."""
+        """Check the options. Raises ConfigError."""
         config: CameraConfig = context.config.camera
         try:
             options = msgspec.convert(config.options, Options)
@@ -87,13 +94,7 @@ class FolderReadout:
                 device="camera",
                 hint="docs/cameras.md lists the options of the driver folder",
             ) from err
-        if config.responsivity_e is None:
-            raise ConfigError(
-                "camera.responsivity_e is not set, and a folder cannot tell it",
-                device="camera",
-                hint="measure it, or set [1.0, 1.0, 1.0]: results are then in electrons at f/1",
-            )
-        return cls(options, config, context.clock)
+        return cls(options, config, context.clock, context.alive)
 
     def connect(self) -> CameraInfo:
         """See that the folder can be read. Raises DeviceLost."""
@@ -102,7 +103,7 @@ class FolderReadout:
             model=f"files in {self._folder}",
             serial="",
             profile=self._config.profile,
-            responsivity_e=np.array(self._config.responsivity_e),
+            responsivity_e=responsivity_e(self._config),
             isos=self._isos,
             f_numbers=(),
         )
@@ -177,6 +178,7 @@ class FolderReadout:
         before: dict[Path, _Seen] = {}
         same = 0
         while True:
+            self._alive()
             new = {p: seen for p, seen in self._look().items() if p not in self._known}
             same = same + 1 if new == before else 1
             before = new
@@ -226,6 +228,7 @@ class FolderReadout:
             with source.open("rb") as file, path.open("xb") as copy:
                 made = True
                 while block := file.read(_BLOCK_BYTES):
+                    self._alive()
                     digest.update(block)
                     size_bytes += copy.write(block)
         except OSError as err:

@@ -408,6 +408,11 @@ class Run:
             blown = int(shot.saturated.sum())
             if blown:
                 self.warnings.append(f"shot {name}: {blown} pixels are saturated")
+        if self.config.camera.responsivity_e is None and not self.rig.mock:
+            self.warnings.append(
+                "camera.responsivity_e is not set: the scale of the pictures, and what errors were "
+                "foreseen, are those of a nominal camera"
+            )
         if self.profile.estimated:
             self.warnings.append(f"sensor profile {self.profile.name} is an estimate")
 

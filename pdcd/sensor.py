@@ -24,16 +24,28 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pdcd.config import CameraConfig
 from pdcd.errors import ConfigError, ExposureError
 
 _PACKAGE = Path(__file__).resolve().parent
 PROFILE_FOLDERS = (_PACKAGE / "_config" / "sensors", _PACKAGE.parent / "config" / "sensors")
 """Where named profiles lie: inside an installed package, or beside it in the source tree."""
 
+NOMINAL_RESPONSIVITY_E = (4.8e6, 8.6e6, 5.6e6)
+"""Electrons per scene unit and second at f/1 (R, G, B) where `camera.responsivity_e` is not given:
+a half-grey scene then fills the well of the "modern" sensor about two thirds in a default capture
+at f/8. True of the mock camera; for a real bench without a calibration only a scale."""
+
 _GAUSSIAN_FROM_E = 1000.0
 """Mean count from which photon noise is drawn as Gaussian: its skewness is then below 0.032."""
 _FULL_WELL_SIGMAS = 4.0
 _MAX_ISO = 65535  # what EXIF's PhotographicSensitivity holds
+
+
+def responsivity_e(config: CameraConfig) -> NDArray[np.float64]:
+    """What every camera driver tells as `CameraInfo.responsivity_e`, (3,): as configured, or else
+    nominal. A real camera cannot know it; the run is marked with a warning then."""
+    return np.array(config.responsivity_e or NOMINAL_RESPONSIVITY_E)
 
 
 class IsoRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

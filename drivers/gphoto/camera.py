@@ -14,13 +14,12 @@ import logging
 from contextlib import suppress
 from pathlib import Path, PurePath
 
-import numpy as np
-
 from drivers.gphoto.session import CameraFile, Session
 from pdcd.config import CameraConfig, TriggerConfig
 from pdcd.errors import ConfigError, DecodeError, ExposureError, NoSpaceError, PdcdError
 from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.raw import RAW_SUFFIXES
+from pdcd.sensor import responsivity_e
 from pdcd.tiff import read_tags
 
 logger = logging.getLogger(__name__)
@@ -107,12 +106,6 @@ class GphotoReadout:
     def create(cls, context: DriverContext) -> GphotoReadout:
         """The readout of this rig's camera. Raises ConfigError."""
         config: CameraConfig = context.config.camera
-        if config.responsivity_e is None:
-            raise ConfigError(
-                "camera.responsivity_e is not set, and the camera cannot tell it",
-                device="camera",
-                hint="measure it, or set [1.0, 1.0, 1.0]: results are then in electrons at f/1",
-            )
         return cls(Session.of(context), config, context.clock)
 
     def connect(self) -> CameraInfo:
@@ -140,7 +133,7 @@ class GphotoReadout:
             model=self._say("cameramodel") or "gphoto2 camera",
             serial=self._say("serialnumber"),
             profile=self._config.profile,
-            responsivity_e=np.array(self._config.responsivity_e),
+            responsivity_e=responsivity_e(self._config),
             isos=tuple(sorted(self._isos)),
             f_numbers=tuple(sorted(self._f_numbers)),
         )

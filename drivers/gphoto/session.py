@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Literal, NamedTuple
 
@@ -57,8 +57,9 @@ class CameraFile(NamedTuple):
 class Session:
     """Opened by the first of its users, closed by the last."""
 
-    def __init__(self, options: Options) -> None:
+    def __init__(self, options: Options, alive: Callable[[], object] = lambda: None) -> None:
         self.options = options
+        self._alive = alive
         self._users: set[str] = set()
         self._camera: Any = None
 
@@ -67,7 +68,7 @@ class Session:
         """The session of this rig. Raises ConfigError for wrong options."""
         session = context.shared.get(_KEY)
         if not isinstance(session, cls):
-            session = context.shared[_KEY] = cls(_options(context.config))
+            session = context.shared[_KEY] = cls(_options(context.config), context.alive)
         return session
 
     def open(self, user: str) -> None:
@@ -139,6 +140,7 @@ class Session:
 
     def next_file(self, wait_s: float) -> CameraFile | None:
         """The next picture the camera tells of, None if there is none within the time."""
+        self._alive()
         with self.errors("ask for events"):
             kind, data = self._opened().wait_for_event(max(1, round(wait_s * 1e3)))
         if kind == gp.GP_EVENT_FILE_ADDED:
@@ -150,6 +152,7 @@ class Session:
         files: list[CameraFile] = []
         until_ns = clock.now_ns() + round(limit_s * 1e9)
         while clock.now_ns() < until_ns:
+            self._alive()
             with self.errors("ask for events"):
                 kind, data = self._opened().wait_for_event(_QUIET_MS)
             if kind == gp.GP_EVENT_FILE_ADDED:
@@ -160,6 +163,7 @@ class Session:
 
     def download(self, file: CameraFile) -> bytes:
         """All bytes of a picture; the camera's buffer is free of it afterwards."""
+        self._alive()
         with self.errors(f"download {file.name}"):
             found = self._opened().file_get(file.folder, file.name, gp.GP_FILE_TYPE_NORMAL)
             return bytes(memoryview(found.get_data_and_size()))

@@ -14,11 +14,7 @@ from drivers.mock.dng import dng_bytes
 from pdcd.config import CameraConfig
 from pdcd.errors import ConfigError, ExposureError
 from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.sensor import expose, load_profile
-
-RESPONSIVITY_E = (4.8e6, 8.6e6, 5.6e6)
-"""Electrons per scene unit and second at f/1: a half-grey scene fills the well of the "modern"
-sensor about two thirds in a default capture at f/8."""
+from pdcd.sensor import expose, load_profile, responsivity_e
 
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 """f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""
@@ -38,7 +34,7 @@ class BenchSensor:
         self._bench = bench
         self._config = config
         self.profile = load_profile(config.profile)
-        self.responsivity_e = np.array(config.responsivity_e or RESPONSIVITY_E)
+        self.responsivity_e = responsivity_e(config)
         self._rng = np.random.default_rng([config.seed, 1])
 
     def dng(self, iso: int, f_number: float) -> bytes:

@@ -8,8 +8,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from drivers.ptp.codes import Property
 from drivers.ptp.eos import EosCamera
 from drivers.ptp.faults import DEVICE
@@ -18,14 +16,11 @@ from drivers.ptp.values import f_numbers, isos
 from pdcd.config import CameraConfig
 from pdcd.errors import ConfigError, ExposureError, PdcdError
 from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+from pdcd.sensor import responsivity_e
 
 logger = logging.getLogger(__name__)
 
 Number = TypeVar("Number", int, float)
-
-NOMINAL_RESPONSIVITY_E = (4.8e6, 8.6e6, 5.6e6)
-"""Electrons per scene unit and second at f/1 where `camera.responsivity_e` is not given. Nominal,
-that of the mock camera: pictures of a bench that was not calibrated have no absolute scale."""
 
 FILE_EXTRA_S = 30.0
 """A photo is waited for this long, plus twice the exposure: noise reduction doubles it."""
@@ -66,7 +61,7 @@ class PtpReadout:
             model=identity["model"],
             serial=identity["serial"],
             profile=self._config.profile,
-            responsivity_e=np.array(self._config.responsivity_e or NOMINAL_RESPONSIVITY_E),
+            responsivity_e=responsivity_e(self._config),
             isos=tuple(isos(choices.get(Property.ISO, ()))),
             f_numbers=tuple(f_numbers(choices.get(Property.APERTURE, ()))),
         )

@@ -36,8 +36,8 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     feedback: Literal["none", "cts", "dsr"] = "none"
     """Input that tells that the shutter is open (the flash contact)."""
     feedback_active_low: bool = False
-    answer_s: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
-    """How long a reply or the feedback may take."""
+    answer_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.0
+    """How long a reply or the feedback may take; nobody hears a sign of life from who reads."""
     limit_s: Annotated[float, Meta(gt=0.0)] | None = None
     """After how long the watchdog ends an exposure; unset: limits.max_exposure_s and half a minute.
     """

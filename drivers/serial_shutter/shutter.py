@@ -7,7 +7,7 @@ pulse, or that toggle.
 
 from __future__ import annotations
 
-import logging
+from collections.abc import Callable
 from contextlib import suppress
 
 from drivers.serial_shutter.options import Options, read_options
@@ -17,9 +17,9 @@ from pdcd.config import Config
 from pdcd.errors import ConfigError, DeviceLost, ExposureError, PdcdError
 from pdcd.interfaces import Clock, DriverContext
 
-logger = logging.getLogger(__name__)
-
 _POLL_NS = 1_000_000
+_LONGEST_NS = 2_000_000_000
+"""Longest sleep without a sign of life."""
 _MARGIN_S = 30.0
 """What an exposure may take beyond its limit before the watchdog ends it."""
 
@@ -34,9 +34,16 @@ class SerialShutter:
 
     maturity = "experimental"
 
-    def __init__(self, options: Options, config: Config, clock: Clock) -> None:
+    def __init__(
+        self,
+        options: Options,
+        config: Config,
+        clock: Clock,
+        alive: Callable[[], object] = lambda: None,
+    ) -> None:
         self._options = options
         self._clock = clock
+        self._alive = alive
         self._lag_ns = round((config.trigger.lag_s + 4.0 * config.trigger.jitter_s) * 1e9)
         self._limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
         self._port: Port | None = None
@@ -54,7 +61,7 @@ class SerialShutter:
                 device="shutter",
                 hint="set rig.clock = 'real'",
             )
-        return cls(options, config, context.clock)
+        return cls(options, config, context.clock, context.alive)
 
     def connect(self) -> dict[str, str]:
         """Open the port if it is not open; the shutter is closed on return.
@@ -134,7 +141,7 @@ class SerialShutter:
     def _open_port(self) -> None:
         port = Port(self._options)
         try:
-            self._clock.sleep_until_ns(self._clock.now_ns() + round(self._options.ready_s * 1e9))
+            self._sleep_until_ns(self._clock.now_ns() + round(self._options.ready_s * 1e9))
             port.drive(opened=False)
             if self._options.feedback != "none":
                 self._wait_for(port, opened=False)
@@ -161,13 +168,20 @@ class SerialShutter:
 
     def _settled_ns(self) -> int:
         sure_ns = self._clock.now_ns() + self._lag_ns
-        self._clock.sleep_until_ns(sure_ns)
+        self._sleep_until_ns(sure_ns)
         return sure_ns
+
+    def _sleep_until_ns(self, t_ns: int) -> None:
+        """Sleep, with a sign of life every few seconds."""
+        while (now_ns := self._clock.now_ns()) < t_ns:
+            self._alive()
+            self._clock.sleep_until_ns(min(t_ns, now_ns + _LONGEST_NS))
 
     def _wait_for(self, port: Port, *, opened: bool) -> int:
         """Return the time at which the feedback is as wanted."""
         until_ns = self._clock.now_ns() + round(self._options.answer_s * 1e9)
         while port.shutter_is_open() != opened:
+            self._alive()
             now_ns = self._clock.now_ns()
             if now_ns >= until_ns:
                 wanted = "open" if opened else "close"

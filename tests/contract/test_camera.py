@@ -12,6 +12,7 @@ from pdcd.errors import ConfigError, ExposureError
 from pdcd.interfaces import CameraSettings
 from pdcd.raw import read_raw
 from pdcd.rig import Rig
+from pdcd.sensor import NOMINAL_RESPONSIVITY_E
 from tests import bench_rig
 
 SETTINGS = CameraSettings(iso=100, f_number=8.0)
@@ -60,6 +61,8 @@ class ReadoutContract:
         info = rig.readout.connect()
         assert info.model and info.isos
         assert info.responsivity_e.shape == (3,) and np.all(info.responsivity_e > 0)
+        configured = rig.config.camera.responsivity_e
+        assert tuple(info.responsivity_e) == (configured or NOMINAL_RESPONSIVITY_E)
 
     def test_iso_that_is_not_offered_is_refused_with_the_list(self, rig: Rig) -> None:
         with pytest.raises(ConfigError) as caught:

@@ -70,7 +70,6 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
         camera=CameraConfig(
             driver="folder",
             f_number=8.0,
-            responsivity_e=(1.0, 1.0, 1.0),
             options={"folder": str(folder)},
         ),
     )

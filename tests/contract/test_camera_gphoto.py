@@ -54,7 +54,6 @@ def rig(camera: subprocess.Popen[str], tmp_path: Path) -> Iterator[Rig]:
         camera=CameraConfig(
             driver="gphoto2",
             f_number=8.0,
-            responsivity_e=(1.0, 1.0, 1.0),
             options={"port": port, "model": "PTP/IP Camera"},
         ),
     )

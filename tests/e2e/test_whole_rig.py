@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ def test_the_answer_is_that_of_the_mocks(tmp_path: Path, cable: TriggerConfig) -
     assert not rig.body.session_open and rig.line.opened == 1
     assert found.keys() == expected.keys()
     for name in expected:
-        if cable is whole_rig.BLIND:
+        if cable is whole_rig.BLIND or found[name].dtype.kind != "f":
             np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
         else:
             np.testing.assert_allclose(
@@ -83,3 +84,18 @@ def test_a_cable_that_is_pulled_out_fails_the_job_and_no_other(tmp_path: Path) -
             assert rig.body.shutter.opened == 0
             rig.line.on_edge = listener
             assert client.capture(REQUEST).state == "done"
+
+
+@pytest.mark.parametrize("measured", [None, (4.8e6, 8.6e6, 5.6e6)])
+def test_a_real_camera_of_unknown_responsivity_is_remarked_on(
+    tmp_path: Path, measured: tuple[float, float, float] | None
+) -> None:
+    camera = msgspec.structs.replace(whole_rig.BODY, responsivity_e=measured)
+    scene = msgspec.structs.replace(bench_rig.matrix_scene(tmp_path), grid=bench_rig.GRID)
+    config = bench_rig.config(tmp_path, **whole_rig.tables(camera=camera, scene=scene))
+    with whole_rig.served(config) as rig, rig.client() as client:
+        rig.engine._rig._context.shared.pop("scene")  # as on a bench that nobody simulates
+        result = client.capture(msgspec.structs.replace(REQUEST, white=False))
+    assert result.state == "done", result.error
+    warnings = read_manifest(Path(str(result.folder))).warnings
+    assert any("responsivity_e" in warning for warning in warnings) is (measured is None)

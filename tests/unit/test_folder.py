@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import itertools
 import os
 import shutil
 import tempfile
@@ -308,7 +309,6 @@ def test_the_copy_decodes_to_the_same_photo(bench: Bench) -> None:
     ("camera", "message"),
     [
         (CameraConfig(responsivity_e=(1.0, 1.0, 1.0)), "folder"),
-        (CameraConfig(options={"folder": "/"}), "responsivity_e"),
         (CameraConfig(options={"folder": "/", "looks": 1}), "looks"),
         (CameraConfig(options={"folder": "/", "suffix": ".x"}), "suffix"),
     ],
@@ -317,3 +317,21 @@ def test_wrong_options_are_refused(camera: CameraConfig, message: str) -> None:
     context = DriverContext(config=Config(camera=camera), clock=VirtualClock(), shared={})
     with pytest.raises(ConfigError, match=message):
         FolderReadout.create(context)
+
+
+def test_who_waits_for_a_file_shows_that_he_lives(tmp_path: Path) -> None:
+    clock, signs_ns = VirtualClock(), [VirtualClock().now_ns()]
+    camera = CameraConfig(options={"folder": str(tmp_path), "poll_s": 2.0})
+    context = DriverContext(
+        config=Config(camera=camera),
+        clock=clock,
+        shared={},
+        alive=lambda: signs_ns.append(clock.now_ns()),
+    )
+    readout = FolderReadout.create(context)
+    readout.connect()
+    readout.arm(SETTINGS)
+    with pytest.raises(ExposureError, match="no RAW file"):
+        readout.fetch(tmp_path, "shot", 60.0)
+    assert signs_ns[-1] - signs_ns[0] >= 60e9 - 2e9
+    assert max(b - a for a, b in itertools.pairwise(signs_ns)) < 3e9

@@ -6,6 +6,7 @@ How libgphoto2 itself behaves is not tested here.
 from __future__ import annotations
 
 import hashlib
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -257,21 +258,36 @@ def test_nothing_works_before_connect(bench: Bench) -> None:
     bench.readout.disconnect()
 
 
+def test_who_waits_for_a_photo_shows_that_he_lives(bench: Bench, tmp_path: Path) -> None:
+    signs_ns: list[int] = []
+    context = DriverContext(
+        config=bench.config,
+        clock=bench.clock,
+        shared={},
+        alive=lambda: signs_ns.append(VirtualClock.now_ns(bench.clock)),
+    )
+    readout = GphotoReadout.create(context)
+    readout.connect()
+    readout.arm(SETTINGS)
+    with pytest.raises(ExposureError):
+        readout.fetch(tmp_path, "shot", 60.0)
+    readout.disconnect()
+    assert signs_ns[-1] - signs_ns[0] > 55e9
+    assert max(b - a for a, b in itertools.pairwise(signs_ns)) < 3e9
+
+
 @pytest.mark.parametrize(
     ("tables", "message"),
     [
         (
             {
-                "camera": CameraConfig(
-                    driver="gphoto2", responsivity_e=(1.0, 1.0, 1.0), options={"prt": "x"}
-                )
+                "camera": CameraConfig(driver="gphoto2", options={"prt": "x"}),
             },
             "prt",
         ),
-        ({"camera": CameraConfig(driver="gphoto2")}, "responsivity_e"),
         (
             {
-                "camera": CameraConfig(driver="gphoto2", responsivity_e=(1.0, 1.0, 1.0)),
+                "camera": CameraConfig(driver="gphoto2"),
                 "rig": RigConfig(),
             },
             "clock",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -100,6 +101,31 @@ def test_connect_says_what_it_is(shutter: Make) -> None:
         "feedback": "none",
         "watchdog": "alarm",
     }
+
+
+def test_who_waits_for_the_box_shows_that_he_lives(line: FakeLine) -> None:
+    """The service's watchdog allows 20 s without a sign: less than some boxes take."""
+    clock, signs_ns = line.clock, [line.clock.now_ns()]
+    trigger = TriggerConfig(
+        driver="serial",
+        lag_s=15.0,
+        jitter_s=0.0,
+        options={"port": "line://box", "ready_s": 60.0, "feedback": "cts", "answer_s": 10.0},
+    )
+
+    def alive() -> None:
+        signs_ns.append(clock.now_ns())
+
+    context = DriverContext(config=Config(trigger=trigger), clock=clock, shared={}, alive=alive)
+    box = SerialShutter.create(context)
+    box.connect()
+    line.cts = lambda: clock.now_ns() > line.edges[-1].t_ns + 8e9 and line.levels("rts")[-1]
+    box.open()
+    box.close()
+    signs_ns.append(clock.now_ns())
+    box.disconnect()
+    assert signs_ns[-1] - signs_ns[0] > 80e9
+    assert max(b - a for a, b in itertools.pairwise(signs_ns)) < 3e9
 
 
 # Feedback.
