@@ -1,0 +1,77 @@
+"""The template of docs/new-driver.md, as it is printed there, under the contract of its role."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pdcd import registry
+from pdcd.config import TriggerConfig
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.rig import Rig
+from tests import bench_rig
+from tests.contract.test_camera import ShutterContract
+from tests.fake_serial import FakeLine, fake_line
+
+PAGE = Path(__file__).parents[2] / "docs" / "new-driver.md"
+OPTIONS = {"port": "line://box"}
+
+
+@pytest.fixture
+def driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The last block of Python on the page, known as `serial-box`."""
+    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)[-1]
+    (tmp_path / "template_serial_box.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    known = {**registry.DRIVERS, ("shutter", "serial-box"): "template_serial_box:SerialBox"}
+    monkeypatch.setattr(registry, "DRIVERS", known)
+    yield
+    sys.modules.pop("template_serial_box", None)
+
+
+def make(folder: Path, **options: object) -> Rig:
+    trigger = TriggerConfig(driver="serial-box", options={**OPTIONS, **options})
+    return Rig(bench_rig.config(folder, trigger=trigger))
+
+
+@pytest.fixture
+def rig(tmp_path: Path, driver: None) -> Iterator[Rig]:
+    rig = make(tmp_path)
+    with fake_line("box", rig.clock) as line:
+        rig.shutter.connect()
+        yield rig
+        line.unplugged = False
+        rig.shutter.disconnect()
+
+
+def the_line() -> FakeLine:
+    from tests.fake_serial.lines import LINES
+
+    return LINES["box"]
+
+
+class TestTemplate(ShutterContract):
+    """And what is the template's own."""
+
+    def test_the_bytes_of_an_exposure(self, rig: Rig) -> None:
+        rig.shutter.open()
+        rig.shutter.close()
+        rig.shutter.disconnect()
+        assert the_line().received == [b"0", b"1", b"0", b"0"]
+
+    def test_a_box_that_is_pulled_out(self, rig: Rig) -> None:
+        the_line().unplugged = True
+        with pytest.raises(DeviceLost, match="does not answer"):
+            rig.shutter.open()
+
+    def test_a_wrong_option(self, driver: None, tmp_path: Path) -> None:
+        with pytest.raises(ConfigError, match="bauds"):
+            make(tmp_path, bauds=1)
+
+    def test_a_port_that_is_not_there(self, driver: None, tmp_path: Path) -> None:
+        with pytest.raises(DeviceLost, match="cannot open"):
+            make(tmp_path, port="/dev/pdcd-none").shutter.connect()
