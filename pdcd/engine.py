@@ -102,8 +102,16 @@ class Engine:
             return
         self._rig.display.show(pattern_frames(pattern, index, self.grid, self._config))
 
-    def preview(self) -> dict[str, Any]:
-        """A short white photo as PNG below the state folder: its path, SHA-256 and shape."""
+    def preview(self, alive: Callable[[], object] = lambda: None) -> dict[str, Any]:
+        """A short white photo as PNG below the state folder: its path, SHA-256 and shape.
+
+        `alive()` is called at least ten times a second, from this thread.
+        """
+
+        def cancelled() -> bool:
+            alive()
+            return False
+
         parent = state_dir(self._config) / "preview"
         request = CaptureRequest(goal="white", codes=4, window="whole", guards=False)
         result = self.capture(
@@ -111,7 +119,7 @@ class Engine:
             job=f"preview-{time.time_ns()}",
             owner={},
             emit=lambda *_: None,
-            cancelled=lambda: False,
+            cancelled=cancelled,
             parent=parent,
         )
         if result.folder is None or result.state != "done":

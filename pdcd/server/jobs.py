@@ -73,8 +73,9 @@ class EngineLike(Protocol):
         """Both panels show "black", "white", "checker", "grid" or pattern `index` of "code"."""
         ...
 
-    def preview(self) -> dict[str, Any]:
-        """Take a test photo; returns its path, sha256 and shape."""
+    def preview(self, alive: Callable[[], object]) -> dict[str, Any]:
+        """Take a test photo; returns its path, sha256 and shape. `alive()` is called meanwhile, as
+        `cancelled` is in a capture."""
         ...
 
 

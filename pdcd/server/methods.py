@@ -169,7 +169,8 @@ class Methods:
 
     async def _preview(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
         self._refuse_if_taken()
-        return cast(dict[str, Any], messages.plain(await self._worker.call(self._engine.preview)))
+        found = await self._worker.call(self._engine.preview, self._worker.beat)
+        return cast(dict[str, Any], messages.plain(found))
 
     async def _subscribe(self, client: Client, params: SubscribeParams) -> Subscription:
         client.interest = params.jobs

@@ -125,7 +125,7 @@ class FakeEngine:
     def show(self, pattern: str, index: int) -> None:
         self._note(f"show {pattern} {index}")
 
-    def preview(self) -> dict[str, Any]:
+    def preview(self, alive: Callable[[], object]) -> dict[str, Any]:
         self._note("preview")
         return {"path": "/nowhere/preview.png", "sha256": "0" * 64, "shape": [4, 6, 3]}
 

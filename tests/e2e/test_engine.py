@@ -259,7 +259,9 @@ def test_show_and_preview(tmp_path: Path) -> None:
         assert not bench.panels_black
     engine.show("black")
     assert bench.panels_black
-    preview = engine.preview()
+    signs: list[None] = []
+    preview = engine.preview(lambda: signs.append(None))
+    assert signs
     assert preview["shape"] == [3, 4, 3]
     assert cv2.imread(preview["path"]) is not None
     engine.stop()
