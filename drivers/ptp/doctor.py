@@ -14,7 +14,7 @@ from drivers.ptp.eos import EosCamera, backend_of
 from drivers.ptp.faults import DEVICE
 from drivers.ptp.holders import HINT, holders, in_words, node_of
 from drivers.ptp.options import PtpOptions, options_of
-from drivers.ptp.usb_port import PERMISSION_HINT, find, in_short
+from drivers.ptp.usb_port import PERMISSION_HINT, find, in_short, still_images
 from drivers.ptp.values import f_numbers, isos
 from pdcd.errors import PdcdError
 from pdcd.findings import Finding, State, fault
@@ -25,8 +25,8 @@ _DIAL_HINT = "turn the mode dial to M"
 _REDUCTION: dict[int | None, tuple[State, str]] = {
     None: ("unknown", "not told"),
     0: ("good", "off"),
-    1: ("warning", "auto"),
-    2: ("warning", "on"),
+    1: ("fault", "auto"),
+    2: ("fault", "on"),
 }
 
 
@@ -50,11 +50,9 @@ def examine(context: DriverContext) -> Iterator[Finding]:
                 "give --config with driver = 'ptp' in it",
             )
         backend = backend_of(context, options)
-        devices = find(backend, options.usb_id)
-        if devices:
-            yield Finding("still-image devices", "good", str(len(devices)))
-        for device in devices:
-            yield from _device(device)
+        chosen = [in_short(device) for device in find(backend, options.usb_id)]
+        for device in still_images(backend):
+            yield from _device(device, ours=in_short(device) in chosen)
         camera = EosCamera(options, context.clock, backend, _ASKED_S)
         try:
             yield from _camera(camera, camera.open("doctor"))
@@ -66,9 +64,14 @@ def examine(context: DriverContext) -> Iterator[Finding]:
         yield fault("camera", err, DEVICE)
 
 
-def _device(device: Any) -> Iterator[Finding]:
+def _device(device: Any, *, ours: bool) -> Iterator[Finding]:
+    """One still-image device, and who may open it where it is the one that is looked for."""
     node = node_of(device.bus, device.address)
-    yield Finding("device", "good", in_short(device))
+    if not ours:
+        other = f"{in_short(device)}: another one, passed over"
+        yield Finding("still-image device", "good", other)
+        return
+    yield Finding("still-image device", "good", in_short(device))
     if node.exists():
         if os.access(node, os.R_OK | os.W_OK):
             yield Finding("permission", "good", f"{node} may be opened")
@@ -94,7 +97,7 @@ def _camera(camera: EosCamera, identity: dict[str, str]) -> Iterator[Finding]:
     yield _listed("bulb", "offered" if set(speeds) & set(SHUTTER_BULB) else "")
     reduction = camera.custom.get(CUSTOM_LONG_EXPOSURE_NR)
     state, found = _REDUCTION.get(reduction, ("unknown", str(reduction)))
-    hint = "switch it off: photos come twice as late" if state == "warning" else None
+    hint = "switch it off in the custom functions" if state == "fault" else None
     yield Finding("long-exposure noise reduction", state, found, hint)
 
 

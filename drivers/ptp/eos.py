@@ -193,7 +193,7 @@ class EosCamera:
             self.poll()
 
     def pause(self, seconds: float) -> None:
-        """Wait on the rig's clock, for no longer than a sign of life may take."""
+        """Give a sign of life, then wait on the rig's clock; to be called with short times."""
         self._tell_alive()
         self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
 
@@ -304,6 +304,7 @@ class EosCamera:
         self.values.clear()
         self.choices.clear()
         self.files.clear()
+        self._done.clear()
         self._must(Operation.EOS_SET_REMOTE_MODE, 1)
         self._must(Operation.EOS_SET_EVENT_MODE, 1)
         if not self._heard(lambda: Property.ISO in self.choices):

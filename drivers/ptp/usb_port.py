@@ -9,6 +9,7 @@ from __future__ import annotations
 import array
 import errno
 import os
+from collections.abc import Callable
 from typing import Any
 
 import usb.core
@@ -40,14 +41,20 @@ def find(backend: Any, usb_id: tuple[int, int] | None) -> list[Any]:
 
     def wanted(device: Any) -> bool:
         if usb_id is None:
-            if device.idVendor != CANON:
-                return False
-        elif (device.idVendor, device.idProduct) != usb_id:
-            return False
-        return _interface(device) is not None
+            return bool(device.idVendor == CANON)
+        return (device.idVendor, device.idProduct) == usb_id
+
+    return still_images(backend, wanted)
+
+
+def still_images(backend: Any, wanted: Callable[[Any], bool] = lambda _: True) -> list[Any]:
+    """Whatever has a still-image interface, telephones included; raises as `find` does."""
+
+    def matches(device: Any) -> bool:
+        return wanted(device) and _interface(device) is not None
 
     try:
-        return list(usb.core.find(find_all=True, backend=backend, custom_match=wanted))
+        return list(usb.core.find(find_all=True, backend=backend, custom_match=matches))
     except usb.core.NoBackendError as err:
         raise DriverUnavailable(
             "libusb is not installed", device=DEVICE, hint="install libusb-1.0"

@@ -420,10 +420,10 @@ def test_the_doctor_ends_with_the_fault(script: Script, word: str) -> None:
     assert last.state == "fault" and word in f"{last.found} {last.hint}"
 
 
-def test_the_doctor_warns_of_noise_reduction_and_of_a_body_for_a_cable() -> None:
-    warnings = {f.what: f for f in ask(PtpRig(Script(long_exposure_nr=True)))}
-    reduction = warnings["long-exposure noise reduction"]
-    assert reduction.state == "warning" and reduction.hint is not None
+def test_the_doctor_minds_noise_reduction_and_a_body_for_a_cable() -> None:
+    found = {f.what: f for f in ask(PtpRig(Script(long_exposure_nr=True)))}
+    reduction = found["long-exposure noise reduction"]
+    assert reduction.state == "fault" and reduction.hint is not None
     (release,) = [f for f in ask(PtpRig(model=CABLE_BODY)) if f.what == "release over USB"]
     assert release.state == "warning" and release.found == "external"
 
@@ -440,6 +440,13 @@ def test_the_doctor_says_that_another_program_holds_it() -> None:
     rig.usb.held_by_other = True
     last = ask(rig)[-1]
     assert last.state == "fault" and "held by" in last.found and "gio mount" in str(last.hint)
+
+
+def test_the_doctor_lists_cameras_that_are_not_looked_for() -> None:
+    rig = PtpRig(camera={"id": "04a9:1234"})
+    first, last = ask(rig)
+    assert "04a9:3145" in first.found and "passed over" in first.found
+    assert last.state == "fault" and "no camera was found" in last.found
 
 
 def test_wrong_options_are_a_finding() -> None:
