@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,12 @@ from typing import Any
 import pytest
 
 from drivers.ptp.eos import BACKEND_KEY
-from drivers.serial_shutter.options import Options
 from drivers.virtual_camera import Body, VirtualUsb
-from pdcd.client import Client
+from pdcd.client import Client, Unreachable
+from pdcd.clock import RealClock
 from pdcd.config import CameraConfig, Config, TriggerConfig
 from pdcd.engine import Engine
 from pdcd.errors import PdcdError
-from pdcd.interfaces import Clock
 from pdcd.server.daemon import serve
 from tests.fake_serial import Edge, FakeLine, fake_line
 
@@ -74,11 +74,7 @@ def served(config: Config) -> Iterator[WholeRig]:
     stop = asyncio.Event()
     loops: list[asyncio.AbstractEventLoop] = []
     failed: list[PdcdError] = []
-    with ExitStack() as stack:
-        # The line's clock is the rig's, which is made with the engine.
-        line = stack.enter_context(
-            fake_line(Options(**config.trigger.options).port[7:], _NoClock())
-        )
+    with fake_line("cable", RealClock()) as line:  # that clock until the rig has its own
 
         def factory(config: Config) -> Engine:
             engine = Engine.from_config(config)
@@ -112,26 +108,17 @@ def served(config: Config) -> Iterator[WholeRig]:
 
 
 def _wait_until_ready(socket: Path, thread: threading.Thread, failed: list[PdcdError]) -> None:
-    """The socket is there before the rig has started; its backlog keeps early clients."""
-    waited = threading.Event()
-    for _ in range(round(PATIENCE_S / 0.02)):
-        if socket.exists() or not thread.is_alive():
-            break
-        waited.wait(0.02)
-    if not socket.exists():
-        pytest.fail(f"the daemon did not start: {failed}")
-    with Client(socket) as client:
-        assert client.status()["state"] == "idle"
-
-
-class _NoClock(Clock):
-    """Until the rig's own clock is known nothing may move the line."""
-
-    def now_ns(self) -> int:
-        raise AssertionError("the line moved before the rig was made")
-
-    def sleep_until_ns(self, t_ns: int) -> None:
-        raise AssertionError("the line moved before the rig was made")
+    """Until the daemon answers a client, which it does once the rig has started."""
+    give_up = time.monotonic() + PATIENCE_S
+    while thread.is_alive():
+        try:
+            with Client(socket) as client:
+                assert client.status()["state"] == "idle"
+                return
+        except Unreachable:
+            assert time.monotonic() < give_up
+            time.sleep(0.02)
+    pytest.fail(f"the daemon did not start: {failed}")
 
 
 def tables(**more: Any) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 Every call ends by libgphoto2's own time-outs: 20 s on USB, 2.5 s over PTP/IP, longer while a Canon
 is busy with a picture. Some of its calls hold Python's global lock as long as that (seen with the
 summary, which is never asked for here), so a program that has other threads to serve in time keeps
-the camera to the driver ``ptp``.
+the camera to the driver ``ptp``. Between calls the daemon's watchdog is shown that this thread
+lives; a call that takes its whole time-out on USB is as long as the watchdog of pdcd.service waits.
 """
 
 from __future__ import annotations

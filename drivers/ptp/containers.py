@@ -23,8 +23,6 @@ from pdcd.errors import DecodeError
 HEADER_BYTES = 12
 UNKNOWN_LENGTH = 0xFFFFFFFF
 MAX_PARAMETERS = 5
-NO_TRANSACTION = 0xFFFFFFFF
-"""Transaction id of events that belong to none."""
 
 _HEADER = struct.Struct("<IHHI")
 

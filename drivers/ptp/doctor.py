@@ -34,7 +34,7 @@ def examine(context: DriverContext) -> Iterator[Finding]:
     """Yield everything that can be found out, down to the first thing that fails.
 
     The options are those of the drivers `ptp` in the configuration; where there is none, any Canon
-    is looked for. Takes a second with a camera that answers, up to a minute with one that does not.
+    is looked for. One that does not answer is given up as `drivers.ptp.session` has it.
     Raises nothing of its own: what fails is a finding.
     """
     config = context.config

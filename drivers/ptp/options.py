@@ -63,5 +63,7 @@ def options_of(config: Config) -> PtpOptions:
         return msgspec.convert(merged, PtpOptions)
     except msgspec.ValidationError as err:
         raise ConfigError(
-            f"[{' or '.join(f'{name}.options' for name in given)}]: {err}", device="camera"
+            f"[{' or '.join(f'{name}.options' for name in given)}]: {err}",
+            device="camera",
+            hint="docs/ptp.md lists the options of the driver ptp",
         ) from err
