@@ -1,6 +1,6 @@
-"""The real daemon before real windows: what is left when one of its processes is killed mid-exposure.
+"""The real daemon before real windows: what is left when a process is killed mid-exposure.
 
-The camera is the mock, the shutter a box on a pseudo-terminal that opens on "1" and closes on "0".
+The camera is the mock, the shutter a box on a terminal that opens on "1" and closes on "0".
 """
 
 from __future__ import annotations

@@ -188,6 +188,18 @@ def test_an_unplugged_output_ends_the_pass_black(tmp_path: Path) -> None:
         display.disconnect()
 
 
+def test_a_mode_of_another_rate_is_refused(tmp_path: Path, x_quarter: XServer) -> None:
+    """The processor's clock would otherwise pace 60 Hz panels at 50 Hz and find nothing wrong."""
+    if x_quarter.kind != "dummy":
+        pytest.skip("Xvfb has no refresh rate")
+    projector, mask = (PanelConfig(size_px=size, refresh_hz=50.0) for size in QUARTER)
+    rig = x11_rig.config(
+        tmp_path, x_quarter, projector=projector, mask=mask, more={"time_source": "auto"}
+    )
+    with pytest.raises(ConfigError, match=r"DUMMY1 runs at 60\.0000 Hz, not 50"):
+        x11_rig.display(rig).connect()
+
+
 def test_no_display_says_what_to_do(tmp_path: Path, x_quarter: XServer) -> None:
     display = x11_rig.display(x11_rig.config(tmp_path, x_quarter, more={"display": ":4711"}))
     with pytest.raises(DeviceLost, match="does not answer"):
@@ -206,6 +218,7 @@ def test_no_display_says_what_to_do(tmp_path: Path, x_quarter: XServer) -> None:
         ({"time_source": "oml"}, {}, "no vblank"),
         ({"layout": "one"}, {}, "layout"),
         ({"colour": "red"}, {}, "unknown field `colour`"),
+        ({"stalls_ms": {"first": 30.0}}, {}, "stalls_ms"),
         ({}, {"rig": RigConfig(clock="virtual")}, "real time"),
     ],
 )
