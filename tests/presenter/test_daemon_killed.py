@@ -23,7 +23,7 @@ from pdcd.config import RigConfig, TriggerConfig
 from pdcd.presenter.xgrab import RootGrabber
 from pdcd.request import CaptureRequest
 from tests import x11_rig
-from tests.e2e.test_daemon_real import connect, daemon, wait_for_codes
+from tests.e2e.test_daemon_real import connect, daemon, last_event, wait_for_codes
 from tests.xserver import QUARTER, XServer, run
 
 pytestmark = pytest.mark.timeout(120)
@@ -203,6 +203,7 @@ def test_a_killed_x_server_fails_the_job_and_the_daemon_goes_on(tmp_path: Path, 
         last = end_of(client, job)
         assert last["type"] == "failed" and last["error"]["kind"] == "device_lost"
         box.hears(b"0")
+        assert last_event(tmp_path, job)["safe"] is False  # nobody can say what the panels show
         again = client.capture(NEXT)  # still no server to show it
         assert again.state == "failed"
         assert again.error is not None and again.error["kind"] == "device_lost"
