@@ -22,9 +22,7 @@ from pdcd.presenter.client import Log, Presenter, Rows
 from pdcd.presenter.messages import Log as Column
 from pdcd.presenter.messages import Open, Ready
 from pdcd.presenter.opening import opening
-
-VERIFIED = ("present-complete",)
-"""Time sources that prove presentation, where every frame was a page flip."""
+from pdcd.presenter.options import VERIFIED
 
 
 class X11Display:

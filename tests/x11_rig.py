@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,7 @@ def planned(frames: Frames, row: int, size_px: tuple[int, int], *, mask: bool) -
     return np.asarray(image * np.outer(y_open, x_open), dtype=np.uint8)
 
 
+@cache
 def _axis(size_px: int, cells: int, bit: int, *, half: bool) -> tuple[list[int], list[bool]]:
     """Cell of every pixel along an axis, and whether the pixel is inside the cell's window."""
     places = [Fraction(x * cells, size_px) + Fraction(bit, 2) for x in range(size_px)]

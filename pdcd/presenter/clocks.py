@@ -43,7 +43,8 @@ class Source(Protocol):
     """One way to know when a frame was shown.
 
     queues : two frames handed over in one go are shown at two vblanks.
-    verified : the times are those of presentation, not of submission; only known frame by frame.
+    ns, msc : time (CLOCK_MONOTONIC) and number of the vblank of the oldest frame, after `shown`.
+    flipped : 1 when that frame was reported as a page flip.
     """
 
     name: str

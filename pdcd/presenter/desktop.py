@@ -1,4 +1,4 @@
-"""What on the X server may spoil a run: a compositor, a window manager, blanking.
+"""What on the X server may spoil a run: a compositor, a window manager, blanking, slow drawing.
 
 A compositor redraws windows when it pleases and makes page flips impossible; a window manager may
 move, cover or decorate them; blanking turns panels off during a long exposure. Sources: ICCCM 2.0
@@ -15,6 +15,8 @@ from Xlib import X, error
 
 from pdcd.errors import ConfigError
 from pdcd.presenter.xconnection import answering
+
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,11 @@ def faults(desktop: Desktop, display_name: str) -> list[ConfigError]:
             )
         )
     return found
+
+
+def software(renderer: str) -> bool:
+    """Whether this name of a renderer (GL_RENDERER) is one that draws on the processor."""
+    return any(name in renderer.lower() for name in SOFTWARE_RENDERERS)
 
 
 def check(display: Any) -> None:

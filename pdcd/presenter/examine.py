@@ -20,10 +20,11 @@ from pdcd.findings import Finding, fault
 from pdcd.presenter import desktop
 from pdcd.presenter.client import Presenter
 from pdcd.presenter.messages import Open, Panel, Ready
-from pdcd.presenter.options import Options, SourceName
+from pdcd.presenter.options import VERIFIED, Options, SourceName
 from pdcd.presenter.outputs import (
     Output,
     Pair,
+    check_nominal,
     check_rates,
     find_pair,
     overlap,
@@ -34,9 +35,6 @@ from pdcd.presenter.xconnection import answering, connect, disconnect
 
 NOMINAL_HZ = 60.0
 """Assumed where neither a configuration nor the server knows a rate."""
-
-VERIFIED: tuple[SourceName, ...] = ("present-complete", "oml")
-"""Sources that can prove when a swap was shown."""
 
 
 def examine(config: Config, display_name: str | None = None) -> Iterator[Finding]:
@@ -110,7 +108,7 @@ def _options(config: Config) -> Options | Finding | None:
     try:
         return msgspec.convert(config.display.options, Options)
     except msgspec.ValidationError as err:
-        return Finding("configuration", "fault", f"[display.options]: {err}", "see bench.toml")
+        return Finding("configuration", "fault", f"[display.options]: {err}", "see docs/display.md")
 
 
 def _outputs(outputs: tuple[Output, ...]) -> Iterator[Finding]:
@@ -132,8 +130,12 @@ def _pair(outputs: tuple[Output, ...], config: Config, options: Options | None) 
     mask = options.mask, config.mask.size_px
     if options.positions_px is not None:
         places = options.positions_px
-        return place_pair(outputs, projector=projector, mask=mask, positions_px=places)
-    return find_pair(outputs, projector=projector, mask=mask)
+        pair = place_pair(outputs, projector=projector, mask=mask, positions_px=places)
+    else:
+        pair = find_pair(outputs, projector=projector, mask=mask)
+    rates_hz = config.projector.refresh_hz, config.mask.refresh_hz
+    check_nominal(pair, projector_hz=rates_hz[0], mask_hz=rates_hz[1])
+    return pair
 
 
 def _panels(pair: Pair | None) -> Finding:
@@ -201,7 +203,7 @@ def _opened(name: str, pair: Pair, config: Config, options: Options | None) -> I
         return
     best = next(iter(readies.values()))
     renderer = best.identity["renderer"]
-    if "llvmpipe" in renderer or "softpipe" in renderer or "swrast" in renderer:
+    if desktop.software(renderer):
         state_: Literal["warning", "fault"] = "warning" if allowed else "fault"
         hint = "install the graphics card's driver; for tests: allow_software = true"
         yield Finding("renderer", state_, f"software: {renderer}", hint)

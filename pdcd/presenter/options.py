@@ -8,7 +8,11 @@ import msgspec
 from msgspec import Meta, field
 
 SourceName = Literal["auto", "present-complete", "oml", "present-msc", "swap", "clock", "free"]
+VERIFIED: tuple[SourceName, ...] = ("present-complete",)
+"""Sources that prove presentation, frame by frame, where every frame was a page flip."""
 LayoutName = Literal["span", "windows"]
+
+RefreshNumber = Annotated[str, Meta(pattern=r"^[0-9]+$")]
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -37,7 +41,7 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """Where on the X screen a virtual bench has its projector and its mask (x, y): they are looked
     at after every refresh, and a mock camera's photo is made of the pixels that were really there.
     For tests, on servers without a graphics card, at small sizes."""
-    stalls_ms: dict[str, Annotated[float, Meta(ge=0.0)]] = field(default_factory=dict)
-    """Fault injection: refresh of each play -> how long the loop sleeps after it."""
+    stalls_ms: dict[RefreshNumber, Annotated[float, Meta(ge=0.0)]] = field(default_factory=dict)
+    """Fault injection, for tests: refresh of an exposure -> how long the loop sleeps after it."""
     stall_exposures: Annotated[int, Meta(ge=0)] = 0
-    """How many exposures have these stalls, from the first on; 0 is all."""
+    """Fault injection: how many exposures have these stalls, from the first on; 0 is all."""

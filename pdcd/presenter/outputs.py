@@ -23,6 +23,8 @@ from pdcd.presenter.xconnection import answering
 Size = tuple[int, int]
 """(width, height) in pixels."""
 
+NOMINAL_TOLERANCE = 0.02
+"""Largest relative error of a mode's rate against the configured one: 59.94 passes for 60."""
 _EDID_WORDS = 256
 """Longest EDID that is asked for, in units of 4 bytes: base block and seven extensions."""
 
@@ -103,7 +105,7 @@ def read_outputs(display: Any) -> tuple[Output, ...]:
     """
     if not display.has_extension("RANDR"):
         raise ConfigError(
-            "the X server has no RandR extension", device="display", hint="see xorg.conf.example"
+            "the X server has no RandR extension", device="display", hint="see systemd/xorg.conf"
         )
     with answering(display):
         root = display.screen().root
@@ -269,6 +271,26 @@ def check_rates(
             device="display",
             hint="give both modes the same rate: matched modelines in xorg.conf",
         )
+
+
+def check_nominal(pair: Pair, *, projector_hz: float, mask_hz: float) -> None:
+    """Refuse modes of another rate than the configured ones; rates that are unknown pass.
+
+    Raises ConfigError.
+    """
+    for role, output, wanted_hz in (
+        ("projector", pair.projector, projector_hz),
+        ("mask", pair.mask, mask_hz),
+    ):
+        found_hz = output.refresh_hz
+        if found_hz is not None and abs(found_hz - wanted_hz) > NOMINAL_TOLERANCE * wanted_hz:
+            width, height = output.size
+            raise ConfigError(
+                f"{output.name} runs at {found_hz:.4f} Hz, not {wanted_hz:g} Hz",
+                device=role,
+                hint=f"xrandr --output {output.name} --mode {width}x{height} --rate {wanted_hz:g}, "
+                f"or mend refresh_hz of [{role}]",
+            )
 
 
 def overlap(first: Output, second: Output) -> bool:

@@ -18,6 +18,8 @@ from pdcd.presenter.xconnection import answering, connect, disconnect
 from pdcd.presenter.xpresent import KIND_MSC, PresentEvents
 
 SAMPLES = 20
+FIRST_SAMPLES = 8
+"""By then a server's timer mostly shows; the other samples are not waited for."""
 STEP = 2
 """Refreshes between two samples of one output."""
 TIMEOUT_S = 0.5
@@ -110,6 +112,8 @@ def _sample(name: str, windows: list[int]) -> tuple[Stamps, Stamps] | None:
                 if not events.wait(KIND_MSC, TIMEOUT_S):
                     return None
                 seen.append((events.ns, events.msc))
+            if number == FIRST_SAMPLES and made_up(np.array(stamps[0][1:], dtype=np.int64)):
+                return None
     finally:
         for events in both:
             events.close()

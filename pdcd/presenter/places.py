@@ -7,7 +7,15 @@ from typing import Any
 from pdcd.errors import DeviceLost
 from pdcd.presenter import desktop
 from pdcd.presenter.messages import Open, Rect
-from pdcd.presenter.outputs import Output, Pair, Watcher, find_pair, place_pair, read_outputs
+from pdcd.presenter.outputs import (
+    Output,
+    Pair,
+    Watcher,
+    check_nominal,
+    find_pair,
+    place_pair,
+    read_outputs,
+)
 from pdcd.presenter.xconnection import answering, connect
 
 
@@ -24,6 +32,8 @@ class Places:
         self.name = str(self._display.get_display_name())
         desktop.check(self._display)
         self._pair = self._find()
+        rates_hz = request.projector.refresh_hz, request.mask.refresh_hz
+        check_nominal(self._pair, projector_hz=rates_hz[0], mask_hz=rates_hz[1])
         screen = self._display.screen()
         with answering(self._display):
             self.screen_px = (int(screen.width_in_pixels), int(screen.height_in_pixels))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
 from pdcd.interfaces import BLACK, Frames
-from pdcd.presenter import realtime
+from pdcd.presenter import desktop, realtime
 from pdcd.presenter.clocks import (
     Completions,
     FreeRunning,
@@ -71,7 +71,7 @@ class Presenter:
         self._windows = Windows(
             options.layout, places.screen_px, places.panels, request.plane_order
         )
-        if self._windows.software and not options.allow_software:
+        if desktop.software(self._windows.renderer) and not options.allow_software:
             raise ConfigError(
                 f"the renderer is software ({self._windows.renderer})",
                 device="display",

@@ -80,7 +80,6 @@ each draw over it."""
 GL_DITHER = 0x0BD0
 TEXTURE_WIDTH = 4096
 """Texels in a row of the pattern texture."""
-SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software")
 
 
 class Panel:
@@ -250,11 +249,6 @@ class Windows:
     def renderer(self) -> str:
         """Name of what draws."""
         return str(self._contexts[0].info["GL_RENDERER"])
-
-    @property
-    def software(self) -> bool:
-        """Whether the processor does the drawing."""
-        return any(name in self.renderer.lower() for name in SOFTWARE_RENDERERS)
 
     def load(self, frames: Frames) -> None:
         """Take over the patterns of both panels, and wait until the card has them."""

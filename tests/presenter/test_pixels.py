@@ -61,6 +61,16 @@ def shown(
         display.disconnect()
 
 
+@pytest.fixture(scope="class")
+def display(tmp_path_factory: pytest.TempPathFactory, x_quarter: XServer) -> Iterator[X11Display]:
+    """A display for tests that change nothing but the frames."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
+        patch.setenv("LP_NUM_THREADS", "1")
+        with shown(tmp_path_factory.mktemp("panels"), x_quarter) as opened:
+            yield opened
+
+
 def mismatches(server: XServer, frames: Frames, row: int) -> int:
     """Wrong pixels on both panels, and lit ones beside them."""
     projector, mask, rest = x11_rig.panels(server)
@@ -103,24 +113,31 @@ def test_full_size_panels_show_every_pixel_of_20_codes(
         assert not x11_rig.root_pixels(x_full).any()
 
 
-@pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("grid", [(48, 64), (7, 11), (37, 50), (1, 1)])
-def test_cells_that_do_not_divide_the_panels(
-    tmp_path: Path, x_quarter: XServer, window: str, grid: tuple[int, int]
-) -> None:
-    frames = random_frames(grid, window, 8)
-    with shown(tmp_path, x_quarter) as display:
+class TestManyCells:
+    """All on one display; starting one takes seconds."""
+
+    @pytest.mark.parametrize("window", ["whole", "quarter"])
+    @pytest.mark.parametrize("grid", [(48, 64), (7, 11), (37, 50), (1, 1)])
+    def test_cells_that_do_not_divide_the_panels(
+        self, display: X11Display, x_quarter: XServer, window: str, grid: tuple[int, int]
+    ) -> None:
+        frames = random_frames(grid, window, 8)
         for row in range(len(frames)):
             display.show(only(frames, row))
             assert mismatches(x_quarter, frames, row) == 0, row
 
-
-def test_grey_levels_are_rounded_to_8_bits(tmp_path: Path, x_quarter: XServer) -> None:
-    frames = random_frames((5, 9), "whole", 6, grey=True)
-    with shown(tmp_path, x_quarter) as display:
+    def test_grey_levels_are_rounded_to_8_bits(
+        self, display: X11Display, x_quarter: XServer
+    ) -> None:
+        frames = random_frames((5, 9), "whole", 6, grey=True)
         for row in range(len(frames)):
             display.show(only(frames, row))
             assert mismatches(x_quarter, frames, row) == 0, row
+
+    def test_played_rows_end_black(self, display: X11Display, x_quarter: XServer) -> None:
+        display.load(random_frames((6, 8), "whole", 12))
+        display.play(lambda *_: None, lambda: False)
+        assert not x11_rig.root_pixels(x_quarter).any()
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])
@@ -162,13 +179,6 @@ def test_planes_are_logged_one_by_one_and_a_delayed_mask_comes_later(
     np.testing.assert_array_equal(log.dual_shown, np.append(black, rows))
     assert log.mask_delay == 24
     assert np.median(np.diff(log.primal_ns)) == pytest.approx(1e9 / 60 / 24, rel=0.1)
-
-
-def test_played_rows_end_black(tmp_path: Path, x_quarter: XServer) -> None:
-    with shown(tmp_path, x_quarter) as display:
-        display.load(random_frames((6, 8), "whole", 12))
-        display.play(lambda *_: None, lambda: False)
-        assert not x11_rig.root_pixels(x_quarter).any()
 
 
 @pytest.mark.parametrize(

@@ -106,21 +106,16 @@ import msgspec
 server = msgspec.json.decode(sys.argv[2], type=XServer)
 display = x11_rig.display(x11_rig.config(Path(sys.argv[1]), server))
 display.connect()
-if sys.argv[3] == "play":
-    display.load(frames(512))
-    display.play(lambda *_: None, lambda: False)
-else:
-    display.show(frames())
-print("ready", flush=True)
+display.show(frames())
 sys.stdin.read()
 """
 
 
-@pytest.mark.parametrize("doing", ["play", "show"])
-def test_panels_go_black_when_their_owner_is_killed(
-    tmp_path: Path, x_quarter: XServer, lit: Callable[[], bool], doing: str
+def test_panels_go_black_when_their_idle_owner_is_killed(
+    tmp_path: Path, x_quarter: XServer, lit: Callable[[], bool]
 ) -> None:
-    words = [str(tmp_path), msgspec.json.encode(x_quarter).decode(), doing]
+    """While a row is held; test_daemon_killed.py does it in mid-exposure."""
+    words = [str(tmp_path), msgspec.json.encode(x_quarter).decode()]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     owner = subprocess.Popen(
         [sys.executable, "-c", OWNER, *words], stdin=subprocess.PIPE, env=environment
@@ -188,6 +183,18 @@ def test_an_unplugged_output_ends_the_pass_black(tmp_path: Path) -> None:
         display.disconnect()
 
 
+def test_a_mode_of_another_rate_is_refused(tmp_path: Path, x_quarter: XServer) -> None:
+    """The processor's clock would otherwise pace 60 Hz panels at 50 Hz and find nothing wrong."""
+    if x_quarter.kind != "dummy":
+        pytest.skip("Xvfb has no refresh rate")
+    projector, mask = (PanelConfig(size_px=size, refresh_hz=50.0) for size in QUARTER)
+    rig = x11_rig.config(
+        tmp_path, x_quarter, projector=projector, mask=mask, more={"time_source": "auto"}
+    )
+    with pytest.raises(ConfigError, match=r"DUMMY1 runs at 60\.0000 Hz, not 50"):
+        x11_rig.display(rig).connect()
+
+
 def test_no_display_says_what_to_do(tmp_path: Path, x_quarter: XServer) -> None:
     display = x11_rig.display(x11_rig.config(tmp_path, x_quarter, more={"display": ":4711"}))
     with pytest.raises(DeviceLost, match="does not answer"):
@@ -206,6 +213,7 @@ def test_no_display_says_what_to_do(tmp_path: Path, x_quarter: XServer) -> None:
         ({"time_source": "oml"}, {}, "no vblank"),
         ({"layout": "one"}, {}, "layout"),
         ({"colour": "red"}, {}, "unknown field `colour`"),
+        ({"stalls_ms": {"first": 30.0}}, {}, "stalls_ms"),
         ({}, {"rig": RigConfig(clock="virtual")}, "real time"),
     ],
 )
@@ -228,8 +236,9 @@ def test_patterns_that_exceed_the_graphics_card_are_refused(
     display.connect()
     try:
         asked = frames()
+        # One MiB more than 4096 x 16384 texels of four bytes, the most that software takes.
         huge = np.lib.stride_tricks.as_strided(
-            np.zeros(1, dtype=np.uint8), shape=(1 << 20, 1 << 10), strides=(0, 0)
+            np.zeros(1, dtype=np.uint8), shape=(257 << 10, 1 << 10), strides=(0, 0)
         )
         with pytest.raises(ConfigError, match="exceed"):
             display.load(type(asked)(**{**vars(asked), "primal_patterns": huge}))
