@@ -5,8 +5,6 @@ handed over is on the panels, with `ns` and `msc` of the vblank at which that be
 worst: the display system tells when each swap was shown, the vblank is known but not which swap it
 took, or there is only the processor's clock. What a server advertises is not believed: a source is
 taken when 30 frames come back from it as they should.
-
-DRM's own vblank counters are not used: they need a graphics card's device node.
 """
 
 from __future__ import annotations
@@ -37,6 +35,24 @@ SETTLED_S = 0.05
 """Three refreshes: no swap is under way when none was shown for so long."""
 
 Swap = Callable[[], None]
+
+
+class VblankEvents(Protocol):
+    """What reports vblanks: the X server's Present extension, or the kernel.
+
+    After `wait` returns True, `ns` (CLOCK_MONOTONIC) and `msc` are those of the vblank.
+    """
+
+    ns: int
+    msc: int
+
+    def ask(self, msc: int) -> None:
+        """Ask for an event at vblank `msc`, at once when that has passed."""
+        ...
+
+    def wait(self, kind: int, timeout_s: float) -> bool:
+        """Take the event; False when it does not come in time. Raises DeviceLost."""
+        ...
 
 
 class Source(Protocol):
@@ -141,7 +157,7 @@ class Vblanks:
     name = "present-msc"
     queues = False
 
-    def __init__(self, events: PresentEvents, swap: Swap, finish: Swap, period_ns: float) -> None:
+    def __init__(self, events: VblankEvents, swap: Swap, finish: Swap, period_ns: float) -> None:
         self._events = events
         self._swap = swap
         self._finish = finish
@@ -185,7 +201,16 @@ class Vblanks:
     def _ask(self, msc: int) -> None:
         self._events.ask(msc)
         if not self._events.wait(KIND_MSC, EVENT_TIMEOUT_S):
-            raise DeviceLost("the X server reports no vblanks", device="display", hint=_OTHER)
+            raise DeviceLost("no vblanks are reported", device="display", hint=_OTHER)
+
+
+class KernelVblanks(Vblanks):
+    """The same by the kernel's own counter of one output's CRTC (`pdcd.presenter.drm`).
+
+    Stamps have nanoseconds and no server in between; the swap is not reported here either.
+    """
+
+    name = "drm"
 
 
 class SwapReturns:

@@ -15,9 +15,9 @@ import msgspec
 from Xlib import X, error
 
 from pdcd.config import Config
-from pdcd.errors import PdcdError
+from pdcd.errors import ConfigError, PdcdError
 from pdcd.findings import Finding, fault
-from pdcd.presenter import desktop
+from pdcd.presenter import desktop, drm
 from pdcd.presenter.client import Presenter
 from pdcd.presenter.messages import Open, Panel, Ready
 from pdcd.presenter.options import VERIFIED, Options, SourceName
@@ -191,7 +191,7 @@ def _opened(name: str, pair: Pair, config: Config, options: Options | None) -> I
             readies[source] = _open(tried, pair, config)
         except PdcdError as err:
             failed = err
-            sources.append(Finding(f"time by {source}", "warning", "does not deliver"))
+            sources.append(_no_time(source, err))
         else:
             proof = "" if source in VERIFIED else ", proves no presentation"
             rate = f"{readies[source].refresh_hz:.3f} Hz{proof}"
@@ -213,6 +213,12 @@ def _opened(name: str, pair: Pair, config: Config, options: Options | None) -> I
     yield from _permissions(best)
 
 
+def _no_time(source: str, err: PdcdError) -> Finding:
+    if isinstance(err, ConfigError):
+        return Finding(f"time by {source}", "warning", err.message, err.hint)
+    return Finding(f"time by {source}", "warning", "does not deliver")
+
+
 def _open(options: Options, pair: Pair, config: Config) -> Ready:
     """Open both panels, black, and close them again."""
     configured = config.display.driver == "x11"
@@ -228,7 +234,9 @@ def _open(options: Options, pair: Pair, config: Config) -> Ready:
 
 
 def _permissions(ready: Ready | None) -> Iterator[Finding]:
-    """Real-time scheduling and locked memory: as found by the process, or by this one's limits."""
+    """Cards' nodes, real-time scheduling and locked memory: the last two as found by the process,
+    or by this one's limits."""
+    yield _nodes()
     if ready is None:
         root = os.geteuid() == 0
         priority, memory = resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK
@@ -248,6 +256,18 @@ def _permissions(ready: Ready | None) -> Iterator[Finding]:
         found = ready.identity[key]
         denied = found.startswith("no")
         yield Finding(what, "warning" if denied else "good", found)
+
+
+def _nodes() -> Finding:
+    """Whether the kernel's vblank counters may be read."""
+    nodes = drm.LINUX.nodes()
+    if not nodes:
+        return _unknown("vblank counters", "the kernel drives no graphics card")
+    denied = [node for node in nodes if not os.access(node, os.R_OK | os.W_OK)]
+    if denied:
+        found = f"not permitted: {', '.join(denied)}"
+        return Finding("vblank counters", "warning", found, drm.PERMISSION_HINT)
+    return Finding("vblank counters", "good", f"may be read: {', '.join(nodes)}")
 
 
 def _fault(what: str, err: PdcdError) -> Finding:

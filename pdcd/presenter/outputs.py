@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from Xlib import X
 from Xlib.ext import randr
 
 from pdcd.config import RATE_TOLERANCE
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter.edid import Edid, parse_edid
 from pdcd.presenter.xconnection import answering
+from pdcd.presenter.xproperty import read_property
 
 Size = tuple[int, int]
 """(width, height) in pixels."""
@@ -49,6 +49,8 @@ class Output:
     turned: bool = False
     """Rotated or mirrored by the server."""
     edid: Edid | None = None
+    connector: int | None = None
+    """The kernel's number of the connector, where the X driver tells it (CONNECTOR_ID)."""
 
     @property
     def on(self) -> bool:
@@ -123,10 +125,10 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
     """Describe one connector."""
     info = display.xrandr_get_output_info(number, stamp)
     connected = info.connection == randr.Connected
-    edid = _edid(display, number)
+    edid, connector = _edid(display, number), _connector(display, number)
     crtc = display.xrandr_get_crtc_info(info.crtc, stamp) if info.crtc else None
     if crtc is None or not crtc.mode:
-        return Output(info.name, connected, edid=edid)
+        return Output(info.name, connected, edid=edid, connector=connector)
     mode, name = modes[crtc.mode]
     return Output(
         info.name,
@@ -139,6 +141,7 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
         mode_hz(mode["dot_clock"], mode["h_total"], mode["v_total"], mode["flags"]),
         crtc.rotation != randr.Rotate_0,
         edid,
+        connector,
     )
 
 
@@ -155,11 +158,13 @@ def mode_hz(clock_hz: int, htotal_px: int, vtotal_px: int, flags: int = 0) -> fl
 
 
 def _edid(display: Any, number: int) -> Edid | None:
-    atom = display.intern_atom("EDID", True)
-    if atom == X.NONE:
-        return None
-    reply = display.xrandr_get_output_property(number, atom, X.AnyPropertyType, 0, _EDID_WORDS)
-    return parse_edid(bytes(reply.value))
+    found = read_property(display, number, "EDID", _EDID_WORDS)
+    return parse_edid(found[1]) if found and found[0] == 8 else None
+
+
+def _connector(display: Any, number: int) -> int | None:
+    found = read_property(display, number, "CONNECTOR_ID", 1)
+    return found[1][0] if found and found[0] == 32 and len(found[1]) == 1 else None
 
 
 def find_output(outputs: Sequence[Output], wanted: str, role: str) -> Output:

@@ -1,18 +1,21 @@
 """How the vblanks of two outputs lie to each other: periods, phase, and how fast that slips.
 
-Each output is asked by a small window of its own that lies on it and is never shown. A server
-without screens counts one clock for all windows; that is told from a screen's, and nothing is
-claimed then. Never run on two real outputs.
+The kernel's own counters are asked where they are known, or else the X server: each output by a
+small window that lies on it and is never shown. A server without screens counts one clock for all
+windows; that is told from a screen's, and nothing is claimed then. Never run on two real outputs.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.errors import DeviceLost
+from pdcd.presenter.clocks import VblankEvents
 from pdcd.presenter.messages import Rect
 from pdcd.presenter.xconnection import answering, connect, disconnect
 from pdcd.presenter.xpresent import KIND_MSC, PresentEvents
@@ -70,19 +73,19 @@ def compare(projector: Stamps, mask: Stamps) -> Phase | None:
     return Phase((first * 1e-9, second * 1e-9), lag * 1e-9, slip_s)
 
 
-def measure(name: str, panels: tuple[Rect, Rect]) -> Phase | None:
-    """Ask both outputs of a server; takes a second. None where it cannot tell.
+def measure(
+    name: str, panels: tuple[Rect, Rect], counters: tuple[VblankEvents, VblankEvents] | None = None
+) -> Phase | None:
+    """Ask the kernel's counters of both outputs, or a server; takes a second.
 
-    Raises DeviceLost when the server goes away.
+    None where neither can tell. Raises DeviceLost when the server goes away.
     """
-    display = connect(name)
-    try:
-        with answering(display):
-            windows = [_window(display, place) for place in panels]
-            display.sync()
-        found = _sample(name, [int(window.id) for window in windows])
-    finally:
-        disconnect(display)
+    found = None
+    if counters is not None:
+        with suppress(DeviceLost):
+            found = _sample(counters)
+    if found is None:
+        found = _sample_windows(name, panels)
     return None if found is None else compare(*found)
 
 
@@ -93,6 +96,23 @@ def _line(stamps: Stamps) -> tuple[float, float]:
     return float(period), float(origin_ns + offset)
 
 
+def _sample_windows(name: str, panels: tuple[Rect, Rect]) -> tuple[Stamps, Stamps] | None:
+    """Vblanks by windows on both outputs, as a server tells them."""
+    display = connect(name)
+    try:
+        with answering(display):
+            windows = [_window(display, place) for place in panels]
+            display.sync()
+        projector, mask = (PresentEvents(name, int(window.id)) for window in windows)
+        try:
+            return _sample((projector, mask))
+        finally:
+            projector.close()
+            mask.close()
+    finally:
+        disconnect(display)
+
+
 def _window(display: Any, place: Rect) -> Any:
     screen = display.screen()
     return screen.root.create_window(
@@ -100,23 +120,18 @@ def _window(display: Any, place: Rect) -> Any:
     )
 
 
-def _sample(name: str, windows: list[int]) -> tuple[Stamps, Stamps] | None:
-    """Vblanks of both windows' outputs, one after the other; None where none come."""
-    both = [PresentEvents(name, window) for window in windows]
+def _sample(both: tuple[VblankEvents, VblankEvents]) -> tuple[Stamps, Stamps] | None:
+    """Vblanks of both outputs, one after the other; None where none come."""
     stamps: tuple[list[tuple[int, int]], ...] = ([], [])
-    try:
-        for number in range(SAMPLES + 1):
-            for events in both:
-                events.ask(events.msc + STEP if number else 0)
-            for events, seen in zip(both, stamps, strict=True):
-                if not events.wait(KIND_MSC, TIMEOUT_S):
-                    return None
-                seen.append((events.ns, events.msc))
-            if number == FIRST_SAMPLES and made_up(np.array(stamps[0][1:], dtype=np.int64)):
-                return None
-    finally:
+    for number in range(SAMPLES + 1):
         for events in both:
-            events.close()
+            events.ask(events.msc + STEP if number else 0)
+        for events, seen in zip(both, stamps, strict=True):
+            if not events.wait(KIND_MSC, TIMEOUT_S):
+                return None
+            seen.append((events.ns, events.msc))
+        if number == FIRST_SAMPLES and made_up(np.array(stamps[0][1:], dtype=np.int64)):
+            return None
     # The first was answered at once, between two vblanks.
     projector, mask = (np.array(seen[1:], dtype=np.int64) for seen in stamps)
     return projector, mask

@@ -45,6 +45,11 @@ class Places:
         self._moved = False
 
     @property
+    def outputs(self) -> tuple[Output, Output]:
+        """Outputs of projector and mask."""
+        return self._pair.projector, self._pair.mask
+
+    @property
     def panels(self) -> tuple[Rect, Rect]:
         """Projector and mask."""
         return _rect(self._pair.projector), _rect(self._pair.mask)

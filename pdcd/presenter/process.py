@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
 from pdcd.interfaces import BLACK, Frames
-from pdcd.presenter import desktop, realtime
+from pdcd.presenter import desktop, drm, realtime
 from pdcd.presenter.clocks import (
     Completions,
     FreeRunning,
+    KernelVblanks,
     ProcessorClock,
     Source,
     SwapReturns,
@@ -54,7 +55,7 @@ logger = logging.getLogger(__name__)
 
 IDLE_S = 0.25
 """How often the process looks at its windows while it waits."""
-SOURCES = ("present-complete", "oml", "present-msc", "swap", "clock")
+SOURCES = ("present-complete", "oml", "drm", "present-msc", "swap", "clock")
 """From best to worst."""
 
 
@@ -79,12 +80,15 @@ class Presenter:
             )
         realtime_note = realtime.raise_priority(options.realtime_priority)
         self._events = PresentEvents(name, self._windows.timed_window)
+        self._counters = _kernel_counters(places)
         nominal_ns = 1e9 / min(request.projector.refresh_hz, request.mask.refresh_hz)
         self._source, self._period_ns = self._find_source(nominal_ns)
         self._frames: Frames | None = None
         self._grabs = self._grabber(name, request)
         self._windows.black()
-        phase = measure(name, places.panels)
+        counters = self._counters
+        known = None if isinstance(counters, ConfigError) else counters
+        phase = measure(name, places.panels, known)
         self.ready = Ready(
             lag_s=None if phase is None or places.drifts else phase.lag_s,
             source=self._source.name,
@@ -94,6 +98,7 @@ class Presenter:
                 "layout": options.layout,
                 "renderer": self._windows.renderer,
                 "time source": self._source.name,
+                "vblank counters": _counters_text(counters),
                 "phase": _phase_text(phase),
                 "realtime": realtime_note,
                 "memory locked": realtime.lock_memory(),
@@ -173,6 +178,9 @@ class Presenter:
         """Black, then close everything."""
         self._windows.black()
         self._events.close()
+        if not isinstance(self._counters, ConfigError):
+            for counter in self._counters:
+                counter.close()
         self._windows.close()
         glfw.terminate()
 
@@ -193,14 +201,22 @@ class Presenter:
         )
 
     def _find_source(self, nominal_ns: float) -> tuple[Source, float]:
-        """The best time source that delivers, and its period in ns."""
-        windows, events = self._windows, self._events
+        """The best time source that delivers, and its period in ns.
+
+        Raises DeviceLost when the one asked for does not, ConfigError when there is none of it.
+        """
+        windows, events, counters = self._windows, self._events, self._counters
 
         def make(name: str) -> Source:
             if name == "present-complete":
                 return Completions(events, windows.swap)
             if name == "oml":
                 return SyncValues(windows.glx_handles, windows.swap)
+            if name == "drm":
+                if isinstance(counters, ConfigError):
+                    raise counters
+                # The mask's: what opens and closes it is what makes a code.
+                return KernelVblanks(counters[1], windows.swap, windows.finish, nominal_ns)
             if name == "present-msc":
                 return Vblanks(events, windows.swap, windows.finish, nominal_ns)
             if name == "swap":
@@ -211,6 +227,8 @@ class Presenter:
 
         asked = self._options.time_source
         for name in SOURCES if asked == "auto" else (asked,):
+            if asked == "auto" and name == "drm" and isinstance(counters, ConfigError):
+                continue
             source = make(name)
             if name == "free":
                 return source, nominal_ns
@@ -307,6 +325,21 @@ def _report(channel: Channel, message: Reply) -> int:
     except OSError:
         logger.warning("nobody is left to be told: %s", message)
     return 1
+
+
+def _kernel_counters(places: Places) -> drm.Counters | ConfigError:
+    """The kernel's vblank counters of both outputs, or why there are none."""
+    try:
+        return drm.find(places.outputs)
+    except ConfigError as err:
+        return err
+
+
+def _counters_text(counters: drm.Counters | ConfigError) -> str:
+    if isinstance(counters, ConfigError):
+        return counters.message
+    projector, mask = counters
+    return f"projector {projector.route}; mask {mask.route}"
 
 
 def _phase_text(phase: Phase | None) -> str:
