@@ -222,8 +222,8 @@ class FakeKernel:
         wanted += last if flags & 1 else 0
         if (last - wanted) % (1 << 64) <= PASSED:
             at_ns, wanted = self.now_ns, last
-        elif crtc.stuck:
-            return
+        elif crtc.stuck or wanted < last:
+            return  # and no event ever comes
         else:
             at_ns = crtc.stamp_ns(wanted) - LEAD_NS
         event = struct.pack("=IIQqQ", 3, 32, user_data, crtc.stamp_ns(wanted), wanted)
