@@ -43,6 +43,8 @@ class Crtc:
     active: bool = True
     stuck: bool = False
     """Its counter stands still, and no event ever comes."""
+    uncounted: bool = False
+    """It has no vblank interrupt."""
 
     def count(self, now_ns: int) -> int:
         return 5 if self.stuck else int((now_ns + LEAD_NS - self.first_ns) / self.period_ns)
@@ -211,6 +213,8 @@ class FakeKernel:
     def _sequence(self, opened: Opened, answer: bytearray) -> None:
         (number,) = struct.unpack_from("=I", answer, 0)
         crtc = self._crtc(opened, number)
+        if crtc.uncounted:
+            raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
         last = crtc.count(self.now_ns)
         struct.pack_into("=IQq", answer, 4, int(crtc.active), last, crtc.stamp_ns(last))
 

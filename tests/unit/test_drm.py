@@ -188,6 +188,14 @@ def test_a_crtc_that_is_switched_off_counts_nothing(kernel: FakeKernel) -> None:
     assert "fits the output HDMI-1" in refusal(kernel).message
 
 
+def test_both_panels_are_counted_or_none(kernel: FakeKernel) -> None:
+    crtc = kernel.cards[CARD][2].crtc
+    assert crtc is not None
+    crtc.uncounted = True
+    told = refusal(kernel).message
+    assert told.endswith(f"{CARD}, CRTC 45 counts no vblanks: Operation not supported")
+
+
 def test_each_vblank_has_its_number_and_its_time(kernel: FakeKernel) -> None:
     _, counter = find(outputs(), kernel)
     counter.ask(0)
