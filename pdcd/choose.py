@@ -21,6 +21,7 @@ from pdcd.codes import hadamard_fits, line_count
 from pdcd.errors import ConfigError
 from pdcd.guess import GOALS, Prior, guess
 from pdcd.guided import by_prior, guidable
+from pdcd.learn import Learned
 from pdcd.matching import MOST_CELLS
 from pdcd.pilot import pilot_share
 from pdcd.plan import Plan, lag_rows, make_plan
@@ -174,6 +175,7 @@ class _Search:
         self.best: Choice | None = None
         self.refused = ""
         self.closest: Choice | None = None
+        self.learned: dict[tuple[int, str], Learned] = {}
 
     @property
     def prior_name(self) -> str:
@@ -291,6 +293,7 @@ class _Search:
             normalise=normalise,
             seed=self.request.seed,
             alive=self.alive,
+            known=self.learned,
         )
 
     def _settle(self, plan: Plan) -> Estimate:

@@ -213,8 +213,8 @@ def match_links(
     partners = find_partners(codes, grey[0], grid, grey[1])
     alike = all(np.array_equal(photos[..., 0], photos[..., c]) for c in range(1, channels))
     if alike:
-        links = weigh(partners, codes, photos[..., 0], grid, noise[:, 0])
-        return (links,) * (channels + 1)
+        one = weigh(partners, codes, photos[..., 0], grid, noise[:, 0])
+        return tuple(one for _ in range(channels + 1))
     own = [weigh(partners, codes, photos[..., c], grid, noise[:, c]) for c in range(channels)]
     links: Any = sum(own[1:], own[0]) / channels
     return (links, *own)
