@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import product
 
 import msgspec
 import numpy as np
@@ -20,6 +21,8 @@ from pdcd.codes import hadamard_fits, line_count
 from pdcd.errors import ConfigError
 from pdcd.guess import GOALS, Prior, guess
 from pdcd.guided import by_prior, guidable
+from pdcd.learn import Learned
+from pdcd.matching import MOST_CELLS
 from pdcd.pilot import pilot_share
 from pdcd.plan import Plan, lag_rows, make_plan
 from pdcd.predict import Alive, Estimate, Outlook, Setting, rehearse
@@ -172,6 +175,7 @@ class _Search:
         self.best: Choice | None = None
         self.refused = ""
         self.closest: Choice | None = None
+        self.learned: dict[tuple[int, str], Learned] = {}
 
     @property
     def prior_name(self) -> str:
@@ -183,11 +187,12 @@ class _Search:
     def run(self) -> Choice:
         """The best candidate. Raises ConfigError when none will do."""
         for guards in self._guards():
-            self._climb(guards, pilot=False)
+            self._climb(guards)
         plain = self.best
         if self._takes_pilot() and (plain is None or self.request.seconds is not None):
-            for guards in self._guards():
-                self._climb(guards, pilot=True)
+            coarse = self.grid[0] * self.grid[1] <= MOST_CELLS
+            for by_map, guards in product((True, False) if coarse else (False,), self._guards()):
+                self._climb(guards, by_map=by_map)
         if self.best is None:
             raise self._refusal()
         if plain is not None and self.best.plan.pilot:
@@ -207,11 +212,12 @@ class _Search:
         # Nothing is left to keep apart where panels in step switch at once.
         return found[:1] if instant and found[0] == "none" else found
 
-    def _climb(self, guards: GuardsName, *, pilot: bool) -> None:
-        """Look at all numbers of codes, until more cannot be better."""
+    def _climb(self, guards: GuardsName, *, by_map: bool | None = None) -> None:
+        """Look at all numbers of codes, until more cannot be better; with a pilot of either kind,
+        or none."""
         errors: list[float] = []
         sensor = 0.0
-        for plan in self._plans(guards, pilot=pilot):
+        for plan in self._plans(guards, by_map):
             least_s = _seconds(_scaled(plan, 1, 1))
             budget_s = self.request.seconds
             if budget_s is not None and least_s > budget_s:
@@ -236,7 +242,7 @@ class _Search:
             ):
                 return
 
-    def _plans(self, guards: GuardsName, *, pilot: bool) -> Iterator[Plan]:
+    def _plans(self, guards: GuardsName, by_map: bool | None) -> Iterator[Plan]:
         """Plans of single exposures, fewest codes first, as long as the limits allow."""
         asked = msgspec.structs.replace(
             self.request, error=None, seconds=None, confidence=None, prior=None, guards=guards
@@ -249,8 +255,8 @@ class _Search:
                 continue
             if count * per_code_s > self.setting.config.limits.max_exposure_s:
                 return
-            share = pilot_share(count) if pilot else 0
-            if pilot and not share:
+            share = 0 if by_map is None else pilot_share(count, by_map=by_map)
+            if by_map is not None and not share:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
             plan = make_plan(request, self.setting.config, self.grid)
@@ -287,6 +293,7 @@ class _Search:
             normalise=normalise,
             seed=self.request.seed,
             alive=self.alive,
+            known=self.learned,
         )
 
     def _settle(self, plan: Plan) -> Estimate:

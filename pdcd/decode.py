@@ -89,8 +89,9 @@ def decode(
     if record.pilot:
         learned = learn(recipe, shots, _bits(stored, recipe, "pilot"), record.codes + record.pilot)
     sums = {}
-    if recipe.sums:
-        sums = software_sums(recipe, shots, _bits(stored, recipe, "photos"))
+    if recipe.sums and all(name in shots for name in recipe.stack):
+        program = "pilot" if record.pilot else "photos"
+        sums = software_sums(recipe, shots, _bits(stored, recipe, program))
     exposed = {**shots, **sums}
     if not all(name in exposed for photo in recipe.photos for _, name in photo.shots):
         return Decoded(recipe, shots, {}, learned)  # a run in the middle, which wants to learn

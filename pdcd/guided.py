@@ -10,7 +10,7 @@ from scipy import sparse
 from pdcd.codes.orders import is_order
 from pdcd.config import Config
 from pdcd.errors import ConfigError
-from pdcd.pilot import SCOUTS
+from pdcd.pilot import MATCHED, SCOUTS
 from pdcd.plan import Plan, make_plan, with_links
 from pdcd.prior import GivenPrior, load_prior
 from pdcd.programs import Coded, Program, Signed, Under
@@ -30,6 +30,10 @@ def plan_for(
     ConfigError
         As `make_plan`, or the prior is unsound, comes with a pilot, or cannot guide these codes.
     """
+    if request.pilot == SCOUTS:
+        raise ConfigError(
+            f"a pilot of {SCOUTS} codes finds nothing", hint=f"take one of {MATCHED}, or from 32"
+        )
     plan = make_plan(request, config, grid, mask_lag_s)
     if request.prior is None:
         return plan
@@ -73,8 +77,10 @@ def scouted(plan: Plan, taken: int) -> bool:
 
 
 def piloted(plan: Plan, taken: int) -> bool:
-    """Whether a pilot is complete after the first `taken` shots, and went on after its scouts."""
-    return plan.pilot > SCOUTS and taken == _position(plan, plan.recipe.stack[-1]) + 1
+    """Whether a pilot is complete after the first `taken` shots, and has codes left to guide."""
+    if plan.pilot <= SCOUTS or not plan.count:
+        return False
+    return taken == _position(plan, plan.recipe.stack[-1]) + 1
 
 
 def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
@@ -83,6 +89,8 @@ def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
     The codes of all further pilot photos go to the coded photo, as far as there is a Hadamard
     matrix and an exposure of `limit_s` holds them. Passes stay, and so does the time of all codes.
     """
+    if plan.otherwise is not None:
+        return plan.otherwise
     unspent = plan.recipe.stack[SCOUTS:]
     recipe = replace(
         plan.recipe,
@@ -107,17 +115,25 @@ def summary(plan: Plan, limit_s: float) -> PlanSummary:
     if plan.pilot <= SCOUTS:
         return whole
     pilot_s = [plan.exposure_s(shot) for shot in plan.recipe.shots if shot.only is not None]
-    count = _stopped_count(plan, limit_s)
-    more_s = (count / plan.count - 1.0) * sum(
-        plan.refreshes(shot) / plan.refresh_hz for shot in plan.recipe.shots if shot.kind == "coded"
-    )
+    if plan.otherwise is not None:
+        stopped_codes, short = plan.otherwise.count, plan.otherwise.summary()
+        stopped_files, stopped_s = short.raw_files, short.seconds
+    else:
+        stopped_codes = _stopped_count(plan, limit_s)
+        more_s = (stopped_codes / plan.count - 1.0) * sum(
+            plan.refreshes(shot) / plan.refresh_hz
+            for shot in plan.recipe.shots
+            if shot.kind == "coded"
+        )
+        stopped_files = whole.raw_files - len(pilot_s) + SCOUTS
+        stopped_s = whole.seconds - sum(pilot_s[SCOUTS:]) + more_s
     cost = PilotCost(
         raw_files=len(pilot_s),
         seconds=sum(pilot_s),
         scouts=SCOUTS,
-        stopped_codes=count,
-        stopped_raw_files=whole.raw_files - len(pilot_s) + SCOUTS,
-        stopped_seconds=whole.seconds - sum(pilot_s[SCOUTS:]) + more_s,
+        stopped_codes=stopped_codes,
+        stopped_raw_files=stopped_files,
+        stopped_seconds=stopped_s,
     )
     return msgspec.structs.replace(whole, pilot_cost=cost)
 

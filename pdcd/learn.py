@@ -12,11 +12,13 @@ from scipy import sparse
 
 from pdcd.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pilot import (
+    MATCHED,
     SCOUTS,
     SHARP,
     Worth,
     correction,
     estimate_links,
+    match_links,
     sharpness,
     worth,
 )
@@ -35,7 +37,8 @@ class Learned:
 
     links : sparse (N, N), of all channels together; paths : the same for R, G, B.
     worth : predicted errors with and without the pilot; if it does not pay, the paths are empty.
-        None where only the scouts were taken, which find no paths.
+        None where only the scouts were taken, which find no paths, and after a short pilot, whose
+        scouts alone tell whether it pays.
     sharpness : of the light in the scouts (`pdcd.pilot.sharpness`).
     """
 
@@ -52,7 +55,7 @@ class Learned:
     @property
     def pays(self) -> bool:
         """Whether the paths found are worth avoiding."""
-        return self.worth is not None and self.worth.pays
+        return self.links.nnz > 0 and (self.worth is None or self.worth.pays)
 
 
 def stack_photos(
@@ -92,6 +95,9 @@ def learn(recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, total: int)
     none = sparse.csr_array((bits.shape[1], bits.shape[1]))
     if taken == SCOUTS:
         return Learned(none, (none, none, none), None, sharp)
+    if taken in MATCHED:
+        links, red, green, blue = match_links(bits, photos, grid, sigma=sigma)
+        return Learned(links, (red, green, blue), None, sharp)
     links = estimate_links(bits, grey, grid, sigma=grey_sigma)
     predicted = worth(bits, grey, links, total, sigma=grey_sigma)
     if not predicted.pays:

@@ -6,9 +6,14 @@ smooth the pilot ends with them, and the rest of its codes go to the coded photo
 Part of the codes is shown with the mask fully open, one RAW file each. Photo k then holds
 ``y_k = T i_k`` for every cell. In each code half of the time of every cell is light, so twice the
 deviation from the mean photo is ``T h_k`` with h_k = +-1: for each row of T as many random
-projections as there are pilot codes. Mirrors and caustics make rows with few strong entries, and
-these a matching pursuit finds. The remaining codes are then made so that no two linked cells share
-a code (`pdcd.codes.prior`), and what they still get wrong of the paths found is known and removed.
+projections as there are pilot codes. Mirrors and caustics make rows with few strong entries.
+Pilots of 8 to 16 photos look for a smooth map of them (`pdcd.matching`), those from 32 on for each
+row's own by matching pursuit (`pdcd.pursuit`), which needs no map and works on any grid. The
+remaining codes are then made so that no two linked cells share a code (`pdcd.codes.prior`), and
+what they still get wrong of the paths found is known and removed.
+
+Where a pilot takes all codes there is no coded photo: the pilot's own photos are masked in software
+(`pdcd.alternatives`), and the paths found correct that.
 """
 
 from __future__ import annotations
@@ -23,15 +28,19 @@ from numpy.typing import NDArray
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import is_order
 from pdcd.errors import ConfigError
+from pdcd.matching import MOST_CELLS, find_partners, weigh
 from pdcd.pursuit import pursue
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-MOST_PHOTOS = 128
-"""Pilot photos beyond which more would show no more paths than the scene has."""
-FEWEST_PHOTOS = 32
-"""Pilot photos below which chance matches outnumber true paths."""
+POWERS = (32, 64, 128)
+"""Pilot photos with which single paths are looked for. With fewer, chance matches outnumber true
+ones; more would show no more paths than a scene has."""
+MATCHED = (8, 12, 16)
+"""Pilot photos with which a smooth map is looked for instead."""
+TILE = 4
+"""Side of the squares of cells that get different codes, as far as these go."""
 SCOUTS = 4
 """First photos of a pilot, after which it goes on or ends."""
 SHARP = 0.15
@@ -44,36 +53,49 @@ CHUNK = 2**22
 """Numbers held at once when the weights of single paths are summed up."""
 
 
-def pilot_share(count: int) -> int:
+def pilot_share(count: int, *, by_map: bool) -> int:
     """Return how many of `count` codes to spend on a pilot; 0 if a pilot cannot be had.
 
-    A power of two, at most two thirds of the codes, that leaves a Hadamard order for the shot.
+    At most two thirds of the codes, and leaving a Hadamard order for the shot: one that looks
+    `by_map`, or else a power of two.
     """
-    share = MOST_PHOTOS
-    while share >= FEWEST_PHOTOS:
+    for share in reversed(MATCHED if by_map else POWERS):
         if 3 * share <= 2 * count and is_order(count - share):
             return share
-        share //= 2
     return 0
 
 
 def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
-    """Make the codes of a pilot, (count, L) bool, each cell lit in exactly half of them.
+    """Make the codes of a pilot, (count, L) bool.
 
-    The scouts come first, as `hadamard` codes (`sharpness`). Two more sets of these, a quarter
-    each, tell by how much they disagree what codes alone would get wrong (`worth`). The others are
-    `balanced`: independent cells, any few of which can be told apart, as the search for paths needs
-    it.
+    The scouts come first, as `hadamard` codes (`sharpness`); `count` may be their number alone. The
+    other codes of a pilot that looks for a map are lit in half of the photos, give or take one:
+    more different codes for next cells, and fewer cells that cannot be told from their partners,
+    than if all were lit equally often.
+
+    In longer pilots each cell is lit in exactly half of the codes. Two more sets of `hadamard`
+    codes, a quarter each, tell by how much they disagree what codes alone would get wrong
+    (`worth`). The others are `balanced`: independent cells, any few of which can be told apart, as
+    the search for paths needs it.
 
     Raises
     ------
     ConfigError
-        A quarter of `count` is no Hadamard order, it is below 16, or the lattice is empty.
+        No pilot has that many codes, the lattice is empty, or too fine to look for a map.
     """
+    if count == SCOUTS or count in MATCHED:
+        if count > SCOUTS and lattice[0] * lattice[1] > MOST_CELLS:
+            raise ConfigError(
+                f"a pilot of {count} codes looks for a map of at most {MOST_CELLS} cells",
+                hint=f"take a power of two from {POWERS[0]}, or a coarser grid",
+            )
+        scouts = make_codes("hadamard", lattice, SCOUTS, dual="complement", seed=4 * seed).primal()
+        return np.concatenate([scouts, _varied(lattice, count - SCOUTS, seed)])
     quarter = count // 4
-    if count % 4 or not is_order(quarter) or quarter < SCOUTS:
+    if count % 4 or not is_order(quarter) or count < POWERS[0]:
         raise ConfigError(
-            f"a pilot of {count} codes cannot be made", hint="take a power of two from 32"
+            f"a pilot of {count} codes cannot be made",
+            hint=f"take one of {MATCHED}, or a power of two from {POWERS[0]}",
         )
     rest = count - 2 * quarter - SCOUTS
     kinds = (
@@ -87,6 +109,26 @@ def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
         for i, (family, part) in enumerate(kinds)
     ]
     return np.concatenate(parts)
+
+
+def _varied(lattice: tuple[int, int], count: int, seed: int) -> Bools:
+    """Codes (count, L) by chance, lit in half of `count` or one more or less; none for 0.
+
+    Cells of a tile have different ones as long as there are any.
+    """
+    rows, cols = lattice
+    all_codes = np.arange(2**count)[:, None] >> np.arange(count) & 1
+    own = np.flatnonzero(np.abs(all_codes.sum(axis=1) - count / 2) <= 1)
+    rng = np.random.Generator(np.random.PCG64([seed, 3]))
+    chosen = np.empty((-(-rows // TILE), -(-cols // TILE), TILE * TILE), dtype=np.intp)
+    again = -(-chosen.shape[2] // own.size)
+    for tile in np.ndindex(chosen.shape[:2]):
+        drawn = np.concatenate([rng.permutation(own) for _ in range(again)])[: chosen.shape[2]]
+        chosen[tile] = rng.permutation(drawn)
+    down, right = chosen.shape[:2]
+    image = chosen.reshape(down, right, TILE, TILE).swapaxes(1, 2).reshape(down * TILE, -1)
+    codes: Bools = all_codes[image[:rows, :cols].ravel()].T.astype(np.bool_)
+    return codes
 
 
 def sharpness(codes: Bools, photos: Floats, *, sigma: float | Floats = 0.0) -> float:
@@ -146,6 +188,36 @@ def estimate_links(
     _check(codes, photos, grid[0] * grid[1])
     level = 2.0 * np.sqrt(np.mean(np.square(np.broadcast_to(sigma, photos.shape)), axis=0))
     return pursue(_signs(codes), _projections(photos), grid, level)
+
+
+def match_links(
+    codes: Bools, photos: Floats, grid: tuple[int, int], *, sigma: Floats
+) -> tuple[Any, ...]:
+    """Find the smooth map of partners, and the light of each by channel.
+
+    Parameters
+    ----------
+    codes : (K0, N) bool, one of the short pilots of `pilot_codes`.
+    photos, sigma : (K0, N, C) float64, as for `estimate_links`, of C channels.
+    grid : (rows, cols), N in all.
+
+    Returns
+    -------
+    sparse CSR arrays (N, N), of all channels together and of each: C + 1 in all
+        As of `estimate_links`, but entries wherever the map leads, small ones where there is little
+        light to be had.
+    """
+    channels = photos.shape[2]
+    noise = np.sqrt(np.mean(sigma**2, axis=0))
+    grey = photos.mean(axis=2), np.sqrt(np.sum(noise**2, axis=1)) / channels
+    partners = find_partners(codes, grey[0], grid, grey[1])
+    alike = all(np.array_equal(photos[..., 0], photos[..., c]) for c in range(1, channels))
+    if alike:
+        one = weigh(partners, codes, photos[..., 0], grid, noise[:, 0])
+        return tuple(one for _ in range(channels + 1))
+    own = [weigh(partners, codes, photos[..., c], grid, noise[:, c]) for c in range(channels)]
+    links: Any = sum(own[1:], own[0]) / channels
+    return (links, *own)
 
 
 def correction(left: Floats, right: Floats, weight: float, paths: Any) -> Floats:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -23,7 +24,7 @@ from pdcd.isolation import isolated
 from pdcd.lattice import Lattice
 from pdcd.parts import check_parts, coin_signs, in_parts, part_codes, part_seed
 from pdcd.patterns import Patterns, compact, levels_of
-from pdcd.pilot import pilot_codes
+from pdcd.pilot import MATCHED, SCOUTS, pilot_codes
 from pdcd.programs import Floodlit, Program, extended
 from pdcd.recipe import Recipe, Shot
 from pdcd.recipes import make_recipe
@@ -69,6 +70,8 @@ class Plan:
     prediction: Prediction | None = None
     prior: str | None = None
     """What guided the codes, in words."""
+    otherwise: Plan | None = None
+    """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""
@@ -210,7 +213,7 @@ def make_plan(
     schedule = config.schedule
     total = request.codes if request.codes is not None else schedule.codes
     count = total - request.pilot
-    if count < 1:
+    if count < 0 or (count == 0 and request.pilot not in MATCHED):
         raise ConfigError(
             f"a pilot of {request.pilot} leaves none of {total} codes",
             hint="the pilot's codes are counted among all: ask for more codes or a smaller pilot",
@@ -248,18 +251,19 @@ def make_plan(
     asked = schedule.guards if request.guards is None else request.guards
     guards = choose_guards(asked, *lag_rows(config, mask_lag_s))
     family = _family(request, schedule.family, recipe, part_count, parts)
-    _check_family(family, request, parts)
+    _check_family(family, request, parts, recipe)
     slot_s = slot_rows(guards) / config.row_hz
     if family in ISOLATION:
         recipe = isolated(recipe, family, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     recipe = repeated(recipe, request.repeat)
     lattice = Lattice(grid, window)
     windowed = any(_windowed(program) for program in recipe.programs.values())
-    one_pass_s = count * slot_s * (lattice.fields if windowed else 1)
+    shown = count or total  # a pilot of all codes leaves none, and shows them itself
+    one_pass_s = shown * slot_s * (lattice.fields if windowed else 1)
     coded = any(program.coded for program in recipe.programs.values())
     if coded:  # before the codes are made: a million of them would only be made to be refused
-        _check_limit(one_pass_s / max(parts, count if recipe.stack else 1), config)
-    passes = _passes(request, one_pass_s, count)
+        _check_limit(one_pass_s / max(parts, shown if recipe.stack else 1), config)
+    passes = _passes(request, one_pass_s, shown)
     patterns = _patterns(recipe, request, lattice, family, part_count, parts)
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
@@ -276,7 +280,7 @@ def make_plan(
         window=window,
         guards=guards,
         passes=passes,
-        white_slots=_white_slots(recipe, patterns, lattice, part_count * passes),
+        white_slots=_white_slots(recipe, patterns, lattice, (part_count or total) * passes),
         refresh_hz=config.row_hz,
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
@@ -284,7 +288,10 @@ def make_plan(
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
-    return plan
+    if count:
+        return plan
+    scouts_first = msgspec.structs.replace(request, pilot=SCOUTS)
+    return replace(plan, otherwise=make_plan(scouts_first, config, grid, mask_lag_s))
 
 
 def asks_for_lag(request: CaptureRequest, config: Config) -> bool:
@@ -300,7 +307,7 @@ def lag_rows(config: Config, mask_lag_s: float | None) -> tuple[float | None, fl
     return lag, jitter_s * config.row_hz
 
 
-def _check_family(family: str, request: CaptureRequest, parts: int) -> None:
+def _check_family(family: str, request: CaptureRequest, parts: int, recipe: Recipe) -> None:
     """Refuse what a family of codes cannot do."""
     if request.pilot and family != "hadamard":
         raise ConfigError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
@@ -310,7 +317,7 @@ def _check_family(family: str, request: CaptureRequest, parts: int) -> None:
         )
     if family in ISOLATION and parts > 1:
         raise ConfigError(f"{family} has no codes to split", hint="leave out the parts")
-    if request.repeat > 1 and (parts > 1 or request.method != "coded"):
+    if request.repeat > 1 and (parts > 1 or request.method != "coded" or recipe.sums):
         raise ConfigError(
             "only a coded photo in one piece can be repeated", hint="leave out repeat, or the parts"
         )

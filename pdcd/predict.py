@@ -175,6 +175,7 @@ def rehearse(
     normalise: NormaliseName,
     seed: int,
     alive: Alive = lambda: None,
+    known: dict[tuple[int, str], Learned] | None = None,
 ) -> Rehearsal:
     """Take all photos of a plan without noise.
 
@@ -184,6 +185,8 @@ def rehearse(
     scene : what stands there, or something like it; of the plan's grid.
     seed : of the request; that of the codes, and here of the noise of the pilot's photos.
     alive : called before every shot, and may raise to end the work.
+    known : what short pilots found when other plans were rehearsed that differ in their codes only;
+        what this one finds is added.
     """
     rehearsed: dict[str, tuple[Floats, Factors]] = {}
 
@@ -194,16 +197,21 @@ def rehearse(
 
     learned = None
     if plan.pilot:
-        pilot = [shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack]
-        take(pilot[:SCOUTS])
-        learned = _learned(plan, setting, rehearsed, seed)
+        key = plan.pilot, plan.guards
+        learned = None if known is None else known.get(key)
+        if learned is None:
+            pilot = [shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack]
+            take(pilot[:SCOUTS])
+            learned = _learned(plan, setting, rehearsed, seed)
+            if learned.promising:
+                take(pilot[SCOUTS:])
+                learned = _learned(plan, setting, rehearsed, seed)
+            if known is not None and learned.worth is None:  # which goes by the number of codes
+                known[key] = learned
         if not learned.promising:
             plan = stopped(plan, seed, setting.config.limits.max_exposure_s)
-        else:
-            take(pilot[SCOUTS:])
-            learned = _learned(plan, setting, rehearsed, seed)
-            if learned.pays:
-                plan = with_links(plan, learned.links, seed)
+        elif learned.pays:
+            plan = with_links(plan, learned.links, seed)
     recipe = _bare(plan.recipe)
     take(recipe.shots)
     realised = {name: matrix for name, (_, matrix) in rehearsed.items()}

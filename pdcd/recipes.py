@@ -146,7 +146,8 @@ def make_recipe(
     black_level : which leaks to measure with further shots and subtract (limitations L1-L3).
     white : take a white shot beside the coded one of the goal "indirect".
     codes : number of codes K; exact decompositions are taken where they need fewer pairs.
-    pilot : number of codes to photograph one by one first, through an open mask.
+    pilot : number of codes to photograph one by one first, through an open mask. Where none of the
+        `codes` are left, the coded photo is made of the pilot's.
     method : codes on both panels, or one of `pdcd.alternatives`.
     """
     maker = _Maker(goal, black_level)
@@ -156,7 +157,9 @@ def make_recipe(
         return _multi_image(maker, codes) if method == "multi-image" else _nayar(maker)
     pictures = _RECIPES[goal.name](maker, white, codes)
     recipe = Recipe(goal, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
-    return _with_pilot(recipe, pilot) if pilot else recipe
+    if pilot:
+        recipe = _with_pilot(recipe, pilot)
+    return recipe if codes else _pilot_alone(recipe)
 
 
 def _with_pilot(recipe: Recipe, count: int) -> Recipe:
@@ -173,6 +176,27 @@ def _with_pilot(recipe: Recipe, count: int) -> Recipe:
         programs={"pilot": Floodlit(), **recipe.programs},
         shots=(*recipe.shots[:first], *stack, *recipe.shots[first:]),
         stack=tuple(shot.name for shot in stack),
+    )
+
+
+def _pilot_alone(recipe: Recipe) -> Recipe:
+    """The same with the pilot's photos, masked in software, in the place of the coded shot."""
+    if recipe.goal.name not in ("indirect", "direct"):
+        raise ConfigError(
+            f"a pilot leaves no codes for the goal {recipe.goal.name}",
+            hint="ask for more codes or a smaller pilot",
+        )
+    coded = next(photo for photo in recipe.photos if photo.name == "coded")
+    if len(coded.shots) > 1 or recipe.goal.light is not None:
+        raise ConfigError(
+            "a pilot of all codes takes neither black exposures nor an illumination",
+            hint="leave them out, or ask for more codes",
+        )
+    return replace(
+        recipe,
+        programs={name: p for name, p in recipe.programs.items() if name != "coded"},
+        shots=tuple(shot for shot in recipe.shots if shot.name != "coded"),
+        sums={"coded": partial(fitted_weights, direct=0.0, indirect=1.0)},
     )
 
 

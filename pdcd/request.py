@@ -78,8 +78,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     separation by shifted checkers (Nayar et al. 2006). The last two are there to compare with."""
     pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
-    which far cells are linked. Each is one more RAW file. Where the first few see no sharp paths
-    the pilot stops, and the coded photo gets its other codes."""
+    which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
+    single paths. Each is one more RAW file. Where the first few see no sharp paths the pilot stops,
+    and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs."""
     parts: Annotated[int, Meta(ge=1, le=64)] = 1
     """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
     From 4 parts on their spread measures the error of the codes."""

@@ -241,7 +241,8 @@ def _request_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=0,
         metavar="K0",
-        help="of these, codes to photograph one by one first, to learn sharp far paths",
+        help="of these, codes to photograph one by one first, to learn sharp far paths: 8, 12 or "
+        "16 before mirrors, else 32, 64 or 128",
     )
     parser.add_argument(
         "--smooth",

@@ -16,7 +16,7 @@ from pdcd.smooth import colour_correction
 from tests.bench import plots
 from tests.bench.captures import noisy_error
 from tests.bench.measure import ROOT
-from tests.bench.tables import Section, Table, percent
+from tests.bench.tables import Aim, Section, Table, percent
 
 FIRST, BEST = "bernoulli", "hadamard"
 FAMILIES = (FIRST, "balanced", BEST)
@@ -29,6 +29,11 @@ MATRICES = ("corner_32x24", "mirror_32x24")
 
 ROUNDING = 1e-12
 """Errors below this are rounding: the codes are exact, and have no point in the plot."""
+
+DIFFUSE, THROUGH = ("corner_32x24", "open-book"), ("wax-disk", "milky-bottle")
+LIMITS = {(128, DIFFUSE): 1 / 10, (128, THROUGH): 1 / 40, (512, DIFFUSE): 1 / 20}
+LIMITS |= {(512, THROUGH): 1 / 100}
+"""Wanted error of the default codes without noise, over that of as many coins."""
 
 NOISY_SCENES = ("open-book", "mirror_32x24")
 NOISY_COUNTS = (8, 32, 128, 512)
@@ -69,6 +74,7 @@ def run(*, quick: bool, folder: Path) -> Section:
             _table(ideal, f"Without noise, mean over {2 if quick else SEEDS} seeds"),
             _table(noisy, f"Full sensor noise, mean over {1 if quick else NOISY_SEEDS} captures"),
         ],
+        aims=_aims(ideal, counts),
         plots=[
             ("code-error.png", "Error against K without noise; exact sets have no point."),
             ("code-error-noise.png", "The same with photon, read and dark noise of the sensor."),
@@ -120,6 +126,19 @@ def _noisy_errors(counts: tuple[int, ...], seeds: int) -> Errors:
         )
         for scene, count, family in itertools.product(NOISY_SCENES, counts, FAMILIES)
     }
+
+
+def _aims(errors: Errors, counts: tuple[int, ...]) -> list[Aim]:
+    """The worst scene of each kind against the wanted errors."""
+    aims = []
+    for (count, scenes), limit in LIMITS.items():
+        if count in counts:
+            worst = max(errors[s, count, CORRECTED] / errors[s, count, FIRST] for s in scenes)
+            name = f"error of {count} default codes over coins, {' and '.join(scenes)}"
+            aims.append(Aim(name, "", worst, limit))
+    smooth = (*DIFFUSE, *THROUGH)
+    worst = max(errors[s, 8, CORRECTED] / errors[s, 128, FIRST] for s in smooth)
+    return [*aims, Aim("error of 8 default codes over 128 coins, smooth scenes", "", worst, 1.0)]
 
 
 def _names(errors: Errors) -> list[str]:

@@ -94,7 +94,7 @@ def plain_error(transport: Floats, family: str, count: int, seed: int) -> float:
 
 
 def piloted_error(transport: Floats, count: int, seed: int, sigma: float = 0.0) -> float:
-    codes, photos = take_pilot(transport, pilot_share(count), seed, sigma)
+    codes, photos = take_pilot(transport, pilot_share(count, by_map=False), seed, sigma)
     paths = estimate_links(codes, photos, GRID, sigma=sigma)
     rng = np.random.default_rng(seed)
     return shot_error(transport, prior_codes(GRID, count - len(codes), paths, rng), paths)
@@ -110,10 +110,18 @@ def test_every_cell_is_lit_in_half_of_the_pilot(count: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "share"), [(8, 0), (32, 0), (48, 32), (64, 32), (128, 64), (512, 128), (1024, 128)]
+    ("count", "by_map", "share"),
+    [
+        *((count, False, 0) for count in (8, 32)),
+        *((48, False, 32), (64, False, 32), (128, False, 64), (512, False, 128)),
+        *((8, True, 0), (12, True, 8), (16, True, 8), (24, True, 16), (32, True, 16)),
+        *((20, True, 12), (48, True, 16), (130, True, 0), (512, True, 16)),
+    ],
 )
-def test_a_pilot_takes_at_most_two_thirds_and_leaves_an_order(count: int, share: int) -> None:
-    assert pilot_share(count) == share
+def test_a_pilot_takes_at_most_two_thirds_and_leaves_an_order(
+    count: int, by_map: bool, share: int
+) -> None:
+    assert pilot_share(count, by_map=by_map) == share
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -238,7 +246,7 @@ def test_worth_compares_what_is_left_to_do() -> None:
     assert not Worth(alone=0.02, piloted=0.01, unguided=0.012).pays
 
 
-@pytest.mark.parametrize("count", [0, 2, 4, 7, 8, 30, 44])
+@pytest.mark.parametrize("count", [0, 2, 7, 10, 20, 30, 44])
 def test_pilots_that_cannot_be_made_are_refused(count: int) -> None:
     with pytest.raises(ConfigError, match=f"pilot of {count} codes"):
         pilot_codes((4, 4), count, seed=0)
