@@ -17,7 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from pdcd.errors import DeviceLost
-from pdcd.presenter.xpresent import KIND_MSC, KIND_PIXMAP, PresentEvents, lost
+from pdcd.presenter.xconnection import ServerLost
+from pdcd.presenter.xpresent import KIND_MSC, KIND_PIXMAP, PresentEvents
 
 WARM_UP_FRAMES = 30
 PERIOD_TOLERANCE = 0.02
@@ -326,9 +327,9 @@ def probe(source: Source, frame: Callable[[], None], period_ns: float) -> float 
             source.shown()
             stamps.append(source.ns)
             counts.append(source.msc)
-    except DeviceLost as err:
-        if err.message == lost("").message:
-            raise
+    except ServerLost:
+        raise
+    except DeviceLost:
         return None
     steps, ticks = np.diff(stamps), np.diff(counts)
     if np.any(steps <= 0) or np.mean(ticks == 1) < 0.5:

@@ -70,9 +70,13 @@ def _knock(number: int) -> None:
         probe.connect(address)
 
 
-def lost(name: str, why: str) -> DeviceLost:
+class ServerLost(DeviceLost):
+    """The X server itself is gone, and not only what was asked of it."""
+
+
+def lost(name: str, why: str) -> ServerLost:
     """Return the error of a server that does not answer."""
-    return DeviceLost(
+    return ServerLost(
         f"the X server {name} does not answer: {why}",
         device="display",
         hint="is it running, and may this user connect? see `systemctl status pdcd-x`",

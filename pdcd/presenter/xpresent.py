@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 from pdcd.errors import DeviceLost
+from pdcd.presenter.xconnection import lost
 
 COMPLETE_NOTIFY = 1
 COMPLETE_MASK = 2
@@ -61,7 +62,7 @@ class PresentEvents:
             ) from err
         self._connection = self._xcb.xcb_connect(display.encode(), None)
         if self._xcb.xcb_connection_has_error(self._connection):
-            raise lost(display)
+            raise lost(display, "connection refused")
         self._window = window
         extension = _Extension.in_dll(self._present, "xcb_present_id")
         # The server answers no event before it knows which version the client speaks.
@@ -110,7 +111,7 @@ class PresentEvents:
                     return True
                 continue
             if self._xcb.xcb_connection_has_error(self._connection):
-                raise lost(self._display)
+                raise lost(self._display, "it ended the connection")
             left_ms = (deadline_ns - time.monotonic_ns()) * 1e-6
             if left_ms <= 0:
                 return False
@@ -121,15 +122,6 @@ class PresentEvents:
         if self._connection:
             self._xcb.xcb_disconnect(self._connection)
             self._connection = None
-
-
-def lost(display: str) -> DeviceLost:
-    """The error of a server that does not answer."""
-    return DeviceLost(
-        f"the X server {display} does not answer",
-        device="display",
-        hint="is it running? see systemctl status pdcd-x",
-    )
 
 
 def _libraries() -> tuple[Any, Any, Any]:

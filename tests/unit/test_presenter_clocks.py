@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from pdcd.errors import DeviceLost
 from pdcd.presenter import clocks
 from pdcd.presenter.clocks import Completions, Vblanks
+from pdcd.presenter.xconnection import lost
 
 PERIOD_NS = 16_667_000
 
@@ -130,6 +132,17 @@ def test_a_completion_is_that_of_its_own_swap_and_of_none_before() -> None:
     source.put()
     source.shown()
     assert (source.msc, source.ns, source.flipped) == (8, 8 * PERIOD_NS, 1)
+
+
+def test_a_server_that_is_gone_ends_the_probing() -> None:
+    """The next source would only be asked the same, and told of as if it had failed."""
+    reports: Any = Reports()
+
+    def swap() -> None:
+        raise lost(":7", "it ended the connection")
+
+    with pytest.raises(DeviceLost, match=":7 does not answer"):
+        clocks.probe(Completions(reports, swap), lambda: None, float(PERIOD_NS))
 
 
 def test_a_server_that_reports_no_swap_is_not_believed() -> None:
