@@ -233,6 +233,9 @@ class _Search:
             estimate = self._settle(plan)
             if estimate.saturates:  # and more codes bring more light
                 return
+            learned = self.learned.get((plan.pilot, plan.guards))
+            if learned is not None and not learned.promising:  # as every pilot's scouts will find
+                return
             errors.append(estimate.code)
             sensor = estimate.sensor
             if estimate.code < NEGLIGIBLE * estimate.sensor / MOST_REPEATS**0.5:
