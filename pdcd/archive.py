@@ -219,19 +219,23 @@ def read_frames(
     path = folder / "frames.csv"
     try:
         with path.open(newline="") as file:
-            rows = [row for row in csv.DictReader(file) if row["shot"] == shot.name]
+            lines = csv.reader(file)
+            heads = next(lines, [])
+            place = heads.index("shot")
+            rows = [line for line in lines if line[place] == shot.name]
+        if len(rows) != shot.refreshes:
+            raise DecodeError(
+                f"{path} has {len(rows)} refreshes of shot {shot.name}, not {shot.refreshes}",
+                hint="restore it from a copy",
+            )
+        columns = dict(zip(heads, zip(*rows, strict=True), strict=True))
         table = {
-            name: np.array([int(row[name]) for row in rows], dtype=np.int64)
+            name: np.array([int(entry) for entry in columns[name]], dtype=np.int64)
             for name in COLUMNS[1:]
-            if not rows or name in rows[0] or name not in ADDED
+            if name in columns or name not in ADDED
         }
-    except (OSError, KeyError, ValueError, TypeError) as err:
+    except (OSError, IndexError, KeyError, ValueError, csv.Error) as err:
         raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
-    if len(rows) != shot.refreshes:
-        raise DecodeError(
-            f"{path} has {len(rows)} refreshes of shot {shot.name}, not {shot.refreshes}",
-            hint="restore it from a copy",
-        )
     asked = [table.get(name, table["refresh"]).astype(np.int32) for name in ADDED]
     # Every row of the frames was asked for at least once; further passes repeat some of them.
     numbers, first = np.unique(asked[0], return_index=True)

@@ -46,10 +46,9 @@ FITS = 3
 """Times that the strengths are fitted in each round."""
 MESSAGES = 4
 """Steps by which a cell hears of others."""
-NEAR, FAR = 3, 5
-"""Sides of the squares within which partners of neighbours lie: usually, and at most."""
 FAR_COST = 1.0
-"""What a step beyond the nearer square costs in log likelihood: maps are rarely that steep."""
+"""What it costs in log likelihood that partners of neighbours are two cells apart, not one or none:
+maps are rarely that steep."""
 BREAK_COST = 8.0
 """What two neighbours with unrelated partners cost: the edge of a mirror."""
 WIDTH_B, WIDTH_S = 2.0, 1.2
@@ -235,10 +234,21 @@ def _messages(own: Singles) -> Singles:
 def _told(belief: Singles) -> Singles:
     """A cell's message to a neighbour: partners near its own likely ones are likely too."""
     best = belief.max(axis=(2, 3), keepdims=True)
-    near = ndimage.maximum_filter(belief, (1, 1, NEAR, NEAR), mode="nearest")
-    far = ndimage.maximum_filter(near, (1, 1, FAR - NEAR + 1, FAR - NEAR + 1), mode="nearest")
+    near = _spread(belief)
+    far = _spread(near)
     message: Singles = np.maximum(near, far - np.float32(FAR_COST)) - best
     return np.maximum(message, np.float32(-BREAK_COST))
+
+
+def _spread(belief: Singles) -> Singles:
+    """Of each cell and the eight around it the highest belief, in the last two axes."""
+    above = belief.copy()
+    np.maximum(above[..., 1:, :], belief[..., :-1, :], out=above[..., 1:, :])
+    np.maximum(above[..., :-1, :], belief[..., 1:, :], out=above[..., :-1, :])
+    beside = above.copy()
+    np.maximum(beside[..., 1:], above[..., :-1], out=beside[..., 1:])
+    np.maximum(beside[..., :-1], above[..., 1:], out=beside[..., :-1])
+    return beside
 
 
 def _around(best: Cells, grid: Grid) -> Cells:
@@ -256,7 +266,9 @@ def _fit(
     """Expected paths (N, N) to the partners, and the priors that the fit gives for the next."""
     codes, photos, variance = likelihood.codes, likelihood.photos, likelihood.variance
     count, cells = codes.shape
-    seen = np.stack([codes @ shape.T for shape in shapes])[:, :, partners.cells]  # (S, K, N, M)
+    by_cell = np.stack([(codes @ shape.T).T for shape in shapes], axis=1)  # (N, S, K)
+    seen = by_cell[partners.cells].swapaxes(1, 2).reshape(cells, -1, count)  # (N, S M, K)
+    each = (cells, len(shapes), -1)
     row, col = np.divmod(partners.cells, grid[1])
     offsets = np.array([*_BETWEEN, *((0.0, 0.0) for _ in _PATCHES)])
     places = np.stack([row, col])[:, None] + offsets.T[:, :, None, None]  # (2, S, N, M)
@@ -264,8 +276,8 @@ def _fit(
     priors = likelihood.widest()
     for _ in range(FITS):
         metric, product, square = likelihood.metric(priors)
-        inner = np.einsum("nk,sknm->snm", product, seen)
-        information = np.einsum("nij,sinm,sjnm->snm", metric, seen, seen, optimize=True)
+        inner = (seen @ product[:, :, None]).reshape(each).swapaxes(0, 1)  # (S, N, M)
+        information = np.sum((seen @ metric) * seen, axis=2).reshape(each).swapaxes(0, 1)
         light, log = _log_likelihood(
             inner,
             np.maximum(information, 0.0),
@@ -282,7 +294,8 @@ def _fit(
         evidence = np.sum(weight * light**2 * information, axis=(0, 2))
         sure = evidence / (evidence + EVIDENCE)
         by_map = _map_prior(places, weight, sure, grid)
-        left = photos - np.einsum("snm,sknm->kn", expected, seen)
+        light_of = expected.swapaxes(0, 1).reshape(cells, 1, -1)
+        left = photos - (light_of @ seen)[:, 0].T
         smooth = _smooth_light(codes, left, variance, priors)
         priors = _Round(
             *_local(smooth, WIDTH_B, grid, variance),

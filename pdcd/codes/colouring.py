@@ -74,11 +74,13 @@ def colour_lattice(
         window = np.s_[rows - 1 - row : 2 * rows - 1 - row, cols - 1 - col : 2 * cols - 1 - col]
         crowd = np.bincount(colour, crowding[window].ravel(), bins)
         other, strength = known.of(cell)
-        crowd += np.bincount(colour[other], strength**2, bins)
+        if other.size:
+            crowd += np.bincount(colour[other], strength**2, bins)
         best = int(np.argmin(crowd[:colours]))
         same = np.flatnonzero(colour == best)
         around = float(placed_sign[same] @ pull[window][np.divmod(same, cols)])
-        around += float((colour[other] == best) * placed_sign[other] @ strength)
+        if other.size:
+            around += float((colour[other] == best) * placed_sign[other] @ strength)
         if around != 0.0:
             sign[cell] = -1 if around > 0.0 else 1
         colour[cell] = best

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -134,6 +135,27 @@ def test_damaged_runs_do_not_decode(tmp_path: Path) -> None:
         shutil.rmtree(broken)
     with pytest.raises(DecodeError, match="no readable"):
         decode_folder(tmp_path)
+
+
+FRAME_DAMAGE: dict[str, tuple[Callable[[list[bytes]], list[bytes]], str]] = {
+    "empty": (lambda lines: [], "cannot read"),
+    "no heads": (lambda lines: lines[1:], "cannot read"),
+    "a lost line": (lambda lines: lines[:-1], "refreshes of shot"),
+    "a short line": (lambda lines: [*lines[:-1], lines[-1].rsplit(b",", 1)[0]], "cannot read"),
+    "a word for a number": (lambda lines: [*lines[:-1], lines[-1] + b"x"], "cannot read"),
+    "an empty line": (lambda lines: [*lines, b"", b""], "cannot read"),
+}
+
+
+@pytest.mark.parametrize("kind", FRAME_DAMAGE)
+def test_a_damaged_frame_log_does_not_decode(tmp_path: Path, kind: str) -> None:
+    folder, _ = run(bench_rig.config(tmp_path), codes=8)
+    damage, words = FRAME_DAMAGE[kind]
+    path = folder / "frames.csv"
+    path.chmod(0o644)
+    path.write_bytes(b"\n".join(damage(path.read_bytes().splitlines())))
+    with pytest.raises(DecodeError, match=words):
+        decode_folder(folder)
 
 
 def test_same_seed_same_answer(tmp_path: Path) -> None:
