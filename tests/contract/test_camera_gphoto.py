@@ -9,7 +9,9 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -25,9 +27,16 @@ from tests.contract.test_camera import ReadoutContract, ShutterContract, expose
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture
-def camera() -> Iterator[subprocess.Popen[str]]:
-    """The process of a virtual camera; its first line names the port."""
+class Camera(NamedTuple):
+    """The process of a virtual camera and its port."""
+
+    process: subprocess.Popen[str]
+    port: str
+
+
+@contextmanager
+def virtual_camera() -> Iterator[Camera]:
+    """A virtual camera in a process of its own, whose first line names the port."""
     process = subprocess.Popen(
         [sys.executable, "-m", "pdcd", "virtual-camera", "--port", "0", "--small"],
         cwd=ROOT,
@@ -35,26 +44,24 @@ def camera() -> Iterator[subprocess.Popen[str]]:
         stdout=subprocess.PIPE,
         text=True,
     )
-    yield process
+    assert process.stdout is not None
+    yield Camera(process, process.stdout.readline().split()[-1])
     process.kill()
     process.wait()
-    assert process.stdout is not None
     process.stdout.close()
 
 
-@pytest.fixture
-def rig(camera: subprocess.Popen[str], tmp_path: Path) -> Iterator[Rig]:
+@contextmanager
+def connected(camera: Camera, folder: Path) -> Iterator[Rig]:
     """A rig whose shutter and readout are that camera's."""
-    assert camera.stdout is not None
-    port = camera.stdout.readline().split()[-1]
     config = bench_rig.config(
-        tmp_path,
+        folder,
         rig=RigConfig(clock="real"),
         trigger=TriggerConfig(driver="gphoto2"),
         camera=CameraConfig(
             driver="gphoto2",
             f_number=8.0,
-            options={"port": port, "model": "PTP/IP Camera"},
+            options={"port": camera.port, "model": "PTP/IP Camera"},
         ),
     )
     rig = Rig(config)
@@ -65,7 +72,21 @@ def rig(camera: subprocess.Popen[str], tmp_path: Path) -> Iterator[Rig]:
         try:
             device.disconnect()
         except PdcdError:
-            assert camera.poll() is not None  # only where the test took the camera away
+            assert camera.process.poll() is not None  # only where the test took the camera away
+
+
+@pytest.fixture(scope="module")
+def camera() -> Iterator[Camera]:
+    """One camera for all tests, each of which has a session of its own with it."""
+    with virtual_camera() as camera:
+        yield camera
+
+
+@pytest.fixture
+def rig(camera: Camera, tmp_path: Path) -> Iterator[Rig]:
+    """A rig with that camera."""
+    with connected(camera, tmp_path) as rig:
+        yield rig
 
 
 class TestGphotoShutter(ShutterContract):
@@ -97,10 +118,11 @@ class TestGphotoReadout(ReadoutContract):
             device.disconnect()
         assert os.path.samestat(os.fstat(0), before)
 
-    def test_a_camera_that_goes_away_is_lost(self, rig: Rig, camera: subprocess.Popen[str]) -> None:
-        rig.readout.arm(CameraSettings(iso=100, f_number=8.0))
-        rig.shutter.open()
-        camera.kill()
-        camera.wait()
-        with pytest.raises(DeviceLost):
-            rig.shutter.close()
+    def test_a_camera_that_goes_away_is_lost(self, tmp_path: Path) -> None:
+        with virtual_camera() as camera, connected(camera, tmp_path) as rig:
+            rig.readout.arm(CameraSettings(iso=100, f_number=8.0))
+            rig.shutter.open()
+            camera.process.kill()
+            camera.process.wait()
+            with pytest.raises(DeviceLost):
+                rig.shutter.close()
