@@ -5,9 +5,11 @@ demo:
 	@.ci/setup
 	@.venv/bin/pdcd demo
 
+# One thread for the linear algebra, here and below: more gain nothing on such small matrices, wait
+# for each other, and make times scatter.
 test:
 	@.ci/setup dev
-	.venv/bin/python -m pytest -q -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 2 --dist worksteal
 
 lint:
 	@.ci/setup dev
@@ -16,7 +18,6 @@ lint:
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 
-# One thread for the linear algebra: two of them gain nothing here and make times scatter.
 bench:
 	@.ci/setup dev
 	OMP_NUM_THREADS=1 .venv/bin/python -m tests.bench
