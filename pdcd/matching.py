@@ -64,6 +64,15 @@ LEAST_WEIGHT = 0.01
 CHUNK = 2**18
 """Pairs of cells scored at once."""
 
+WAYS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+"""Where the messages go: each way beside that back."""
+
+_BESIDE = {
+    0: (slice(None), slice(None)),
+    1: (slice(1, None), slice(None, -1)),
+    -1: (slice(None, -1), slice(1, None)),
+}
+"""Columns that hear, and that speak, by the step to the right."""
 _QUARTERS = (0.0, 0.25, 0.5, 0.75)
 _BETWEEN = (
     *((0.0, x) for x in _QUARTERS),
@@ -211,29 +220,28 @@ def _log_likelihood(
 
 def _messages(own: Singles) -> Singles:
     """What the neighbours say of each cell's partners, (rows, cols, rows, cols)."""
-    said = np.zeros((4, *own.shape), dtype=np.float32)
-    # From the left, from the right, from above, from below: who hears, and who speaks.
-    first, last = slice(None, -1), slice(1, None)
-    ways = (
-        ((slice(None), last), (slice(None), first), 1),
-        ((slice(None), first), (slice(None), last), 0),
-        ((last,), (first,), 3),
-        ((first,), (last,), 2),
-    )
+    rows = len(own)
+    said = np.zeros((len(WAYS), *own.shape), dtype=np.float32)
     for step in range(MESSAGES):
-        total = own + said.sum(axis=0)
+        total = said.sum(axis=0)
+        total += own
         new = np.zeros_like(said)
-        for way, (hears, speaks, back) in enumerate(ways):
-            new[way][hears] = _told((total - said[back])[speaks])
-        # The mean of old and new: messages that run in circles would swing otherwise.
-        said = new if step == 0 else 0.5 * (said + new)
+        for way, (down, right) in enumerate(WAYS):
+            hears, speaks = _BESIDE[right]
+            for row in range(max(0, -down), rows - max(0, down)):  # one fits into the cache
+                told = _told(total[row] - said[way ^ 1, row])
+                new[way, row + down, hears] = told[speaks]
+        if step > 0:  # The mean of old and new: messages that run in circles would swing otherwise.
+            new += said
+            new *= 0.5
+        said = new
     heard: Singles = said.sum(axis=0)
     return heard
 
 
 def _told(belief: Singles) -> Singles:
     """A cell's message to a neighbour: partners near its own likely ones are likely too."""
-    best = belief.max(axis=(2, 3), keepdims=True)
+    best = belief.max(axis=(-2, -1), keepdims=True)
     near = _spread(belief)
     far = _spread(near)
     message: Singles = np.maximum(near, far - np.float32(FAR_COST)) - best
