@@ -28,7 +28,7 @@ from pdcd.plan import Plan, lag_rows, make_plan
 from pdcd.predict import Alive, Estimate, Outlook, Setting, rehearse
 from pdcd.prior import GivenPrior, load_prior
 from pdcd.repeat import repeated
-from pdcd.request import CaptureRequest, FamilyName, GuardsName, Prediction
+from pdcd.request import BlackLevel, CaptureRequest, FamilyName, GuardsName, Prediction
 from pdcd.scene import Scene
 from pdcd.schedule import choose_guards, tolerant
 
@@ -186,13 +186,15 @@ class _Search:
 
     def run(self) -> Choice:
         """The best candidate. Raises ConfigError when none will do."""
-        for guards in self._guards():
-            self._climb(guards)
+        for black, guards in product(self._blacks(), self._guards()):
+            self._climb(guards, black)
         plain = self.best
         if self._takes_pilot() and (plain is None or self.request.seconds is not None):
             coarse = self.grid[0] * self.grid[1] <= MOST_CELLS
-            for by_map, guards in product((True, False) if coarse else (False,), self._guards()):
-                self._climb(guards, by_map=by_map)
+            kinds = (True, False) if coarse else (False,)
+            blacks = self._blacks() if plain is None else (plain.plan.black_level,)
+            for by_map, black, guards in product(kinds, blacks, self._guards()):
+                self._climb(guards, black, by_map=by_map)
         if self.best is None:
             raise self._refusal()
         if plain is not None and self.best.plan.pilot:
@@ -212,12 +214,24 @@ class _Search:
         # Nothing is left to keep apart where panels in step switch at once.
         return found[:1] if instant and found[0] == "none" else found
 
-    def _climb(self, guards: GuardsName, *, by_map: bool | None = None) -> None:
+    def _blacks(self) -> tuple[BlackLevel, ...]:
+        """Which leaks to measure: what is asked for, or all choices that the panels may call for.
+        Before a scene that is not known the leak's error is not known, either."""
+        config = self.setting.config
+        usual = self.request.black_level or config.schedule.black_level
+        if self.request.black_level or usual != "none" or isinstance(self.prior, Prior):
+            return (usual,)
+        ambient = config.projector.contrast is not None or self.prior.ambient is not None
+        if config.mask.contrast is None:
+            return ("none", "ambient") if ambient else ("none",)
+        return ("none", "mask", "both") if ambient else ("none", "mask")
+
+    def _climb(self, guards: GuardsName, black: BlackLevel, *, by_map: bool | None = None) -> None:
         """Look at all numbers of codes, until more cannot be better; with a pilot of either kind,
         or none."""
         errors: list[float] = []
         sensor = 0.0
-        for plan in self._plans(guards, by_map):
+        for plan in self._plans(guards, black, by_map):
             least_s = _seconds(_scaled(plan, 1, 1))
             budget_s = self.request.seconds
             if budget_s is not None and least_s > budget_s:
@@ -245,10 +259,16 @@ class _Search:
             ):
                 return
 
-    def _plans(self, guards: GuardsName, by_map: bool | None) -> Iterator[Plan]:
+    def _plans(self, guards: GuardsName, black: BlackLevel, by_map: bool | None) -> Iterator[Plan]:
         """Plans of single exposures, fewest codes first, as long as the limits allow."""
         asked = msgspec.structs.replace(
-            self.request, error=None, seconds=None, confidence=None, prior=None, guards=guards
+            self.request,
+            error=None,
+            seconds=None,
+            confidence=None,
+            prior=None,
+            guards=guards,
+            black_level=black,
         )
         family, step = self._family()
         per_code_s = 0.0

@@ -67,6 +67,8 @@ class Plan:
     repeat: int = 1
     smooth: bool = False
     """Whether the indirect photo is to be corrected for its smooth light (`pdcd.smooth`)."""
+    black_level: BlackLevel = "none"
+    """Which leaks further shots measure."""
     prediction: Prediction | None = None
     prior: str | None = None
     """What guided the codes, in words."""
@@ -286,6 +288,7 @@ def make_plan(
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         repeat=request.repeat,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
+        black_level=black,
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
     if count:

@@ -391,7 +391,7 @@ class Run:
             smooth=plan.smooth,
             parts=plan.parts,
             repeat=plan.repeat,
-            black_level=request.black_level or self.config.schedule.black_level,
+            black_level=plan.black_level,
             normalise=request.normalise or self.config.schedule.normalise,
             white=request.white,
             grid=plan.grid,

@@ -75,6 +75,27 @@ def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
         plan(tmp_path, CaptureRequest(goal="indirect", seconds=0.1))
 
 
+def test_a_leak_is_measured_where_that_pays(tmp_path: Path) -> None:
+    """Dark frames take half of the time, and a mask of 300 : 1 leaves 6 % without them."""
+    leaking = PanelConfig(size_px=(1600, 1200), rise_s=0.001, fall_s=0.002, contrast=300.0)
+    tables: dict[str, Any] = {"scene": SceneConfig(kind="open-book", grid=(24, 32))}
+    request = CaptureRequest(goal="indirect", error=0.03)
+
+    def blacks(**more: Any) -> set[str]:
+        shots = plan(tmp_path, request, **tables, **more).shots
+        return {shot.name for shot in shots if "black" in shot.name}
+
+    assert blacks(mask=leaking) == {"coded-black-dual", "white-black-dual"}
+    assert not blacks()
+    request = msgspec.structs.replace(request, error=0.1)
+    assert not blacks(mask=leaking)
+    request = msgspec.structs.replace(request, black_level="both")
+    assert len(blacks(mask=leaking)) == 6
+    request = msgspec.structs.replace(request, error=0.03, black_level="none")
+    with pytest.raises(ConfigError, match="3 % cannot be had"):
+        blacks(mask=leaking)
+
+
 def test_confidence_costs_time(tmp_path: Path) -> None:
     """Between a coin toss and near certainty lies more light."""
     sums = [
