@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 
 from drivers.ptp.eos import SHUTTER, EosCamera
+from drivers.ptp.guard import Guard
 from pdcd.config import TriggerConfig
 from pdcd.errors import ConfigError
 from pdcd.interfaces import Clock, DriverContext
@@ -17,9 +18,9 @@ class PtpShutter:
     by which the shutter is surely open is that of the camera's answer plus `trigger.lag_s` and four
     `trigger.jitter_s`, which are to be measured on the bench; over USB they are not published.
 
-    The shutter is closed when the driver is disconnected, forgotten, or the interpreter ends. A
-    process that is killed outright cannot do that: the camera then exposes until it is connected
-    again, or switched off. Never run on a real body so far.
+    The shutter is closed when the driver is disconnected, forgotten, or the interpreter ends; when
+    the process is killed, another one does it (`drivers.ptp.guard`). Never run on a real body so
+    far.
     """
 
     maturity = "experimental"
@@ -28,6 +29,8 @@ class PtpShutter:
         self._camera = camera
         self._clock = clock
         self._sure_ns = round((config.lag_s + 4.0 * config.jitter_s) * 1e9)
+        # The virtual camera is in this process, and would go with it.
+        self._guard = None if camera.options.usb == "virtual" else Guard(camera.options)
         weakref.finalize(self, camera.let_go, SHUTTER)
 
     @classmethod
@@ -47,20 +50,41 @@ class PtpShutter:
 
         Raises DeviceLost, and ConfigError when this body cannot hold its shutter open over USB.
         """
-        return self._camera.open(SHUTTER)
+        found = self._camera.open(SHUTTER)
+        if self._guard is not None:
+            self._guard.watch(found["serial"])
+        return found
 
     def open(self) -> int:
         """Start the exposure; returns the time by which the shutter is surely open."""
-        self._camera.begin_exposure()
+        if self._guard is not None:
+            self._guard.tell(may_be_open=True)  # before it is: a kill may come at any time
+        try:
+            self._camera.begin_exposure()
+        finally:
+            self._tell()
         return self._surely()
 
     def close(self) -> int:
         """End the exposure; returns the time by which the shutter is surely closed."""
-        return self._surely() if self._camera.end_exposure() else self._clock.now_ns()
+        try:
+            was_open = self._camera.end_exposure()
+        finally:
+            self._tell()
+        return self._surely() if was_open else self._clock.now_ns()
 
     def disconnect(self) -> None:
         """Close, and let the camera go unless the readout still has it."""
-        self._camera.close(SHUTTER)
+        try:
+            self._camera.close(SHUTTER)
+        finally:
+            self._tell()
+            if self._guard is not None:
+                self._guard.stop()
+
+    def _tell(self) -> None:
+        if self._guard is not None:
+            self._guard.tell(may_be_open=self._camera.bulb.since_ns is not None)
 
     def _surely(self) -> int:
         sure_ns = self._clock.now_ns() + self._sure_ns

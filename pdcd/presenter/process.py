@@ -299,8 +299,10 @@ def _answer(presenter: Presenter, message: Request, fd: int | None) -> None:
 
 def main(fd: int) -> int:
     """Run the process on one end of a socket pair; its exit status."""
-    # The driver decides when this ends: a Ctrl-C in its terminal is not for here.
+    # The driver decides when this ends: a Ctrl-C in its terminal is not for here, nor is the signal
+    # that systemd sends to all processes of a service.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     channel = Channel(socket.socket(fileno=fd), Request)
     try:
         serve(channel)

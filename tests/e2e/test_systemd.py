@@ -109,7 +109,7 @@ def test_the_program_is_the_console_script_of_the_package() -> None:
 def test_what_the_daemon_counts_on_is_set() -> None:
     service = unit("pdcd.service")["Service"]
     assert service["Type"] == ["notify"]
-    assert service["KillMode"] == ["mixed"]
+    assert service["KillMode"] == ["control-group"]  # with time for the guardians
     for key in ("RuntimeDirectory", "StateDirectory", "ConfigurationDirectory", "User", "Group"):
         assert service[key] == ["pdcd"], key
     assert service["RestartPreventExitStatus"] == ["2"]

@@ -111,6 +111,20 @@ sys.stdin.read()
 """
 
 
+def test_a_signal_to_the_whole_service_is_not_for_the_presenter(
+    tmp_path: Path, x_quarter: XServer
+) -> None:
+    display = x11_rig.display(x11_rig.config(tmp_path, x_quarter))
+    display.connect()
+    try:
+        display.load(frames())
+        for number in (signal.SIGTERM, signal.SIGINT):
+            os.kill(pid_of(display), number)
+        assert len(display.play(lambda *_: None, lambda: False)) == len(frames())
+    finally:
+        display.disconnect()
+
+
 def test_panels_go_black_when_their_idle_owner_is_killed(
     tmp_path: Path, x_quarter: XServer, lit: Callable[[], bool]
 ) -> None:

@@ -1,0 +1,43 @@
+"""A process that holds a camera's shutter open, and its guardian.
+
+``python -m tests.guarded_shutter ADDRESS`` opens the shutter of the camera that is lent there (see
+`tests.remote_usb`) when told so on its input, and prints the guardian's process id; with options
+of the camera behind the address it is the guardian.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from drivers.ptp import guard, guardian
+from drivers.ptp.eos import BACKEND_KEY
+from drivers.ptp.shutter import PtpShutter
+from pdcd.clock import RealClock
+from pdcd.config import Config, TriggerConfig
+from pdcd.interfaces import DriverContext
+from tests.remote_usb import RemoteUsb
+
+
+def main(address: str, *options: str) -> int:
+    backend = RemoteUsb(Path(address))
+    if options:
+        return guardian.main(sys.stdin.fileno(), options[0], backend)
+    guard.COMMAND = (sys.executable, "-m", "tests.guarded_shutter", address)
+    config = Config(trigger=TriggerConfig(driver="ptp"))
+    shutter = PtpShutter.create(DriverContext(config, RealClock(), {BACKEND_KEY: backend}))
+    shutter.connect()
+    for line in sys.stdin:
+        word = line.strip()
+        if word == "pid":
+            assert shutter._guard is not None
+            sys.stdout.write(f"{shutter._guard.pid}\n")
+        else:
+            getattr(shutter, word)()
+            sys.stdout.write(f"{word}\n")
+        sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
