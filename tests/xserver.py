@@ -18,7 +18,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from select import select
@@ -31,6 +31,8 @@ Size = tuple[int, int]
 FULL: tuple[Size, Size] = ((1024, 768), (1600, 1200))
 QUARTER: tuple[Size, Size] = ((256, 192), (400, 300))
 
+NICE = -15
+"""Priority of a server where it may be had, as pdcd-x.service gives it."""
 START_S = 30.0
 """How long a server may take to answer on a loaded machine."""
 
@@ -227,6 +229,8 @@ def _launch(
     if not answer.endswith(b"\n"):
         _end(process)
         raise _StartError(_complaint(log, folder / "stderr"))
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, process.pid, NICE)
     return process, int(answer)
 
 
