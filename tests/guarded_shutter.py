@@ -1,8 +1,8 @@
 """A process that holds a camera's shutter open, and its guardian.
 
 ``python -m tests.guarded_shutter ADDRESS`` opens the shutter of the camera that is lent there (see
-`tests.remote_usb`) when told so on its input, and prints the guardian's process id; with options
-of the camera behind the address it is the guardian.
+`tests.remote_usb`) when told so on its input, and prints the guardian's process id; with a socket
+and options of the camera behind the address it is the guardian.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from drivers.ptp import guard, guardian
+from drivers.ptp import guardian
+from drivers.ptp import shutter as shutter_module
 from drivers.ptp.eos import BACKEND_KEY
 from drivers.ptp.shutter import PtpShutter
 from pdcd.clock import RealClock
@@ -19,11 +20,11 @@ from pdcd.interfaces import DriverContext
 from tests.remote_usb import RemoteUsb
 
 
-def main(address: str, *options: str) -> int:
+def main(address: str, *guarding: str) -> int:
     backend = RemoteUsb(Path(address))
-    if options:
-        return guardian.main(sys.stdin.fileno(), options[0], backend)
-    guard.COMMAND = (sys.executable, "-m", "tests.guarded_shutter", address)
+    if guarding:
+        return guardian.main(int(guarding[0]), guarding[1], backend)
+    shutter_module.GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", address)
     config = Config(trigger=TriggerConfig(driver="ptp"))
     shutter = PtpShutter.create(DriverContext(config, RealClock(), {BACKEND_KEY: backend}))
     shutter.connect()

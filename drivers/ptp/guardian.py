@@ -1,16 +1,16 @@
 """The process that closes the camera's shutter when the one that opened it is gone.
 
 A bulb exposure over USB goes on until somebody ends it, and a process that is killed ends nothing.
-This one is started by `drivers.ptp.guard` and does not touch the camera, which is its parent's
-alone, as long as its input lasts. A byte there says whether the shutter is or may be open:
+This one is started by `drivers.ptp.shutter` with one end of a socket pair (`drivers.guard`), and
+does not touch the camera, which is its parent's alone, as long as the other end is there:
 
-======== =====================================================
-``o``    it may be open
-``c``    it is surely closed
-(end)    the parent is gone or done: close it if it may be open, then end
-======== =====================================================
-
-It says ``r`` on its output once it is ready, deaf to signals.
+======== ======= ======================================================
+in       out     meaning
+======== ======= ======================================================
+arm      ok      the shutter may be open from now on
+disarm   ok      it is surely closed
+(end)            the parent is gone or done: close it if armed, then end
+======== ======= ======================================================
 
 The kernel closes the parent's end however that ends, and frees the camera, on which a new session
 begins with a closed shutter (`drivers.ptp.bulb`).
@@ -19,10 +19,11 @@ begins with a closed shutter (`drivers.ptp.bulb`).
 from __future__ import annotations
 
 import logging
-import os
 import signal
+import socket
 import sys
 import time
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -34,23 +35,28 @@ from pdcd.errors import PdcdError
 
 logger = logging.getLogger(__name__)
 
-OPEN, CLOSED = b"o", b"c"
-READY = b"r"
 TRY_S = 60.0
 """How long the camera is tried: another program may be quicker to take hold of it."""
 _AGAIN_S = 0.2
 _USER = "guardian"
 
 
-def serve(words: int, options: PtpOptions, backend: Any = None) -> bool:
-    """Read from that file descriptor to its end; returns whether the shutter is closed then.
+def serve(talk: socket.socket, options: PtpOptions, backend: Any = None) -> bool:
+    """Answer until the other end is gone; returns whether the shutter is closed then.
 
     `backend` is a pyusb backend; None takes the machine's libusb.
     """
-    may_be_open = False
-    while word := os.read(words, 1):
-        may_be_open = word == OPEN
-    return not may_be_open or close_shutter(options, backend)
+    armed = False
+    while True:
+        try:
+            word = talk.recv(64)
+        except OSError:  # the parent died with an answer unread
+            word = b""
+        if not word:
+            return not armed or close_shutter(options, backend)
+        armed = word == b"arm"
+        with suppress(OSError):
+            talk.send(b"ok")
 
 
 def close_shutter(options: PtpOptions, backend: Any) -> bool:
@@ -71,14 +77,14 @@ def close_shutter(options: PtpOptions, backend: Any) -> bool:
         return True
 
 
-def main(words: int, options: str, backend: Any = None) -> int:
+def main(talk_fd: int, options: str, backend: Any = None) -> int:
     """`serve` with options as JSON, deaf to signals; returns an exit status."""
     # A Ctrl-C in the terminal, or a stop of the service, is the parent's to answer.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    os.write(sys.stdout.fileno(), READY)
-    return 0 if serve(words, msgspec.json.decode(options, type=PtpOptions), backend) else 1
+    talk = socket.socket(fileno=talk_fd)
+    return 0 if serve(talk, msgspec.json.decode(options, type=PtpOptions), backend) else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.stdin.fileno(), sys.argv[1]))
+    sys.exit(main(int(sys.argv[1]), sys.argv[2]))

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 import weakref
 
+import msgspec
+
+from drivers.guard import Guard
 from drivers.ptp.eos import SHUTTER, EosCamera
-from drivers.ptp.guard import Guard
 from pdcd.config import TriggerConfig
 from pdcd.errors import ConfigError
 from pdcd.interfaces import Clock, DriverContext
+
+GUARDIAN: tuple[str, ...] = (sys.executable, "-m", "drivers.ptp.guardian")
+"""Closes the shutter should this process be killed; its socket and the camera's options follow."""
+_ANSWER_S = 20.0
+"""Bound of the guardian's answers; its start takes half a second."""
 
 
 class PtpShutter:
@@ -19,7 +27,7 @@ class PtpShutter:
     `trigger.jitter_s`, which are to be measured on the bench; over USB they are not published.
 
     The shutter is closed when the driver is disconnected, forgotten, or the interpreter ends; when
-    the process is killed, another one does it (`drivers.ptp.guard`). Never run on a real body so
+    the process is killed, another one does it (`drivers.ptp.guardian`). Never run on a real body so
     far.
     """
 
@@ -29,8 +37,7 @@ class PtpShutter:
         self._camera = camera
         self._clock = clock
         self._sure_ns = round((config.lag_s + 4.0 * config.jitter_s) * 1e9)
-        # The virtual camera is in this process, and would go with it.
-        self._guard = None if camera.options.usb == "virtual" else Guard(camera.options)
+        self._guard: Guard | None = None
         weakref.finalize(self, camera.let_go, SHUTTER)
 
     @classmethod
@@ -51,14 +58,15 @@ class PtpShutter:
         Raises DeviceLost, and ConfigError when this body cannot hold its shutter open over USB.
         """
         found = self._camera.open(SHUTTER)
-        if self._guard is not None:
-            self._guard.watch(found["serial"])
+        # The virtual camera is in this process, and would go with it.
+        if self._camera.options.usb != "virtual":
+            self._be_guarded(found["serial"])
         return found
 
     def open(self) -> int:
         """Start the exposure; returns the time by which the shutter is surely open."""
         if self._guard is not None:
-            self._guard.tell(may_be_open=True)  # before it is: a kill may come at any time
+            self._guard.insist("arm")  # before it is open: a kill may come at any time
         try:
             self._camera.begin_exposure()
         finally:
@@ -80,11 +88,26 @@ class PtpShutter:
         finally:
             self._tell()
             if self._guard is not None:
-                self._guard.stop()
+                # One that has a shutter to close may take long.
+                self._guard.stop(wait=not self._may_be_open)
+
+    @property
+    def _may_be_open(self) -> bool:
+        return self._camera.bulb.since_ns is not None
+
+    def _be_guarded(self, serial: str) -> None:
+        """Have a guardian that hears, for the camera of that serial number."""
+        if self._guard is not None:
+            self._guard.stop()
+        options = msgspec.structs.replace(self._camera.options, serial=serial)
+        text = msgspec.json.encode(options).decode()
+        self._guard = Guard(lambda fd: [*GUARDIAN, str(fd), text], answer_s=_ANSWER_S)
+        self._guard.insist("disarm")
 
     def _tell(self) -> None:
-        if self._guard is not None:
-            self._guard.tell(may_be_open=self._camera.bulb.since_ns is not None)
+        """Let the guardian know when the shutter is surely closed."""
+        if self._guard is not None and not self._may_be_open:
+            self._guard.ask("disarm")
 
     def _surely(self) -> int:
         sure_ns = self._clock.now_ns() + self._sure_ns

@@ -8,16 +8,14 @@ gets an `Alarm`: a thread, which helps against a daemon that is stuck, not again
 from __future__ import annotations
 
 import logging
-import socket
-import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from pdcd.errors import DeviceLost, PdcdError
+from drivers.guard import Guard
+from pdcd.errors import PdcdError
 
 logger = logging.getLogger(__name__)
 
@@ -43,80 +41,23 @@ class Watchdog(Protocol):
         ...
 
 
-class Guardian:
+class Guardian(Guard):
     """A process with the port's file descriptor; see `drivers.serial_shutter.guardian`."""
 
     def __init__(self, port_fd: int, how: str, value: str) -> None:
-        self._task = (port_fd, how, value)
-        self._talk: socket.socket | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self._start()
+        def command(talk_fd: int) -> list[str]:
+            return [*GUARDIAN, str(port_fd), str(talk_fd), how, value]
 
-    @property
-    def pid(self) -> int | None:
-        """Process id while it runs."""
-        return None if self._process is None else self._process.pid
+        super().__init__(command, port_fd, answer_s=_ANSWER_S)
+        self.start()
 
     def arm(self, limit_s: float) -> None:
         """As the Protocol says; a guardian that died is replaced."""
-        if not self._ask(f"arm {limit_s}"):
-            logger.warning("guardian replaced device=shutter")
-            self.stop()
-            self._start()
-            if not self._ask(f"arm {limit_s}"):
-                raise DeviceLost(
-                    "the process that guards the shutter does not start",
-                    device="shutter",
-                    hint="see the log; too many processes?",
-                )
+        self.insist(f"arm {limit_s}")
 
     def disarm(self) -> bool:
         """As the Protocol says; a guardian that died has done nothing."""
-        return self._ask("disarm") in (b"fired", b"lost")
-
-    def stop(self) -> None:
-        """End the process; it releases the shutter first if it is armed."""
-        if self._talk is not None:
-            self._talk.close()
-            self._talk = None
-        if self._process is not None:
-            try:
-                self._process.wait(_ANSWER_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-            self._process = None
-
-    def _start(self) -> None:
-        port_fd, how, value = self._task
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        command = [*GUARDIAN, str(port_fd), str(theirs.fileno()), how, value]
-        with theirs:
-            try:
-                self._process = subprocess.Popen(
-                    command,
-                    pass_fds=(port_fd, theirs.fileno()),
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    start_new_session=True,
-                )
-            except OSError as err:
-                ours.close()
-                raise DeviceLost(
-                    f"cannot start the process that guards the shutter: {err.strerror}",
-                    device="shutter",
-                    hint="see the log; too many processes?",
-                ) from err
-        ours.settimeout(_ANSWER_S)
-        self._talk = ours
-
-    def _ask(self, word: str) -> bytes:
-        """The answer; b"" when there is none."""
-        if self._talk is not None:
-            with suppress(OSError):  # it died, or does not answer in time
-                self._talk.send(word.encode("ascii"))
-                return self._talk.recv(64)
-        return b""
+        return self.ask("disarm") in (b"fired", b"lost")
 
 
 class Alarm:

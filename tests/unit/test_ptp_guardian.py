@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ptp import guard
+from drivers.ptp import shutter as shutter_module
 from drivers.ptp.eos import BACKEND_KEY
 from drivers.ptp.shutter import PtpShutter
 from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, VirtualUsb
@@ -21,10 +21,10 @@ from pdcd.config import Config, TriggerConfig
 from pdcd.errors import DeviceLost
 from pdcd.interfaces import DriverContext
 from tests import remote_usb
+from tests.processes import LONG_S, ended
 from tests.virtual_eos import raw_of
 
 ROOT = Path(__file__).parents[2]
-PATIENCE_S = 20.0
 
 
 class Bench:
@@ -70,18 +70,10 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 def soon(true: Callable[[], bool]) -> bool:
-    until_s = time.monotonic() + PATIENCE_S
+    until_s = time.monotonic() + LONG_S
     while not true() and time.monotonic() < until_s:
         time.sleep(0.01)
     return true()
-
-
-def ended(pid: int) -> bool:
-    """Whether there is no such process, or only what is left of one."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except OSError:
-        return True
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV])
@@ -91,7 +83,7 @@ def test_a_killed_process_leaves_a_closed_shutter(bench: Bench, number: int) -> 
     guardian = int(bench.tell("pid"))
     bench.process.send_signal(number)
     assert soon(lambda: not bench.body.shutter.is_open)
-    assert soon(lambda: ended(guardian))
+    assert ended(guardian)
     assert bench.body.shutter.opened == 1 and not bench.body.session_open
 
 
@@ -108,7 +100,7 @@ def test_a_guardian_that_died_is_replaced(bench: Bench) -> None:
     bench.tell("close")
     first = int(bench.tell("pid"))
     os.kill(first, signal.SIGKILL)
-    assert soon(lambda: ended(first))
+    assert ended(first)
     bench.tell("open")
     assert int(bench.tell("pid")) != first
     bench.kill()
@@ -132,22 +124,28 @@ def test_a_closed_shutter_is_left_alone(bench: Bench, last: str) -> None:
     bench.tell(last)
     read = bench.usb.bytes_read
     bench.kill()
-    assert soon(lambda: ended(guardian))
+    assert ended(guardian)
     assert bench.usb.bytes_read == read and len(bench.body.shutter.exposures) == 1
 
 
-@pytest.mark.parametrize("command", [("/nonexistent",), (sys.executable, "-c", "pass")])
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (("/nonexistent",), "cannot start the process that guards the shutter"),
+        ((sys.executable, "-c", "pass"), "guards the shutter does not start"),
+    ],
+)
 def test_no_exposure_without_a_guardian(
-    command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+    command: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     body = Body(VirtualClock(), PlainFilm(raw_of), BULB_BODY, Script())
     config = Config(trigger=TriggerConfig(driver="ptp"))
     shared = {BACKEND_KEY: VirtualUsb(body)}
     shutter = PtpShutter.create(DriverContext(config, VirtualClock(), shared))
-    monkeypatch.setattr(guard, "COMMAND", command)
-    with pytest.raises(DeviceLost, match="guards the shutter does not start"):
+    monkeypatch.setattr(shutter_module, "GUARDIAN", command)
+    with pytest.raises(DeviceLost, match=words):
         shutter.connect()
-    with pytest.raises(DeviceLost, match="guards the shutter does not start"):
+    with pytest.raises(DeviceLost, match=words):
         shutter.open()
     shutter.disconnect()
     assert body.shutter.opened == 0

@@ -27,9 +27,8 @@ from pdcd.config import Config, RigConfig, TriggerConfig
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 from pdcd.interfaces import DriverContext
 from tests.fake_serial import modem_lines
+from tests.processes import LONG_S, ended
 
-LONG_S = 30.0
-"""Bound of a wait for another process; it takes milliseconds when the machine is free."""
 BOX = {"release": "command", "open_hex": "31", "close_hex": "30"}
 
 
@@ -163,18 +162,6 @@ def daemon(port: str, limit_s: float, state: str) -> tuple[subprocess.Popen[str]
     )
     assert process.stdout is not None
     return process, int(process.stdout.readline())
-
-
-def ended(pid: int) -> bool:
-    """Whether a process that is no child of ours ends within the bound."""
-    try:
-        watched = os.pidfd_open(pid)
-    except ProcessLookupError:
-        return True
-    try:
-        return bool(select.select([watched], [], [], LONG_S)[0])
-    finally:
-        os.close(watched)
 
 
 def finish(process: subprocess.Popen[str]) -> None:

@@ -1,0 +1,21 @@
+"""Waits for processes that are no children of the tests."""
+
+from __future__ import annotations
+
+import os
+import select
+
+LONG_S = 30.0
+"""Bound of a wait for another process; it takes milliseconds when the machine is free."""
+
+
+def ended(pid: int) -> bool:
+    """Whether a process that is no child of ours ends within the bound."""
+    try:
+        watched = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return True
+    try:
+        return bool(select.select([watched], [], [], LONG_S)[0])
+    finally:
+        os.close(watched)
