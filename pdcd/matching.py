@@ -8,7 +8,7 @@ neighbours see cells that are neighbours. A cell's photos are fitted as
     y_k = b / 2 + d c_kn + s q_km,
 
 smooth light b, direct light d, and light s of a partner at m, whose code q is that of one cell, of
-a point between cells or of a small patch (`SHAPES`). How well each partner explains the photos is
+a point between cells or of a small patch (`_shapes`). How well each partner explains the photos is
 a log likelihood for every pair (n, m); sum-of-evidence messages between neighbours (max-product
 belief propagation on the grid, Pearl 1988) then let a whole region agree on one smooth map.
 
