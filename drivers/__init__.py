@@ -1,1 +1,1 @@
-"""Device drivers, one file or folder each; `pdcd.registry` is the table that names them."""
+"""Device drivers, one file or folder each; `pdcd.bench.registry` is the table that names them."""

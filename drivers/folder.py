@@ -24,12 +24,12 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from pdcd.config import CameraConfig
+from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
-from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.raw import RAW_SUFFIXES, read_raw
-from pdcd.sensor import load_profile, responsivity_e
-from pdcd.tiff import read_tags
+from pdcd.sensor.profile import load_profile, responsivity_e
+from pdcd.sensor.raw import RAW_SUFFIXES, read_raw
+from pdcd.sensor.tiff import read_tags
 
 _DATE_SLACK_S = 2.0
 """FAT stores dates to two seconds."""

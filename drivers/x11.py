@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.balance import play_all, streams
-from pdcd.bitplanes import check_binary
-from pdcd.config import Config
+from pdcd.bench.devices import Display, DisplayInfo, DriverContext
+from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.interfaces import BLACK, Display, DisplayInfo, DriverContext, FrameLog, Frames
-from pdcd.pixels import PIXELS, Recorder
+from pdcd.frames.balance import play_all, streams
+from pdcd.frames.bitplanes import check_binary
+from pdcd.frames.frames import BLACK, FrameLog, Frames
+from pdcd.frames.pixels import PIXELS, Recorder
 from pdcd.presenter.client import Log, Presenter, Rows
 from pdcd.presenter.messages import Log as Column
 from pdcd.presenter.messages import Open, Ready

@@ -2,6 +2,6 @@
 
 import sys
 
-from pdcd.cli import main
+from pdcd.cli.main import main
 
 sys.exit(main())

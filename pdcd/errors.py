@@ -20,6 +20,9 @@ device, and `hint` what to do.
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -102,3 +105,18 @@ class Cancelled(PdcdError):  # noqa: N818
 
 KINDS = tuple(sorted({c.kind for c in PdcdError.__subclasses__()} | {PdcdError.kind}))
 """Every `kind` a client may meet."""
+
+
+@contextmanager
+def disk_errors(device: str) -> Iterator[None]:
+    """Turn a full disk into NoSpaceError and any other refusal of the disk into PdcdError."""
+    try:
+        yield
+    except OSError as err:
+        if err.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise NoSpaceError(
+                "the disk is full", device=device, hint="free some space and run again"
+            ) from err
+        raise PdcdError(
+            f"cannot write: {err.strerror or err}", device=device, hint="check folder and rights"
+        ) from err

@@ -8,50 +8,33 @@ from __future__ import annotations
 
 import secrets
 from datetime import UTC, datetime
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
-GoalName = Literal[
-    "white",
-    "indirect",
-    "direct",
-    "fraction",
-    "illuminated",
-    "diagonal",
-    "off-diagonal",
-    "warped",
-    "two-samples",
-    "relit",
-    "long-range",
-    "short-range",
-    "blocked",
-    "descattered",
-    "filtered",
-    "split",
-]
+from pdcd.words import (
+    BlackLevel,
+    FamilyName,
+    GoalName,
+    GuardsName,
+    JobState,
+    MethodName,
+    NormaliseName,
+    WindowName,
+)
+
 Table = str | tuple[tuple[float, ...], ...]
 """Path of an image or `.npy` file that the daemon can read, or rows of numbers."""
-FamilyName = Literal[
-    "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"
-]
-MethodName = Literal["coded", "multi-image", "nayar"]
-GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
-"""Black refreshes of a code (`pdcd.schedule`); True stands for "full", False for "none"."""
-WindowName = Literal["auto", "whole", "quarter"]
-BlackLevel = Literal["none", "mask", "ambient", "both"]
-NormaliseName = Literal["auto", "scalar", "row"]
-JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
 class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One wanted photo, as `capture.start` and `pdcd capture` take it.
 
     `goal` names what to keep of the light transport; the fields from `p` to `matrix` are the
-    parameters of goals, each of which takes its own (see `pdcd.goals`). `codes` is the number of
-    independent primal/dual pairs. `exposure_s` asks for a total coded time; the codes are then
-    shown in as many whole passes as fit. Fields left out (None) take the value of the rig's
+    parameters of goals, each of which takes its own (see `pdcd.recipes.goals`). `codes` is the
+    number of independent primal/dual pairs. `exposure_s` asks for a total coded time; the codes are
+    then shown in as many whole passes as fit. Fields left out (None) take the value of the rig's
     configuration.
     """
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock import Bench
-from pdcd.codes import Codes
-from pdcd.config import (
+from pdcd.bench.tables import (
     CameraConfig,
     Config,
     DisplayConfig,
@@ -22,15 +21,15 @@ from pdcd.config import (
     ScheduleConfig,
     ServerConfig,
 )
-from pdcd.engine import Engine
-from pdcd.patterns import Patterns
+from pdcd.capture.engine import Engine
+from pdcd.capture.rig import Rig
+from pdcd.codes.make import Codes
+from pdcd.frames.patterns import Patterns
+from pdcd.probing.wanted import Match, Uniform, Wanted
 from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.rig import Rig
-from pdcd.wanted import Match, Uniform, Wanted
 
 Floats = NDArray[np.float64]
 
-DATA = Path(__file__).parent / "data"
 GRID = (3, 4)
 
 

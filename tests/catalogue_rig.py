@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.interfaces import FrameLog
-from pdcd.panel import Panel
-from pdcd.patterns import compact
-from pdcd.realised import Factors, collect, factors
+from pdcd.frames.frames import FrameLog
+from pdcd.frames.patterns import compact
+from pdcd.frames.schedule import build_frames
+from pdcd.probing.panel import Panel
+from pdcd.probing.realised import Factors, collect, factors
 from pdcd.scene.effects import Dense, Direct
 from pdcd.scene.scene import Scene
-from pdcd.schedule import build_frames
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]
@@ -43,7 +43,7 @@ def show(
         (compact(np.asarray(lights, dtype=float)), compact(np.asarray(masks, dtype=float))),
         grid,
         window=window,
-        guards=guards,
+        schedule="full" if guards else "none",
         passes=1,
         primal_black=primal_black,
         dual_black=dual_black,

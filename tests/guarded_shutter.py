@@ -14,9 +14,9 @@ from drivers.ptp import guardian
 from drivers.ptp import shutter as shutter_module
 from drivers.ptp.eos import BACKEND_KEY
 from drivers.ptp.shutter import PtpShutter
-from pdcd.clock import RealClock
-from pdcd.config import Config, TriggerConfig
-from pdcd.interfaces import DriverContext
+from pdcd.bench.clock import RealClock
+from pdcd.bench.devices import DriverContext
+from pdcd.bench.tables import Config, TriggerConfig
 from tests.remote_usb import RemoteUsb
 
 

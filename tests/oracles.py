@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from pdcd.interfaces import BLACK, WHITE, FrameLog, Frames
-from pdcd.panel import Panel
+from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
+from pdcd.probing.panel import Panel
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -20,10 +20,10 @@ from drivers.virtual_camera import (
     Script,
     VirtualUsb,
 )
-from pdcd.clock import VirtualClock
-from pdcd.config import CameraConfig, Config, TriggerConfig
+from pdcd.bench.clock import VirtualClock
+from pdcd.bench.devices import CameraSettings, DriverContext, RawFile
+from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.errors import PdcdError
-from pdcd.interfaces import CameraSettings, DriverContext, RawFile
 
 SETTINGS = CameraSettings(iso=100, f_number=8.0)
 PHOTO_B = (1 << 20) + 1234

@@ -23,7 +23,7 @@ from drivers.virtual_camera import (
     Script,
     VirtualUsb,
 )
-from pdcd.clock import VirtualClock
+from pdcd.bench.clock import VirtualClock
 
 BULB = (0xD102, 0x0C)
 RAM = (0xD11C, 4)

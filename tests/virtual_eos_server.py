@@ -11,7 +11,7 @@ import sys
 
 from drivers.virtual_camera import Body, Exposure, PlainFilm, chart_film
 from drivers.virtual_camera.ptpip import PtpIpServer
-from pdcd.clock import RealClock
+from pdcd.bench.clock import RealClock
 
 
 def main() -> None:

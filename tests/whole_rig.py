@@ -19,10 +19,10 @@ import pytest
 
 from drivers.ptp.eos import BACKEND_KEY
 from drivers.virtual_camera import Body, VirtualUsb
+from pdcd.bench.clock import RealClock
+from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
+from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
-from pdcd.clock import RealClock
-from pdcd.config import CameraConfig, Config, TriggerConfig
-from pdcd.engine import Engine
 from pdcd.errors import PdcdError
 from pdcd.server.daemon import serve
 from tests.fake_serial import Edge, FakeLine, fake_line

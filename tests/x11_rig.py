@@ -15,10 +15,10 @@ from Xlib import X
 from Xlib.display import Display
 
 from drivers.x11 import X11Display
-from pdcd.config import Config, DisplayConfig, PanelConfig, RigConfig
-from pdcd.interfaces import BLACK, WHITE, Frames
-from pdcd.patterns import levels_of
-from pdcd.rig import Rig
+from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
+from pdcd.capture.rig import Rig
+from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.frames.patterns import levels_of
 from tests import bench_rig
 from tests.xserver import XServer
 

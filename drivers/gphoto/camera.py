@@ -15,12 +15,12 @@ from contextlib import suppress
 from pathlib import Path, PurePath
 
 from drivers.gphoto.session import CameraFile, Session
-from pdcd.config import CameraConfig, TriggerConfig
+from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+from pdcd.bench.tables import CameraConfig, TriggerConfig
 from pdcd.errors import ConfigError, DecodeError, ExposureError, NoSpaceError, PdcdError
-from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.raw import RAW_SUFFIXES
-from pdcd.sensor import responsivity_e
-from pdcd.tiff import read_tags
+from pdcd.sensor.profile import responsivity_e
+from pdcd.sensor.raw import RAW_SUFFIXES
+from pdcd.sensor.tiff import read_tags
 
 logger = logging.getLogger(__name__)
 

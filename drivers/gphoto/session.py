@@ -18,9 +18,9 @@ from typing import Any, Literal, NamedTuple
 import gphoto2 as gp
 import msgspec
 
-from pdcd.config import Config
+from pdcd.bench.devices import Clock, DriverContext
+from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.interfaces import Clock, DriverContext
 
 logger = logging.getLogger(__name__)
 

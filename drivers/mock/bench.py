@@ -15,13 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.config import Config
+from pdcd.bench.devices import PLAYED, DriverContext
+from pdcd.bench.tables import Config
 from pdcd.errors import ExposureError
-from pdcd.interfaces import PLAYED, DriverContext, FrameLog, Frames
-from pdcd.pixel_matrix import pixel_factors
-from pdcd.pixels import PIXELS
-from pdcd.realised import bench_factors
-from pdcd.scene import Scene, build_scene
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.frames.pixels import PIXELS
+from pdcd.probing.pixel_matrix import pixel_factors
+from pdcd.probing.realised import bench_factors
+from pdcd.scene.build import build_scene
+from pdcd.scene.scene import Scene
 
 KEY = "mock.bench"
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
 from drivers.mock.dng import dng_bytes
-from pdcd.config import CameraConfig
+from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, ExposureError
-from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.sensor import expose, load_profile, responsivity_e
+from pdcd.sensor.profile import expose, load_profile, responsivity_e
 
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 """f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""
@@ -27,7 +27,7 @@ class BenchSensor:
     """The sensor on the bench: one Bayer quad, or a block of them, per scene cell.
 
     Each quad sees the mean over its cell; light finer than a cell is not resolved. Models the
-    noise of `pdcd.sensor`; not models optical black borders, hot pixels or lens shading.
+    noise of `pdcd.sensor.profile`; not models optical black borders, hot pixels or lens shading.
     """
 
     def __init__(self, bench: Bench, config: CameraConfig) -> None:

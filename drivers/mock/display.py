@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
-from pdcd.balance import play_all, streams
-from pdcd.bitplanes import check_binary
-from pdcd.config import Config, FaultsConfig, PanelConfig
+from pdcd.bench.devices import Clock, DisplayInfo, DriverContext
+from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
-from pdcd.interfaces import BLACK, Clock, DisplayInfo, DriverContext, FrameLog, Frames
-from pdcd.panel import apart_s
+from pdcd.frames.balance import play_all, streams
+from pdcd.frames.bitplanes import check_binary
+from pdcd.frames.frames import BLACK, FrameLog, Frames
+from pdcd.probing.panel import apart_s
 
 REPORT_S = 0.1
 """Time between progress reports and looks at `cancelled`."""

@@ -7,7 +7,7 @@ maker data.
 
 LibRaw 0.22 and dcraw 9.28 refuse images below 22 samples a side, ActiveArea included, so a smaller
 mosaic is laid into the corner of a frame of black-level samples and described by DefaultCropSize,
-which `pdcd.raw` follows.
+which `pdcd.sensor.raw` follows.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from drivers.mock.bench import Bench
-from pdcd.config import TriggerConfig
-from pdcd.interfaces import Clock, DriverContext
+from pdcd.bench.devices import Clock, DriverContext
+from pdcd.bench.tables import TriggerConfig
 
 
 class Lag:

@@ -20,8 +20,8 @@ from drivers.ptp.datasets import DeviceInfo
 from drivers.ptp.faults import DEVICE, Unanswered
 from drivers.ptp.options import ReleaseName
 from drivers.ptp.transport import Reply
+from pdcd.bench.devices import Clock
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
-from pdcd.interfaces import Clock
 
 logger = logging.getLogger(__name__)
 

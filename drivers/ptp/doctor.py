@@ -16,9 +16,9 @@ from drivers.ptp.holders import HINT, holders, in_words, node_of
 from drivers.ptp.options import PtpOptions, options_of
 from drivers.ptp.usb_port import PERMISSION_HINT, find, in_short, still_images
 from drivers.ptp.values import f_numbers, isos
+from pdcd.bench.devices import DriverContext
+from pdcd.bench.findings import Finding, State, fault
 from pdcd.errors import PdcdError
-from pdcd.findings import Finding, State, fault
-from pdcd.interfaces import DriverContext
 
 _ASKED_S = 60.0
 _DIAL_HINT = "turn the mode dial to M"

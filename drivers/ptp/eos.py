@@ -47,8 +47,8 @@ from drivers.ptp.options import PtpOptions, options_of
 from drivers.ptp.session import Session
 from drivers.ptp.transport import Reply
 from drivers.ptp.values import not_ready
+from pdcd.bench.devices import Clock, DriverContext
 from pdcd.errors import ExposureError, PdcdError
-from pdcd.interfaces import Clock, DriverContext
 
 logger = logging.getLogger(__name__)
 

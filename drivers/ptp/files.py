@@ -17,8 +17,8 @@ from drivers.ptp.eos import EosCamera
 from drivers.ptp.events import ObjectAdded
 from drivers.ptp.faults import DEVICE
 from drivers.ptp.transport import BLOCK_B
+from pdcd.bench.devices import RawFile
 from pdcd.errors import ExposureError
-from pdcd.interfaces import RawFile
 
 logger = logging.getLogger(__name__)
 

@@ -30,7 +30,7 @@ import msgspec
 
 from drivers.ptp.eos import EosCamera
 from drivers.ptp.options import PtpOptions
-from pdcd.clock import RealClock
+from pdcd.bench.clock import RealClock
 from pdcd.errors import PdcdError
 
 logger = logging.getLogger(__name__)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from pdcd.config import Config
+from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 
 ReleaseName = Literal["auto", "remote", "bulb", "external"]

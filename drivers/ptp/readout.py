@@ -13,10 +13,10 @@ from drivers.ptp.eos import EosCamera
 from drivers.ptp.faults import DEVICE
 from drivers.ptp.files import download, suffix_of, wait_for_photo
 from drivers.ptp.values import f_numbers, isos
-from pdcd.config import CameraConfig
+from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, ExposureError, PdcdError
-from pdcd.interfaces import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.sensor import responsivity_e
+from pdcd.sensor.profile import responsivity_e
 
 logger = logging.getLogger(__name__)
 

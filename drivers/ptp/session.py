@@ -39,8 +39,8 @@ from drivers.ptp.faults import (
 )
 from drivers.ptp.transport import Reply, Transport
 from drivers.ptp.usb_port import UsbPort, find, in_short
+from pdcd.bench.devices import Clock
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
-from pdcd.interfaces import Clock
 
 logger = logging.getLogger(__name__)
 

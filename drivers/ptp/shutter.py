@@ -9,9 +9,9 @@ import msgspec
 
 from drivers.guard import Guard
 from drivers.ptp.eos import SHUTTER, EosCamera
-from pdcd.config import TriggerConfig
+from pdcd.bench.devices import Clock, DriverContext
+from pdcd.bench.tables import TriggerConfig
 from pdcd.errors import ConfigError
-from pdcd.interfaces import Clock, DriverContext
 
 GUARDIAN: tuple[str, ...] = (sys.executable, "-m", "drivers.ptp.guardian")
 """Closes the shutter should this process be killed; its socket and the camera's options follow."""

@@ -24,7 +24,7 @@ from drivers.ptp.containers import (
 )
 from drivers.ptp.faults import OutOfStep, TimedOut
 from drivers.ptp.usb_port import UsbPort
-from pdcd.interfaces import Clock
+from pdcd.bench.devices import Clock
 
 TRANSACTION_S = 8.0
 """Longest wait for each transfer of a transaction."""

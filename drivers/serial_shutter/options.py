@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from pdcd.config import TriggerConfig
+from pdcd.bench.tables import TriggerConfig
 from pdcd.errors import ConfigError
 
 _Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]

@@ -13,9 +13,9 @@ from contextlib import suppress
 from drivers.serial_shutter.options import Options, read_options
 from drivers.serial_shutter.port import Port
 from drivers.serial_shutter.watchdog import Alarm, Guardian, Watchdog
-from pdcd.config import Config
+from pdcd.bench.devices import Clock, DriverContext
+from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost, ExposureError, PdcdError
-from pdcd.interfaces import Clock, DriverContext
 
 _POLL_NS = 1_000_000
 _LONGEST_NS = 2_000_000_000

@@ -21,7 +21,7 @@ from drivers.virtual_camera.model import (
 )
 from drivers.virtual_camera.shutter import Exposure, Film
 from drivers.virtual_camera.usb_backend import VirtualUsb
-from pdcd.interfaces import DriverContext
+from pdcd.bench.devices import DriverContext
 
 __all__ = [
     "BULB_BODY",

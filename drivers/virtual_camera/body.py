@@ -34,7 +34,7 @@ from drivers.virtual_camera.objects import reading
 from drivers.virtual_camera.properties import Properties
 from drivers.virtual_camera.reply import OK, Reply, failed
 from drivers.virtual_camera.shutter import Film, Shutter, Store
-from pdcd.interfaces import Clock
+from pdcd.bench.devices import Clock
 
 DATA_OUT = frozenset(
     {Operation.EOS_SET_DEVICE_PROP_VALUE_EX, Operation.SET_DEVICE_PROP_VALUE, 0x100C, 0x100D}

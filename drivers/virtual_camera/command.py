@@ -7,7 +7,7 @@ from collections.abc import Callable
 from drivers.virtual_camera.body import Body
 from drivers.virtual_camera.films import SENSOR_450D, chart_film, scene_film
 from drivers.virtual_camera.ptpip import PtpIpServer
-from pdcd.clock import RealClock
+from pdcd.bench.clock import RealClock
 
 
 def serve(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> None:

@@ -13,10 +13,10 @@ from drivers.mock.camera import BenchSensor
 from drivers.mock.dng import dng_bytes
 from drivers.mock.shutter import Lag
 from drivers.virtual_camera.shutter import Exposure
-from pdcd.config import SceneConfig
-from pdcd.interfaces import DriverContext
-from pdcd.scene import build_scene
-from pdcd.sensor import expose, load_profile
+from pdcd.bench.devices import DriverContext
+from pdcd.bench.tables import SceneConfig
+from pdcd.scene.build import build_scene
+from pdcd.sensor.profile import expose, load_profile
 
 _BRIGHTEST_E_PER_S = 20_000.0
 

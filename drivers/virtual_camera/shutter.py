@@ -12,7 +12,7 @@ from drivers.ptp.datasets import ObjectInfo
 from drivers.ptp.events import EosRecord, ObjectAdded, Plain
 from drivers.virtual_camera.faults import Script
 from drivers.virtual_camera.model import STORAGE
-from pdcd.interfaces import Clock
+from pdcd.bench.devices import Clock
 
 ROOT = 0
 DCIM = 0x41000000

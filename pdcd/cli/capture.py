@@ -15,10 +15,11 @@ from typing import Any
 
 import msgspec
 
+from pdcd.bench.config import load
+from pdcd.bench.folders import socket_path
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import OnEvent, percent, progress, say_json, say_result, say_table
 from pdcd.client import Client, Unreachable
-from pdcd.config import load, socket_path
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 
@@ -187,14 +188,14 @@ def _plan(args: argparse.Namespace, request: CaptureRequest) -> PlanSummary:
         except Unreachable:
             if args.socket is not None:
                 raise
-    from pdcd.engine import Engine
+    from pdcd.capture.engine import Engine
 
     return Engine.from_config(load(args.config)).plan(request)
 
 
 def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEvent) -> CaptureResult:
     """Run one capture with the rig in this process; panels black and shutter closed on return."""
-    from pdcd.engine import Engine
+    from pdcd.capture.engine import Engine
 
     job = new_job_id()
 

@@ -11,7 +11,8 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import say_json, say_result, say_table
 from pdcd.cli.parser import METHODS
 from pdcd.errors import ConfigError
-from pdcd.request import CaptureRequest, CaptureResult, MethodName
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.words import MethodName
 
 
 class Compared(msgspec.Struct, frozen=True, kw_only=True):

@@ -7,11 +7,11 @@ import importlib
 import signal
 from collections.abc import Iterable
 
+from pdcd.bench.config import load
+from pdcd.bench.findings import Finding
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table
-from pdcd.config import load
 from pdcd.errors import ConfigError
-from pdcd.findings import Finding
 
 
 def display(args: argparse.Namespace) -> int:
@@ -23,8 +23,8 @@ def display(args: argparse.Namespace) -> int:
 
 def camera(args: argparse.Namespace) -> int:
     """Look at the camera on the USB, without a photo; fails when anything must be mended."""
-    from pdcd.clock import RealClock
-    from pdcd.interfaces import DriverContext
+    from pdcd.bench.clock import RealClock
+    from pdcd.bench.devices import DriverContext
 
     # By name, as the registry loads drivers: pdcd imports none of them.
     doctor = importlib.import_module("drivers.ptp.doctor")
@@ -35,8 +35,8 @@ def camera(args: argparse.Namespace) -> int:
 
 def trigger(args: argparse.Namespace) -> int:
     """Click the shutter once, if that is asked for; fails when anything must be mended."""
+    from pdcd.bench.click import examine
     from pdcd.cli.capture import signals_to
-    from pdcd.click import examine
 
     config = load(args.config)
     longest_s = config.limits.max_exposure_s

@@ -7,9 +7,9 @@ import time
 
 import msgspec
 
+from pdcd.bench.config import load
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table, tell
-from pdcd.config import load
 
 LOOP_S = 60.0
 """Length of one pass of `pdcd show --loop`; a few black refreshes lie between two."""
@@ -17,10 +17,9 @@ LOOP_S = 60.0
 
 def show(args: argparse.Namespace) -> int:
     """Hold a pattern, or run all codes over and over, until Ctrl-C or for some time."""
-    from pdcd.engine import DEFAULT_GRID
+    from pdcd.capture.rig import Rig
+    from pdcd.capture.show import loop_frames, pattern_frames
     from pdcd.errors import Cancelled
-    from pdcd.rig import Rig
-    from pdcd.show import loop_frames, pattern_frames
 
     config = load(args.config)
     # A lost refresh is no reason to stop showing.
@@ -28,7 +27,7 @@ def show(args: argparse.Namespace) -> int:
         config, rig=msgspec.structs.replace(config.rig, on_miss="flag")
     )
     rig = Rig(config)
-    grid = rig.scene.grid if rig.scene is not None else config.scene.grid or DEFAULT_GRID
+    grid = rig.grid
     end_s = time.monotonic() + (args.seconds if args.seconds is not None else float("inf"))
     display = rig.display
     try:

@@ -202,7 +202,7 @@ def _client_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _goal_options(parser: argparse.ArgumentParser) -> None:
-    """Add the parameters of goals; which goal takes which is in `pdcd.goals`."""
+    """Add the parameters of goals; which goal takes which is in `pdcd.recipes.goals`."""
     goals = parser.add_argument_group(
         "parameters of goals", "arrays are .npy files or grey images with one pixel for each cell"
     )

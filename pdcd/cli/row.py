@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_table
-from pdcd.develop import write_png
-from pdcd.matrix_row import Floats, matrix_row
+from pdcd.pictures.develop import write_png
+from pdcd.pictures.row import Floats, matrix_row
 
 
 def row(args: argparse.Namespace) -> int:

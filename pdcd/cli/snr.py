@@ -8,17 +8,17 @@ from itertools import product
 
 import msgspec
 
-from pdcd import snr as model
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_table
-from pdcd.sensor import SensorProfile, load_profile
-from pdcd.snr_appendix import PrintedRow, appendix_rows
+from pdcd.sensor import snr as model
+from pdcd.sensor.appendix import PrintedRow, appendix_rows
+from pdcd.sensor.profile import SensorProfile, load_profile
 
 THERMAL_TERMS: dict[model.Thermal, str] = {
     "paper": "paper's thermal term",
     "shot": "dark shot noise",
 }
-"""How tables call the two conventions of `pdcd.snr`."""
+"""How tables call the two conventions of `pdcd.sensor.snr`."""
 
 
 class BreakEven(msgspec.Struct, frozen=True):

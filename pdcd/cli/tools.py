@@ -8,14 +8,14 @@ import json
 import msgspec
 
 from pdcd import __version__
+from pdcd.bench.config import find, load, schema, show
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table
-from pdcd.config import find, load, schema, show
 
 
 def serve(args: argparse.Namespace) -> int:
     """Run the daemon until SIGTERM or SIGINT."""
-    from pdcd.engine import Engine
+    from pdcd.capture.engine import Engine
     from pdcd.server.daemon import run
 
     settings = load(args.config)
@@ -27,7 +27,7 @@ def serve(args: argparse.Namespace) -> int:
 
 def drivers(args: argparse.Namespace) -> int:
     """Print every known driver, where it comes from and why it may be unavailable."""
-    from pdcd.registry import describe_drivers
+    from pdcd.bench.registry import describe_drivers
 
     found = describe_drivers()
     if args.json:
@@ -58,7 +58,7 @@ def config(args: argparse.Namespace) -> int:
 
 def decode(args: argparse.Namespace) -> int:
     """Decode a run again; fails when a picture differs from the one kept."""
-    from pdcd.decode import decode_folder
+    from pdcd.pictures.decode import decode_folder
 
     report = decode_folder(args.folder)
     if args.json:

@@ -1,11 +1,11 @@
 """Which panel pixels a code cell covers, in whole numbers.
 
-`pdcd.lattice` places cells on a continuous panel; a panel has pixels. Cell k of `cells` along an
-axis of `size_px` pixels owns the pixels x with ``floor(x * cells / size_px) == k``: the pixel goes
-to the cell that its near edge lies in, so every pixel has one cell and the edges of the continuous
-model are met to less than one pixel, exactly where the cells divide the panel. Quarter windows and
-half-cell shifts work on the four quarters of each cell, ``floor(4 * x * cells / size_px)``, by the
-same rule.
+`pdcd.frames.lattice` places cells on a continuous panel; a panel has pixels. Cell k of `cells`
+along an axis of `size_px` pixels owns the pixels x with ``floor(x * cells / size_px) == k``: the
+pixel goes to the cell that its near edge lies in, so every pixel has one cell and the edges of the
+continuous model are met to less than one pixel, exactly where the cells divide the panel. Quarter
+windows and half-cell shifts work on the four quarters of each cell, ``floor(4 * x * cells /
+size_px)``, by the same rule.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.interfaces import Frames
+from pdcd.frames.frames import Frames
 
 Edges = NDArray[np.int32]
 

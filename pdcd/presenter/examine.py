@@ -14,9 +14,9 @@ from typing import Any, Literal, get_args
 import msgspec
 from Xlib import X, error
 
-from pdcd.config import Config
+from pdcd.bench.findings import Finding, fault
+from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
-from pdcd.findings import Finding, fault
 from pdcd.presenter import desktop, drm
 from pdcd.presenter.client import Presenter
 from pdcd.presenter.messages import Open, Panel, Ready

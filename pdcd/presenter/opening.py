@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from pdcd.config import Config
+from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.presenter.messages import Open, Panel
 from pdcd.presenter.options import Options

@@ -14,7 +14,7 @@ from typing import Any
 
 from Xlib.ext import randr
 
-from pdcd.config import RATE_TOLERANCE
+from pdcd.bench.checks import RATE_TOLERANCE
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter.edid import Edid, parse_edid
 from pdcd.presenter.xconnection import answering

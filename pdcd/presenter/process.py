@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
-from pdcd.interfaces import BLACK, Frames
+from pdcd.frames.frames import BLACK, Frames
 from pdcd.presenter import desktop, drm, realtime
 from pdcd.presenter.clocks import (
     Completions,

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.config import Config
+from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
-from pdcd.interfaces import BLACK, Frames
-from pdcd.patterns import pack
+from pdcd.frames.frames import BLACK, Frames
+from pdcd.frames.patterns import pack
 from pdcd.presenter.client import Log, Presenter
 from pdcd.presenter.messages import Log as Column
 from pdcd.presenter.messages import Ready

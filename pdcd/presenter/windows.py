@@ -19,9 +19,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bitplanes import PLANES
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.interfaces import WHITE, Frames
+from pdcd.frames.bitplanes import PLANES
+from pdcd.frames.frames import WHITE, Frames
 from pdcd.presenter.cells import panel_edges
 from pdcd.presenter.messages import Rect
 

@@ -6,14 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pdcd.config import SceneConfig
+from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.scene.matrix import load_matrix, matrix_effects
 from pdcd.scene.presets import PRESETS
 from pdcd.scene.scene import Scene
-
-DEFAULT_GRID = (48, 64)
-"""Rows and columns of a preset when the configuration names none."""
 
 
 def build_scene(config: SceneConfig) -> Scene:

@@ -10,7 +10,7 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from pdcd.config import ServerConfig
+from pdcd.bench.tables import ServerConfig
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pdcd.config import Config, socket_path, state_dir
+from pdcd.bench.folders import socket_path, state_dir
+from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.server import log
 from pdcd.server.access import Access

@@ -19,8 +19,9 @@ from datetime import UTC, datetime
 from typing import Any, Protocol
 
 from pdcd.errors import BusyError, Cancelled, ConfigError, PdcdError
-from pdcd.request import CaptureRequest, CaptureResult, JobState, PlanSummary, new_job_id
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.server.messages import JobView, OwnerView, error_fields
+from pdcd.words import JobState
 
 ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
 """States that a job never leaves."""

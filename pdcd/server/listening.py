@@ -10,7 +10,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from pdcd.config import ServerConfig
+from pdcd.bench.tables import ServerConfig
 from pdcd.errors import ConfigError
 from pdcd.server.notify import FIRST_FD, listen_fds
 

@@ -18,7 +18,8 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.errors import KINDS, PdcdError
-from pdcd.request import CaptureRequest, CaptureResult, JobState, PlanSummary
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.words import JobState
 
 PROTOCOL = (1, 0)
 """Major and minor version: a major change breaks clients, a minor one only adds."""

@@ -11,7 +11,7 @@ from typing import Any, cast
 import msgspec
 
 from pdcd import __version__
-from pdcd.config import Config
+from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.server import messages

@@ -23,8 +23,8 @@ from tests.bench import (
 )
 from tests.bench import hard_cases as hard
 from tests.bench import whole_capture as capture
-from tests.bench.measure import ROOT
 from tests.bench.tables import Section
+from tests.places import ROOT
 
 SECTIONS: tuple[Callable[..., Section], ...] = (
     closed_form.run,

@@ -13,13 +13,15 @@ from pathlib import Path
 
 import msgspec
 
+from pdcd.bench.tables import Config, SceneConfig
+from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
-from pdcd.config import Config, SceneConfig
-from pdcd.engine import Engine
-from pdcd.request import CaptureRequest, CaptureResult, FamilyName
-from pdcd.scene import PRESETS
-from tests.bench.measure import REPEATS, ROOT, peak_mib, timed
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.scene.presets import PRESETS
+from pdcd.words import FamilyName
+from tests.bench.measure import REPEATS, peak_mib, timed
 from tests.bench.photo import SCENE
+from tests.places import ROOT
 
 PDCD = Path(sys.executable).with_name("pdcd")
 SOCKET, LOG = "pdcd.sock", "log"

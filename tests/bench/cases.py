@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdcd.codes import make_codes
-from pdcd.interfaces import FrameLog, Frames
-from pdcd.lattice import Lattice
-from pdcd.panel import Panel
-from pdcd.schedule import build_frames
+from pdcd.codes.make import make_codes
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.schedule import build_frames
+from pdcd.probing.panel import Panel
 
 REFRESH_NS = 16_666_667
 START_NS = 50_000_000
@@ -63,7 +63,7 @@ def make_case(grid: tuple[int, int], count: int, window: str, panels: str) -> Ca
     lattice = Lattice(grid, window)
     codes = make_codes("hadamard", lattice.shape, count, dual="complement", seed=SEED)
     frames = build_frames(
-        (codes.primal_bits, codes.dual_bits), grid, window=window, guards=True, passes=1
+        (codes.primal_bits, codes.dual_bits), grid, window=window, schedule="full", passes=1
     )
     bench = BENCHES[panels]
     log = _log(len(frames), bench)

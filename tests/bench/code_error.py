@@ -9,19 +9,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes import Codes, make_codes
-from pdcd.realised import Factors
-from pdcd.scene import PRESETS, Scene, load_matrix, matrix_effects
-from pdcd.smooth import colour_correction
+from pdcd.codes.make import Codes, make_codes
+from pdcd.pictures.smooth import colour_correction
+from pdcd.probing.realised import Factors
+from pdcd.scene.matrix import load_matrix, matrix_effects
+from pdcd.scene.presets import PRESETS
+from pdcd.scene.scene import Scene
 from tests.bench import plots
 from tests.bench.captures import noisy_error
-from tests.bench.measure import ROOT
 from tests.bench.tables import Aim, Section, Table, percent
+from tests.places import ROOT
 
 FIRST, BEST = "bernoulli", "hadamard"
 FAMILIES = (FIRST, "balanced", BEST)
 CORRECTED = "hadamard, corrected"
-"""The same codes with what their photo tells of smooth light (`pdcd.smooth`): the default."""
+"""The same codes with what their photo tells of smooth light (`pdcd.pictures.smooth`): the
+default."""
 COUNTS = (8, 32, 128, 512, 1024)
 SEEDS = 5
 GRID = (48, 64)

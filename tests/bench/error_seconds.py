@@ -12,9 +12,10 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from pdcd.engine import Engine
-from pdcd.request import CaptureRequest, FamilyName
-from pdcd.scene import PRESETS
+from pdcd.capture.engine import Engine
+from pdcd.request import CaptureRequest
+from pdcd.scene.presets import PRESETS
+from pdcd.words import FamilyName
 from tests.bench import plots
 from tests.bench.captures import capture_with, config_for, opened
 from tests.bench.code_error import FAMILIES, FIRST, MATRICES

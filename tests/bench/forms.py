@@ -12,9 +12,13 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from pdcd.codes import make_codes
-from pdcd.scene import PRESETS, Dense, Effect, Kernel, LowRank, Sparse, load_matrix
-from tests.bench.measure import ROOT, peak_mib, timed
+from pdcd.codes.make import make_codes
+from pdcd.scene.effects import Dense, Effect, LowRank, Sparse
+from pdcd.scene.kernel import Kernel
+from pdcd.scene.matrix import load_matrix
+from pdcd.scene.presets import PRESETS
+from tests.bench.measure import peak_mib, timed
+from tests.places import ROOT
 
 Floats = NDArray[np.float64]
 

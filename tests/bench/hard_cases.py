@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pdcd.codes import make_codes
+from pdcd.codes.make import make_codes
 from tests import hard_cases
 from tests.bench.measure import alone, peak_mib
 from tests.bench.tables import Aim, Section, Table, grid_name, seconds

@@ -16,7 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-ROOT = Path(__file__).parents[2]
+from tests.places import ROOT
+
 T = TypeVar("T")
 
 REPEATS = 3

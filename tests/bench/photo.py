@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.realised import Factors, collect, factors
-from pdcd.scene import PRESETS, Scene
+from pdcd.probing.realised import Factors, collect, factors
+from pdcd.scene.presets import PRESETS
+from pdcd.scene.scene import Scene
 from tests.bench.cases import Case, make_case
 from tests.bench.measure import peak_mib, timed
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from pdcd.pilot import MATCHED, pilot_share
+from pdcd.pilot.codes import MATCHED, pilot_share
 from pdcd.request import CaptureRequest
 from tests.bench import plots
 from tests.bench.captures import capture_with, config_for, opened
-from tests.bench.measure import ROOT
 from tests.bench.tables import Aim, Section, Table, percent
+from tests.places import ROOT
 
 GRID = (24, 32)
 MIRRORS, BALL = ("mirror_32x24", "mirror-and-vase"), "disco-ball"

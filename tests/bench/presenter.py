@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.config import Config
+from pdcd.bench.tables import Config
 from pdcd.presenter.client import Presenter
 from pdcd.presenter.opening import opening
 from pdcd.presenter.timing import Timing, measure, random_codes

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.realised import collect
+from pdcd.probing.realised import collect
 from tests import oracles
 from tests.bench.cases import Case, make_case
 from tests.bench.measure import peak_mib, timed

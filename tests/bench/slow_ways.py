@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panel import Panel, decay_integral
+from pdcd.probing.panel import Panel, decay_integral
 from tests.oracles import Timeline
 
 Bools = NDArray[np.bool_]

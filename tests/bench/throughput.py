@@ -11,9 +11,9 @@ import numpy as np
 import rawpy
 
 from drivers.mock.dng import write_dng
-from pdcd.codes import FAMILIES, make_codes
-from pdcd.lattice import Lattice
-from pdcd.raw import read_raw
+from pdcd.codes.make import FAMILIES, make_codes
+from pdcd.frames.lattice import Lattice
+from pdcd.sensor.raw import read_raw
 from tests.bench import plots
 from tests.bench.measure import REPEATS, timed
 from tests.bench.tables import Aim, Section, Table, grid_name, seconds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pdcd.scene import DEFAULT_GRID
+from pdcd.bench.tables import DEFAULT_GRID
 from tests.bench import plots
 from tests.bench.captures import measure_help, measure_socket
 from tests.bench.cases import GRIDS

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from drivers.mock import Bench
+from pdcd.bench.devices import CameraSettings
+from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, ExposureError
-from pdcd.interfaces import CameraSettings
-from pdcd.raw import read_raw
-from pdcd.rig import Rig
-from pdcd.sensor import NOMINAL_RESPONSIVITY_E
+from pdcd.sensor.profile import NOMINAL_RESPONSIVITY_E
+from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 
 SETTINGS = CameraSettings(iso=100, f_number=8.0)

@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 
 from drivers.mock.dng import write_dng
-from pdcd.config import CameraConfig, TriggerConfig, load
-from pdcd.interfaces import CameraSettings
-from pdcd.raw import read_raw
-from pdcd.rig import Rig
+from pdcd.bench.config import load
+from pdcd.bench.devices import CameraSettings
+from pdcd.bench.tables import CameraConfig, TriggerConfig
+from pdcd.capture.rig import Rig
+from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.contract.test_camera import ReadoutContract, ShutterContract, expose
 from tests.fake_serial import Edge, fake_line

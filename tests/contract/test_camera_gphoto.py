@@ -17,14 +17,13 @@ import pytest
 
 pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: pip install pdcd[gphoto2]")
 
-from pdcd.config import CameraConfig, RigConfig, TriggerConfig
+from pdcd.bench.devices import CameraSettings
+from pdcd.bench.tables import CameraConfig, RigConfig, TriggerConfig
+from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
-from pdcd.interfaces import CameraSettings
-from pdcd.rig import Rig
 from tests import bench_rig
 from tests.contract.test_camera import ReadoutContract, ShutterContract, expose
-
-ROOT = Path(__file__).parents[2]
+from tests.places import ROOT
 
 
 class Camera(NamedTuple):

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import pytest
 
-from pdcd.config import CameraConfig, RigConfig, TriggerConfig
-from pdcd.rig import Rig
+from pdcd.bench.tables import CameraConfig, RigConfig, TriggerConfig
+from pdcd.capture.rig import Rig
 from tests import bench_rig
 from tests.contract.test_camera import ReadoutContract, ShutterContract
 

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.codes import make_codes
-from pdcd.config import Config, DisplayConfig, FaultsConfig, PanelConfig
+from pdcd.bench.devices import Display
+from pdcd.bench.tables import Config, DisplayConfig, FaultsConfig, PanelConfig
+from pdcd.capture.rig import Rig
+from pdcd.codes.make import make_codes
 from pdcd.errors import Cancelled, ConfigError
-from pdcd.interfaces import Display, Frames
-from pdcd.rig import Rig
-from pdcd.schedule import build_frames
+from pdcd.frames.frames import Frames
+from pdcd.frames.schedule import build_frames
 from tests import bench_rig
 
 GRID = bench_rig.GRID
@@ -21,7 +22,7 @@ GRID = bench_rig.GRID
 
 def frames(count: int = 8, grid: tuple[int, int] = GRID) -> Frames:
     codes = make_codes("balanced", grid, count, dual="complement")
-    return build_frames(bench_rig.pairs(codes), grid, window="whole", guards=True, passes=1)
+    return build_frames(bench_rig.pairs(codes), grid, window="whole", schedule="full", passes=1)
 
 
 def mock_display(config: Config) -> Display:

@@ -9,15 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from pdcd import registry
-from pdcd.config import TriggerConfig
+from pdcd.bench import registry
+from pdcd.bench.tables import TriggerConfig
+from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.rig import Rig
 from tests import bench_rig
 from tests.contract.test_camera import ShutterContract
 from tests.fake_serial import FakeLine, fake_line
+from tests.places import ROOT
 
-PAGE = Path(__file__).parents[2] / "docs" / "new-driver.md"
+PAGE = ROOT / "docs" / "new-driver.md"
 OPTIONS = {"port": "line://box"}
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import serial
 
-from pdcd.interfaces import Clock
+from pdcd.bench.devices import Clock
 
 LINES: dict[str, FakeLine] = {}
 

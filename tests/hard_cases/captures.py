@@ -15,13 +15,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pdcd.archive import read_manifest
-from pdcd.config import CameraConfig, SceneConfig
-from pdcd.decode import decode
-from pdcd.engine import Engine
-from pdcd.recipe import Extremes
-from pdcd.record import Manifest
+from pdcd.bench.tables import CameraConfig, SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.pictures.decode import decode
+from pdcd.recipes.recipe import Extremes
 from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.record import Manifest
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome
 from tests.hard_cases.differences import caustic, faint_direct

@@ -6,14 +6,14 @@ from fractions import Fraction
 
 import numpy as np
 
-from pdcd.codes import make_codes
-from pdcd.combine import Exposed, Picture, combine
-from pdcd.goals import Goal
-from pdcd.panel import Panel
-from pdcd.patterns import Patterns
-from pdcd.recipe import Recipe
-from pdcd.recipes import make_recipe
-from pdcd.schedule import build_frames
+from pdcd.codes.make import make_codes
+from pdcd.frames.patterns import Patterns
+from pdcd.frames.schedule import build_frames
+from pdcd.pictures.combine import Exposed, Picture, combine
+from pdcd.probing.panel import Panel
+from pdcd.recipes.goals import Goal
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.recipe import Recipe
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import exact, log_of, photo, realised
@@ -54,7 +54,7 @@ def pictures(
             None if shot.white else patterns,
             GRID,
             window="whole",
-            guards=True,
+            schedule="full",
             passes=16 if shot.white else 1,
             primal_black=shot.primal_black,
             dual_black=shot.dual_black,
@@ -112,7 +112,7 @@ def rarely_lit() -> Outcome:
     codes = bench_rig.pairs(make_codes("balanced", GRID, 16, dual="same", p=float(p), seed=3))
     transport = bench_rig.transport()
     recipe = make_recipe(Goal("fraction", GRID, p=float(p)))
-    frames = build_frames(codes, GRID, window="whole", guards=True, passes=1)
+    frames = build_frames(codes, GRID, window="whole", schedule="full", passes=1)
     matrix = exact(frames, log_of(frames)).matrix(Fraction(0), Fraction(0))
     weight = sum((matrix[n][n] for n in range(CELLS)), Fraction()) / CELLS
     want = [light / weight for light in photo(matrix, transport)]

@@ -13,9 +13,9 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.interfaces import BLACK, WHITE, FrameLog, Frames
-from pdcd.panel import Panel
-from pdcd.realised import Factors, collect, factors
+from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
+from pdcd.probing.panel import Panel
+from pdcd.probing.realised import Factors, collect, factors
 
 Whole = NDArray[np.int64]
 REFRESH_NS = 16_666_667

@@ -15,12 +15,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pdcd.codes import make_codes
-from pdcd.combine import Exposed, combine
-from pdcd.panel import Panel
-from pdcd.pilot import estimate_links
-from pdcd.plan import make_plan
-from pdcd.programs import Blocks, SignedBlocks, SignedMatrix
+from pdcd.codes.make import make_codes
+from pdcd.pictures.combine import Exposed, combine
+from pdcd.pilot.links import estimate_links
+from pdcd.planning.make import make_plan
+from pdcd.probing.panel import Panel
+from pdcd.recipes.programs import Blocks, SignedBlocks, SignedMatrix
 from pdcd.request import CaptureRequest
 from pdcd.scene.matrix import matrix_effects
 from pdcd.scene.scene import Scene

@@ -14,10 +14,10 @@ from fractions import Fraction
 
 import numpy as np
 
-from pdcd.codes import make_codes
-from pdcd.interfaces import FrameLog, Frames
-from pdcd.panel import Panel, decay_integral
-from pdcd.schedule import build_frames
+from pdcd.codes.make import make_codes
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.frames.schedule import build_frames
+from pdcd.probing.panel import Panel, decay_integral
 from tests import bench_rig
 from tests.hard_cases.case import Case, Outcome, worst
 from tests.hard_cases.exposures import REFRESH_NS, log_of, realised, spans
@@ -86,7 +86,7 @@ def decimal_matrix(frames: Frames, log: FrameLog, primal: Panel, dual: Panel) ->
 def error(primal: Panel, dual: Panel, *, refresh_ns: int = REFRESH_NS, phase_ns: int = 0) -> float:
     """Largest error of the realised matrix, over its largest entry."""
     codes = make_codes("bernoulli", GRID, 4, dual="complement", seed=1)
-    frames = build_frames(bench_rig.pairs(codes), GRID, window="whole", guards=False, passes=1)
+    frames = build_frames(bench_rig.pairs(codes), GRID, window="whole", schedule="none", passes=1)
     log = log_of(frames, refresh_ns=refresh_ns, phase_ns=phase_ns)
     want = decimal_matrix(frames, log, primal, dual)
     return worst(realised(frames, log, primal, dual).dense(), want, max(want))
@@ -122,7 +122,7 @@ def late_nanosecond() -> Outcome:
     ends; all that the photo holds is that nanosecond.
     """
     one = np.array([[0b10000000]], dtype=np.uint8)
-    frames = build_frames((one, one), (1, 1), window="whole", guards=False, passes=1)
+    frames = build_frames((one, one), (1, 1), window="whole", schedule="none", passes=1)
     hour_ns = 3_600_000_000_000
     log = log_of(frames, start_ns=hour_ns, phase_ns=REFRESH_NS - 1)
     got = float(realised(frames, log, Panel(), Panel()).coaxial[0])

@@ -10,9 +10,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes import make_codes
-from pdcd.lattice import Lattice
-from pdcd.panel import Panel
+from pdcd.codes.make import make_codes
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.schedule import build_frames
+from pdcd.probing.panel import Panel
 from pdcd.scene.kernel import Kernel
 from pdcd.scene.presets import PRESETS
 from pdcd.scene.radiosity import (
@@ -23,7 +24,6 @@ from pdcd.scene.radiosity import (
     limited,
     radiosity,
 )
-from pdcd.schedule import build_frames
 from tests import bench_rig, oracles
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import closing_ns, exact, log_of, realised
@@ -170,7 +170,9 @@ def odd_whole() -> Outcome:
     panels = Panel(leak=1 / 300), Panel(leak=1 / 50)
     for grid in ODD_GRIDS:
         codes = make_codes("balanced", grid, 8, dual="complement", seed=1)
-        frames = build_frames(bench_rig.pairs(codes), grid, window="whole", guards=True, passes=1)
+        frames = build_frames(
+            bench_rig.pairs(codes), grid, window="whole", schedule="full", passes=1
+        )
         log = log_of(frames, jitter_ns=300_000)
         rows = exact(frames, log).matrix(Fraction(panels[0].leak), Fraction(panels[1].leak))
         want = [entry / 10**9 for row in rows for entry in row]
@@ -185,7 +187,9 @@ def odd_quarter() -> Outcome:
     for grid in ((1, 1), (1, 5), (5, 1), (3, 5)):
         shape = Lattice(grid, "quarter").shape
         codes = make_codes("balanced", shape, 2, dual="complement", seed=1)
-        frames = build_frames(bench_rig.pairs(codes), grid, window="quarter", guards=True, passes=1)
+        frames = build_frames(
+            bench_rig.pairs(codes), grid, window="quarter", schedule="full", passes=1
+        )
         log = log_of(frames)
         got = realised(frames, log, primal, dual)
         lit = oracles.timeline(frames, log, primal, 0, True, 4)

@@ -8,13 +8,13 @@ from functools import cache
 
 import numpy as np
 
-from pdcd.codes import make_codes
-from pdcd.interfaces import FrameLog, Frames
-from pdcd.panel import Panel
-from pdcd.realised import factors
+from pdcd.codes.make import make_codes
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.frames.schedule import build_frames
+from pdcd.probing.panel import Panel
+from pdcd.probing.realised import factors
 from pdcd.scene.matrix import matrix_effects
 from pdcd.scene.scene import Scene
-from pdcd.schedule import build_frames
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import Exact, closing_ns, exact, log_of, photo, realised, spans
@@ -30,7 +30,7 @@ NS = Fraction(1, 10**9)
 def _many() -> tuple[Frames, FrameLog, Exact]:
     """28 minutes of codes without guards, refreshes late and early, the mask a bit behind."""
     codes = make_codes("balanced", GRID, MANY, dual="complement", seed=1)
-    frames = build_frames(bench_rig.pairs(codes), GRID, window="whole", guards=False, passes=1)
+    frames = build_frames(bench_rig.pairs(codes), GRID, window="whole", schedule="none", passes=1)
     log = log_of(frames, jitter_ns=300_000, phase_ns=1_234_567)
     return frames, log, exact(frames, log)
 

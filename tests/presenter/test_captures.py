@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pdcd.config import RigConfig
-from pdcd.engine import Engine
+from pdcd.bench.tables import RigConfig
+from pdcd.capture.engine import Engine
 from pdcd.request import CaptureRequest
 from tests import bench_rig, x11_rig
 from tests.xserver import XServer

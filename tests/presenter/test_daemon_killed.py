@@ -18,12 +18,12 @@ from typing import Any
 
 import pytest
 
+from pdcd.bench.tables import RigConfig, TriggerConfig
 from pdcd.client import ENDED, Client
-from pdcd.config import RigConfig, TriggerConfig
 from pdcd.presenter.xgrab import RootGrabber
 from pdcd.request import CaptureRequest
 from tests import x11_rig
-from tests.e2e.test_daemon_real import connect, daemon, last_event, wait_for_codes
+from tests.e2e.server.test_daemon_real import connect, daemon, last_event, wait_for_codes
 from tests.xserver import QUARTER, XServer, run
 
 pytestmark = pytest.mark.timeout(120)

@@ -25,9 +25,9 @@ from tests import fake_drm_presenter, x11_rig
 from tests.contract.test_display import frames
 from tests.fake_drm import PERIOD_NS
 from tests.fake_drm_presenter import LAG_NS, MASK, PROJECTOR
+from tests.places import ROOT
 from tests.xserver import XServer, run
 
-ROOT = Path(__file__).parents[2]
 NUMBERS = {"DUMMY1": PROJECTOR, "DUMMY0": MASK}
 
 

@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 from Xlib import X
 
 from drivers.mock.bench import Bench
-from pdcd.config import DisplayConfig, RigConfig, SceneConfig
+from pdcd.bench.devices import PLAYED
+from pdcd.bench.tables import DisplayConfig, RigConfig, SceneConfig
+from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError
-from pdcd.interfaces import PLAYED, FrameLog, Frames
-from pdcd.pixel_matrix import pixel_factors
-from pdcd.pixels import PIXELS, from_pictures
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.frames.pixels import PIXELS, from_pictures
+from pdcd.frames.schedule import build_frames
 from pdcd.presenter.xconnection import connect, disconnect
-from pdcd.rig import Rig
-from pdcd.schedule import build_frames
+from pdcd.probing.pixel_matrix import pixel_factors
 from tests import bench_rig, x11_rig
 from tests.xserver import QUARTER, XServer, run
 
@@ -43,7 +44,7 @@ def one_code(lit: list[int], seen: list[int], grid: tuple[int, int] = GRID) -> F
         levels = np.zeros((1, grid[0] * grid[1]), dtype=bool)
         levels[0, cells] = True
         patterns.append(np.packbits(levels, axis=1))
-    return build_frames((patterns[0], patterns[1]), grid, window="whole", guards=True, passes=1)
+    return build_frames((patterns[0], patterns[1]), grid, window="whole", schedule="full", passes=1)
 
 
 @contextmanager
@@ -262,7 +263,9 @@ def test_pictures_of_several_passes_join_as_their_logs_do(
     """Policy balance: a stalled code gets the others a further pass, and the photo has both."""
     rng = np.random.default_rng(8)
     patterns = [np.packbits(rng.random((4, N)) < 0.5, axis=1) for _ in range(2)]
-    frames = build_frames((patterns[0], patterns[1]), GRID, window="whole", guards=True, passes=1)
+    frames = build_frames(
+        (patterns[0], patterns[1]), GRID, window="whole", schedule="full", passes=1
+    )
     row = open_row(one_code([0], [0]))
     stalls: dict[str, Any] = {"stalls_ms": {str(row): 30.0}}
     with rig_on(tmp_path, x_quarter, rng.random((N, N)), "balance", **stalls) as rig:
@@ -280,7 +283,7 @@ def test_what_cannot_be_looked_at_is_refused(tmp_path: Path, x_quarter: XServer)
         Rig(bench_rig.config(tmp_path, rig=config.rig, display=packed))
     long = build_frames(
         (np.zeros((1, 2), np.uint8), np.zeros((1, 2), np.uint8)),
-        bench_rig.GRID, window="whole", guards=True, passes=2500,
+        bench_rig.GRID, window="whole", schedule="full", passes=2500,
     )  # fmt: skip
     display = x11_rig.display(config)
     display.connect()

@@ -14,10 +14,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.config import CameraConfig, RigConfig
-from pdcd.engine import Engine
+from pdcd.bench.tables import CameraConfig, RigConfig
+from pdcd.capture.engine import Engine
 from pdcd.errors import Cancelled
-from pdcd.interfaces import FrameLog
+from pdcd.frames.frames import FrameLog
 from pdcd.request import CaptureRequest, CaptureResult
 from tests import bench_rig, x11_rig
 from tests.contract.test_display import frames

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdcd.cli import main
-from pdcd.config import Config, show
-from pdcd.patterns import levels_of
-from pdcd.show import loop_frames, pattern_frames
+from pdcd.bench.config import show
+from pdcd.bench.tables import Config
+from pdcd.capture.show import loop_frames, pattern_frames
+from pdcd.cli.main import main
+from pdcd.frames.patterns import levels_of
 from tests import x11_rig
 from tests.xserver import XServer
 

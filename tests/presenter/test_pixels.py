@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from drivers.x11 import X11Display
-from pdcd.interfaces import BLACK, WHITE, Frames
-from pdcd.lattice import Lattice
-from pdcd.patterns import compact, levels_of
+from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import compact, levels_of
 from pdcd.presenter.cells import panel_edges
 from tests import x11_rig
 from tests.xserver import XServer

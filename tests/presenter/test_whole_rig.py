@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdcd.archive import read_manifest
-from pdcd.config import PanelConfig, RigConfig
-from pdcd.interfaces import PLAYED
-from pdcd.panel import Panel
-from pdcd.raw import read_raw
+from pdcd.bench.devices import PLAYED
+from pdcd.bench.tables import PanelConfig, RigConfig
+from pdcd.probing.panel import Panel
 from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from pdcd.sensor.raw import read_raw
 from tests import bench_rig, oracles, whole_rig, x11_rig
 from tests.xserver import XServer
 

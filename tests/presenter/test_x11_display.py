@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 
 from drivers.x11 import X11Display
-from pdcd.config import Config, PanelConfig, RigConfig
+from pdcd.bench.devices import Display
+from pdcd.bench.tables import Config, PanelConfig, RigConfig
+from pdcd.capture.show import pattern_frames
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.interfaces import Display
 from pdcd.presenter.windows import Windows
 from pdcd.presenter.xgrab import RootGrabber
-from pdcd.show import pattern_frames
 from tests import x11_rig
 from tests.contract.test_display import GRID, DisplayContract, frames
 from tests.xserver import QUARTER, XServer, run

@@ -1,0 +1,152 @@
+"""What the types of a configuration alone do not exclude: faults of values, and between keys."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from pdcd.bench.folders import MAX_SOCKET_BYTES
+from pdcd.bench.tables import (
+    DEFAULT_GRID,
+    Config,
+    FaultsConfig,
+)
+from pdcd.bench.toml_text import TIMES
+
+RATE_TOLERANCE = 5e-4
+"""Largest relative difference of the two refresh rates: at 60 Hz they then slip by one whole
+refresh in half a minute at the fastest, which the black frames around every code still hide."""
+
+
+MAX_INTEGER = 2**53
+"""Integers stay below this in every message, so that any JSON reader keeps them exactly."""
+
+
+class Fault(NamedTuple):
+    """One fault: the keys it is about (dotted) and what to do."""
+
+    keys: tuple[str, ...]
+    message: str
+
+
+def check(config: Config) -> list[str]:
+    """Every fault that the types alone do not exclude; empty when the configuration is sound."""
+    return [fault.message for fault in cross_faults(config)]
+
+
+def cross_faults(config: Config) -> Iterator[Fault]:
+    """Yield the faults that involve more than the type of one key."""
+    yield from _number_faults(msgspec.to_builtins(config, builtin_types=TIMES), "")
+    yield from _panel_faults(config)
+    yield from _scene_faults(config)
+    for key, refreshes in _fault_refreshes(config.display.faults):
+        if not all(text.isascii() and text.isdecimal() for text in refreshes):
+            yield Fault((key,), f"{key}: refreshes are counted 0, 1, 2, ..., not {refreshes}")
+    if config.camera.iso is not None and config.camera.iso < 1:
+        yield Fault(("camera.iso",), f"camera.iso: must be at least 1, not {config.camera.iso}")
+    settle_s, limit_s = config.rig.settle_s, config.limits.max_exposure_s
+    if 2 * settle_s >= limit_s:
+        yield Fault(
+            ("rig.settle_s", "limits.max_exposure_s"),
+            f"rig.settle_s: settling twice for {settle_s} s leaves nothing of "
+            f"limits.max_exposure_s = {limit_s} s",
+        )
+    socket = config.server.socket
+    if socket is not None and len(os.fsencode(socket)) > MAX_SOCKET_BYTES:
+        yield Fault(
+            ("server.socket",),
+            f"server.socket: a unix socket's path has at most {MAX_SOCKET_BYTES} bytes: {socket}",
+        )
+    if any(uid < 0 for uid in config.server.allow_uids):
+        yield Fault(("server.allow_uids",), "server.allow_uids: user ids are not negative")
+
+
+def _number_faults(value: Any, key: str) -> Iterator[Fault]:
+    """Yield NaN, infinities and integers too large for JSON, however deep they lie."""
+    if isinstance(value, dict):
+        for name, item in value.items():
+            yield from _number_faults(item, f"{key}.{name}" if key else name)
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from _number_faults(item, f"{key}[{index}]")
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield Fault((key,), f"{key}: must be a finite number, not {value}")
+    elif isinstance(value, int) and abs(value) >= MAX_INTEGER:
+        yield Fault((key,), f"{key}: must be below 2**53 in size, not {value}")
+
+
+def _panel_faults(config: Config) -> Iterator[Fault]:
+    """Yield what keeps the two panels from running in lockstep."""
+    rates = {"projector": config.projector.refresh_hz, "mask": config.mask.refresh_hz}
+    # Mock panels may slip: that is what they are for.
+    if config.display.driver != "mock" and (
+        abs(rates["projector"] - rates["mask"]) > RATE_TOLERANCE * rates["projector"]
+    ):
+        yield Fault(
+            ("projector.refresh_hz", "mask.refresh_hz"),
+            f"mask.refresh_hz: {rates['mask']} differs from projector.refresh_hz = "
+            f"{rates['projector']}; both panels need one rate to stay in lockstep",
+        )
+    if any(config.projector.offset_px):
+        yield Fault(
+            ("projector.offset_px",),
+            "projector.offset_px: the mask is offset against the projector: set mask.offset_px",
+        )
+    for name, panel in (("projector", config.projector), ("mask", config.mask)):
+        if abs(panel.phase_s) > 1.0 / panel.refresh_hz:
+            yield Fault(
+                (f"{name}.phase_s", f"{name}.refresh_hz"),
+                f"{name}.phase_s: {panel.phase_s} s is more than one refresh",
+            )
+        if panel.contrast is not None and panel.contrast <= 1.0:
+            yield Fault(
+                (f"{name}.contrast",),
+                f"{name}.contrast: white over black exceeds 1; leave it out for a perfect black",
+            )
+
+
+def _scene_faults(config: Config) -> Iterator[Fault]:
+    """Yield contradictions between the scene, its cells and the panels that show them."""
+    scene = config.scene
+    if scene.kind == "matrix" and scene.path is None:
+        yield Fault(("scene.kind", "scene.path"), 'scene.path: needed by scene.kind = "matrix"')
+    if scene.kind != "matrix" and scene.path is not None:
+        yield Fault(
+            ("scene.kind", "scene.path"),
+            f'scene.path: belongs to scene.kind = "matrix", not to "{scene.kind}"',
+        )
+    if scene.path is not None and not Path(scene.path).is_file():
+        yield Fault(("scene.path",), f"scene.path: there is no file {scene.path}")
+    if scene.grid is None and scene.kind == "matrix":
+        return  # the cells are known only when the file is read
+    rows, cols = scene.grid or DEFAULT_GRID
+    quarter = config.schedule.window == "quarter"
+    for name, panel in (("projector", config.projector), ("mask", config.mask)):
+        cell_px = min(panel.size_px[0] / cols, panel.size_px[1] / rows)
+        # Half-cell shifts of a half-cell opening fall between the pixels of a smaller cell.
+        needed_px = 4.0 if quarter else 1.0
+        if cell_px < needed_px:
+            yield Fault(
+                ("scene.grid", "schedule.window", f"{name}.size_px"),
+                f"scene.grid: {rows} x {cols} cells leave {cell_px:.3g} pixels a cell on the "
+                f"{name}; {needed_px:g} are needed{' by the quarter window' if quarter else ''}",
+            )
+        offset_px = config.rig.misregistration_px
+        if name == "projector" and quarter and cell_px < 4.0 * offset_px:
+            yield Fault(
+                ("scene.grid", "schedule.window", "rig.misregistration_px", "projector.size_px"),
+                f"schedule.window: the quarter window covers an offset up to a quarter of the "
+                f"cell of {cell_px:.3g} pixels, not rig.misregistration_px = {offset_px:g}",
+            )
+
+
+def _fault_refreshes(faults: FaultsConfig) -> Iterator[tuple[str, list[str]]]:
+    """Yield each list of [display.faults] with its refresh numbers as written."""
+    yield "display.faults.late", list(faults.late)
+    for key in ("dropped", "stale_mask", "stale_projector"):
+        yield f"display.faults.{key}", [str(number) for number in getattr(faults, key)]

@@ -1,0 +1,102 @@
+"""One click of the shutter by itself, step by step: does the line work, and how long does it take?
+
+Where the same driver is the camera as well, the camera is armed first and its photo fetched
+afterwards: without that a body refuses to open, or keeps the photo for the next capture.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from pdcd.bench.clock import RealClock, VirtualClock
+from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, Readout, Shutter
+from pdcd.bench.findings import Finding, fault
+from pdcd.bench.registry import load_driver
+from pdcd.bench.tables import Config
+from pdcd.errors import PdcdError
+
+DEVICE = "shutter"
+
+
+def examine(config: Config, *, click: bool, seconds: float = 1.0) -> Iterator[Finding]:
+    """Yield findings; nothing moves, and no port is opened, unless `click` is true.
+
+    seconds : how long the shutter is held open beyond the time by which it surely is.
+
+    The shutter is closed when this ends, also by an exception or when the caller stops half-way.
+    Raises nothing of its own for what fails: that is the last finding.
+    """
+    clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
+    context = DriverContext(config=config, clock=clock, shared={})
+    try:
+        chosen = load_driver("shutter", config.trigger.driver)
+        shutter: Shutter = chosen.create(context)
+        yield Finding("driver", "good", f"{config.trigger.driver}, {chosen.maturity}")
+        readout: Readout | None = None
+        if config.camera.driver == config.trigger.driver:
+            readout = load_driver("readout", config.camera.driver).create(context)
+        if click:
+            yield from _click(config, clock, shutter, readout, seconds)
+        else:
+            yield Finding("click", "unknown", "not tried: it opens the shutter", "give --click")
+    except PdcdError as err:
+        yield fault("trigger", err, DEVICE)
+
+
+def _click(
+    config: Config, clock: Clock, shutter: Shutter, readout: Readout | None, seconds: float
+) -> Iterator[Finding]:
+    try:
+        begun_ns = clock.now_ns()
+        for what, found in shutter.connect().items():
+            yield Finding(what, "good", found)
+        if readout is not None:
+            camera = readout.connect()
+            yield Finding("camera", "good", camera.model)
+            readout.arm(_settings(config, camera))
+        yield Finding("made ready", "good", f"closed, after {_ms(clock, begun_ns)}")
+        begun_ns = clock.now_ns()
+        open_ns = shutter.open()
+        yield Finding("open", "good", f"surely open {_ms(clock, begun_ns)} after the order")
+        clock.sleep_until_ns(open_ns + round(seconds * 1e9))
+        begun_ns = clock.now_ns()
+        shutter.close()
+        yield Finding("close", "good", f"surely closed {_ms(clock, begun_ns)} after the order")
+        if readout is not None:
+            yield _photo(config, clock, readout)
+    finally:
+        closed: PdcdError | None = None
+        try:
+            shutter.disconnect()
+        except PdcdError as err:
+            closed = err
+        if readout is not None:
+            with suppress(PdcdError):
+                readout.disconnect()
+        if closed is not None:
+            raise closed
+
+
+def _settings(config: Config, camera: CameraInfo) -> CameraSettings:
+    """The configured ISO and aperture, or those that gather least light."""
+    f_number = config.camera.f_number
+    if not camera.f_numbers:
+        chosen = None
+    else:
+        chosen = max(camera.f_numbers) if f_number == "auto" else f_number
+    return CameraSettings(config.camera.iso or min(camera.isos), chosen)
+
+
+def _photo(config: Config, clock: Clock, readout: Readout) -> Finding:
+    """Fetch the photo, and throw it away."""
+    begun_ns = clock.now_ns()
+    with tempfile.TemporaryDirectory(prefix="pdcd-click-") as folder:
+        raw = readout.fetch(Path(folder), "click", config.camera.fetch_timeout_s)
+    return Finding("photo", "good", f"{raw.size_bytes} bytes, after {_ms(clock, begun_ns)}")
+
+
+def _ms(clock: Clock, since_ns: int) -> str:
+    return f"{(clock.now_ns() - since_ns) * 1e-6:.1f} ms"

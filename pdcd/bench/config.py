@@ -1,0 +1,164 @@
+"""Configuration: one TOML file -> typed, checked values. Units are in the names.
+
+`Config()` with nothing given is the mock bench. One file is read and never merged with another; a
+key left out takes the value of the mock bench, an unknown one is refused, and every fault of the
+file is reported at once.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from pdcd.bench.checks import Fault, cross_faults
+from pdcd.bench.folders import folder_variable
+from pdcd.bench.tables import (
+    Config,
+)
+from pdcd.bench.toml_text import TIMES, emit
+from pdcd.errors import ConfigError
+
+_S = TypeVar("_S", bound=msgspec.Struct)
+
+
+def load(path: Path | str | None = None) -> Config:
+    """Read the configuration file that `find` names, or the mock bench when there is none.
+
+    Relative paths in the file are meant from its folder; for the scene and the sensor profile the
+    current folder is tried next.
+
+    Raises ConfigError naming all faults of the file, one a line.
+    """
+    source = find(path)
+    if source is None:
+        return Config()
+    try:
+        table = tomllib.loads(source.read_text(encoding="utf-8"))
+    except OSError as err:
+        raise ConfigError(
+            f"cannot read the configuration {source}: {err.strerror}",
+            hint="give an existing file with --config, or none for the mock bench",
+        ) from err
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
+        raise ConfigError(f"{source} is not TOML: {err}") from err
+
+    faults: list[Fault] = []
+    config = _overlay(Config(), table, "", faults)
+    config = _resolve(config, source.absolute().parent)
+    known = {key for fault in faults for key in fault.keys}
+    # A key that could not be read stands at its default; what follows from that is no news.
+    faults += [fault for fault in cross_faults(config) if known.isdisjoint(fault.keys)]
+    if faults:
+        count = f"{len(faults)} faults" if len(faults) > 1 else "1 fault"
+        lines = "\n  ".join(fault.message for fault in faults)
+        raise ConfigError(f"{count} in {source}:\n  {lines}")
+    return config
+
+
+def find(path: Path | str | None = None) -> Path | None:
+    """Return the file to read: `path` if given, else the first that exists, else None.
+
+    Looked for are `pdcd.toml` in $CONFIGURATION_DIRECTORY (set by systemd), then in
+    $XDG_CONFIG_HOME/pdcd, or in ~/.config/pdcd without that variable.
+    """
+    if path is not None:
+        return Path(path)
+    candidates = []
+    if folder := folder_variable("CONFIGURATION_DIRECTORY"):
+        candidates.append(folder / "pdcd.toml")
+    if folder := folder_variable("XDG_CONFIG_HOME"):
+        candidates.append(folder / "pdcd" / "pdcd.toml")
+    elif folder := folder_variable("HOME"):
+        candidates.append(folder / ".config" / "pdcd" / "pdcd.toml")
+    for candidate in candidates:
+        try:
+            if candidate.is_file():
+                return candidate
+        except PermissionError:  # a home folder hidden by ProtectHome= holds nothing for us
+            continue
+    return None
+
+
+def show(config: Config) -> str:
+    """Return the configuration as TOML that `load` reads back to the same value."""
+    return emit(msgspec.to_builtins(config, builtin_types=TIMES))
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema of the file."""
+    return msgspec.json.schema(Config)
+
+
+def _overlay(base: _S, given: Any, where: str, faults: list[Fault]) -> _S:
+    """Copy of `base` with the keys of the table `given` put in, each checked against its type.
+
+    Keys that cannot be read are left as they are in `base` and reported in `faults`.
+    """
+    if not isinstance(given, dict):
+        faults.append(Fault((where,), f"{where}: must be a table, not {given!r}"))
+        return base
+    fields = {f.encode_name: f for f in msgspec.structs.fields(base)}
+    values: dict[str, Any] = {}
+    for key, value in given.items():
+        name = f"{where}.{key}" if where else key
+        if key not in fields:
+            close = difflib.get_close_matches(key, fields, n=1)
+            advice = f"; is {close[0]} meant?" if close else f"; known are {', '.join(fields)}"
+            faults.append(Fault((name,), f"{name}: no such key{advice}"))
+            continue
+        present = getattr(base, fields[key].name)
+        if isinstance(present, msgspec.Struct):
+            values[key] = _overlay(present, value, name, faults)
+            continue
+        try:
+            values[key] = msgspec.convert(value, type=fields[key].type, strict=True)
+        except msgspec.ValidationError as err:
+            faults.append(Fault((name,), _type_fault(name, str(err), fields[key].type)))
+    return msgspec.structs.replace(base, **values)
+
+
+def _type_fault(name: str, message: str, kind: Any) -> str:
+    """Say a conversion error in the words of the file: the key first, no type notation marks."""
+    what, _, place = message.partition(" - at `$")
+    if what.startswith("Invalid enum value"):
+        values = re.findall(r"'([^']*)'", str(kind))
+        number = ["a number"] if "float" in str(kind) else []
+        what = f"{what}; allowed are {', '.join(values + number)}"
+    what = what[0].lower() + what[1:].replace("`", "")
+    return f"{name}{place.rstrip('`').replace('[...]', '')}: {what}"
+
+
+def _resolve(config: Config, folder: Path) -> Config:
+    """Make the paths of a file in `folder` absolute."""
+    scene, camera, server = config.scene, config.camera, config.server
+    if scene.path is not None:
+        scene = msgspec.structs.replace(scene, path=_input_path(scene.path, folder))
+    if "/" in camera.profile or camera.profile.endswith(".toml"):
+        camera = msgspec.structs.replace(camera, profile=_input_path(camera.profile, folder))
+    places = {
+        key: str(folder / _expand(value))
+        for key in ("socket", "state_dir")
+        if (value := getattr(server, key)) is not None
+    }
+    server = msgspec.structs.replace(server, **places)
+    return msgspec.structs.replace(config, scene=scene, camera=camera, server=server)
+
+
+def _input_path(text: str, folder: Path) -> str:
+    """Absolute path of an input file: from `folder`, else from the current folder."""
+    path = _expand(text)
+    beside = folder / path
+    return str(path.absolute() if path.exists() and not beside.exists() else beside)
+
+
+def _expand(text: str) -> Path:
+    """Replace a leading ~ by the home folder, where there is one."""
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:
+        return Path(text)

@@ -1,0 +1,187 @@
+"""What a driver must offer: one Protocol a device, and the values that cross it.
+
+A driver is a class with a classmethod ``create(context) -> driver``; the registry calls it. All
+methods block and are called from one worker thread of the daemon, never from two at once, save
+`Display.black` and `Shutter.close`, which must also be safe from any state, twice, and after a
+failure: they are how everything fails closed. Every method may raise `DeviceLost`.
+
+Times are integer nanoseconds of the injected `Clock`; lengths in seconds end in `_s`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.frames.frames import FrameLog, Frames
+
+PLAYED = "played"
+"""Where `DriverContext.shared` holds the (Frames, FrameLog) that the display last played: what a
+virtual camera makes its photo from, whichever display it stands before."""
+
+Maturity = str
+"""One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
+
+
+class Clock(Protocol):
+    """The only source of time above the drivers."""
+
+    def now_ns(self) -> int:
+        """Nanoseconds of a monotonic clock."""
+        ...
+
+    def sleep_until_ns(self, t_ns: int) -> None:
+        """Return when `now_ns() >= t_ns`; at once if that time has passed."""
+        ...
+
+
+@dataclass(frozen=True)
+class DisplayInfo:
+    """The two panels as found: size in pixels (width, height), refresh rate, identity.
+
+    `mask_lag_s` is by how much the mask's light of a row of `Frames` follows the projector's of the
+    same row (negative: it leads), the display's own delay of either stream included; None where it
+    was not measured or drifts.
+    """
+
+    primal_size_px: tuple[int, int]
+    dual_size_px: tuple[int, int]
+    refresh_hz: float
+    identity: dict[str, str] = field(default_factory=dict)
+    mask_lag_s: float | None = None
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """Settings of one exposure. `f_number` None means: leave the aperture as it is."""
+
+    iso: int
+    f_number: float | None
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """What the camera is and how it answers to light.
+
+    `responsivity_e` (3,) float64: electrons per scene unit per second, for R, G, B, at f/1; the
+    signal at aperture f is this divided by f squared. `profile` names the sensor profile.
+    """
+
+    model: str
+    serial: str
+    profile: str
+    responsivity_e: NDArray[np.float64]
+    isos: tuple[int, ...]
+    f_numbers: tuple[float, ...]
+    """Apertures that can be set from here; empty for a manual lens."""
+
+
+@dataclass(frozen=True)
+class RawFile:
+    """A RAW file on disk, as fetched: byte-for-byte the camera's own."""
+
+    path: Path
+    size_bytes: int
+    sha256: str
+
+
+class Display(Protocol):
+    """Two panels in lockstep: the projector (primal) and the mask (dual)."""
+
+    def connect(self) -> DisplayInfo:
+        """Open both panels, show black, measure the refresh. Both are black on return."""
+        ...
+
+    def load(self, frames: Frames) -> None:
+        """Take over all patterns of a shot; nothing is shown yet. Raises ConfigError if they do
+        not fit the panels."""
+        ...
+
+    def black(self) -> None:
+        """Both panels black on return. Safe in every state, idempotent."""
+        ...
+
+    def show(self, frames: Frames) -> None:
+        """Hold the first refresh of `frames` on both panels until `black` or `play`."""
+        ...
+
+    def play(
+        self, progress: Callable[[int, int, int], None], cancelled: Callable[[], bool]
+    ) -> FrameLog:
+        """Show the loaded frames once, then black; returns the log.
+
+        `progress(frame, frames, missed)` is called from time to time; `cancelled()` is asked at
+        least ten times a second and, when true, the panels go black and `Cancelled` is raised.
+        Raises SyncError when the panels cannot be kept in step.
+        """
+        ...
+
+    def disconnect(self) -> None:
+        """Black, then close both panels. Idempotent."""
+        ...
+
+
+class Shutter(Protocol):
+    """Opens and closes the exposure (bulb)."""
+
+    def connect(self) -> dict[str, str]:
+        """Make ready, closed; returns identity strings. Closed on return."""
+        ...
+
+    def open(self) -> int:
+        """Start the exposure; returns the time in ns by which it is surely open."""
+        ...
+
+    def close(self) -> int:
+        """End the exposure; returns the time in ns by which it is surely closed. Idempotent."""
+        ...
+
+    def disconnect(self) -> None:
+        """Close, then release the device. Idempotent."""
+        ...
+
+
+class Readout(Protocol):
+    """Sets the camera up and brings the RAW file home."""
+
+    def connect(self) -> CameraInfo:
+        """Find the camera and ask what it is."""
+        ...
+
+    def arm(self, settings: CameraSettings) -> None:
+        """Apply the settings and be ready for one exposure. Raises ConfigError with the list of
+        allowed values when the camera does not offer one."""
+        ...
+
+    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
+        """Wait for the file of the last exposure and store it as `folder/name.<suffix>`.
+
+        Raises ExposureError when no file comes, NoSpaceError when it cannot be stored.
+        """
+        ...
+
+    def disconnect(self) -> None:
+        """Release the camera. Idempotent."""
+        ...
+
+
+def _nobody_listens() -> None:
+    """A rig without a watchdog."""
+
+
+@dataclass(frozen=True)
+class DriverContext:
+    """What a driver's `create` gets: the whole checked configuration, the clock, and a place
+    where drivers of one rig meet (the mock bench is one object seen by three drivers)."""
+
+    config: Any
+    clock: Clock
+    shared: dict[str, Any]
+    alive: Callable[[], object] = _nobody_listens
+    """A method that waits for a device calls this every few seconds, from the thread that called
+    it: so the daemon's watchdog knows that it waits and is not stuck. It never blocks or raises."""

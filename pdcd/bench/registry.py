@@ -1,0 +1,140 @@
+"""Which drivers there are, and how to load one: a table of names, nothing imported until asked for.
+
+Drivers of other packages join by an entry point of the group `pdcd.drivers`, named
+``<role>.<name>`` (``display.acme``) and pointing at a class (``acme.pdcd:AcmeDisplay``). A name of
+pdcd's own cannot be taken over.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Literal, NamedTuple, Protocol, get_args
+
+from pdcd.bench.devices import DriverContext, Maturity
+from pdcd.errors import DriverUnavailable
+
+logger = logging.getLogger(__name__)
+
+Role = Literal["display", "shutter", "readout"]
+ROLES: tuple[Role, ...] = get_args(Role)
+GROUP = "pdcd.drivers"
+"""Entry-point group of drivers that other packages bring."""
+
+DRIVERS: Mapping[tuple[str, str], str] = {
+    ("display", "mock"): "drivers.mock:MockDisplay",
+    ("display", "x11"): "drivers.x11:X11Display",
+    ("shutter", "gphoto2"): "drivers.gphoto:GphotoShutter",
+    ("shutter", "mock"): "drivers.mock:MockShutter",
+    ("shutter", "ptp"): "drivers.ptp.shutter:PtpShutter",
+    ("shutter", "serial"): "drivers.serial_shutter:SerialShutter",
+    ("readout", "folder"): "drivers.folder:FolderReadout",
+    ("readout", "gphoto2"): "drivers.gphoto:GphotoReadout",
+    ("readout", "mock"): "drivers.mock:MockReadout",
+    ("readout", "ptp"): "drivers.ptp.readout:PtpReadout",
+}
+"""(role, name) -> "module:Class" of the drivers that come with pdcd."""
+
+
+class DriverClass(Protocol):
+    """What the registry asks of a driver's class, whatever its role."""
+
+    maturity: Maturity
+
+    def create(self, context: DriverContext) -> Any:
+        """Build the driver from the rig's context; in the class itself this is a classmethod."""
+        ...
+
+
+class Entry(NamedTuple):
+    """One known driver: its "module:Class" and the distribution it comes from."""
+
+    target: str
+    origin: str
+
+
+def known_drivers() -> dict[tuple[str, str], Entry]:
+    """Every driver by (role, name): pdcd's own first, then those of installed packages."""
+    known = {key: Entry(target, "pdcd") for key, target in DRIVERS.items()}
+    for point in entry_points(group=GROUP):
+        role, _, name = point.name.partition(".")
+        if role not in ROLES or not name:
+            logger.warning("driver ignored name=%s reason=not-role.name", point.name)
+        elif (role, name) in known:
+            logger.warning("driver ignored name=%s reason=name-taken", point.name)
+        else:
+            known[role, name] = Entry(point.value, _distribution(point))
+    return known
+
+
+def load_driver(role: Role, name: str) -> DriverClass:
+    """Import the driver `name` for `role` and return its class; ``create(context)`` builds it.
+
+    Raises DriverUnavailable, worded apart, when the name is unknown, when the module does not
+    import (a missing vendor library, say), and when the module lacks the class.
+    """
+    known = known_drivers()
+    if (role, name) not in known:
+        names = sorted(n for r, n in known if r == role)
+        raise DriverUnavailable(
+            f"no driver is called {name!r}",
+            device=role,
+            hint=f"known are: {', '.join(names) or 'none'}; see pdcd drivers",
+        )
+    return _import(role, name, known[role, name].target)
+
+
+def describe_drivers() -> list[dict[str, str | bool | None]]:
+    """One row a known driver, for `pdcd drivers`: what it is and, if unavailable, why.
+
+    Every driver is imported to find out, but none is created: no device is touched.
+    """
+    rows: list[dict[str, str | bool | None]] = []
+    for (role, name), entry in sorted(known_drivers().items()):
+        maturity, reason = None, None
+        try:
+            maturity = _import(role, name, entry.target).maturity
+        except DriverUnavailable as err:
+            reason = err.message
+        rows.append(
+            {
+                "role": role,
+                "name": name,
+                "origin": entry.origin,
+                "target": entry.target,
+                "maturity": maturity,
+                "available": reason is None,
+                "reason": reason,
+            }
+        )
+    return rows
+
+
+def _import(role: str, name: str, target: str) -> DriverClass:
+    """Import "module:Class" and see that the class is a driver's."""
+    module_name, _, class_name = target.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+    # A driver's module may fail in any way its vendor's library finds; that costs this driver only.
+    except Exception as err:
+        raise DriverUnavailable(
+            f"driver {name!r}: {module_name} does not import: {type(err).__name__}: {err}",
+            device=role,
+            hint="install what it needs, or choose another driver",
+        ) from err
+    found = getattr(module, class_name, None)
+    missing = [part for part in ("create", "maturity") if not hasattr(found, part)]
+    if found is None or missing:
+        what = "has no such class" if found is None else f"lacks {' and '.join(missing)}"
+        raise DriverUnavailable(
+            f"driver {name!r}: {target} {what}",
+            device=role,
+            hint="the package that brings the driver does not fit this pdcd",
+        )
+    return found  # type: ignore[no-any-return]
+
+
+def _distribution(point: EntryPoint) -> str:
+    return point.dist.name if point.dist is not None else "unknown"

@@ -1,0 +1,206 @@
+"""The tables of the configuration file as types; `pdcd.bench.config` reads them.
+
+`Config()` with nothing given is the mock bench. Units are in the names.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, field
+
+from pdcd.words import BlackLevel, FamilyName, GuardsName, NormaliseName, WindowName
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NonNegative = Annotated[float, Meta(ge=0.0)]
+
+DEFAULT_GRID = (48, 64)
+"""Rows and columns of cells when neither the file nor a matrix says otherwise."""
+
+Homography = tuple[float, float, float, float, float, float, float, float, float]
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file: immutable, nothing unknown."""
+
+
+class RigConfig(_Table, frozen=True):
+    """[rig] what holds for the bench as a whole."""
+
+    name: str = "mock bench"
+    on_miss: Literal["abort", "balance", "flag"] = "abort"
+    """What to do where codes ended with unequal weights: discard the exposure and take it again,
+    show codes again in the same exposure until all are equal, or keep it and report the error."""
+    retries: Annotated[int, Meta(ge=0, le=100)] = 2
+    """How often an exposure is taken again, and how many passes' time one may take longer."""
+    settle_s: NonNegative = 0.05
+    """Time on black between the shutter being open and the first code, and after the last."""
+    misregistration_px: NonNegative = 0.0
+    """Largest remaining offset between projector and mask, in projector pixels."""
+    clock: Literal["virtual", "real"] = "virtual"
+    """The mock bench runs as fast as it can, or in real time; real devices are always real."""
+
+
+class PanelConfig(_Table, frozen=True):
+    """[projector] or [mask]: one panel, as measured (real) or as it shall behave (mock)."""
+
+    size_px: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
+    refresh_hz: Positive = 60.0
+    phase_s: float = 0.0
+    """When this panel's vblank falls, relative to the projector's nominal grid."""
+    skew_s: float = 0.0
+    """Delay from the vblank to the light (negative: the panel leads)."""
+    jitter_s: NonNegative = 0.0
+    """Standard deviation of that delay, refresh by refresh."""
+    rise_s: NonNegative = 0.0
+    fall_s: NonNegative = 0.0
+    """First-order time constants towards white and towards black."""
+    contrast: Positive | None = None
+    """White over black; None is a perfect black."""
+    offset_px: tuple[float, float] = (0.0, 0.0)
+    """Mask only: its image against the projector's (right, down), in projector pixels."""
+
+
+class FaultsConfig(_Table, frozen=True):
+    """[display.faults] what the mock panels shall do wrong, by refresh number of an exposure.
+
+    Refreshes are those of the video signal. Further passes of an exposure count on.
+    """
+
+    late: dict[str, Annotated[int, Meta(ge=1)]] = field(default_factory=dict)
+    """Refresh -> by how many refreshes it comes late (the one before is stretched)."""
+    dropped: tuple[int, ...] = ()
+    """Refreshes never shown: the one before stays for their time."""
+    stale_mask: tuple[int, ...] = ()
+    """Refreshes at which the mask keeps what it showed while the projector moves on."""
+    stale_projector: tuple[int, ...] = ()
+    exposures: Annotated[int, Meta(ge=0)] = 0
+    """How many exposures have these faults, from the first on; 0 is all."""
+
+
+class DisplayConfig(_Table, frozen=True):
+    """[display] the driver of both panels."""
+
+    driver: str = "mock"
+    mask_delay_refreshes: Annotated[int, Meta(ge=-60, le=60)] = 0
+    """Whole refreshes by which the mask is sent its frames later than the projector (negative:
+    earlier), to take out a latency of the other panel: -2 for a mask that is 2 refreshes late."""
+    planes_per_refresh: Literal[1, 24] = 1
+    """24: both panels are DLPs in video-pattern mode and show the 24 bits of each picture in turn,
+    so that each refresh of the video signal carries 24 refreshes of a schedule."""
+    plane_order: Literal["GRB", "GBR", "RGB", "RBG", "BRG", "BGR"] = "GRB"
+    """Colours that hold planes 0-7, 8-15 and 16-23."""
+    faults: FaultsConfig = field(default_factory=FaultsConfig)
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class CameraConfig(_Table, frozen=True):
+    """[camera] readout, exposure settings and, for the mock, the sensor."""
+
+    driver: str = "mock"
+    profile: str = "modern"
+    """Sensor profile: a name below config/sensors, or the path of a TOML file."""
+    iso: int | None = None
+    """None: the profile's lowest."""
+    f_number: Positive | Literal["auto"] = "auto"
+    """"auto" takes test exposures and sets the aperture so that nothing saturates.
+    A lens that cannot be set from here needs its own f-number, at which photos are scaled."""
+    noise: Literal["none", "full"] = "full"
+    quads_per_cell: Annotated[int, Meta(ge=1, le=64)] = 1
+    responsivity_e: tuple[Positive, Positive, Positive] | None = None
+    """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
+    homography: Homography | None = None
+    """Rotation, flip and perspective of the pictures: 3 x 3 row by row, image to image, in Bayer
+    quads (column, row, 1). None leaves them as the sensor has them."""
+    seed: Annotated[int, Meta(ge=0)] = 0
+    fetch_timeout_s: Positive = 60.0
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class TriggerConfig(_Table, frozen=True):
+    """[trigger] the shutter."""
+
+    driver: str = "mock"
+    lag_s: NonNegative = 0.06
+    jitter_s: NonNegative = 0.01
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class SceneConfig(_Table, frozen=True):
+    """[scene] the virtual scene of the mock bench.
+
+    `kind` is a preset name (see `pdcd.scene.presets`) or "matrix" with `path` to an .npz.
+    """
+
+    kind: str = "open-book"
+    path: str | None = None
+    grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]] | None = None
+    """Rows, columns of cells; None: 48 x 64, or the matrix file's own."""
+    ambient: NonNegative = 0.0
+    """Light that is not the projector's, in scene units."""
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+class ScheduleConfig(_Table, frozen=True):
+    """[schedule] defaults of the codes and of their timing."""
+
+    codes: Annotated[int, Meta(ge=1, le=65536)] = 128
+    family: FamilyName = "hadamard"
+    window: WindowName = "auto"
+    guards: bool | GuardsName = True
+    black_level: BlackLevel = "none"
+    normalise: NormaliseName = "auto"
+
+
+class LimitsConfig(_Table, frozen=True):
+    """[limits] what the daemon refuses to exceed."""
+
+    max_exposure_s: Positive = 600.0
+    min_free_bytes: Annotated[int, Meta(ge=0)] = 256 * 1024 * 1024
+    connections: Annotated[int, Meta(ge=1)] = 16
+
+
+class ServerConfig(_Table, frozen=True):
+    """[server] the socket and the state folder."""
+
+    socket: str | None = None
+    """None: $RUNTIME_DIRECTORY/../pdcd.sock under systemd, else $XDG_RUNTIME_DIR/pdcd.sock."""
+    state_dir: str | None = None
+    """None: $STATE_DIRECTORY under systemd, else $XDG_STATE_HOME/pdcd, else ~/.local/state/pdcd."""
+    allow_uids: tuple[int, ...] = ()
+    """More users than the daemon's own, root and its group's members (by socket mode)."""
+
+
+def _projector() -> PanelConfig:
+    return PanelConfig(size_px=(1024, 768))
+
+
+def _mask() -> PanelConfig:
+    return PanelConfig(size_px=(1600, 1200))
+
+
+class Config(_Table, frozen=True):
+    """The whole file."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    projector: PanelConfig = field(default_factory=_projector)
+    mask: PanelConfig = field(default_factory=_mask)
+    display: DisplayConfig = field(default_factory=DisplayConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    trigger: TriggerConfig = field(default_factory=TriggerConfig)
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
+    server: ServerConfig = field(default_factory=ServerConfig)
+
+    @property
+    def row_hz(self) -> float:
+        """Rows of `Frames` shown a second: refreshes of the slower panel, times their planes."""
+        slower = min(self.projector.refresh_hz, self.mask.refresh_hz)
+        return slower * self.display.planes_per_refresh
+
+    @property
+    def mask_delay_rows(self) -> int:
+        """The mask's delay in rows of `Frames`."""
+        return self.display.mask_delay_refreshes * self.display.planes_per_refresh

@@ -1,0 +1,161 @@
+"""Runs a plan on a rig: arm, open, play, close, fetch, decode, archive; fails closed."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pdcd.bench.folders import state_dir
+from pdcd.bench.tables import Config
+from pdcd.capture.rig import Rig
+from pdcd.capture.run import Emit, Run
+from pdcd.capture.show import pattern_frames
+from pdcd.errors import DeviceLost, PdcdError
+from pdcd.planning.choose import choose, wants_choice
+from pdcd.planning.guards import asks_for_lag
+from pdcd.planning.guided import plan_for, summary
+from pdcd.planning.outlook import Setting
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.runs.folder import RunFolder
+from pdcd.sensor.profile import load_profile
+
+logger = logging.getLogger(__name__)
+
+
+class Engine:
+    """One rig and all that can be done with it. Not for use from two threads at once."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._rig = Rig(config)
+        self._profile = load_profile(config.camera.profile)
+
+    @classmethod
+    def from_config(cls, config: Config) -> Engine:
+        """The engine of a configuration. Raises DriverUnavailable and ConfigError."""
+        return cls(config)
+
+    def start(self) -> None:
+        """Open the rig. On return panels are black, the shutter is closed, the camera answers."""
+        self._rig.connect()
+
+    def stop(self) -> None:
+        """Make safe and release the rig. Idempotent."""
+        self._rig.disconnect()
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of code cells."""
+        return self._rig.grid
+
+    def describe(self) -> dict[str, Any]:
+        """The rig in JSON-able values: drivers, panels, camera, scene."""
+        config, rig = self._config, self._rig
+        drivers = {
+            "display": config.display.driver,
+            "shutter": config.trigger.driver,
+            "readout": config.camera.driver,
+        }
+        camera = None
+        if rig.camera_info is not None:
+            camera = asdict(rig.camera_info)
+            camera["responsivity_e"] = rig.camera_info.responsivity_e.tolist()
+        return {
+            "name": config.rig.name,
+            "mock": rig.mock,
+            "grid": list(self.grid),
+            "drivers": {
+                role: {"name": name, "maturity": rig.maturity[role]}
+                for role, name in drivers.items()
+            },
+            "display": None if rig.display_info is None else asdict(rig.display_info),
+            "shutter": rig.shutter_info,
+            "camera": camera,
+            "scene": None if rig.scene is None else rig.scene.name,
+        }
+
+    def plan(self, request: CaptureRequest) -> PlanSummary:
+        """What a request would do. Raises ConfigError."""
+        if not wants_choice(request):
+            lag_s = self._rig.mask_lag_s() if asks_for_lag(request, self._config) else None
+            plan = plan_for(request, self._config, self.grid, lag_s)
+            return summary(plan, self._config.limits.max_exposure_s)
+        camera, lag_s = self._rig.look_at_camera(), self._rig.mask_lag_s()
+        setting = Setting(self._config, camera, self._profile, lag_s)
+        plan = choose(request, setting, self.grid, self._rig.scene).plan
+        return summary(plan, self._config.limits.max_exposure_s)
+
+    def show(self, pattern: str, index: int = 0) -> None:
+        """Hold a pattern on both panels: black, white, checker, grid, or one code by its number."""
+        if pattern == "black":
+            self._rig.display.black()
+            return
+        self._rig.display.show(pattern_frames(pattern, index, self.grid, self._config))
+
+    def preview(self, alive: Callable[[], object] = lambda: None) -> dict[str, Any]:
+        """A short white photo as PNG below the state folder: its path, SHA-256 and shape.
+
+        `alive()` is called at least ten times a second, from this thread.
+        """
+
+        def cancelled() -> bool:
+            alive()
+            return False
+
+        parent = state_dir(self._config) / "preview"
+        request = CaptureRequest(goal="white", codes=4, window="whole", guards=False)
+        result = self.capture(
+            request,
+            job=f"preview-{time.time_ns()}",
+            owner={},
+            emit=lambda *_: None,
+            cancelled=cancelled,
+            parent=parent,
+        )
+        if result.folder is None or result.state != "done":
+            raise DeviceLost("the preview could not be taken", hint=str(result.error))
+        path = Path(result.folder) / "preview" / "white.png"
+        rows, cols = self.grid
+        per_cell = self._config.camera.quads_per_cell
+        return {
+            "path": str(path),
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "shape": [rows * per_cell, cols * per_cell, 3],
+        }
+
+    def capture(
+        self,
+        request: CaptureRequest,
+        *,
+        job: str,
+        owner: dict[str, Any],
+        emit: Emit,
+        cancelled: Callable[[], bool],
+        parent: Path | None = None,
+    ) -> CaptureResult:
+        """Run one job to its end; never raises for what goes wrong in it.
+
+        When it returns, panels are black and the shutter is closed, whatever the result says.
+        `emit(type, fields)` is told of every step; `cancelled()` is asked at every one of them.
+        """
+        if parent is None:
+            parent = Path(request.out) if request.out else state_dir(self._config) / "captures"
+        run = Run(self._config, self._rig, self._profile, RunFolder(parent.resolve(), job))
+        run.watch(emit, cancelled)
+        self._rig.pulse.heard_by = cancelled
+        safe = False
+        try:
+            return run.execute(request, self.grid, job, owner, self.describe())
+        except PdcdError as err:
+            failure = err
+        except Exception as err:
+            logger.exception("capture failed job=%s", job)
+            failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
+        finally:
+            safe = self._rig.make_safe()
+        return run.failed(job, failure, safe=safe)

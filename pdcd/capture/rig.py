@@ -1,0 +1,197 @@
+"""The devices of one bench, and the order in which they are opened, used and made safe."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pdcd.bench.clock import RealClock, VirtualClock
+from pdcd.bench.devices import (
+    PLAYED,
+    CameraInfo,
+    CameraSettings,
+    Clock,
+    Display,
+    DisplayInfo,
+    DriverContext,
+    RawFile,
+    Readout,
+    Shutter,
+)
+from pdcd.bench.registry import load_driver
+from pdcd.bench.tables import DEFAULT_GRID, Config
+from pdcd.errors import PdcdError, SyncError, disk_errors
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.scene.scene import Scene
+
+logger = logging.getLogger(__name__)
+
+SAFE_TRIES = 3
+"""How often a device that fails is asked to go black or to close before it is given up."""
+
+Notify = Callable[[str, dict[str, Any]], None]
+Progress = Callable[[int, int, int], None]
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """One finished exposure."""
+
+    open_ns: int
+    close_ns: int
+    log: FrameLog
+    raw: RawFile
+    settings: CameraSettings
+
+
+class Pulse:
+    """Passes the drivers' signs of life on to whoever runs the job."""
+
+    def __init__(self) -> None:
+        self.heard_by: Callable[[], object] | None = None
+
+    def __call__(self) -> None:
+        """One sign of life, from the thread that runs the job."""
+        if self.heard_by is not None:
+            self.heard_by()
+
+
+class Rig:
+    """Display, shutter and readout of a configuration, on one clock."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
+        self.pulse = Pulse()
+        context = DriverContext(config=config, clock=self.clock, shared={}, alive=self.pulse)
+        self._context = context
+        classes = {
+            "display": load_driver("display", config.display.driver),
+            "shutter": load_driver("shutter", config.trigger.driver),
+            "readout": load_driver("readout", config.camera.driver),
+        }
+        self.maturity = {role: str(cls.maturity) for role, cls in classes.items()}
+        self.display: Display = classes["display"].create(context)
+        self.shutter: Shutter = classes["shutter"].create(context)
+        self.readout: Readout = classes["readout"].create(context)
+        self.display_info: DisplayInfo | None = None
+        self.shutter_info: dict[str, str] = {}
+        self.camera_info: CameraInfo | None = None
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene, where a driver knows it (the mock bench does); None on a real bench."""
+        scene = self._context.shared.get("scene")
+        return scene if isinstance(scene, Scene) else None
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of code cells."""
+        scene = self.scene
+        return self.config.scene.grid or DEFAULT_GRID if scene is None else scene.grid
+
+    @property
+    def mock(self) -> bool:
+        """Whether the photos come from a virtual scene."""
+        return self.scene is not None
+
+    def look_at_camera(self) -> CameraInfo:
+        """What the camera is; one that is not open is opened for the question only."""
+        if self.camera_info is not None:
+            return self.camera_info
+        try:
+            return self.readout.connect()
+        finally:
+            self.readout.disconnect()
+
+    def mask_lag_s(self) -> float | None:
+        """Lag of the mask as the display measures it; one that is not open is opened for the
+        question only."""
+        if self.display_info is not None:
+            return self.display_info.mask_lag_s
+        try:
+            return self.display.connect().mask_lag_s
+        finally:
+            self.display.disconnect()
+
+    def connect(self) -> None:
+        """Open all devices: panels black first, then the shutter closed, then the camera."""
+        try:
+            self.display_info = self.display.connect()
+            self.shutter_info = self.shutter.connect()
+            self.camera_info = self.readout.connect()
+        except BaseException:
+            self.disconnect()
+            raise
+
+    def disconnect(self) -> None:
+        """Make safe, then release all devices; goes on past a device that fails."""
+        self.make_safe()
+        for device in (self.readout, self.shutter, self.display):
+            with suppress(PdcdError, OSError):
+                device.disconnect()
+
+    def make_safe(self) -> bool:
+        """Both panels black and the shutter closed, whatever state the devices are in.
+
+        A device that fails is asked again; what cannot be made safe is logged as critical, and
+        False is returned.
+        """
+        safe = True
+        for name, action in (("display", self.display.black), ("shutter", self.shutter.close)):
+            for left in range(SAFE_TRIES - 1, -1, -1):
+                try:
+                    action()
+                    break
+                except Exception as err:
+                    safe = safe and left > 0
+                    level = logging.WARNING if left else logging.CRITICAL
+                    logger.log(level, "not safe device=%s error=%s tries_left=%d", name, err, left)
+        return safe
+
+    def expose(
+        self,
+        frames: Frames,
+        settings: CameraSettings,
+        folder: Path,
+        name: str,
+        *,
+        notify: Notify,
+        progress: Progress,
+        cancelled: Callable[[], bool],
+    ) -> Exposure:
+        """Take one exposure of the frames and fetch its RAW file.
+
+        The shutter opens and closes on black panels, so its lag and jitter do not matter. When the
+        display gives up (SyncError), the file of the spoilt exposure is fetched before that is
+        raised.
+        """
+        settle_ns = round(self.config.rig.settle_s * 1e9)
+        self.display.load(frames)
+        self.display.black()
+        self.readout.arm(settings)
+        notify("armed", {"shot": name, "frames": len(frames)})
+        open_ns = self.shutter.open()
+        notify("shutter_open", {"shot": name, "t_mono_ns": open_ns})
+        self.clock.sleep_until_ns(open_ns + settle_ns)
+        try:
+            log = self.display.play(progress, cancelled)
+        except SyncError:
+            # The camera hands out a file all the same; left there, it would pass for the next one.
+            self.display.black()
+            notify("shutter_closed", {"shot": name, "t_mono_ns": self.shutter.close()})
+            with disk_errors("camera"):
+                self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
+            raise
+        self._context.shared[PLAYED] = (frames, log)
+        self.display.black()
+        self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
+        close_ns = self.shutter.close()
+        notify("shutter_closed", {"shot": name, "t_mono_ns": close_ns})
+        with disk_errors("camera"):
+            raw = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
+        return Exposure(open_ns, close_ns, log, raw, settings)

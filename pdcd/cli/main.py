@@ -1,0 +1,72 @@
+"""The command line: `pdcd COMMAND ...`. Results go to stdout, progress and errors to stderr.
+
+Nothing but the parser is imported until a command runs, so that `pdcd --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+
+from pdcd.cli.exits import CANCELLED, FAILED, UNREACHABLE, exit_code
+from pdcd.cli.parser import build_parser
+from pdcd.errors import PdcdError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return the exit code (see `pdcd.cli.exits`).
+
+    Wrong usage ends in SystemExit(2), as argparse does it.
+    """
+    args = build_parser().parse_args(argv)
+    try:
+        code = _command(args)(args)
+        sys.stdout.flush()
+        return code
+    except PdcdError as err:
+        return _fail(args, exit_code(err.kind), str(err), err.kind, err)
+    except KeyboardInterrupt:
+        return _fail(args, CANCELLED, "interrupted", "cancelled")
+    except BrokenPipeError:
+        # The reader of our output has gone; without this the interpreter complains when it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except ConnectionError as err:  # the client's Unreachable, which is not imported here
+        return _fail(args, UNREACHABLE, str(err), "unreachable")
+    except OSError as err:
+        return _fail(args, FAILED, str(err), "internal")
+
+
+def _command(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
+    """Import the function that the parser names as "module:function"."""
+    module, _, function = args.run.partition(":")
+    found: Callable[[argparse.Namespace], int] = getattr(
+        importlib.import_module(f"pdcd.cli.{module}"), function
+    )
+    return found
+
+
+def _fail(
+    args: argparse.Namespace, code: int, text: str, kind: str, error: PdcdError | None = None
+) -> int:
+    """Say what went wrong on stderr and, for scripts that asked for JSON, on stdout."""
+    if args.json:
+        told: dict[str, object] = {}
+        if args.command == "capture":  # scripts find these three in every last line of a capture
+            told = {"job": None, "state": "failed", "folder": None}
+            if code == CANCELLED:
+                told["state"] = "cancelled"
+        told["error"] = {
+            "kind": kind,
+            "message": error.message if error else text,
+            "device": error.device if error else None,
+            "hint": error.hint if error else None,
+        }
+        sys.stdout.write(json.dumps(told) + "\n")
+        sys.stdout.flush()
+    sys.stderr.write(f"pdcd: {text}\n")
+    return code

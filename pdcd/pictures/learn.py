@@ -1,0 +1,114 @@
+"""What the pilot photos of a run tell of its scene: linked cells, and what to correct for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from pdcd.pictures.combine import Exposed
+from pdcd.pilot.codes import MATCHED, SCOUTS
+from pdcd.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
+from pdcd.pilot.worth import Worth, worth
+from pdcd.probing.realised import Factors
+from pdcd.recipes.recipe import Recipe
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Paths found by a pilot, or what its scouts saw.
+
+    links : sparse (N, N), of all channels together; paths : the same for R, G, B.
+    worth : predicted errors with and without the pilot; if it does not pay, the paths are empty.
+        None where only the scouts were taken, which find no paths, and after a short pilot, whose
+        scouts alone tell whether it pays.
+    sharpness : of the light in the scouts (`pdcd.pilot.links.sharpness`).
+    """
+
+    links: Any
+    paths: tuple[Any, Any, Any]
+    worth: Worth | None
+    sharpness: float
+
+    @property
+    def promising(self) -> bool:
+        """Whether the scouts saw enough for the pilot to go on."""
+        return self.sharpness >= SHARP
+
+    @property
+    def pays(self) -> bool:
+        """Whether the paths found are worth avoiding."""
+        return self.links.nnz > 0 and (self.worth is None or self.worth.pays)
+
+
+def stack_photos(
+    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools
+) -> tuple[Floats, Floats]:
+    """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
+
+    Those not taken yet are left out; `bits` are of those that were. Each is divided by its
+    own time of open mask and lit projector; quads of a cell are averaged.
+    """
+    photos, sigmas = [], []
+    rows, cols = recipe.goal.grid
+    taken = [name for name in recipe.stack if name in shots]
+    for name, lit in zip(taken, bits, strict=True):
+        shot = shots[name]
+        weight = time_s(shot.realised, lit)
+        quads = (shot.light.shape[0] // rows, shot.light.shape[1] // cols)
+        blocks = (rows, quads[0], cols, quads[1], 3)
+        photos.append(shot.light.reshape(blocks).mean(axis=(1, 3)).reshape(-1, 3) / weight)
+        noise = shot.variance.reshape(blocks).mean(axis=(1, 3)).reshape(-1, 3)
+        sigmas.append(np.sqrt(noise / (quads[0] * quads[1])) / weight)
+    return np.array(photos), np.array(sigmas)
+
+
+def learn(recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, total: int) -> Learned:
+    """Find the strong far paths in the pilot photos, `total` codes being spent in all.
+
+    With the scouts alone among `shots`, only look whether there may be any.
+    """
+    taken = sum(name in shots for name in recipe.stack)
+    bits = bits[:taken]
+    photos, sigma = stack_photos(recipe, shots, bits)
+    grid = recipe.goal.grid
+    grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
+    first = slice(0, SCOUTS)
+    sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first])
+    none = sparse.csr_array((bits.shape[1], bits.shape[1]))
+    if taken == SCOUTS:
+        return Learned(none, (none, none, none), None, sharp)
+    if taken in MATCHED:
+        links, red, green, blue = match_links(bits, photos, grid, sigma=sigma)
+        return Learned(links, (red, green, blue), None, sharp)
+    links = estimate_links(bits, grey, grid, sigma=grey_sigma)
+    predicted = worth(bits, grey, links, total, sigma=grey_sigma)
+    if not predicted.pays:
+        return Learned(none, (none, none, none), predicted, sharp)
+    if np.array_equal(photos[..., 0], photos[..., 1]):
+        return Learned(links, (links, links, links), predicted, sharp)
+    red, green, blue = (
+        estimate_links(bits, photos[..., c], grid, sigma=sigma[..., c]) for c in range(3)
+    )
+    return Learned(links, (red, green, blue), predicted, sharp)
+
+
+def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:
+    """What to add to an indirect picture for the paths found, (N, 3), in scene units."""
+    return np.stack(
+        [correction(realised.left, realised.right, weight_s, p) for p in learned.paths], axis=1
+    )
+
+
+def time_s(realised: Factors, lit: Bools) -> float:
+    """Least-squares time for which the lit cells shone and the mask was open."""
+    seen = realised.left.sum(axis=1)
+    shone = realised.right @ lit.astype(np.float64)
+    return float(np.sum(seen * shone)) / (lit.size * max(int(lit.sum()), 1))

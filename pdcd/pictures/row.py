@@ -1,0 +1,87 @@
+"""One row of a photo's probing matrix, wanted and realised: where a cell's light came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+from pdcd.pictures.combine import divided_by_row, realised_photo
+from pdcd.pictures.decode import decode
+from pdcd.pictures.develop import preview
+from pdcd.probing.deviation import row_weights_s, weight_s
+from pdcd.runs.folder import read_manifest
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixRow:
+    """Weight of the paths from every projector cell to one camera cell.
+
+    wanted, realised : (rows, cols) float64
+        The realised weights are divided by what the picture was divided by, so that both compare.
+        At the cell itself stands what direct light sees.
+    """
+
+    photo: str
+    wanted: Floats
+    realised: Floats
+
+    def picture(self) -> NDArray[np.uint8]:
+        """Both side by side, wanted left, one cell apart, (H, W, 3) uint8, linear in the weight.
+
+        White is the largest weight; black is 0, or as far below 0 where there are negative ones.
+        """
+        both = np.concatenate([self.wanted, self.realised], axis=1)
+        top = max(float(np.abs(both).max()), np.finfo(np.float64).tiny)
+        low = -top if self.wanted.min() < 0.0 else 0.0
+        gap = np.full((both.shape[0], 1), 0.5 * (low + top))
+        shown = np.concatenate([self.wanted, gap, self.realised], axis=1)
+        grey = (shown - low) / (top - low)
+        return preview(grey[..., None].repeat(3, axis=2), exposure=1.0, gamma=1.0)
+
+
+def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) -> MatrixRow:
+    """Row of a finished run's realised probing matrix.
+
+    Parameters
+    ----------
+    folder : a run folder.
+    cell : row and column of the camera cell.
+    photo : which photo; None takes the one that the answer rests on.
+
+    Raises
+    ------
+    DecodeError
+        `folder` is no finished run, or is damaged.
+    ConfigError
+        There is no such cell or photo.
+    """
+    record = read_manifest(folder).run
+    rows, cols = record.grid
+    if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
+        raise ConfigError(
+            f"there is no cell {cell[0]} {cell[1]} in a grid of {rows} x {cols}",
+            hint=f"rows count from 0 to {rows - 1}, columns from 0 to {cols - 1}",
+        )
+    decoded = decode(folder, record)
+    photos = {p.name: p for p in decoded.recipe.photos}
+    name = decoded.recipe.main if photo is None else photo
+    if name not in photos:
+        raise ConfigError(f"there is no photo {name}", hint=f"known: {', '.join(photos)}")
+    chosen = photos[name]
+    exposed = {**decoded.shots, **decoded.sums}
+    realised = realised_photo(chosen.shots, exposed)
+    n = cell[0] * cols + cell[1]
+    weight = weight_s(realised, chosen.wanted)
+    if divided_by_row(chosen, exposed, record.normalise):
+        inner, norm = row_weights_s(realised, chosen.wanted)
+        weight = inner[n] / norm[n] if inner[n] > 0.0 else weight
+    row = realised.left[:, n] @ realised.right
+    row[n] = realised.coaxial[n]
+    wanted = chosen.wanted.rows(n, n + 1)[0]
+    return MatrixRow(name, wanted.reshape(rows, cols), (row / weight).reshape(rows, cols))

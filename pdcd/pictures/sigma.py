@@ -1,0 +1,117 @@
+"""How far a picture may be from the truth: the sensor's noise and the error of the codes.
+
+The sensor's part follows from its model. The codes' part depends on the light transport of the
+scene, which nobody knows. Where a photo was taken in parts with codes of their own, the spread of
+the parts shows it; where it was not, it is predicted from the realised probing matrix and an
+assumption about the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy.special
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pdcd.pictures.combine import Picture
+
+Floats = NDArray[np.float64]
+Kind = Literal["measured", "modelled"]
+
+CONFIDENCE = 0.95
+"""Share of pixels whose true value is to lie within image +- 1.96 sigma."""
+NEIGHBOURS_PX = 3
+"""Side of the square of pixels whose spreads are pooled."""
+
+
+@dataclass(frozen=True)
+class Barred(Picture):
+    """A picture with its whole error: ``sigma^2 = sensor^2 + code^2``, (h, w, 3) float64 each.
+
+    `kind` is how `code` was found.
+    """
+
+    sensor: Floats
+    code: Floats
+    kind: Kind
+
+
+def measured(picture: Picture, parts: Sequence[Picture]) -> Barred:
+    """A picture with the code error that the spread of its parts shows.
+
+    The mean of B independent parts has 1/B of their variance. B is small, so that the variance of
+    one pixel is itself uncertain; `_moderated` steadies it by its neighbours. What is left of the
+    uncertainty widens sigma by a factor of Student's t, so that 1.96 sigma cover 95 %. What the
+    sensor's noise explains of the spread is not counted twice.
+
+    A pixel saturated in any part keeps its infinite sigma.
+    """
+    images = np.stack([part.image for part in parts])
+    variance = np.var(images, axis=0, ddof=1) / len(parts)
+    noise = np.where(np.isfinite(picture.sigma), picture.sigma, 0.0) ** 2
+    code = np.empty_like(variance)
+    for channel in range(variance.shape[-1]):
+        seen, least = variance[..., channel], noise[..., channel]
+        expected = _expected(seen, least, picture.image[..., channel])
+        ratio, freedom = _moderated(seen / expected, len(parts) - 1)
+        tail = (1.0 - CONFIDENCE) / 2.0
+        wider = scipy.special.stdtrit(freedom, tail) / scipy.special.ndtri(tail)
+        code[..., channel] = np.sqrt(np.maximum(wider**2 * ratio * expected - least, 0.0))
+    return barred(picture, code, "measured")
+
+
+def barred(picture: Picture, code: Floats, kind: Kind) -> Barred:
+    """A picture whose sigma is the sensor's, completed by the code error (h, w, 3)."""
+    return Barred(picture.image, np.hypot(picture.sigma, code), picture.sigma, code, kind)
+
+
+def _expected(variance: Floats, noise: Floats, image: Floats) -> Floats:
+    """Variances (h, w) as they would be if code error were everywhere the same share of the light.
+
+    Only their proportions matter: edges of the scene then do not look like chance. All > 0.
+    """
+    square = image**2
+    total = float(square.sum())
+    share = max(float(np.sum(variance - noise)), 0.0) / total if total > 0.0 else 0.0
+    expected = noise + share * square
+    floor = 1e-3 * float(expected.mean())
+    return np.maximum(expected, floor if floor > 0.0 else 1.0)
+
+
+def _moderated(variance: Floats, freedom: int) -> tuple[Floats, float]:
+    """Estimated variances (h, w) -> steadier ones, and the degrees of freedom they then have.
+
+    Each is averaged with that of its neighbourhood, which counts for as many degrees of freedom as
+    true variances are alike there: many where only chance makes the estimates differ, few where
+    they differ by more. (An empirical Bayes estimate: true variances scatter about that of the
+    neighbourhood like an inverse chi-square, whose scatter follows from the mean and variance of
+    the logarithms; Smyth 2004.)
+    """
+    square = np.full((NEIGHBOURS_PX, NEIGHBOURS_PX), NEIGHBOURS_PX**-2.0)
+    pool = ndimage.convolve(variance, square, mode="nearest")
+    seen = (variance > 0.0) & (pool > 0.0)
+    if not seen.any():
+        return pool, np.inf
+    logs = np.log(variance[seen] / pool[seen])
+    half = freedom / 2.0
+    excess = float(np.var(logs)) - float(scipy.special.polygamma(1, half))
+    prior = 2.0 * _inverse_trigamma(excess) if excess > 0.0 else np.inf
+    shift = float(np.mean(logs)) - scipy.special.digamma(half) + np.log(half)
+    if np.isinf(prior):
+        return pool * np.exp(shift), np.inf
+    shift += scipy.special.digamma(prior / 2.0) - np.log(prior / 2.0)
+    steady = (prior * pool * np.exp(shift) + freedom * variance) / (prior + freedom)
+    return steady, prior + freedom
+
+
+def _inverse_trigamma(value: float) -> float:
+    """x with trigamma(x) = value > 0, by Newton's method on its reciprocal, which is convex."""
+    x = 0.5 + 1.0 / value
+    for _ in range(20):
+        trigamma = float(scipy.special.polygamma(1, x))
+        x += trigamma * (1.0 - trigamma / value) / float(scipy.special.polygamma(2, x))
+    return x

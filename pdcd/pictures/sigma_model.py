@@ -1,0 +1,118 @@
+"""The error of the codes of a single photo, predicted: what nobody measured must be assumed.
+
+A cell n gets the light ``sum_m A_nm t_nm / w`` where ``sum_m W_nm t_nm`` is wanted. The matrices A
+(realised) and W are known, the paths t are not. Assumed is:
+
+- a cell gets as much light straight back, and as much from all other cells together, as the photo
+  shows around it;
+- the latter comes from N_eff cells in equal shares, anywhere in the scene.
+
+Over all such places the mean square error of the cell is ``S^2 (mean^2 + variance / N_eff)``, with
+the mean and the variance over m of ``A_nm / w - W_nm``. For the paper's random codes this is their
+known ``(S^2 + 2 Q) / K`` with ``Q = S^2 / N_eff``.
+
+N_eff is one number for a photo, by its roughness: code errors of neighbours are unrelated, light
+from elsewhere is mostly smooth. So what the picture varies from pixel to pixel beyond the sensor's
+noise is taken to be code error. Texture of the scene, unless a white photo shows it, counts as
+error too, which makes sigma too large; errors that vary slowly are not seen, which makes it too
+small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pdcd.pictures.combine import Exposed, Picture, pictures_of, realised_photo
+from pdcd.pictures.sigma import Barred, barred
+from pdcd.probing.deviation import row_deviations, weight_s
+from pdcd.recipes.recipe import Recipe
+
+Floats = NDArray[np.float64]
+
+RING = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]) / 8.0
+"""Mean of the eight pixels around one."""
+FEWEST_CELLS = 4.0
+"""Least N_eff: the sharpest of the virtual scenes, a ball of mirrors, has about as much."""
+DARK = 0.02
+"""Share of the brightest white below which a pixel tells nothing of texture."""
+MEDIAN_SQUARE = 0.4549
+"""Median of the square of a standard normal number."""
+
+
+def modelled(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    photos: Mapping[str, Picture],
+    pictures: Mapping[str, Picture],
+    alive: Callable[[], None] = lambda: None,
+) -> dict[str, Barred]:
+    """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
+
+    `photos` are the scaled ones that the pictures were made of
+    (`pdcd.pictures.combine.scaled_photos`). Code errors of different photos are taken as
+    independent. `alive` is called now and then, may raise.
+    """
+    white = photos["white"].image if "white" in photos else None
+    alone = {}
+    for photo in recipe.photos:
+        picture = photos[photo.name]
+        realised = realised_photo(photo.shots, shots)
+        rows = row_deviations(realised, photo.wanted, weight_s(realised, photo.wanted), alive)
+        per_cell = (
+            picture.image.shape[0] // photo.wanted.grid[0],
+            picture.image.shape[1] // photo.wanted.grid[1],
+        )
+        mean, variance, diagonal = (
+            row.reshape(photo.wanted.grid).repeat(per_cell[0], 0).repeat(per_cell[1], 1)[..., None]
+            for row in rows
+        )
+        error = code_error(picture, mean**2 + diagonal**2, variance, photo.wanted.cells, white)
+        alone[photo.name] = Picture(picture.image, error)
+    code = pictures_of(recipe, alone)
+    return {name: barred(p, code[name].sigma, "modelled") for name, p in pictures.items()}
+
+
+def code_error(
+    picture: Picture, fixed: Floats, spread: Floats, cells: int, white: Floats | None = None
+) -> Floats:
+    """Standard deviation by the model, (h, w, C), in the unit of the picture.
+
+    Parameters
+    ----------
+    picture : its sigma is the sensor's.
+    fixed, spread : (h, w, 1)
+        Mean square error over S^2 that does not depend on N_eff, and that which is divided by it.
+    cells : most that N_eff can be.
+    white : (h, w, C), a picture of everything, whose texture then does not count as error.
+    """
+    light = np.empty_like(picture.image)
+    around = np.empty_like(picture.image)
+    for channel in range(light.shape[-1]):
+        image = picture.image[..., channel]
+        around[..., channel] = _around(image, None if white is None else white[..., channel])
+        light[..., channel] = ndimage.convolve(image**2, RING, mode="nearest")
+    rough = (picture.image - around) ** 2 / (1.0 + 1.0 / 8.0)
+    scale = light * spread
+    use = (scale > 0.0) & np.isfinite(picture.sigma)
+    if not use.any():
+        return np.sqrt(light * fixed)
+    explained = light * fixed + np.where(use, picture.sigma, 0.0) ** 2
+    share = float(np.median((rough / np.where(use, scale, 1.0))[use])) / MEDIAN_SQUARE
+    share -= float(np.median((explained / np.where(use, scale, 1.0))[use]))
+    share = min(max(share, 1.0 / max(cells, FEWEST_CELLS)), 1.0 / FEWEST_CELLS)
+    error: Floats = np.sqrt(light * (fixed + spread * share))
+    return error
+
+
+def _around(image: Floats, white: Floats | None) -> Floats:
+    """What the pixels around lead one to expect, (h, w): of shares of `white` where that is lit."""
+    expected: Floats = ndimage.convolve(image, RING, mode="nearest")
+    if white is not None:
+        lit = white > DARK * white.max()
+        shares = np.divide(image, white, out=np.zeros_like(image), where=lit)
+        expected[lit] = (white * ndimage.convolve(shares, RING, mode="nearest"))[lit]
+    return expected

@@ -1,0 +1,248 @@
+"""What an indirect image itself tells of its error: light that spreads smoothly.
+
+The image says how much indirect light each cell n gets, S_n. Where light spreads diffusely its
+paths are much as ``x_n k(d) x_m``: two cells exchange light by what each of them exchanges with
+all others and by their distance d. The realised probing matrix is known, hence also what it gets
+wrong of such paths. This is taken off again: a control variate that costs no photo.
+
+How light falls off with distance, the image tells too. What the codes get wrong of light that is
+spread evenly over the scene is a known pattern, and so is what they get wrong of light that stays
+near; both change from cell to cell like noise. As much of each as is found in the fine detail of
+the image, weighed against the chance that it is texture, is removed. Textured surfaces hide the
+patterns: then little is learnt and little is done.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
+from pdcd.pictures.learn import Learned
+from pdcd.recipes.recipe import Recipe
+from pdcd.words import NormaliseName
+
+Floats = NDArray[np.float64]
+Spread = Callable[[Floats], Floats]
+
+REACH = 2.0
+"""Cells over which near light falls to one half; far off it falls with the square."""
+USUAL = np.array([0.0, 0.1])
+"""Shares of far and of near light that are removed where the image tells nothing. Larger ones gain
+more on some scenes; but where light stays near and codes are nearly exact, they do harm."""
+SURE = np.array([0.25, 0.2])
+"""Standard deviations of these: how much the image must tell to be believed."""
+DETAIL = np.array([[-1.0, 2.0, -1.0], [2.0, -4.0, 2.0], [-1.0, 2.0, -1.0]]) / 4.0
+"""Keeps what changes from cell to cell, and nothing of a plane."""
+AROUND = 5
+"""Side, in cells, of the square over which the strength of detail is averaged."""
+DARK = 0.01
+"""Share of the mean light that all cells are taken to have beside their own."""
+LEAST = 1e-6
+"""Least strength of detail, over its mean: cells without light tell nothing."""
+ROUNDS = 8
+"""Steps of the scaling that makes the model's row sums the image; each leaves half the error."""
+CHUNK = 2**22
+"""Numbers transformed at once."""
+
+
+def colour_correction(
+    left: Floats, right: Floats, weight: float | Floats, image: Floats, grid: tuple[int, int]
+) -> Floats:
+    """The same as `smooth_correction` for an image in colour: (N, C) float64.
+
+    What is missing of its grey is shared out among the channels as each cell has them: smooth light
+    takes on the colour of where it arrives.
+    """
+    light = np.maximum(image, 0.0)
+    grey: Floats = light.mean(axis=1)
+    missing = smooth_correction(left, right, weight, grey, grid)
+    share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
+    more: Floats = light * share[:, None]
+    return more
+
+
+def smooth_correction(
+    left: Floats, right: Floats, weight: float | Floats, image: Floats, grid: tuple[int, int]
+) -> Floats:
+    """Return what to add to an indirect image for its smooth light: (N,) float64, in its unit.
+
+    Parameters
+    ----------
+    left, right : (R, N) float64
+        Factors of the realised probing matrix, ``A = left.T @ right``
+        (`pdcd.probing.realised.Factors`).
+    weight : float or (N,) float64
+        Weight the image, or each cell of it, was divided by, in the unit of A.
+    image : (N,) float64
+        The indirect image, row-major. Where sharp paths are known (`pdcd.pilot.links`), what is
+        left of it without their light, their row sums.
+    grid : (rows, cols)
+        Cells of the scene, N in all.
+    """
+    light = np.maximum(image, 0.0)
+    if light.size < 2 or not light.any():
+        return np.zeros_like(light)
+    kernel = _kernel(grid)
+    counted = kernel.copy()
+    for (row, col), share in _beside(left, right, weight, grid).items():
+        counted[-row, -col] *= share
+    near, counted_near = _spread(kernel, grid), _spread(counted, grid)
+    missing = np.stack(
+        [
+            _missing(left, right, weight, light, _evenly, _evenly),
+            _missing(left, right, weight, light, near, counted_near),
+        ]
+    )
+    return np.asarray(_shares(light, missing, grid) @ missing)
+
+
+def _missing(
+    left: Floats,
+    right: Floats,
+    weight: float | Floats,
+    light: Floats,
+    spread: Spread,
+    counted: Spread,
+) -> Floats:
+    """What the codes miss of light that is all spread like that: (N,).
+
+    `counted` is the same spread with what of it is to be counted.
+    """
+    part = np.sqrt(light / spread(np.ones_like(light)).max())
+    for _ in range(ROUNDS):
+        arriving = spread(part)
+        seen = np.divide(light, arriving, out=np.zeros_like(light), where=arriving > 0.0)
+        part = np.sqrt(part * seen)
+    realised = np.zeros_like(light)
+    step = max(1, CHUNK // (4 * light.size))
+    for start in range(0, left.shape[0], step):
+        chunk = slice(start, start + step)
+        realised += np.einsum("rn,rn->n", left[chunk], spread(right[chunk] * part))
+    missing: Floats = part * (counted(part) - realised / weight)
+    return missing
+
+
+def _shares(image: Floats, missing: Floats, grid: tuple[int, int]) -> Floats:
+    """How much of each pattern (P, N) to remove, (P,) from 0 to 1.
+
+    The likeliest shares for what the image lacks in detail, which is taken as normal with the
+    strength it has around each cell, and for shares that are normal with `USUAL` and `SURE`.
+    """
+    # Relative to the light of each cell: a surface that is twice as bright shows twice the pattern,
+    # and its texture must not be taken for one.
+    level = image + DARK * image.mean()
+    lacking = -_detail(np.log(level), grid)
+    strength = ndimage.uniform_filter(lacking.reshape(grid) ** 2, AROUND).ravel()
+    floor = LEAST * float(strength.mean())
+    if not floor > 0.0:
+        return USUAL
+    scale = 1.0 / np.sqrt(np.maximum(strength, floor))
+    patterns = np.stack([_detail(one / level, grid) for one in missing]) * scale
+    known = patterns @ patterns.T + np.diag(SURE**-2)
+    told = patterns @ (lacking * scale) + USUAL * SURE**-2
+    shares: Floats = np.clip(np.linalg.solve(known, told), 0.0, 1.0)
+    return shares
+
+
+def _detail(image: Floats, grid: tuple[int, int]) -> Floats:
+    detail: Floats = ndimage.convolve(image.reshape(grid), DETAIL, mode="nearest").ravel()
+    return detail
+
+
+def _evenly(light: Floats) -> Floats:
+    """Spread images (..., N) over all cells alike, none to itself."""
+    spread: Floats = light.sum(axis=-1, keepdims=True) - light
+    return spread
+
+
+def _beside(
+    left: Floats, right: Floats, weight: float | Floats, grid: tuple[int, int]
+) -> dict[tuple[int, int], float]:
+    """Weight with which cells on average see those beside them, (rows, columns) off.
+
+    Quarter windows see light from beside a cell as if from the cell itself, and miss it. Of that
+    the detail of an image tells nothing, as all cells miss alike; it is not corrected.
+    """
+    rows, cols = grid
+    mask = (left / weight).reshape(-1, rows, cols)
+    light = right.reshape(-1, rows, cols)
+    found = {}
+    for row, col in itertools.product((-1, 0, 1), repeat=2):
+        if (row, col) == (0, 0) or abs(row) >= rows or abs(col) >= cols:
+            continue
+        here = np.s_[:, max(0, -row) : rows - max(0, row), max(0, -col) : cols - max(0, col)]
+        there = np.s_[:, max(0, row) : rows + min(0, row), max(0, col) : cols + min(0, col)]
+        pairs = (rows - abs(row)) * (cols - abs(col))
+        found[row, col] = float(np.einsum("rij,rij->", mask[here], light[there])) / pairs
+    return found
+
+
+def _kernel(grid: tuple[int, int]) -> Floats:
+    """1 / (1 + (d / REACH)^2) of all offsets, those below 0 counted from the end."""
+    row, col = (
+        np.minimum(np.arange(size), size - np.arange(size)).astype(np.float64)
+        for size in _padded(grid)
+    )
+    kernel: Floats = 1.0 / (1.0 + (row[:, None] ** 2 + col**2) / REACH**2)
+    kernel[0, 0] = 0.0
+    return kernel
+
+
+def _padded(grid: tuple[int, int]) -> tuple[int, ...]:
+    """Sizes at which images do not reach around their edges, and that transform fast."""
+    return tuple(scipy.fft.next_fast_len(2 * size - 1, real=True) for size in grid)
+
+
+def _spread(kernel: Floats, grid: tuple[int, int]) -> Spread:
+    """Sums over all other cells by a kernel of offsets, as a product of Fourier transforms."""
+    rows, cols = grid
+    shape = kernel.shape
+    waves = scipy.fft.rfft2(kernel)
+
+    def spread(light: Floats) -> Floats:
+        images = light.reshape(*light.shape[:-1], rows, cols)
+        out = scipy.fft.irfft2(scipy.fft.rfft2(images, s=shape) * waves, s=shape)
+        near: Floats = np.ascontiguousarray(out[..., :rows, :cols]).reshape(light.shape)
+        return near
+
+    return spread
+
+
+def smoothed(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    picture: Picture,
+    learned: Learned | None,
+    *,
+    normalise: NormaliseName = "auto",
+) -> Picture:
+    """An indirect picture corrected for its smooth light (`pdcd.pictures.smooth`).
+
+    Sigma stays: the correction is a small part of the picture. `normalise` is what the picture was
+    made with (`pdcd.pictures.combine`).
+    """
+    photo = next(p for p in recipe.photos if p.name == "coded")
+    realised = realised_photo(photo.shots, shots)
+    weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
+    rows, cols = recipe.goal.grid
+    height, width = picture.image.shape[:2]
+    quads = (height // rows, width // cols)
+    cells = picture.image.reshape(rows, quads[0], cols, quads[1], 3).mean(axis=(1, 3))
+    image = cells.reshape(-1, 3)
+    if learned is not None:
+        image = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
+    more = colour_correction(realised.left, realised.right, weight, image, recipe.goal.grid)
+    full = more.reshape(rows, cols, 3).repeat(quads[0], axis=0).repeat(quads[1], axis=1)
+    return Picture(picture.image + full, picture.sigma)
+
+
+def _sums(paths: Any) -> Floats:
+    """Row sums of a sparse matrix, (N,)."""
+    return np.asarray(paths.sum(axis=1), dtype=np.float64).ravel()

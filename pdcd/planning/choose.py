@@ -1,0 +1,422 @@
+"""From a wanted error, or the time there is, to a plan.
+
+Candidates are numbers of codes on a ladder, few first, under each schedule of one to three
+refreshes a code that keeps codes apart at the mask's measured lag. Each is looked at once
+(`pdcd.planning.rehearse` for a known scene, `pdcd.planning.guess` for any other); ISO, passes and
+the number of equal exposures then follow by arithmetic. The wanted error is met in the shortest
+total time; a given time is spent on the smallest error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import product
+
+import msgspec
+import numpy as np
+
+from pdcd.codes.hadamard import hadamard_fits
+from pdcd.codes.singer import line_count
+from pdcd.errors import ConfigError
+from pdcd.pictures.learn import Learned
+from pdcd.pilot.codes import pilot_share
+from pdcd.pilot.matching import MOST_CELLS
+from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
+from pdcd.planning.guess import GOALS, Prior, guess
+from pdcd.planning.guided import by_prior, guidable
+from pdcd.planning.make import make_plan
+from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
+from pdcd.planning.plan import Plan
+from pdcd.planning.prior import GivenPrior, load_prior
+from pdcd.planning.rehearse import rehearse
+from pdcd.recipes.repeat import repeated
+from pdcd.request import CaptureRequest, Prediction
+from pdcd.scene.scene import Scene
+from pdcd.words import BlackLevel, FamilyName, ScheduleName
+
+CONFIDENCE = 0.95
+"""With which probability a wanted error is kept unless the request says otherwise."""
+
+LADDER = tuple(sorted(k * 2**n for k in (8, 12) for n in range(10)))
+"""Numbers of codes that are tried, each a Hadamard order: 8, 12, 16, 24 ... 6144."""
+
+MOST_REPEATS = 64
+"""Exposures of one photo beyond which RAW files pile up for little."""
+
+STALLED = 0.8
+"""Least error of the codes on the last rungs of the ladder, over that before, from which more codes
+do not help: what is left comes from the panels."""
+
+PATIENCE = 6
+"""Rungs that are given to lower the error: eight times as many codes."""
+
+PILOT_PAYS = 0.5
+"""Error with a pilot, over that without, from which its many RAW files are worth taking."""
+
+NEGLIGIBLE = 0.1
+"""Error of the codes, over the least error of the sensor, below which more codes do not matter."""
+
+MOST_PARTS = 1000
+"""Largest denominator of a share p of lit cells that balanced codes are fitted to."""
+
+PILOTED = ("indirect", "direct", "short-range")
+"""Goals that a pilot helps."""
+
+SETTLED = ("codes", "exposure_s", "pilot", "repeat")
+"""Fields that follow from the error or the time and are not to be given beside it."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A plan in all its parts, what is foreseen of one exposure of it, and its total time."""
+
+    plan: Plan
+    estimate: Estimate
+    iso: int
+    seconds: float
+
+
+def wants_choice(request: CaptureRequest) -> bool:
+    """Whether a request leaves its parameters to this module. Raises ConfigError when it
+    contradicts itself."""
+    asked = [name for name in ("error", "seconds") if getattr(request, name) is not None]
+    if not asked:
+        if request.confidence is not None:
+            raise ConfigError(
+                "confidence goes with a wanted error only",
+                hint="give an error, or seconds, and leave the number of codes open",
+            )
+        return False
+    if len(asked) == 2:
+        raise ConfigError(
+            "an error and a time are both asked for",
+            hint="give one; the plan says what the other comes to",
+        )
+    defaults = CaptureRequest(goal=request.goal)
+    given = [name for name in SETTLED if getattr(request, name) != getattr(defaults, name)]
+    if given:
+        raise ConfigError(
+            f"{' and '.join(given)} and {asked[0]} are both asked for",
+            hint=f"{asked[0]} decides on codes, pilot, exposure and repetitions: leave them out",
+        )
+    if request.method != "coded" or request.family in ("isolation", "confocal"):
+        raise ConfigError(
+            f"{asked[0]} is for coded photos",
+            hint="leave method and family out",
+        )
+    return True
+
+
+def choose(
+    request: CaptureRequest,
+    setting: Setting,
+    grid: tuple[int, int],
+    scene: Scene | None,
+    alive: Alive = lambda: None,
+) -> Choice:
+    """The plan that a request with a wanted error or a time comes to, its prediction included.
+
+    Parameters
+    ----------
+    request : one for which `wants_choice` holds.
+    setting : the rig.
+    grid : rows and columns of cells.
+    scene : what stands before the rig, where that is known; `request.prior` goes before it.
+    alive : called before every shot that is thought through, and may raise to end the work.
+
+    Raises
+    ------
+    ConfigError
+        The error cannot be had within the limits, or the time is too short for any plan.
+    """
+    given = None if request.prior is None else load_prior(request.prior, grid)
+    search = _Search(request, setting, grid, _known(request, given, scene), given, alive)
+    best = search.run()
+    confidence = request.confidence or CONFIDENCE
+    prediction = Prediction(
+        error=best.estimate.error(best.plan.repeat),
+        code=best.estimate.code,
+        sensor=best.estimate.sensor / best.plan.repeat**0.5,
+        bound=best.estimate.bound(confidence, best.plan.repeat),
+        confidence=confidence,
+        iso=best.iso,
+        prior=search.prior_name,
+    )
+    return replace(best, plan=replace(best.plan, prediction=prediction))
+
+
+def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | None) -> Scene | Prior:
+    """What the scene is taken to be. Raises ConfigError."""
+    if given is not None and given.scene is not None:
+        return given.scene
+    if scene is not None:
+        return scene
+    if request.goal not in GOALS:
+        raise ConfigError(
+            f"the error of the goal {request.goal} cannot be foreseen for an unknown scene",
+            hint="give a transport matrix as prior, or the number of codes",
+        )
+    return Prior()
+
+
+class _Search:
+    """One walk over all candidates."""
+
+    def __init__(
+        self,
+        request: CaptureRequest,
+        setting: Setting,
+        grid: tuple[int, int],
+        prior: Scene | Prior,
+        given: GivenPrior | None,
+        alive: Alive,
+    ) -> None:
+        self.request, self.setting, self.grid = request, setting, grid
+        self.prior, self.given, self.alive = prior, given, alive
+        self.confidence = request.confidence or CONFIDENCE
+        self.best: Choice | None = None
+        self.refused = ""
+        self.closest: Choice | None = None
+        self.learned: dict[tuple[int, str], Learned] = {}
+
+    @property
+    def prior_name(self) -> str:
+        """What the scene is taken to be, for people."""
+        if self.given is not None and self.given.scene is not None:
+            return self.given.name
+        return f"scene {self.prior.name}" if isinstance(self.prior, Scene) else str(self.prior)
+
+    def run(self) -> Choice:
+        """The best candidate. Raises ConfigError when none will do."""
+        for black, schedule in product(self._blacks(), self._schedules()):
+            self._climb(schedule, black)
+        plain = self.best
+        if self._takes_pilot() and (plain is None or self.request.seconds is not None):
+            coarse = self.grid[0] * self.grid[1] <= MOST_CELLS
+            kinds = (True, False) if coarse else (False,)
+            blacks = self._blacks() if plain is None else (plain.plan.black_level,)
+            for by_map, black, schedule in product(kinds, blacks, self._schedules()):
+                self._climb(schedule, black, by_map=by_map)
+        if self.best is None:
+            raise self._refusal()
+        if plain is not None and self.best.plan.pilot:
+            kept = self._bound(self.best) / self._bound(plain)
+            return self.best if kept < PILOT_PAYS else plain
+        return self.best
+
+    def _schedules(self) -> tuple[ScheduleName, ...]:
+        """Schedules to look at: the one asked for, or all that keep codes apart at the mask's
+        measured lag, with few refreshes first."""
+        config = self.setting.config
+        lag, jitter = lag_rows(config, self.setting.mask_lag_s)
+        if self.request.guards is not None:
+            return (choose_schedule(self.request.guards, lag, jitter),)
+        found = tolerant(lag, jitter)
+        instant = not any(p.rise_s or p.fall_s for p in (config.projector, config.mask))
+        # Nothing is left to keep apart where panels in step switch at once.
+        return found[:1] if instant and found[0] == "none" else found
+
+    def _blacks(self) -> tuple[BlackLevel, ...]:
+        """Which leaks to measure: what is asked for, or all choices that the panels may call for.
+        Before a scene that is not known the leak's error is not known, either."""
+        config = self.setting.config
+        usual = self.request.black_level or config.schedule.black_level
+        if self.request.black_level or usual != "none" or isinstance(self.prior, Prior):
+            return (usual,)
+        ambient = config.projector.contrast is not None or self.prior.ambient is not None
+        if config.mask.contrast is None:
+            return ("none", "ambient") if ambient else ("none",)
+        return ("none", "mask", "both") if ambient else ("none", "mask")
+
+    def _climb(
+        self, schedule: ScheduleName, black: BlackLevel, *, by_map: bool | None = None
+    ) -> None:
+        """Look at all numbers of codes, until more cannot be better; with a pilot of either kind,
+        or none."""
+        errors: list[float] = []
+        sensor = 0.0
+        for plan in self._plans(schedule, black, by_map):
+            least_s = _seconds(_scaled(plan, 1, 1))
+            budget_s = self.request.seconds
+            if budget_s is not None and least_s > budget_s:
+                self.refused = self.refused or f"the shortest plan takes {least_s:.3g} s"
+                return
+            if budget_s is None and self.best is not None and least_s >= self.best.seconds:
+                return
+            # The sensor's error hardly depends on the codes, so that of fewer tells when to stop.
+            floor = sensor / self._most_repeats(plan) ** 0.5
+            goal = self.request.error or (self.best and self._bound(self.best)) or np.inf
+            if floor > goal and errors[-1] < floor:
+                return
+            estimate = self._settle(plan)
+            if estimate.saturates:  # and more codes bring more light
+                return
+            learned = self.learned.get((plan.pilot, plan.schedule))
+            if learned is not None and not learned.promising:  # as every pilot's scouts will find
+                return
+            errors.append(estimate.code)
+            sensor = estimate.sensor
+            if estimate.code < NEGLIGIBLE * estimate.sensor / MOST_REPEATS**0.5:
+                return
+            if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > STALLED * min(
+                errors[:-PATIENCE]
+            ):
+                return
+
+    def _plans(
+        self, schedule: ScheduleName, black: BlackLevel, by_map: bool | None
+    ) -> Iterator[Plan]:
+        """Plans of single exposures, fewest codes first, as long as the limits allow."""
+        asked = msgspec.structs.replace(
+            self.request,
+            error=None,
+            seconds=None,
+            confidence=None,
+            prior=None,
+            guards=schedule,
+            black_level=black,
+        )
+        family, step = self._family()
+        per_code_s = 0.0
+        for rung in LADDER:
+            count = -(-rung // step) * step
+            if family == "hadamard" and not hadamard_fits(count, self.request.p or 0.5):
+                continue
+            if count * per_code_s > self.setting.config.limits.max_exposure_s:
+                return
+            share = 0 if by_map is None else pilot_share(count, by_map=by_map)
+            if by_map is not None and not share:
+                continue
+            request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
+            plan = make_plan(request, self.setting.config, self.grid)
+            if self.given is not None and guidable(plan):
+                plan = by_prior(plan, self.given, request.seed)
+            if any(program.coded for program in plan.recipe.programs.values()):
+                per_code_s = max(plan.exposure_s(s) for s in plan.recipe.shots) / plan.count
+            yield plan
+
+    def _family(self) -> tuple[FamilyName, int]:
+        """The code family, and what its number of codes must be a multiple of."""
+        p = self.request.p
+        family: FamilyName = "hadamard" if p is None or p == 0.5 else "balanced"
+        family = self.request.family or family
+        if family == "singer" and p is not None:
+            return family, line_count(p)
+        share = Fraction(0.5 if p is None else p).limit_denominator(MOST_PARTS)
+        return family, share.denominator if family == "balanced" else 1
+
+    def _takes_pilot(self) -> bool:
+        """Whether a pilot may help: it guides Hadamard codes, before a scene that is known, unless
+        a prior does so."""
+        fits = self.request.goal in PILOTED and self._family()[0] == "hadamard"
+        return fits and isinstance(self.prior, Scene) and self.given is None
+
+    def _outlook(self, plan: Plan) -> Outlook:
+        if isinstance(self.prior, Prior):
+            return guess(plan, self.setting, self.prior)
+        normalise = self.request.normalise or self.setting.config.schedule.normalise
+        return rehearse(
+            plan,
+            self.setting,
+            self.prior,
+            normalise=normalise,
+            seed=self.request.seed,
+            alive=self.alive,
+            known=self.learned,
+        )
+
+    def _settle(self, plan: Plan) -> Estimate:
+        """Try ISOs, passes and repetitions of one plan; returns its plainest estimate."""
+        outlook = self._outlook(plan)
+        limit_s = self.setting.config.limits.max_exposure_s
+        plainest = None
+        for iso in self.setting.isos:
+            once = outlook.judge(iso, 1)
+            plainest = plainest or once
+            passes = 1
+            while passes <= max(1.0, once.headroom) and _longest(plan) * passes <= limit_s:
+                estimate = once if passes == 1 else outlook.judge(iso, passes)
+                if estimate.saturates:
+                    self.refused = f"at f/{self.setting.config.camera.f_number} the light saturates"
+                else:
+                    self._consider(plan, estimate, iso, passes)
+                passes *= 2
+            if once.headroom < 2.0:  # gain only costs range where light suffices
+                break
+        return plainest or outlook.judge(self.setting.isos[0], 1)
+
+    def _consider(self, plan: Plan, estimate: Estimate, iso: int, passes: int) -> None:
+        """Keep this candidate if it is the best so far."""
+
+        def choice(repeat: int) -> Choice:
+            whole = _scaled(plan, passes, repeat)
+            return Choice(whole, estimate, iso, _seconds(whole))
+
+        if self.request.error is not None:
+            most = choice(MOST_REPEATS)
+            if self.closest is None or self._bound(most) < self._bound(self.closest):
+                self.closest = most
+            for repeat in range(1, MOST_REPEATS + 1):
+                if estimate.bound(self.confidence, repeat) <= self.request.error:
+                    found = choice(repeat)
+                    if self.best is None or found.seconds < self.best.seconds:
+                        self.best = found
+                    return
+            return
+        found = choice(self._most_repeats(_scaled(plan, passes, 1)))
+        fits = found.seconds <= (self.request.seconds or 0.0)
+        if fits and (self.best is None or self._bound(found) < self._bound(self.best)):
+            self.best = found
+
+    def _bound(self, choice: Choice) -> float:
+        return choice.estimate.bound(self.confidence, choice.plan.repeat)
+
+    def _most_repeats(self, plan: Plan) -> int:
+        """How many exposures the time allows, at least 1."""
+        if self.request.seconds is None:
+            return MOST_REPEATS
+        one_s, two_s = _seconds(plan), _seconds(_scaled(plan, plan.passes, 2))
+        extra = int((self.request.seconds - one_s) / (two_s - one_s) + 1e-9)
+        return min(MOST_REPEATS, 1 + max(0, extra))
+
+    def _refusal(self) -> ConfigError:
+        """Why no candidate will do, and what would."""
+        if self.request.error is None:
+            return ConfigError(
+                f"no plan fits into {self.request.seconds:g} s: {self.refused}",
+                hint="give more time, or leave the white shot out",
+            )
+        asked = f"an RMS error of {100.0 * self.request.error:.3g} % cannot be had"
+        if self.closest is None:
+            return ConfigError(f"{asked}: {self.refused}", hint="give less light or more codes")
+        closest, estimate = self.closest, self.closest.estimate
+        within = 100.0 * self._bound(closest)
+        return ConfigError(
+            f"{asked}: {closest.plan.count} codes, {MOST_REPEATS} times, leave {within:.2g} % "
+            f"({100.0 * estimate.code:.2g} % by the codes, "
+            f"{100.0 * estimate.sensor / MOST_REPEATS**0.5:.2g} % by the sensor), within "
+            f"{self.setting.config.limits.max_exposure_s:g} s an exposure",
+            hint=f"ask for {1.05 * within:.2g} % or more, or raise limits.max_exposure_s",
+        )
+
+
+def _scaled(plan: Plan, passes: int, repeat: int) -> Plan:
+    """The same with its codes shown `passes` times in each of `repeat` exposures."""
+    return replace(
+        plan,
+        passes=passes,
+        white_slots=plan.white_slots * passes // plan.passes,
+        repeat=repeat,
+        recipe=repeated(plan.recipe, repeat),
+    )
+
+
+def _longest(plan: Plan) -> float:
+    return max(plan.exposure_s(shot) for shot in plan.recipe.shots)
+
+
+def _seconds(plan: Plan) -> float:
+    """Time of all exposures."""
+    return sum(plan.exposure_s(shot) for shot in plan.recipe.shots)

@@ -1,0 +1,121 @@
+"""From a test exposure to the aperture of the real one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import levels_of
+from pdcd.planning.plan import Plan
+from pdcd.recipes.recipe import Shot
+
+Floats = NDArray[np.float64]
+
+TARGET = 0.6
+"""Where the brightest sample shall lie, as a share of saturation."""
+
+USABLE = (0.02, 0.95)
+"""A test exposure whose brightest sample lies outside tells too little: too dark, or clipped."""
+
+METER_PAIRS = 16
+"""Pairs of patterns in a test exposure: enough that every cell has light in some."""
+
+SEEN = 0.5
+"""Light of a cell in a test exposure, over its fair share, below which it tells too little to be
+multiplied by more: sharp paths would be taken for more than they are."""
+
+MAX_TESTS = 6
+
+
+def metered_pairs(plan: Plan, shot: Shot) -> tuple[int, Floats]:
+    """Pairs of patterns in a test exposure, and how much more light the shot gathers: (rows, cols).
+
+    Few codes open some cells more often than others. So each cell is told by the time its mask was
+    open while an average cell was lit, in the shot over that in the test: right for light from
+    many cells. Cells that the test opened seldom gain up to 1 / `SEEN` times what others do, and
+    their neighbours tell the rest. Exact sequences are shown whole: their first pairs are not like
+    the others.
+    """
+    exact = not shot.white and not plan.recipe.programs[shot.program].coded
+    of_shot = plan.pairs_of(shot)
+    pairs = of_shot if exact else min(METER_PAIRS, of_shot)
+    same = np.full(plan.grid, float(plan.passes_of(shot)))
+    if pairs == of_shot:
+        return pairs, same
+    whole, test = _open(plan, shot, of_shot), _open(plan, shot, pairs)
+    least = np.maximum(test, SEEN * whole * pairs / of_shot)
+    return pairs, same * np.divide(whole, least, out=np.zeros_like(whole), where=whole > 0.0)
+
+
+def _open(plan: Plan, shot: Shot, pairs: int) -> Floats:
+    """Pairs, each weighted by the lit share of all cells, in which a cell is open: (rows, cols)."""
+    lattice = Lattice(plan.grid, plan.window_of(shot))
+    primal, dual = plan.patterns[shot.program]
+    total = np.zeros(lattice.lattice_cells)
+    for k in range(pairs):
+        lit = float(levels_of(primal, k, total.size).mean())
+        total += lit * levels_of(dual, k, total.size)
+    table = total.reshape(lattice.shape)
+    if lattice.fields == 1:
+        return table
+    # Each quarter of a cell has a code cell of its own: this one, or its next down and right.
+    rows = (table[:-1] + table[1:]) / 2.0
+    return (rows[:, :-1] + rows[:, 1:]) / 2.0
+
+
+def next_aperture(
+    apertures: tuple[float, ...], now: float, peak: float, expected: float
+) -> tuple[float, bool]:
+    """The aperture to use next, and whether the test exposure was good enough to trust it.
+
+    Parameters
+    ----------
+    apertures : f-numbers that can be set.
+    now : f-number of the test exposure.
+    peak : its brightest sample as a share of saturation.
+    expected : the brightest sample of the real exposure at that f-number, by the same measure.
+    """
+    if peak >= USABLE[1]:
+        return at_least(apertures, now * 4.0), now >= max(apertures)
+    if peak < USABLE[0] and now > min(apertures):
+        brighter = now * np.sqrt(max(peak, 1e-4) / 0.3)
+        return at_least(apertures, float(brighter)), False
+    wanted = now * np.sqrt(max(expected, 1e-9) / TARGET)
+    return at_least(apertures, float(wanted)), True
+
+
+def peak_share(
+    planes: NDArray[np.float32],
+    saturated: NDArray[np.bool_],
+    saturation_dn: float,
+) -> float:
+    """Brightest sample as a share of saturation; 1 when any is saturated."""
+    if saturated.any():
+        return 1.0
+    return float(planes.max()) / saturation_dn
+
+
+def expected_share(
+    planes: NDArray[np.float32], ratio: Floats, saturation_dn: float, *, aligned: bool
+) -> float:
+    """Brightest sample of the real exposure, as a share of saturation; may be more than 1.
+
+    Parameters
+    ----------
+    planes : (4, h, w), the test exposure in DN above black.
+    ratio : (rows, cols) of `metered_pairs`.
+    aligned : whether pixels lie along cells, h and w being multiples of rows and cols. If not, the
+        ratio of an average cell counts for all.
+    """
+    rows, cols = ratio.shape
+    height, width = planes.shape[-2:]
+    if not aligned or height % rows or width % cols:
+        return float(planes.max() * np.median(ratio)) / saturation_dn
+    of_pixels = ratio.repeat(height // rows, axis=0).repeat(width // cols, axis=1)
+    return float((planes * of_pixels).max()) / saturation_dn
+
+
+def at_least(apertures: tuple[float, ...], f_number: float) -> float:
+    """The widest aperture that is no wider than wanted; the narrowest there is otherwise."""
+    return min((a for a in apertures if a >= f_number), default=max(apertures))

@@ -1,0 +1,166 @@
+"""Request + rig -> a plan: codes, shots, refreshes, seconds, light; nothing is run here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.frames.frames import Frames
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import Patterns, levels_of
+from pdcd.frames.schedule import build_frames, slot_rows
+from pdcd.recipes.programs import Floodlit, Program
+from pdcd.recipes.recipe import Recipe, Shot
+from pdcd.request import PlanSummary, Prediction, ShotSummary
+from pdcd.words import BlackLevel, ScheduleName
+
+Pair = tuple[Patterns, Patterns]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that the engine needs to know; `frames` builds the refreshes of a shot on demand."""
+
+    recipe: Recipe
+    patterns: dict[str, Pair]
+    """Projector and mask patterns of each program."""
+    family: str
+    count: int
+    pilot: int
+    parts: int
+    p: float
+    grid: tuple[int, int]
+    window: str
+    schedule: ScheduleName
+    passes: int
+    white_slots: int
+    refresh_hz: float
+    """Rows of frames a second: refreshes, or the planes that each of them carries."""
+    settle_s: float
+    delay_s: float = 0.0
+    """Time by which the mask is sent its frames later, or earlier."""
+    repeat: int = 1
+    smooth: bool = False
+    """Whether the indirect photo is to be corrected for its smooth light
+    (`pdcd.pictures.smooth`)."""
+    black_level: BlackLevel = "none"
+    """Which leaks further shots measure."""
+    prediction: Prediction | None = None
+    prior: str | None = None
+    """What guided the codes, in words."""
+    otherwise: Plan | None = None
+    """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
+
+    def window_of(self, shot: Shot) -> str:
+        """Window mode of a shot: that of the rig for codes, whole cells for all else."""
+        coded = not shot.white and windowed(self.recipe.programs[shot.program])
+        return self.window if coded else "whole"
+
+    def passes_of(self, shot: Shot) -> int:
+        """How often a shot's sequence is shown: exact ones fill as many slots as codes would."""
+        if shot.white:
+            return self.white_slots
+        if self.recipe.programs[shot.program].coded:
+            return self.passes
+        return max(1, round(self.count * self.passes / len(self.patterns[shot.program][0])))
+
+    def pairs_of(self, shot: Shot) -> int:
+        """Pairs of patterns in a shot's sequence."""
+        return 1 if shot.white or shot.only is not None else len(self.patterns[shot.program][0])
+
+    def frames(self, shot: Shot, *, pairs: int | None = None) -> Frames:
+        """Refreshes of a shot; `pairs` limits it to that many pairs, once (test exposures)."""
+        shown = None
+        if not shot.white:
+            primal, dual = self.patterns[shot.program]
+            first = shot.only or 0
+            last = first + (pairs or self.pairs_of(shot))
+            shown = (primal[first:last], dual[first:last])
+        return build_frames(
+            shown,
+            self.grid,
+            window=self.window_of(shot),
+            schedule=self.schedule,
+            passes=self.passes_of(shot) if pairs is None else 1,
+            primal_black=shot.primal_black,
+            dual_black=shot.dual_black,
+        )
+
+    def refreshes(self, shot: Shot) -> int:
+        """Number of refreshes of a shot, without building them."""
+        fields = 1 if shot.white else Lattice(self.grid, self.window_of(shot)).fields
+        slots = self.pairs_of(shot) * self.passes_of(shot) * fields
+        return slots * slot_rows(self.schedule)
+
+    def light_share(self, shot: Shot) -> float:
+        """Mean share of a floodlit exposure of the same length that a path keeps."""
+        duty = 1.0 / slot_rows(self.schedule)
+        if shot.primal_black or shot.dual_black:
+            return 0.0
+        if shot.white:
+            return duty
+        lattice = Lattice(self.grid, self.window_of(shot))
+        kept = mean_light(self.patterns[shot.program], lattice.lattice_cells)
+        return duty * kept / lattice.fields
+
+    def exposure_s(self, shot: Shot) -> float:
+        """Planned time between opening and closing the shutter."""
+        return self.refreshes(shot) / self.refresh_hz + self.delay_s + 2.0 * self.settle_s
+
+    def summary(self) -> PlanSummary:
+        """The plan in figures."""
+        alike = {name: len(self.recipe.stack) for name in self.recipe.stack[:1]}
+        copied = {s.copy_of for s in self.recipe.shots}
+        alike |= {s.name: self.repeat for s in self.recipe.shots if s.name in copied}
+        shots = tuple(
+            ShotSummary(
+                name=s.name,
+                exposures=alike.get(s.name, 1),
+                codes=0 if s.white else self.pairs_of(s),
+                refreshes=self.refreshes(s),
+                exposure_s=self.exposure_s(s),
+                light_share=self.light_share(s),
+            )
+            for s in self.recipe.shots
+            if s.name not in self.recipe.stack[1:] and not s.copy_of
+        )
+        photos = {photo.name: photo for photo in self.recipe.photos}
+        last = self.recipe.main
+        first = photos[last].shots[0][1] if last in photos else self.recipe.stack[0]
+        single = first in self.recipe.stack or first in self.recipe.sums
+        main = self.recipe.stack[0] if single else first
+        return PlanSummary(
+            goal=self.recipe.goal.name,
+            family=self.family,
+            codes=self.count + self.pilot,
+            p=self.p,
+            grid=self.grid,
+            window=self.window,
+            guards=self.schedule != "none",
+            schedule=self.schedule,
+            passes=self.passes,
+            parts=self.parts,
+            shots=shots,
+            refreshes=sum(s.refreshes * s.exposures for s in shots),
+            seconds=sum(s.exposure_s * s.exposures for s in shots),
+            light_share=next(s.light_share for s in shots if s.name == main),
+            raw_files=len(self.recipe.shots),
+            pilot=self.pilot,
+            prediction=self.prediction,
+            prior=self.prior,
+        )
+
+
+def windowed(program: Program) -> bool:
+    """Whether a program runs in the rig's window mode: where the mask shows codes."""
+    return program.coded and not isinstance(program, Floodlit)
+
+
+def mean_light(pair: Pair, cells: int) -> float:
+    """Mean over pairs and paths of the product of both panels' levels."""
+    primal, dual = (
+        np.array([levels_of(patterns, k, cells).mean() for k in range(len(patterns))])
+        for patterns in pair
+    )
+    return float(np.mean(primal * dual))

@@ -1,0 +1,279 @@
+"""The error a plan will have before a known scene: its own codes, its panels, its sensor.
+
+Nothing is drawn at random. Each shot's realised probing matrix follows from its frames and the
+panels' optics (`pdcd.probing.realised`), the scene turns it into a photo without noise, and the
+sensor model gives that photo its variance. Both go through the same sums as real photos
+(`pdcd.pictures.combine`). What the picture then differs from the truth by is the error of the
+codes; its sigma is that of the sensor. Not foreseen: missed refreshes, jitter, and noise in the
+test exposures for the aperture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pdcd.bench.tables import Config
+from pdcd.frames.balance import streams
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.frames.patterns import levels_of
+from pdcd.pictures.combine import Exposed, combine, scaled_photos
+from pdcd.pictures.learn import Learned, corrections, learn
+from pdcd.pictures.smooth import smoothed
+from pdcd.pilot.codes import SCOUTS
+from pdcd.planning.guided import stopped, with_links
+from pdcd.planning.metering import TARGET, metered_pairs
+from pdcd.planning.outlook import Alive, Estimate, Floats, Setting
+from pdcd.planning.plan import Plan
+from pdcd.planning.truth import answer
+from pdcd.probing.deviation import weight_s
+from pdcd.probing.panel import apart_s
+from pdcd.probing.realised import Factors, bench_factors, collect, signed_sum
+from pdcd.recipes.recipe import Extremes, Recipe, Shot
+from pdcd.scene.scene import Scene
+from pdcd.words import NormaliseName
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """A plan before a known scene, every shot without noise and its codes shown once.
+
+    recipe : what of the plan's recipe the answer needs, in single exposures.
+    light : (rows, cols, 3) of each shot, scene units times seconds.
+    metered_e : electrons at f/1 that metering expects of the brightest sample of each program. Its
+        test exposure shows few of the codes, so that this is not quite what there will be.
+    added : what a pilot and smooth light correct, as `combine` takes it.
+    truth : (rows, cols, 3), scene units.
+    """
+
+    plan: Plan
+    recipe: Recipe
+    setting: Setting
+    normalise: NormaliseName
+    light: dict[str, Floats]
+    realised: dict[str, Factors]
+    metered_e: dict[str, float]
+    added: dict[str, Floats]
+    truth: Floats
+
+    def judge(self, iso: int, passes: int) -> Estimate:
+        """Errors at that ISO, with the codes shown `passes` times in each exposure."""
+        shots, headroom = {}, np.inf
+        for shot in self.recipe.shots:
+            f = self.setting.f_number(passes * self.metered_e[shot.program], iso)
+            peak_e = passes * _peak_e(self.light[shot.name], self.setting)
+            shots[shot.name] = self._exposed(shot, passes, iso, f)
+            headroom = min(headroom, TARGET * self.setting.full_e(iso) * f**2 / max(peak_e, 1e-9))
+        pictures = combine(self.recipe, shots, self.added, normalise=self.normalise)
+        picture = next(iter(pictures.values()))
+        total = float(np.sum(self.truth**2)) or 1.0
+        code2, sensor2 = (picture.image - self.truth) ** 2, picture.sigma**2
+        return Estimate(
+            code=float(np.sqrt(code2.sum() / total)),
+            sensor=float(np.sqrt(sensor2.sum() / total)),
+            code_var=0.0,
+            cross_var=4.0 * float(np.sum(code2 * sensor2)) / total**2,
+            sensor_var=2.0 * float(np.sum(sensor2**2)) / total**2,
+            headroom=headroom,
+        )
+
+    def _exposed(self, shot: Shot, passes: int, iso: int, f_number: float) -> Exposed:
+        light = passes * self.light[shot.name]
+        exposure_s = passes * self.plan.exposure_s(shot)
+        variance = _variance(light, self.setting, iso, f_number, exposure_s)
+        once = self.realised[shot.name]
+        many = Factors(passes * once.left, once.right, passes * once.coaxial, passes * once.open_s)
+        return Exposed(light, variance, np.zeros(light.shape[:2], np.bool_), many, {})
+
+
+def rehearse(
+    plan: Plan,
+    setting: Setting,
+    scene: Scene,
+    *,
+    normalise: NormaliseName,
+    seed: int,
+    alive: Alive = lambda: None,
+    known: dict[tuple[int, str], Learned] | None = None,
+) -> Rehearsal:
+    """Take all photos of a plan without noise.
+
+    Parameters
+    ----------
+    plan : in single exposures and one pass.
+    scene : what stands there, or something like it; of the plan's grid.
+    seed : of the request; that of the codes, and here of the noise of the pilot's photos.
+    alive : called before every shot, and may raise to end the work.
+    known : what short pilots found when other plans were rehearsed that differ in their codes only;
+        what this one finds is added.
+    """
+    rehearsed: dict[str, tuple[Floats, Factors]] = {}
+
+    def take(shots: Iterable[Shot]) -> None:
+        for shot in shots:
+            alive()
+            rehearsed[shot.name] = _photo(plan, shot, setting.config, scene)
+
+    learned = None
+    if plan.pilot:
+        key = plan.pilot, plan.schedule
+        learned = None if known is None else known.get(key)
+        if learned is None:
+            pilot = [shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack]
+            take(pilot[:SCOUTS])
+            learned = _learned(plan, setting, rehearsed, seed)
+            if learned.promising:
+                take(pilot[SCOUTS:])
+                learned = _learned(plan, setting, rehearsed, seed)
+            if known is not None and learned.worth is None:  # which goes by the number of codes
+                known[key] = learned
+        if not learned.promising:
+            plan = stopped(plan, seed, setting.config.limits.max_exposure_s)
+        elif learned.pays:
+            plan = with_links(plan, learned.links, seed)
+    recipe = _bare(plan.recipe)
+    take(recipe.shots)
+    realised = {name: matrix for name, (_, matrix) in rehearsed.items()}
+    metered_e: dict[str, float] = {}
+    for shot in recipe.shots:
+        if shot.program not in metered_e:
+            metered_e[shot.program] = _metered_e(plan, shot, setting, scene)
+    added = {} if learned is None else _added(plan, recipe, learned, realised)
+    if plan.smooth and "coded" in (photo.name for photo in recipe.photos):
+        dark = np.zeros((*plan.grid, 3))
+        shots = {
+            name: Exposed(light, dark, dark[..., 0] > 0.0, matrix, {})
+            for name, (light, matrix) in rehearsed.items()
+        }
+        coded = scaled_photos(recipe, shots, added, normalise=normalise)["coded"]
+        more = smoothed(recipe, shots, coded, learned, normalise=normalise).image - coded.image
+        added["coded"] = added.get("coded", 0.0) + more
+    return Rehearsal(
+        plan=plan,
+        recipe=recipe,
+        setting=setting,
+        normalise=normalise,
+        light={name: light for name, (light, _) in rehearsed.items()},
+        realised=realised,
+        metered_e=metered_e,
+        added=added,
+        truth=answer(scene, plan.recipe).reshape(*plan.grid, 3),
+    )
+
+
+def _bare(recipe: Recipe) -> Recipe:
+    """What the answer rests on, and nothing else."""
+    rule = recipe.answer
+    names = rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)
+    photos = tuple(photo for photo in recipe.photos if photo.name in names)
+    used = {shot for photo in photos for _, shot in photo.shots}
+    shots = tuple(shot for shot in recipe.shots if shot.name in used)
+    answer_name = next(iter(recipe.pictures))
+    return replace(recipe, photos=photos, shots=shots, pictures={answer_name: rule})
+
+
+def foreseen(plan: Plan, shot: Shot, config: Config, pairs: int | None = None) -> Factors:
+    """Probing matrix of a shot on panels that behave as configured and miss nothing.
+
+    `pairs` limits it to that many pairs of patterns, as in a test exposure.
+    """
+    frames = plan.frames(shot, pairs=pairs)
+    settle_ns = round(plan.settle_s * 1e9)
+    log = _on_time(frames, config, settle_ns)
+    return collect(
+        bench_factors(
+            frames,
+            log,
+            config.projector,
+            config.mask,
+            open_ns=0,
+            close_ns=int(log.end_ns.max()) + settle_ns,
+        )
+    )
+
+
+def _photo(
+    plan: Plan, shot: Shot, config: Config, scene: Scene, pairs: int | None = None
+) -> tuple[Floats, Factors]:
+    """Light of a shot, (rows, cols, 3) in scene units times seconds, and its probing matrix."""
+    matrix = foreseen(plan, shot, config, pairs)
+    light = scene.photo(matrix.left, matrix.right, matrix.coaxial, matrix.open_s)
+    return light.reshape(*plan.grid, 3), matrix
+
+
+def _on_time(frames: Frames, config: Config, start_ns: int) -> FrameLog:
+    """The log of a display that misses nothing, both panels at the rate of the slower one."""
+    period_ns = 1e9 / config.row_hz
+    apart_ns = apart_s(config.projector, config.mask) * 1e9
+    rows = np.arange(len(frames), dtype=np.int32)
+    primal_rows, dual_rows = streams(rows, config.mask_delay_rows)
+    count = primal_rows.size
+    flips = start_ns + np.rint(np.arange(count + 1) * period_ns).astype(np.int64)
+    later = flips + max(0, round(apart_ns))
+    sooner = flips + max(0, -round(apart_ns))
+    return FrameLog(
+        primal_shown=primal_rows,
+        dual_shown=dual_rows,
+        primal_ns=sooner[:-1],
+        dual_ns=later[:-1],
+        end_ns=np.array([sooner[-1], later[-1]]),
+        missed=np.zeros(count, dtype=np.int32),
+        source="foreseen",
+        verified=False,
+    )
+
+
+def _learned(
+    plan: Plan, setting: Setting, photos: dict[str, tuple[Floats, Factors]], seed: int
+) -> Learned:
+    """What a pilot would find in its photos, with noise drawn from the sensor model."""
+    rng = np.random.default_rng([seed, 2])
+    iso = min(setting.isos)
+    stack = [shot for shot in plan.recipe.shots if shot.only is not None and shot.name in photos]
+    f_number = setting.f_number(_peak_e(photos[stack[0].name][0], setting), iso)
+    shots = {}
+    for shot in stack:
+        light, matrix = photos[shot.name]
+        variance = _variance(light, setting, iso, f_number, plan.exposure_s(shot))
+        noisy = light + np.sqrt(variance) * rng.standard_normal(light.shape)
+        shots[shot.name] = Exposed(noisy, variance, np.zeros(plan.grid, np.bool_), matrix, {})
+    cells = plan.grid[0] * plan.grid[1]
+    primal = plan.patterns["pilot"][0]
+    bits = np.array([levels_of(primal, k, cells) > 0.5 for k in range(len(primal))])
+    return learn(plan.recipe, shots, bits, plan.count + plan.pilot)
+
+
+def _added(
+    plan: Plan, recipe: Recipe, learned: Learned, realised: dict[str, Factors]
+) -> dict[str, Floats]:
+    """What the coded photo gets wrong of the paths that the pilot found, as decoding adds it."""
+    photo = next(p for p in recipe.photos if p.name == "coded")
+    matrix = signed_sum((sign, realised[name]) for sign, name in photo.shots)
+    missing = corrections(learned, matrix, weight_s(matrix, photo.wanted))
+    return {"coded": missing.reshape(*plan.grid, 3)}
+
+
+def _metered_e(plan: Plan, shot: Shot, setting: Setting, scene: Scene) -> float:
+    """Electrons at f/1 that metering expects of the brightest sample of a shot."""
+    pairs, ratio = metered_pairs(plan, shot)
+    light, _ = _photo(plan, shot, setting.config, scene, pairs)
+    return _peak_e(light * ratio[..., None], setting)
+
+
+def _peak_e(light: Floats, setting: Setting) -> float:
+    """Electrons of the brightest sample at f/1."""
+    return float((light * setting.camera.responsivity_e).max())
+
+
+def _variance(
+    light: Floats, setting: Setting, iso: int, f_number: float, exposure_s: float
+) -> Floats:
+    """Variance of developed light (rows, cols, 3), in its own unit squared."""
+    gain = setting.profile.row(iso).gain_e_per_dn
+    dn_per_unit = setting.camera.responsivity_e / (f_number**2 * gain)
+    samples = setting.variance_dn2(light * dn_per_unit, iso, exposure_s)
+    green_twice = np.array([1.0, 0.5, 1.0])  # a quad has two green samples
+    variance: Floats = samples * green_twice / dn_per_unit**2
+    return variance

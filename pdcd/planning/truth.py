@@ -1,0 +1,47 @@
+"""What a goal's image is on a scene whose transport is known."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.probing.wanted import Wanted
+from pdcd.recipes.recipe import Extremes, Recipe
+from pdcd.scene.scene import Scene
+
+BLOCK = 256
+"""Rows of the wanted matrix taken together; bounds the memory."""
+
+
+def answer(scene: Scene, recipe: Recipe) -> NDArray[np.float64]:
+    """What a recipe's answer is in truth, (N, 3), in scene units, without ambient light."""
+    rule = recipe.answer
+    if recipe.meant is not None:
+        return probe(scene, recipe.meant)
+    if not isinstance(rule, Extremes):
+        return probe(scene, recipe.wanted)
+    wanted = {photo.name: photo.wanted for photo in recipe.photos}
+    images = np.stack([probe(scene, wanted[name]) for name in rule.photos])
+    return np.asarray(rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0))
+
+
+def probe(scene: Scene, wanted: Wanted) -> NDArray[np.float64]:
+    """``(Pi o T) 1`` with the wanted matrix itself, (N, 3), in scene units, without ambient light.
+
+    Eq. 2 of the paper, evaluated row by row for matrices without structure.
+    """
+    if wanted.uniform is not None:
+        diagonal, off = wanted.uniform
+        direct, indirect = scene.split()
+        return diagonal * direct + off * indirect
+    image = np.zeros((scene.cells, 3))
+    nothing = np.zeros(scene.cells)
+    for start in range(0, scene.cells, BLOCK):
+        stop = min(start + BLOCK, scene.cells)
+        rows = wanted.rows(start, stop)
+        pick = np.zeros((stop - start, scene.cells))
+        pick[np.arange(stop - start), np.arange(start, stop)] = 1.0
+        own = nothing.copy()
+        own[start:stop] = rows[np.arange(stop - start), np.arange(start, stop)]
+        image += scene.photo(pick, rows, own, nothing)
+    return image

@@ -1,0 +1,144 @@
+"""How one panel answers: black leak, first-order rise and fall, skew.
+
+Between two changes of its target a pixel follows ``level + deviation * exp(-t / tau)``, with one
+time constant towards white and one towards black. A panel's whole exposure is therefore a list of
+spans, each a constant and at most two decaying fields; `Trajectory` yields them in order without
+ever holding all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import PanelConfig
+
+Floats = NDArray[np.float64]
+
+SHORTEST_S = 1e-300
+"""Time constants below this one jump as it does; their rates would leave the range of float64."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Optics of one panel: time constants in s, black over white, delay of the light in ns."""
+
+    rise_s: float = 0.0
+    fall_s: float = 0.0
+    leak: float = 0.0
+    skew_ns: int = 0
+
+    @classmethod
+    def from_config(cls, config: PanelConfig) -> Panel:
+        """The panel that [projector] or [mask] describes."""
+        leak = 0.0 if config.contrast is None else 1.0 / config.contrast
+        return cls(config.rise_s, config.fall_s, leak, round(config.skew_s * 1e9))
+
+    @property
+    def rates(self) -> Floats:
+        """Decay rates in 1/s of the fields of a span: 0 for the constant, then the others."""
+        taus = [self.rise_s] if self.rise_s == self.fall_s else [self.rise_s, self.fall_s]
+        if self.rise_s == self.fall_s == 0.0:
+            taus = []
+        # A zero constant beside a finite one: that field is always zero, any rate will do.
+        return np.array([0.0] + [1.0 / max(t, SHORTEST_S) if t > 0.0 else 1.0 for t in taus])
+
+
+def apart_s(projector: PanelConfig, mask: PanelConfig) -> float:
+    """By how much the mask's vblank follows the projector's nearest one; negative: it leads."""
+    period_s = 1.0 / min(projector.refresh_hz, mask.refresh_hz)
+    return (mask.phase_s - projector.phase_s + 0.5 * period_s) % period_s - 0.5 * period_s
+
+
+def offset_cells(
+    projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]
+) -> tuple[float, float]:
+    """Misregistration of the mask in cells (rows, cols), from its offset in projector pixels."""
+    right_px, down_px = mask.offset_px
+    width_px, height_px = projector.size_px
+    return down_px * grid[0] / height_px, right_px * grid[1] / width_px
+
+
+class Trajectory:
+    """The spans of one panel during an exposure, in order.
+
+    Parameters
+    ----------
+    panel : Panel
+    starts_ns : (S,) int64
+        Start of each span, from the opening of the shutter, ascending, first 0; a panel is at
+        rest on black before.
+    targets : callable
+        ``targets(s) -> (P,) float64``: the level 0..1 that span s asks each of the P pixels for.
+    """
+
+    def __init__(
+        self,
+        panel: Panel,
+        starts_ns: NDArray[np.int64],
+        pixels: int,
+        targets: Callable[[int], Floats],
+    ) -> None:
+        self._panel = panel
+        self._starts_ns = starts_ns
+        self._targets = targets
+        self._state = np.full(pixels, panel.leak)
+        self._held = np.empty((0, self.fields, pixels))
+        self._first = 0
+
+    @property
+    def fields(self) -> int:
+        """Fields of one span: 1, 2 or 3."""
+        return int(self._panel.rates.size)
+
+    def take(self, start: int, stop: int) -> Floats:
+        """Fields of spans start..stop-1, (stop - start, fields, P) float64.
+
+        Calls go on where the last one stopped, or one span before.
+        """
+        out = np.empty((stop - start, self.fields, self._state.size))
+        kept = self._held[start - self._first :]
+        out[: len(kept)] = kept
+        for span in range(start + len(kept), stop):
+            self._advance(span, out[span - start])
+        # The last span may reach into the next call; a copy lets go of the rest.
+        self._held, self._first = out[-1:].copy(), stop - 1
+        return out
+
+    def _advance(self, span: int, fields: Floats) -> None:
+        """Write the fields of the next span and move the state to its end."""
+        panel = self._panel
+        asked = self._targets(span)
+        level = fields[0]
+        np.multiply(asked, 1.0 - panel.leak, out=level)
+        level += panel.leak
+        if panel.leak:
+            level[asked == 1.0] = 1.0  # exactly, whatever the rounding: full light has no leak
+        if self.fields == 1:
+            return
+        rising = level >= self._state
+        # A zero time constant jumps: nothing of the deviation is left.
+        deviation = np.subtract(self._state, level, out=fields[1])
+        if panel.rise_s == 0.0:
+            deviation[rising] = 0.0
+        if panel.fall_s == 0.0:
+            deviation[~rising] = 0.0
+        if self.fields == 3:
+            np.multiply(deviation, ~rising, out=fields[2])
+            deviation *= rising
+        if span + 1 < self._starts_ns.size:
+            elapsed_s = (self._starts_ns[span + 1] - self._starts_ns[span]) * 1e-9
+            left = np.exp(-panel.rates[1:] * elapsed_s)
+            self._state = level + left @ fields[1:]
+
+
+def decay_integral(rate: Floats, duration_s: Floats) -> Floats:
+    """Integral of exp(-rate t) over 0..duration, elementwise; the duration where the rate is 0.
+
+    `expm1` keeps full precision for intervals far shorter than the time constant.
+    """
+    safe = np.where(rate > 0.0, rate, 1.0)
+    return np.where(rate > 0.0, -np.expm1(-safe * duration_s) / safe, duration_s)

@@ -1,0 +1,118 @@
+"""What a laboratory without a mask would do instead, to compare with on the same rig and scene.
+
+Both need many photos through an open mask, one RAW file each.
+
+*Multi-image*: photo k is ``T i_k`` for code k, and is masked in software. The paper's appendix adds
+up ``(1 - i_k) * T i_k``, which looks at a pixel only while its own cell is dark, in half of the
+photos. Here a line is fitted to each pixel's photos over its own code instead, which takes all of
+them: its slope is the direct light, by signed weights, and twice its value at 0 is the indirect.
+With codes that light all cells equally often the latter is the paper's sum again; with random ones
+the paper's sum has a further error, as its cells are dark unequally often.
+
+*Checkers* (Nayar, Krishnan, Grossberg and Raskar 2006): half of the cells are lit, in a checker
+that moves. Where a cell is lit, a photo holds its direct light and half of the indirect; where it
+is dark, half of the indirect. So ``direct = max - min`` and ``indirect = 2 min`` over the photos.
+This assumes that indirect light is smooth: that it comes from so many cells that half of them are
+lit under every checker. A mirror that lights a cell from one other cell breaks it, and then the
+answer may be wrong by all of that light.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+from pdcd.recipes.goals import Goal
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BLOCK_CELLS = 2
+"""Side of a checker's blocks. Smaller ones assume less of the indirect light, but every cell then
+lies at the edge of its block, where real projectors are not sharp."""
+
+
+def masked_weights(bits: Bools) -> Floats:
+    """Weights of the paper's masked sum, ``1 - i_k`` (appendix): indirect light.
+
+    Parameters
+    ----------
+    bits : (K, N) bool, lit cells of each photo.
+
+    Returns
+    -------
+    (K, N) float64, what to multiply each cell of each photo by before they are added up.
+    """
+    return np.where(bits, 0.0, 1.0)
+
+
+def fitted_weights(bits: Bools, *, direct: float, indirect: float) -> Floats:
+    """Weights that find given shares of direct and indirect light, by a line through the photos.
+
+    For each cell, over its own code i_k: photo = indirect / 2 + direct * i_k, all other cells being
+    lit half of the time. The direct weights are signed and add up to 0, so ambient light and all
+    that the photos have in common drop out. What is left of other cells has the variance
+    ``Q_n / (K - 1)`` in direct light and ``2 Q_n / (K - 1)`` in indirect light for random codes,
+    Q_n being the sum of their squared transport (eq. 7 of the paper has Q_n / K), and none of the
+    term ``S_n^2 / K`` of the masked sum, S_n being their sum. It is 0 for Hadamard codes with more
+    codes than cells. Cells that are lit never or always cannot be told apart from the others; their
+    weights are 0.
+
+    Indirect light as an ordinary photo less the direct light would have half of that variance for
+    random codes, but the noise of all light: far more where direct light is the stronger.
+
+    Parameters
+    ----------
+    bits : (K, N) bool, lit cells of each photo.
+    direct, indirect : shares to keep.
+
+    Returns
+    -------
+    (K, N) float64.
+    """
+    lit = bits.sum(axis=0)
+    dark = len(bits) - lit
+    known = (lit > 0) & (dark > 0)
+    of_lit = np.where(known, bits / np.maximum(lit, 1), 0.0)
+    of_dark = np.where(known, ~bits / np.maximum(dark, 1), 0.0)
+    return np.asarray(direct * (of_lit - of_dark) + indirect * 2.0 * of_dark)
+
+
+def checkers(grid: tuple[int, int], block: int = BLOCK_CELLS) -> Floats:
+    """All different positions of a checker with blocks of `block` x `block` cells.
+
+    Every cell is lit in half of the photos, and has every place within a block in some photo, lit
+    and dark.
+
+    Returns
+    -------
+    (2 block^2, N) float64, 0 or 1.
+    """
+    rows, cols = np.divmod(np.arange(grid[0] * grid[1]), grid[1])
+    return np.array(
+        [
+            ((rows + down) // block + (cols + right) // block) % 2
+            for down in range(block)
+            for right in range(2 * block)
+        ],
+        dtype=np.float64,
+    )
+
+
+def shares(goal: Goal, method: str) -> tuple[float, float]:
+    """How much of direct and of indirect light a goal asks for.
+
+    Raises ConfigError for goals that are more than that.
+    """
+    known = {"direct": (1.0, 0.0), "indirect": (0.0, 1.0), "fraction": (1.0, goal.p or 0.0)}
+    if goal.name not in known:
+        raise ConfigError(
+            f"method {method} cannot do the goal {goal.name}",
+            hint=f"it does {', '.join(known)}; take the method coded",
+        )
+    if goal.light is not None:
+        raise ConfigError(
+            f"method {method} takes no illumination", hint="leave it out, or take the method coded"
+        )
+    return known[goal.name]

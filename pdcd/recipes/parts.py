@@ -1,0 +1,137 @@
+"""A coded photo in several exposures with codes of their own: its parts.
+
+Each part alone is a photo of the same wanted matrix from fewer codes. The photo is the sum of all
+parts, which is what one exposure of all their codes would have been; their differences show the
+error that the codes make, which nothing else on a real rig can show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+from pdcd.recipes.recipe import Recipe, Shot
+from pdcd.request import CaptureRequest
+
+FEWEST_PARTS = 4
+"""Parts from which on their spread says more than a model of the scene does."""
+
+
+def in_parts(recipe: Recipe, parts: int) -> Recipe:
+    """Return the recipe with every shot of codes taken in `parts` exposures, part by part.
+
+    Programs and shots get the number of their part, from 1, behind the name of the program; shots
+    that are not split come first. One part leaves the recipe as it is. Raises ConfigError when
+    there are no codes to split.
+    """
+    if parts == 1:
+        return recipe
+    split = [s for s in recipe.shots if _splits(recipe, s)]
+    if not split:
+        raise ConfigError(
+            f"goal {recipe.goal.name} has no coded photo to split into {parts} parts",
+            hint="leave out the parts: this photo has no code error",
+        )
+    programs = {}
+    for name, program in recipe.programs.items():
+        mine = any(shot.program == name for shot in split)
+        numbers = range(1, parts + 1) if mine else [0]
+        programs.update({_named(name, part): program for part in numbers})
+    numbered = [_part(shot, part) for part in range(1, parts + 1) for shot in split]
+    names = {shot.name for shot in split}
+    by_name = {shot.name: shot for shot in recipe.shots}
+    photos = []
+    for photo in recipe.photos:
+        terms = [
+            (sign, _part(by_name[name], part).name if name in names else name)
+            for part in range(1, parts + 1)
+            for sign, name in photo.shots
+            if name in names or part == 1
+        ]
+        photos.append(replace(photo, shots=tuple(terms)))
+    whole = [shot for shot in recipe.shots if shot.name not in names]
+    return replace(recipe, programs=programs, shots=(*whole, *numbered), photos=tuple(photos))
+
+
+def check_parts(request: CaptureRequest) -> int:
+    """Number of parts asked for. Raises ConfigError for a target that they cannot measure."""
+    if request.until_error is not None and request.parts < FEWEST_PARTS:
+        raise ConfigError(
+            f"{request.parts} parts cannot tell when the error is low enough",
+            hint=f"take at least {FEWEST_PARTS} parts: their spread measures the error",
+        )
+    return request.parts
+
+
+def part_numbers(recipe: Recipe) -> tuple[int, ...]:
+    """Numbers of the parts of a recipe, ascending; none when no photo is split."""
+    return tuple(sorted({shot.part for shot in recipe.shots if shot.part}))
+
+
+def only_parts(recipe: Recipe, wanted: Container[int]) -> Recipe:
+    """Return the recipe of the photos that some parts alone make, with all that is not split."""
+    shots = tuple(shot for shot in recipe.shots if not shot.part or shot.part in wanted)
+    names = {shot.name for shot in shots}
+    photos = tuple(
+        replace(photo, shots=tuple(term for term in photo.shots if term[1] in names))
+        for photo in recipe.photos
+    )
+    return replace(recipe, shots=shots, photos=photos)
+
+
+def taken_parts(recipe: Recipe, names: Container[str]) -> Recipe:
+    """Return the recipe of the parts of which every shot is among `names`.
+
+    All parts if none of them is complete, as then there is no photo yet.
+    """
+    complete = [
+        part
+        for part in part_numbers(recipe)
+        if all(shot.name in names for shot in recipe.shots if shot.part == part)
+    ]
+    return only_parts(recipe, complete) if complete else recipe
+
+
+def part_seed(seed: int, parts: int, part: int) -> int:
+    """Seed of one part's codes: its own among all parts of all seeds; `seed` itself of a whole."""
+    return seed * parts + max(part - 1, 0)
+
+
+def coin_signs(bits: NDArray[np.bool_], seed: int) -> NDArray[np.bool_]:
+    """Return codes (K, L), lit half of the time, with those of each cell inverted by a coin.
+
+    Hadamard codes give cells that share a column opposite signs where they are neighbours. The
+    error that this leaves is small but the same in all parts, so that their spread would not show
+    it. With coins the parts err to both sides, and their mean less than each.
+    """
+    coins = np.random.Generator(np.random.PCG64([seed, 1])).random(bits.shape[1]) < 0.5
+    return bits ^ coins
+
+
+def part_codes(codes: int, parts: int) -> int:
+    """Codes of each part. Raises ConfigError when they cannot be shared out evenly."""
+    if codes % parts:
+        raise ConfigError(
+            f"{codes} codes cannot be shared out to {parts} parts",
+            hint=f"take {max(1, codes // parts) * parts} codes",
+        )
+    return codes // parts
+
+
+def _splits(recipe: Recipe, shot: Shot) -> bool:
+    """Whether a shot shows all codes of a program, or measures what leaks while it does."""
+    return not shot.white and shot.only is None and recipe.programs[shot.program].coded
+
+
+def _named(program: str, part: int) -> str:
+    return f"{program}-{part}" if part else program
+
+
+def _part(shot: Shot, part: int) -> Shot:
+    """One part of a shot; the names of shots begin with that of their program."""
+    program = _named(shot.program, part)
+    return replace(shot, name=program + shot.name[len(shot.program) :], program=program, part=part)

@@ -1,0 +1,235 @@
+"""How a shot realises its share of a wanted matrix: what both panels show, slot by slot.
+
+A program turns the code bits i (K, L) of a family into P pairs of patterns. The outer products of
+its pairs add up to what its docstring says. Light cannot be negative: a program of signed values
+comes as two shots whose difference is wanted (eq. 10 of the paper).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.frames.lattice import Lattice
+from pdcd.probing.wanted import Indices, shifted
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Levels = Floats | Bools
+Pairs = tuple[Levels, Levels]
+"""Levels 0..1 of projector and mask, (P, L) each."""
+
+
+class Program(Protocol):
+    """What a shot shows.
+
+    A `coded` program needs code bits, lit with probability p, over the lattice of the rig's window
+    mode. Others show their levels over the grid's own cells, through whole cells.
+    """
+
+    @property
+    def coded(self) -> bool:
+        """Whether `pairs` looks at the bits."""
+        ...
+
+    @property
+    def p(self) -> float:
+        """Share of codes in which a cell is to be lit."""
+        ...
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """Levels of projector and mask, slot by slot."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """``sum_d camera_d projector_d^T``, exactly: D pairs of given levels, no codes (footnote 4)."""
+
+    camera: Floats
+    projector: Floats
+    coded: bool = False
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """The D pairs themselves; `bits` is not looked at."""
+        return self.projector, self.camera
+
+
+@dataclass(frozen=True, eq=False)
+class Coded:
+    """Mask = the code of each cell's partner (Pi = p there, p^2 elsewhere), or its complement
+    (0 there, p (1 - p) elsewhere). Cells without a partner stay closed (eq. 8, section 5)."""
+
+    partner: Indices | tuple[int, int] | None
+    complement: bool
+    p: float = 0.5
+    coded: bool = True
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """K pairs."""
+        partner = on_lattice(self.partner, lattice)
+        mask = bits[:, partner] != self.complement
+        return bits, mask & (partner >= 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Under:
+    """Another program with the projector's levels times `light` (N,), 0..1."""
+
+    program: Program
+    light: Floats
+
+    @property
+    def coded(self) -> bool:
+        """As the program."""
+        return self.program.coded
+
+    @property
+    def p(self) -> float:
+        """As the program."""
+        return self.program.p
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """As many pairs as the program makes."""
+        primal, dual = self.program.pairs(bits, lattice)
+        return primal * extended(self.light, lattice), dual
+
+
+@dataclass(frozen=True, eq=False)
+class Floodlit:
+    """The codes alone through an open mask, for photos that are masked in software."""
+
+    coded: bool = True
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """K pairs."""
+        return bits, np.ones_like(bits)
+
+
+@dataclass(frozen=True, eq=False)
+class Signed:
+    """One half of ``sum_w weight_w Match(partner_w)`` by +-1 codes h: mask = the same sum over h
+    (eq. 9), its positive part under i = (1 + h)/2 and its negative part under (1 - h)/2, or the
+    other way around for the half that is subtracted."""
+
+    taps: tuple[tuple[float, Indices | tuple[int, int] | None], ...]
+    positive: bool
+    coded: bool = True
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """2 K pairs; mask levels are scaled so that the largest is 1."""
+        h = np.where(bits, 1.0, -1.0)
+        mask = np.zeros_like(h)
+        for weight, partner in self.taps:
+            where = on_lattice(partner, lattice)
+            mask += weight * np.where(where >= 0, h[:, where], 0.0)
+        return _halves(h, mask, self.positive)
+
+
+@dataclass(frozen=True, eq=False)
+class SignedMatrix:
+    """One half of any matrix A by +-1 codes: mask = A h (eq. 9), in two halves as `Signed`."""
+
+    matrix: Floats
+    positive: bool
+    coded: bool = True
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """2 K pairs. The matrix is between scene cells, so codes beyond the grid do not enter."""
+        h = np.where(bits, 1.0, -1.0)
+        rows, cols = lattice.grid
+        inner = h.reshape(-1, *lattice.shape)[:, :rows, :cols].reshape(len(h), -1)
+        mask = extended(inner @ self.matrix.T, lattice)
+        return _halves(h, mask, self.positive)
+
+
+@dataclass(frozen=True, eq=False)
+class SignedBlocks:
+    """One half of ``sum_d camera_d projector_d^T`` with values of both signs, exactly."""
+
+    camera: Floats
+    projector: Floats
+    positive: bool
+    coded: bool = False
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """2 D pairs."""
+        scaled = self.projector / np.abs(self.projector).max()
+        plus, minus = np.maximum(scaled, 0.0), np.maximum(-scaled, 0.0)
+        return _pair_up(plus, minus, self.camera / np.abs(self.camera).max(), self.positive)
+
+
+@dataclass(frozen=True, eq=False)
+class Far:
+    """Mask = the complement of the code, dilated by a radius: exactly 0 within it, p (1 - p)^W
+    elsewhere with W = (2 radius + 1)^2 (Table 2, row 3, in one photo)."""
+
+    radius: int
+    coded: bool = True
+
+    @property
+    def p(self) -> float:
+        """``1 / (W + 1)``, which makes the weight ``p (1 - p)^W`` largest."""
+        return 1.0 / ((2 * self.radius + 1) ** 2 + 1)
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """K pairs."""
+        side = 2 * self.radius + 1
+        around = np.ones((side, side), dtype=np.uint8)
+        lit = bits.reshape(-1, *lattice.shape).astype(np.uint8)
+        near = np.stack([cv2.dilate(one, around) for one in lit]).astype(np.bool_)
+        return bits, ~near.reshape(len(bits), -1)
+
+
+def on_lattice(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> Indices:
+    """Partners of all code cells, (L,): of a warp (N,), a shift, or (None) the cells themselves.
+
+    The lattice of quarter windows has one row and column more than the grid; they continue a warp
+    as the last row and column of the grid have it.
+    """
+    shape = lattice.shape
+    if partner is None:
+        return np.arange(lattice.lattice_cells)
+    if isinstance(partner, tuple):
+        return shifted(shape, partner)
+    rows, cols = lattice.grid
+    r, c = np.divmod(np.arange(lattice.lattice_cells), shape[1])
+    inner_r, inner_c = np.minimum(r, rows - 1), np.minimum(c, cols - 1)
+    target = partner[inner_r * cols + inner_c]
+    tr, tc = target // cols + r - inner_r, target % cols + c - inner_c
+    inside = (target >= 0) & (tr < shape[0]) & (tc < shape[1])
+    return np.where(inside, tr * shape[1] + tc, -1)
+
+
+def extended(values: Floats, lattice: Lattice) -> Floats:
+    """Values over the grid (..., N) -> over the lattice (..., L), continued at the far edges."""
+    rows, cols = lattice.grid
+    more = [(0, lattice.shape[0] - rows), (0, lattice.shape[1] - cols)]
+    full = values.reshape(*values.shape[:-1], rows, cols)
+    widths = [(0, 0)] * (full.ndim - 2) + more
+    return np.pad(full, widths, mode="edge").reshape(*values.shape[:-1], -1)
+
+
+def _halves(h: Floats, mask: Floats, positive: bool) -> Pairs:
+    """Pairs (i+, m+), (i-, m-), or (i+, m-), (i-, m+) for the half that is subtracted."""
+    largest = np.abs(mask).max()
+    scaled = mask / largest if largest > 0.0 else mask
+    return _pair_up(0.5 * (1.0 + h), 0.5 * (1.0 - h), scaled, positive)
+
+
+def _pair_up(plus: Floats, minus: Floats, mask: Floats, positive: bool) -> Pairs:
+    """Both pairs of a code follow each other, so that any few codes show what all of them do."""
+    sign = 1.0 if positive else -1.0
+    first, second = np.maximum(sign * mask, 0.0), np.maximum(-sign * mask, 0.0)
+    cells = mask.shape[1]
+    lights = np.stack([plus, minus], axis=1).reshape(-1, cells)
+    return lights, np.stack([first, second], axis=1).reshape(-1, cells)

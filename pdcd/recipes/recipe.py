@@ -1,0 +1,119 @@
+"""Goal -> the shots to take, and the linear combination of them that is the answer.
+
+A *photo* is a signed sum of shots with one wanted probing matrix, so one scale: a single coded
+shot, a signed pair (eq. 10), or either with the shots that measure what leaks through black panels.
+The answer, and the pictures shown beside it, are linear combinations of photos after each has been
+divided by its own realised weight: subtracting photos of unequal weight would be wrong (erratum
+X9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from pdcd.errors import ConfigError
+from pdcd.probing.wanted import Wanted
+from pdcd.recipes.goals import Goal
+from pdcd.recipes.programs import Bools, Floats, Program
+
+Combination = tuple[tuple[float, str], ...]
+"""(coefficient, name) pairs."""
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """``largest * max + smallest * min`` over photos, pixel by pixel (Fig. 10 of the paper)."""
+
+    largest: float
+    smallest: float
+    photos: tuple[str, ...]
+
+
+Rule = Combination | Extremes
+"""How a picture is made of photos."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One exposure: the program whose pairs it shows, and which panels stay black instead.
+
+    `white` shots show full light through a fully open mask. `only` picks one pair of the program:
+    a photo of a single code. `part` counts the exposures of a photo taken in several, from 1; 0 is
+    a whole one. `copy_of` names the shot that this one repeats.
+    """
+
+    name: str
+    program: str
+    white: bool = False
+    primal_black: bool = False
+    dual_black: bool = False
+    only: int | None = None
+    part: int = 0
+    copy_of: str = ""
+
+    @property
+    def kind(self) -> str:
+        """Program without the number of its part: what gathers the same light."""
+        return self.program.removesuffix(f"-{self.part}")
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A signed sum of shots that is to have a wanted probing matrix, up to one scale.
+
+    With `row_weights` each cell is divided by its own realised weight instead of the common one,
+    for codes whose cells are open unequally often by design.
+    """
+
+    name: str
+    wanted: Wanted
+    shots: Combination
+    row_weights: bool = False
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Shots, photos and pictures of one goal; `pictures` maps a name to photos, answer first.
+
+    `stack` names the shots of single patterns through an open mask, one RAW file each, in order.
+    `sums` are weighted sums of that stack, which photos may name beside shots: code bits (K, N) to
+    the weight of each cell of each photo. `meant` is the wanted matrix where the answer is only an
+    estimate of it.
+    """
+
+    goal: Goal
+    programs: dict[str, Program]
+    shots: tuple[Shot, ...]
+    photos: tuple[Photo, ...]
+    pictures: dict[str, Rule]
+    stack: tuple[str, ...] = ()
+    sums: dict[str, Callable[[Bools], Floats]] = field(default_factory=dict)
+    meant: Wanted | None = None
+
+    @property
+    def answer(self) -> Rule:
+        """How the wanted image is made of photos."""
+        return next(iter(self.pictures.values()))
+
+    @property
+    def main(self) -> str:
+        """The photo of the answer that speaks for its light and its codes."""
+        rule = self.answer
+        return rule.photos[-1] if isinstance(rule, Extremes) else rule[-1][1]
+
+    @property
+    def wanted(self) -> Wanted:
+        """The goal's own wanted matrix: that of the answer.
+
+        Raises ConfigError for answers that no single matrix gives.
+        """
+        if isinstance(self.answer, Extremes):
+            raise ConfigError(f"goal {self.goal.name} is no sum of photos")
+        photos = {photo.name: photo.wanted for photo in self.photos}
+        parts = [
+            (coefficient * weight, part)
+            for coefficient, name in self.answer
+            for weight, part in photos[name].parts
+        ]
+        return Wanted(self.goal.grid, tuple(parts), self.goal.light)

@@ -1,0 +1,30 @@
+"""What made a result: time, versions, commit of the source tree."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from datetime import UTC, datetime
+from pathlib import Path
+
+
+def utc_now() -> str:
+    """The time of day, ISO 8601."""
+    return datetime.now(UTC).isoformat()
+
+
+def versions() -> dict[str, str]:
+    """Python and the packages that a result depends on."""
+    names = ("pdcd", "numpy", "scipy", "msgspec", "rawpy", "opencv-contrib-python-headless")
+    found = {name: importlib.metadata.version(name) for name in names}
+    return {"python": platform.python_version(), **found}
+
+
+def git_commit() -> str | None:
+    """Commit of the source tree that runs, or None where it is not a checkout."""
+    git = Path(__file__).resolve().parents[2] / ".git"
+    try:
+        head = (git / "HEAD").read_text().strip()
+        return head if not head.startswith("ref: ") else (git / head[5:]).read_text().strip()
+    except OSError:
+        return None

@@ -1,0 +1,96 @@
+"""What a run has to remember of itself so that it can be decoded again, and its manifest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from pdcd.bench.tables import Homography, PanelConfig
+from pdcd.sensor.profile import SensorProfile
+from pdcd.words import BlackLevel, MethodName, NormaliseName
+
+SCHEMA_VERSION = 1
+
+
+class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One exposure as it was taken. Times are ns of the rig's clock."""
+
+    name: str
+    window: str
+    """Window mode of its frames."""
+    raw: str
+    """Path in the run folder."""
+    sha256: str
+    size_bytes: int
+    iso: int
+    f_number: float
+    open_ns: int
+    close_ns: int
+    end_ns: tuple[int, int]
+    """When projector and mask went black after the last refresh."""
+    refreshes: int
+    missed: int
+    source: str
+    verified: bool
+    level: float | None = None
+    """How often each code was shown over how often it was to be; None where codes differ. The shot
+    is divided by it, so that photos of several shots take the same share of each."""
+
+
+class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything beside the RAW files, codes and frame log that the answer depends on."""
+
+    goal: str
+    p: float | None
+    shift: tuple[int, int] | None
+    radius: int | None
+    mix: tuple[float, float] | None
+    period: int | None
+    codes: int
+    method: MethodName
+    pilot: int
+    smooth: bool
+    parts: int = 1
+    """As planned; a run that met its target earlier has fewer among its shots."""
+    repeat: int = 1
+    black_level: BlackLevel
+    normalise: NormaliseName
+    white: bool
+    grid: tuple[int, int]
+    projector: PanelConfig
+    mask: PanelConfig
+    responsivity_e: tuple[float, float, float]
+    profile: SensorProfile
+    shots: tuple[ShotRecord, ...]
+    homography: Homography | None
+    """Geometric correction of the pictures; see [camera]."""
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    """`capture.json`: written last, so its presence means that the run is whole."""
+
+    schema: int
+    job: str
+    state: str
+    mock: bool
+    owner: dict[str, Any]
+    started_utc: str
+    finished_utc: str
+    request: dict[str, Any]
+    plan: dict[str, Any]
+    run: RunRecord
+    realised: dict[str, dict[str, float]]
+    """Deviation of each photo's realised probing matrix from the wanted one."""
+    summary: dict[str, float | int | str | None]
+    warnings: tuple[str, ...]
+    versions: dict[str, str]
+    git_commit: str | None
+    exif: dict[str, dict[str, Any]]
+    """What each shot's RAW file says of itself."""
+    drivers: dict[str, Any]
+    config: dict[str, Any]
+    meter: tuple[dict[str, Any], ...]
+    """Test exposures that set the aperture."""
+    files: dict[str, str]
+    """SHA-256 of every other file of the folder."""

@@ -1,0 +1,266 @@
+"""RAW file -> linear, signed colour planes: the measurement path.
+
+The samples are taken as the file has them, minus black, and nothing else is done: no white balance,
+no scaling by the frame's own maximum, no clipping of noise below black, no demosaicing. Photos that
+will be subtracted from each other would be spoilt by each of these; they come last, in
+`pdcd.pictures.develop`.
+
+Black comes from the masked border where the file has one: columns of the sensor that no light
+reaches, exposed with the picture. A number in the file's tags knows nothing of that exposure.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rawpy
+from numpy.typing import NDArray
+
+from pdcd.errors import DecodeError
+from pdcd.sensor.profile import SensorProfile, variance_dn2
+from pdcd.sensor.tiff import DATE_TAKEN, MASKED_AREAS, MODEL, Tags, read_tags
+
+RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
+"""How names of RAW files end, in lower case."""
+
+_LIBRAW_MIN_SIDE = 22
+_CANON_GUARD = 2
+"""Columns at either edge of a Canon's left border that are not used: dcraw leaves them out, too."""
+_MIN_MASKED = 64
+"""Fewest masked samples of a colour that black is taken from."""
+_OUTLIER_SIGMAS = 5.0
+
+
+@dataclass(frozen=True)
+class RawFrame:
+    """One decoded photo; one pixel per Bayer quad.
+
+    planes : (4, h, w) float32
+        R, G1 (the green of the red rows), G2, B: samples in DN minus black, signed.
+    saturated : (h, w) bool
+        True where any sample of the quad is at or above saturation.
+    black : (4,) float64
+        Black level in DN that was taken off each plane: the mean of the masked border, or else what
+        LibRaw says.
+    libraw_black : (4,) float64
+        Black level in DN by LibRaw: from tags, or its own mean of a border, cut to whole numbers.
+    masked : bool
+        Whether the file has a masked border.
+    white : float
+        Highest value of a sample in DN, black included.
+    iso, exposure_s, f_number, model, date
+        What the file says of itself; 0, 0.0, None, "" and "" where it says nothing.
+    flip : int
+        How a viewer would turn the picture: 0 not at all, 3 by 180 degrees, 5 by 90 to the left,
+        6 by 90 to the right. The planes are not turned: pixels stay where the sensor has them.
+    pattern : str
+        Colours of the quad in the file, row by row, e.g. "RGGB".
+    """
+
+    planes: NDArray[np.float32]
+    saturated: NDArray[np.bool_]
+    black: NDArray[np.float64]
+    libraw_black: NDArray[np.float64]
+    masked: bool
+    white: float
+    iso: int
+    exposure_s: float
+    f_number: float | None
+    model: str
+    date: str
+    flip: int
+    pattern: str
+
+    def exif(self) -> dict[str, object]:
+        """What the manifest keeps of it."""
+        return {
+            "model": self.model,
+            "date": self.date,
+            "iso": self.iso,
+            "exposure_s": self.exposure_s,
+            "f_number": self.f_number,
+            "flip": self.flip,
+            "black_dn": self.black.tolist(),
+            "black_from": "masked border" if self.masked else "LibRaw",
+            "libraw_black_dn": self.libraw_black.tolist(),
+            "white_dn": self.white,
+        }
+
+
+def read_raw(
+    path: Path,
+    *,
+    sha256: str | None = None,
+    size_bytes: int | None = None,
+    saturation_dn: float | None = None,
+) -> RawFrame:
+    """Decode a RAW file of a camera with a 2x2 Bayer mosaic.
+
+    Parameters
+    ----------
+    path
+        Any RAW format LibRaw knows. Of an image with an odd number of rows or columns the last one
+        is left out, and so are masked borders; of a picture that begins in the middle of a quad
+        LibRaw leaves out the first. The orientation tag is not followed.
+    sha256, size_bytes
+        What the file must be, as announced when it was fetched. LibRaw alone notices most truncated
+        files, but no damaged one whose samples can still be unpacked.
+    saturation_dn
+        Signal in DN above black from which a sample counts as saturated
+        (`SensorProfile.saturation_dn`); the file's white level counts in any case.
+
+    Raises
+    ------
+    DecodeError
+        The file cannot be read, is not the announced one, is damaged, or has no Bayer mosaic.
+    """
+    data = _read_checked(path, sha256, size_bytes)
+    try:
+        with rawpy.imread(io.BytesIO(data)) as raw:
+            return _frame(raw, path, read_tags(data), saturation_dn)
+    # LibRaw's own errors; RuntimeError for a form of image that its binding does not know.
+    except (rawpy.LibRawError, RuntimeError, MemoryError) as err:
+        reason = err.args[0].decode() if err.args and isinstance(err.args[0], bytes) else str(err)
+        raise DecodeError(
+            f"cannot decode {path.name}: {reason or type(err).__name__}",
+            hint="the file is truncated, damaged or no RAW file; fetch it from the camera again",
+        ) from err
+
+
+def _read_checked(path: Path, sha256: str | None, size_bytes: int | None) -> bytes:
+    try:
+        data = path.read_bytes()
+    except OSError as err:
+        raise DecodeError(f"cannot read {path}: {err.strerror}") from err
+    again = "fetch it from the camera again"
+    if size_bytes is not None and len(data) != size_bytes:
+        raise DecodeError(f"{path.name} has {len(data)} bytes, not {size_bytes}", hint=again)
+    if sha256 is not None and hashlib.sha256(data).hexdigest() != sha256.lower():
+        raise DecodeError(f"{path.name} does not have the SHA-256 it was fetched with", hint=again)
+    return data
+
+
+def _frame(
+    raw: rawpy.RawPy, path: Path, tags: Tags | None, saturation_dn: float | None
+) -> RawFrame:
+    """Planes and metadata of an open file; everything is copied, as LibRaw's memory goes away."""
+    sizes = raw.sizes
+    numbers = raw.raw_pattern  # of the whole sensor, border included
+    colours = ""
+    if numbers is not None and numbers.shape == (2, 2):
+        numbers = np.roll(numbers, (-sizes.top_margin, -sizes.left_margin), axis=(0, 1))
+        letters = raw.color_desc.decode()
+        colours = "".join(letters[number] for number in numbers.ravel())
+    if numbers is None or colours not in ("RGGB", "BGGR", "GRBG", "GBRG"):
+        raise DecodeError(
+            f"{path.name} has no 2x2 Bayer mosaic of red, green and blue",
+            hint="set the camera to full-size RAW",
+        )
+    mosaic = raw.raw_image_visible
+    if 0 < min(sizes.crop_width, sizes.crop_height) < _LIBRAW_MIN_SIDE:
+        # LibRaw refuses so small an image; the mock camera sends a larger one and says by its crop
+        # which corner counts. Crops of real cameras only trim the edge and are not applied.
+        mosaic = mosaic[: sizes.crop_height, : sizes.crop_width]
+    height, width = mosaic.shape[0] // 2, mosaic.shape[1] // 2
+    quad = _quad(colours)
+    libraw_black = np.array([raw.black_level_per_channel[numbers[at]] for at in quad], np.float64)
+    masked = _masked_black(raw, tags, quad)
+    black = libraw_black if masked is None else masked
+    planes = np.empty((4, height, width), dtype=np.float32)
+    for plane, (row, column) in enumerate(quad):
+        samples = mosaic[row : 2 * height : 2, column : 2 * width : 2]
+        np.subtract(samples, np.float32(black[plane]), out=planes[plane], dtype=np.float32)
+    white = float(raw.white_level)
+    limit = white - black
+    if saturation_dn is not None:
+        limit = np.minimum(limit, saturation_dn)
+    return RawFrame(
+        planes=planes,
+        saturated=np.any(planes >= limit.astype(np.float32)[:, None, None], axis=0),
+        black=black,
+        libraw_black=libraw_black,
+        masked=masked is not None,
+        white=white,
+        iso=round(raw.other.iso_speed),
+        exposure_s=_single(raw.other.shutter_speed),
+        f_number=_single(raw.other.aperture) or None,
+        model=tags.text(MODEL) if tags else "",
+        date=tags.text(DATE_TAKEN) if tags else "",
+        flip=sizes.flip,
+        pattern=colours,
+    )
+
+
+def _masked_black(
+    raw: rawpy.RawPy, tags: Tags | None, quad: list[tuple[int, int]]
+) -> NDArray[np.float64] | None:
+    """Mean of the masked samples of each plane, hot ones left out; None without such a border.
+
+    A DNG says where they are. Of a CR2 it is the left border, as dcraw has it; the borders of
+    other makers' files may be anything.
+    """
+    if tags is None:
+        return None
+    sizes = raw.sizes
+    areas: list[tuple[int, ...]] = []
+    said = tags.numbers(MASKED_AREAS)
+    if said and len(said) % 4 == 0:
+        areas = [said[i : i + 4] for i in range(0, len(said), 4)]
+    elif tags.canon and sizes.left_margin > 2 * _CANON_GUARD:
+        bottom, right = sizes.top_margin + sizes.height, sizes.left_margin - _CANON_GUARD
+        areas = [(sizes.top_margin, _CANON_GUARD, bottom, right)]
+    black = np.empty(4)
+    for plane, (row, column) in enumerate(quad):
+        parts = [
+            raw.raw_image[
+                top + (sizes.top_margin + row - top) % 2 : bottom : 2,
+                left + (sizes.left_margin + column - left) % 2 : right : 2,
+            ].ravel()
+            for top, left, bottom, right in areas
+        ]
+        samples = np.concatenate(parts) if parts else np.empty(0, np.uint16)
+        if samples.size < _MIN_MASKED:
+            return None
+        black[plane] = _steady_mean(samples)
+    return black
+
+
+def _steady_mean(samples: NDArray[np.uint16]) -> float:
+    """Mean without outliers: hot pixels sit in the masked border, too."""
+    middle = float(np.median(samples))
+    distance = np.abs(samples - middle)
+    spread = max(1.4826 * float(np.median(distance)), 1.0)  # of a normal distribution; 1 DN rounds
+    return float(np.mean(samples[distance <= _OUTLIER_SIGMAS * spread], dtype=np.float64))
+
+
+def _quad(colours: str) -> list[tuple[int, int]]:
+    """(row, column) within the quad of R, G1, G2, B, where G1 shares its row with R."""
+    red, blue = divmod(colours.index("R"), 2), divmod(colours.index("B"), 2)
+    return [red, (red[0], blue[1]), (blue[0], red[1]), blue]
+
+
+def _single(value: float) -> float:
+    """Shortest decimal of a value LibRaw holds in single precision: 25.6, not 25.600000381."""
+    return float(str(np.float32(value)))
+
+
+def to_rgb(planes: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(4, h, w) planes R, G1, G2, B -> (h, w, 3) float64, the two greens averaged."""
+    red, green1, green2, blue = planes.astype(np.float64)
+    return np.stack([red, (green1 + green2) / 2.0, blue], axis=-1)
+
+
+def rgb_variance(
+    planes: NDArray[np.float32], profile: SensorProfile, iso: int, exposure_s: float
+) -> NDArray[np.float64]:
+    """Variance of `to_rgb(planes)` by the sensor's noise model: (h, w, 3) float64, DN squared.
+
+    The measured samples stand in for the expected ones, so that the photon part is itself noisy
+    (and a little high where there is no light). Raises `ConfigError` for an unknown ISO.
+    """
+    red, green1, green2, blue = variance_dn2(planes, profile, iso, exposure_s)
+    return np.stack([red, (green1 + green2) / 4.0, blue], axis=-1)

@@ -1,0 +1,37 @@
+"""The closed sets of names that every floor shares; no imports of pdcd, so that a parser is
+quick."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+GoalName = Literal[
+    "white",
+    "indirect",
+    "direct",
+    "fraction",
+    "illuminated",
+    "diagonal",
+    "off-diagonal",
+    "warped",
+    "two-samples",
+    "relit",
+    "long-range",
+    "short-range",
+    "blocked",
+    "descattered",
+    "filtered",
+    "split",
+]
+FamilyName = Literal[
+    "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"
+]
+MethodName = Literal["coded", "multi-image", "nayar"]
+ScheduleName = Literal["none", "both", "lag", "lead", "full"]
+"""Which black refreshes keep a code apart from the next (`pdcd.frames.schedule`)."""
+GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
+"""The same as it may be asked for; "auto" is settled by the measured lag of the mask."""
+WindowName = Literal["auto", "whole", "quarter"]
+BlackLevel = Literal["none", "mask", "ambient", "both"]
+NormaliseName = Literal["auto", "scalar", "row"]
+JobState = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -1,0 +1,176 @@
+"""The algorithms of Figure 7, rows A1 to A4: path isolation in both forms, and optical probing."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import CameraConfig, Config, LimitsConfig
+from pdcd.capture.engine import Engine
+from pdcd.errors import ConfigError
+from pdcd.frames.lattice import Lattice
+from pdcd.pictures.decode import decode_folder
+from pdcd.planning.make import make_plan
+from pdcd.recipes.goals import Goal
+from pdcd.recipes.isolation import isolated
+from pdcd.recipes.make import make_recipe
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.record import Manifest
+from tests import bench_rig
+
+GRID = bench_rig.GRID
+N = GRID[0] * GRID[1]
+T = bench_rig.transport()
+RNG = np.random.default_rng(21)
+SIGNED = np.round(RNG.normal(size=(N, N)), 3) * (RNG.random((N, N)) < 0.3)
+WEIGHTS = np.round(RNG.random((N, N)), 3)
+NEXT = np.array([[n % GRID[1] > 0 and (n == m) - 1.0 * (m == n - 1) for m in range(N)]
+                 for n in range(N)])  # fmt: skip
+
+GOALS: dict[str, tuple[dict[str, Any], Any]] = {
+    "identity": ({"goal": "diagonal"}, np.eye(N)),
+    "indirect": ({"goal": "indirect"}, 1.0 - np.eye(N)),
+    "weights": ({"goal": "relit", "matrix": WEIGHTS.tolist()}, WEIGHTS),
+    "signed": ({"goal": "relit", "matrix": SIGNED.tolist()}, SIGNED),
+    "difference": ({"goal": "descattered", "shift": [0, -1]}, NEXT),
+}
+
+
+def run(folder: Path, config: Config | None = None, **fields: Any) -> tuple[Any, Any, Manifest]:
+    """Image, sensor sigma and manifest of one capture without a white shot."""
+    folder.mkdir(exist_ok=True)
+    engine = Engine.from_config(config or bench_rig.config(folder))
+    engine.start()
+    request = msgspec.convert({"white": False, **fields}, CaptureRequest)
+    result = bench_rig.capture(engine, request)
+    assert result.error is None and result.folder is not None, result.error
+    assert decode_folder(Path(result.folder))["identical"]
+    with np.load(Path(result.folder) / "probe.npz") as data:
+        return data["image"], data["sigma_sensor"], read_manifest(Path(result.folder))
+
+
+@pytest.mark.parametrize("family", ["isolation", "confocal"])
+@pytest.mark.parametrize("name", GOALS)
+def test_a1_a2_path_isolation_gives_any_matrix_exactly(
+    name: str, family: str, tmp_path: Path
+) -> None:
+    fields, pi = GOALS[name]
+    image, _, manifest = run(tmp_path, family=family, **fields)
+    truth = (pi * T).sum(axis=1).reshape(*GRID, 1)
+    scale = np.sqrt(np.mean((np.abs(pi) * T).sum(axis=1) ** 2))
+    assert np.sqrt(np.mean((image - truth) ** 2)) < 1e-3 * scale  # the RAW file is quantised
+    for deviation in manifest.realised.values():
+        assert max(deviation["off_max"], deviation["diagonal_max"]) < 1e-6  # single precision
+    assert manifest.plan["family"] == family
+
+
+def test_a1_every_pair_of_cells_has_a_slot_and_a_share_of_the_light() -> None:
+    """N M slots; a path keeps 1 / (N M) of the time that guards leave."""
+    request = msgspec.convert(
+        {"goal": "relit", "matrix": np.ones((N, N)).tolist(), "family": "isolation"},
+        CaptureRequest,
+    )
+    summary = make_plan(request, Config(), GRID).summary()
+    assert summary.shots[0].codes == N * N
+    assert summary.light_share == pytest.approx(1 / (3 * N * N), rel=1e-12)
+
+
+def test_a1_signal_to_noise_collapses_with_the_light(tmp_path: Path) -> None:
+    """144 slots of either kind at one aperture. A path has one slot by isolation and 36 by codes,
+    so noise weighs 6 times more where it is photon noise and 36 times where it is the sensor's."""
+    camera = CameraConfig(noise="full", f_number=9.0)
+    noise = {}
+    for family in ("hadamard", "isolation"):
+        folder = tmp_path / family
+        folder.mkdir()
+        config = bench_rig.config(folder, camera=camera)
+        image, sigma, _ = run(folder, config, goal="indirect", codes=N * N, family=family)
+        truth = ((1.0 - np.eye(N)) * T).sum(axis=1).reshape(*GRID, 1)
+        noise[family] = np.array([np.sqrt(np.mean((image - truth) ** 2)), sigma.mean()])
+    assert np.all(noise["isolation"] > 5.0 * noise["hadamard"])
+    assert np.all(noise["isolation"] < 50.0 * noise["hadamard"])
+
+
+def test_a2_proportional_isolation_has_slots_for_wanted_paths_only(tmp_path: Path) -> None:
+    """Confocal for the identity: N slots where the plain form has N M, and the same image."""
+    images, slots = {}, {}
+    for family in ("isolation", "confocal"):
+        images[family], _, manifest = run(tmp_path / family, goal="diagonal", family=family)
+        slots[family] = [shot["codes"] for shot in manifest.plan["shots"]]
+    assert slots == {"isolation": [N * N] * 2, "confocal": [N] * 2}
+    np.testing.assert_allclose(images["isolation"], images["confocal"], rtol=1e-3)
+
+
+def test_a2_both_halves_of_a_signed_matrix_open_the_same_cells() -> None:
+    """So that leaks and ambient light cancel in their difference."""
+    goal = Goal("relit", GRID, matrices={"matrix": SIGNED})
+    recipe = isolated(make_recipe(goal, codes=2), "confocal", slot_s=0.05, limit_s=600.0)
+    halves = [recipe.programs[name] for name in ("relit-plus", "relit-minus")]
+    nothing = np.zeros((0, 0), dtype=bool)
+    (light, opened), (other, opened_too) = (
+        program.pairs(nothing, Lattice(GRID)) for program in halves
+    )
+    np.testing.assert_array_equal(opened, opened_too)
+    whole = np.asarray(opened, float).T @ (np.asarray(light) - np.asarray(other))
+    np.testing.assert_allclose(whole * np.abs(SIGNED).max(), SIGNED, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("grid", "limit_s", "words"),
+    [((48, 64), 600.0, "471859 s"), ((48, 64), 1e9, "memory"), ((3, 4), 5.0, "takes 7 s")],
+)
+def test_a1_isolation_of_too_many_pairs_is_refused_before_anything_is_built(
+    grid: tuple[int, int], limit_s: float, words: str
+) -> None:
+    config = Config(limits=LimitsConfig(max_exposure_s=limit_s))
+    with pytest.raises(ConfigError, match=words):
+        make_plan(CaptureRequest(goal="indirect", family="isolation"), config, grid)
+
+
+def test_a3_optical_probing_takes_one_raw_file_a_photo(tmp_path: Path) -> None:
+    """And each photo's file is the sum over its codes (E5), to quantisation."""
+    image, _, manifest = run(tmp_path, goal="indirect", codes=64)
+    assert [shot.raw for shot in manifest.run.shots] == ["raw/coded.dng"]
+    truth = ((1.0 - np.eye(N)) * T).sum(axis=1).reshape(*GRID, 1)
+    np.testing.assert_allclose(image, np.broadcast_to(truth, image.shape), rtol=2e-3)
+    both = run(tmp_path / "signed", goal="diagonal", codes=64)[2]
+    assert [shot.raw for shot in both.run.shots] == [
+        "raw/matched-plus.dng",
+        "raw/matched-minus.dng",
+    ]
+
+
+def test_a4_patterns_are_there_before_the_shutter_opens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both sequences are stored and loaded first; every refresh is logged on both displays."""
+    config = bench_rig.config(tmp_path)
+    engine = Engine.from_config(config)
+    engine.start()
+    bench, rig = bench_rig.bench_of(engine), engine._rig
+    seen: list[tuple[int, list[str]]] = []
+    opens = rig.shutter.open
+
+    def watched() -> int:
+        stored = next(tmp_path.rglob("codes.npz"))
+        loaded = rig.display._frames  # type: ignore[attr-defined]
+        with np.load(stored) as codes:
+            seen.append((len(loaded), sorted(codes.files)))
+        return opens()
+
+    monkeypatch.setattr(rig.shutter, "open", watched)
+    request = CaptureRequest(goal="indirect", codes=8, white=False)
+    result = bench_rig.capture(engine, request)
+    assert result.error is None and result.folder is not None
+    assert seen and all({"coded.primal", "coded.dual"} <= set(names) for _, names in seen)
+    assert seen[-1][0] == 24 and bench.frames is not None
+    with (Path(result.folder) / "frames.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(r["primal_shown"]) for r in rows] == list(range(24))
+    assert [int(r["dual_shown"]) for r in rows] == list(range(24))

@@ -1,0 +1,290 @@
+"""Captures from request to run folder, in process, against the scene's known truth."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.errors import DecodeError
+from pdcd.pictures.decode import decode_folder
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from tests import bench_rig
+from tests.places import DATA
+
+CORNER = SceneConfig(kind="matrix", path=str(DATA / "corner_32x24.npz"))
+
+
+def run(config: Config, **fields: object) -> tuple[Path, dict[str, object]]:
+    engine = Engine.from_config(config)
+    engine.start()
+    request = msgspec.convert({"goal": "indirect", **fields}, CaptureRequest)
+    result = bench_rig.capture(engine, request)
+    engine.stop()
+    assert result.error is None, result.error
+    assert result.folder is not None
+    return Path(result.folder), dict(result.summary)
+
+
+def image_of(folder: Path) -> np.ndarray:
+    with np.load(folder / "probe.npz") as data:
+        image, sigma = data["image"], data["sigma"]
+    assert image.shape == sigma.shape
+    assert image.dtype.kind == sigma.dtype.kind == "f"
+    assert np.all(sigma > 0)
+    return np.asarray(image)
+
+
+def rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize(
+    ("goal", "p", "diagonal", "off"),
+    [("white", None, 1, 1), ("indirect", None, 0, 1), ("direct", None, 1, 0),
+     ("fraction", 0.5, 1, 0.5), ("fraction", 0.25, 1, 0.25), ("fraction", 0.0625, 1, 0.0625)],
+)  # fmt: skip
+def test_every_goal_in_scene_units(
+    tmp_path: Path, goal: str, p: float | None, diagonal: float, off: float, window: str
+) -> None:
+    """With more codes than cells only quantisation is left, and in quarter windows clumping.
+
+    Quarter windows treat paths between neighbouring halves of cells as direct (R4): this scene
+    has no more light there than elsewhere, so the bound is the share of those paths.
+    """
+    config = bench_rig.config(tmp_path)
+    folder, summary = run(config, goal=goal, p=p, codes=64, window=window)
+    image = image_of(folder)
+    t = bench_rig.transport()
+    direct = np.diag(t)
+    truth = diagonal * direct + off * (t.sum(axis=1) - direct)
+    want = truth.reshape(*bench_rig.GRID, 1).repeat(3, axis=2)
+    error = rms(image - want) / rms(want)
+    assert error == pytest.approx(summary["rms_error"], rel=1e-9)
+    exact = goal == "white" or (window == "whole" and p in (None, 0.5))
+    assert error < (5e-4 if exact else 0.25)
+
+
+def test_a_run_folder_holds_everything(tmp_path: Path) -> None:
+    folder, _ = run(bench_rig.config(tmp_path), codes=8, out=str(tmp_path / "runs"))
+    assert folder.parent == tmp_path / "runs"
+    names = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+    expected = {
+        "capture.json", "codes.npz", "frames.csv", "probe.npz", "log.jsonl",
+        "raw/white.dng", "raw/coded.dng", "raw/meter-white-1.dng", "raw/meter-coded-1.dng",
+        "linear/white.tif", "linear/indirect.tif", "linear/direct.tif",
+        "preview/white.png", "preview/indirect.png", "preview/direct.png",
+    }  # fmt: skip
+    assert expected <= names
+    manifest = read_manifest(folder)
+    assert set(manifest.files) == names - {"capture.json"}
+    for name, digest in manifest.files.items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+    assert manifest.mock and manifest.state == "done"
+    with (folder / "frames.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == (8 + 2) * 3
+    lines = (folder / "log.jsonl").read_text().splitlines()
+    events = [json.loads(line)["event"] for line in lines]
+    assert events.index("shutter_open") < events.index("shutter_closed") < events.index("decoding")
+    assert (folder / "raw" / "coded.dng").stat().st_mode & 0o222 == 0
+    codes = np.load(folder / "codes.npz")
+    assert codes["coded.primal"].shape == codes["coded.dual"].shape == (8, 2)
+    assert "pdcd" in str(codes["generator"])
+    picture = cv2.imread(str(folder / "preview" / "indirect.png"))
+    assert picture is not None and picture.shape[1] >= 640 and picture.std() > 1
+
+
+@pytest.mark.parametrize("black_level", ["none", "both"])
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_decode_reproduces_the_tiff_bit_for_bit(
+    tmp_path: Path, window: str, black_level: str
+) -> None:
+    config = bench_rig.with_defects(tmp_path, camera=CameraConfig(noise="full"))
+    folder, _ = run(config, codes=8, window=window, black_level=black_level)
+    moved = tmp_path / "elsewhere"
+    shutil.move(folder, moved)
+    report = decode_folder(moved)
+    assert report["identical"] and len(report["files"]) == 3
+    tiff = moved / "linear" / "indirect.tif"
+    tiff.write_bytes(tiff.read_bytes()[:-4] + b"\1\2\3\4")
+    assert not decode_folder(moved)["identical"]
+
+
+def test_damaged_runs_do_not_decode(tmp_path: Path) -> None:
+    folder, _ = run(bench_rig.config(tmp_path), codes=8)
+    for name in ("raw/coded.dng", "codes.npz", "frames.csv", "capture.json"):
+        broken = tmp_path / "broken"
+        shutil.copytree(folder, broken)
+        path = broken / name
+        path.chmod(0o644)
+        path.write_bytes(path.read_bytes()[:-20])
+        with pytest.raises(DecodeError):
+            decode_folder(broken)
+        shutil.rmtree(broken)
+    with pytest.raises(DecodeError, match="no readable"):
+        decode_folder(tmp_path)
+
+
+FRAME_DAMAGE: dict[str, tuple[Callable[[list[bytes]], list[bytes]], str]] = {
+    "empty": (lambda lines: [], "cannot read"),
+    "no heads": (lambda lines: lines[1:], "cannot read"),
+    "a lost line": (lambda lines: lines[:-1], "refreshes of shot"),
+    "a short line": (lambda lines: [*lines[:-1], lines[-1].rsplit(b",", 1)[0]], "cannot read"),
+    "a word for a number": (lambda lines: [*lines[:-1], lines[-1] + b"x"], "cannot read"),
+    "an empty line": (lambda lines: [*lines, b"", b""], "cannot read"),
+}
+
+
+@pytest.mark.parametrize("kind", FRAME_DAMAGE)
+def test_a_damaged_frame_log_does_not_decode(tmp_path: Path, kind: str) -> None:
+    folder, _ = run(bench_rig.config(tmp_path), codes=8)
+    damage, words = FRAME_DAMAGE[kind]
+    path = folder / "frames.csv"
+    path.chmod(0o644)
+    path.write_bytes(b"\n".join(damage(path.read_bytes().splitlines())))
+    with pytest.raises(DecodeError, match=words):
+        decode_folder(folder)
+
+
+def test_same_seed_same_answer(tmp_path: Path) -> None:
+    images = []
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        camera = CameraConfig(noise="full", seed=seed)
+        folder, _ = run(
+            bench_rig.config(tmp_path, camera=camera), codes=8, out=str(tmp_path / name)
+        )
+        images.append(image_of(folder))
+    np.testing.assert_array_equal(images[0], images[1])
+    assert np.any(images[0] != images[2])
+
+
+def test_indirect_errors_on_the_path_traced_corner(tmp_path: Path) -> None:
+    """One seed through the whole chain; the five-seed mean is tested on the codes themselves."""
+    errors = {}
+    for family in ("hadamard", "bernoulli"):
+        config = bench_rig.config(tmp_path, scene=CORNER)
+        folder, summary = run(config, codes=128, family=family, out=str(tmp_path / family))
+        errors[family] = summary["rms_error"]
+        image = image_of(folder)
+        assert image.shape == (24, 32, 3)
+        data = np.load(DATA / "corner_32x24.npz")
+        t = data["transport"].astype(np.float64)
+        truth = (t.sum(axis=1) - np.diag(t)).reshape(24, 32, 1)
+        assert rms(image - truth) / rms(truth * np.ones(3)) == pytest.approx(errors[family])
+    assert float(str(errors["hadamard"])) < float(str(errors["bernoulli"])) / 20
+
+
+def test_sigma_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
+    """Photon, read, dark and rounding noise: 40 captures of one scene scatter as sigma says."""
+    config = bench_rig.config(
+        tmp_path, camera=CameraConfig(noise="full", f_number=32.0), grid=(12, 16)
+    )
+    engine = Engine.from_config(config)
+    engine.start()
+    images, sigma = [], np.zeros(0)
+    for i in range(40):
+        request = CaptureRequest(goal="direct", codes=4)
+        result = bench_rig.capture(engine, request, f"job{i}")
+        assert result.folder is not None
+        with np.load(Path(result.folder) / "probe.npz") as data:
+            images.append(data["image"])
+            sigma = data["sigma_sensor"]
+        shutil.rmtree(result.folder)
+    spread = np.std(images, axis=0, ddof=1)
+    # 576 values, each known to 11 %: their mean ratio is known to 0.5 %.
+    assert np.mean(spread / sigma) == pytest.approx(1.0, abs=0.02)
+
+
+def test_black_level_shots_remove_leak_and_ambient_light(tmp_path: Path) -> None:
+    """L3: contrast 300:1 and 100:1 and ambient light; the plain photo is far off, four are not."""
+    config = bench_rig.config(
+        tmp_path,
+        scene=bench_rig.matrix_scene(tmp_path, ambient=0.02),
+        projector=PanelConfig(size_px=(1024, 768), contrast=300.0),
+        mask=PanelConfig(size_px=(1600, 1200), contrast=100.0),
+    )
+    plain = run(config, codes=64, out=str(tmp_path / "plain"))[1]["rms_error"]
+    four = run(config, codes=64, black_level="both", out=str(tmp_path / "four"))[1]["rms_error"]
+    assert isinstance(plain, float) and isinstance(four, float)
+    assert plain > 0.1
+    assert four < 2e-3
+
+
+def test_the_report_states_the_leak_of_slow_panels(tmp_path: Path) -> None:
+    slow = PanelConfig(size_px=(1600, 1200), rise_s=0.004, fall_s=0.008, contrast=300.0)
+    folder, _ = run(bench_rig.config(tmp_path, mask=slow), codes=16)
+    leak = read_manifest(folder).realised["coded"]["diagonal_max"]
+    assert 0.005 < leak < 0.2
+    ideal, _ = run(bench_rig.config(tmp_path), codes=16, out=str(tmp_path / "ideal"))
+    assert read_manifest(ideal).realised["coded"]["diagonal_max"] == 0.0
+
+
+def test_saturation_is_flagged(tmp_path: Path) -> None:
+    config = bench_rig.config(tmp_path, camera=CameraConfig(noise="none", f_number=2.0))
+    folder, _ = run(config, codes=64)
+    with np.load(folder / "probe.npz") as data:
+        assert np.isinf(data["sigma"]).any()
+    assert any("saturated" in w for w in read_manifest(folder).warnings)
+
+
+def test_homography_flips_the_picture_after_all_differences(tmp_path: Path) -> None:
+    plain, _ = run(bench_rig.config(tmp_path), goal="direct", codes=8)
+    camera = CameraConfig(noise="none", homography=(-1, 0, 3, 0, 1, 0, 0, 0, 1))
+    config = bench_rig.config(tmp_path, camera=camera)
+    flipped, _ = run(config, goal="direct", codes=8, out=str(tmp_path / "flipped"))
+    np.testing.assert_allclose(image_of(flipped), image_of(plain)[:, ::-1], rtol=1e-6)
+    shifted = CameraConfig(noise="none", homography=(1, 0, 1.5, 0, 1, 0, 0, 0, 1))
+    config = bench_rig.config(tmp_path, camera=shifted)
+    folder, _ = run(config, codes=8, out=str(tmp_path / "shifted"))
+    with np.load(folder / "probe.npz") as data:
+        assert np.all(np.isinf(data["sigma"][:, :2]))
+        assert np.all(np.isfinite(data["sigma"][:, 2:]))
+
+
+@pytest.mark.parametrize("grid", [(1, 1), (1, 7), (5, 1), (7, 11)])
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_odd_grids(tmp_path: Path, grid: tuple[int, int], window: str) -> None:
+    folder, summary = run(bench_rig.config(tmp_path, grid=grid), codes=128, window=window)
+    assert image_of(folder).shape == (*grid, 3)
+    if grid == (1, 1):
+        assert np.abs(image_of(folder)).max() < 1e-12 and summary["rms_error"] is None
+    elif window == "whole":
+        assert float(str(summary["rms_error"])) < 1e-3
+
+
+def test_real_clock_takes_real_time(tmp_path: Path) -> None:
+    config = bench_rig.config(
+        tmp_path, rig=RigConfig(clock="real"), camera=CameraConfig(noise="none", f_number=8.0)
+    )
+    _, summary = run(config, goal="white", codes=4, guards=False)
+    assert float(str(summary["wall_s"])) > float(str(summary["exposure_s"])) * 0.9
+
+
+def test_show_and_preview(tmp_path: Path) -> None:
+    engine = Engine.from_config(bench_rig.config(tmp_path))
+    engine.start()
+    bench = bench_rig.bench_of(engine)
+    for pattern in ("white", "checker", "code"):
+        engine.show(pattern, 3)
+        assert not bench.panels_black
+    engine.show("black")
+    assert bench.panels_black
+    signs: list[None] = []
+    preview = engine.preview(lambda: signs.append(None))
+    assert signs
+    assert preview["shape"] == [3, 4, 3]
+    assert cv2.imread(preview["path"]) is not None
+    engine.stop()

@@ -1,0 +1,189 @@
+"""`pdcd doctor camera` and `doctor trigger`: virtual bodies, fake lines, and nothing at all."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+import usb.core
+
+from drivers.mock import Bench, MockShutter
+from drivers.virtual_camera import Script, VirtualUsb
+from pdcd.bench.click import examine
+from pdcd.bench.clock import VirtualClock
+from pdcd.bench.findings import Finding
+from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
+from pdcd.cli.main import main
+from tests.fake_serial import FakeLine, fake_line
+
+BODY = {"usb": "virtual"}
+
+
+def config(folder: Path, text: str) -> str:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def ask(capfd: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, Any]]:
+    """Exit code, and findings by what was looked at."""
+    code = main(["doctor", *words, "--json"])
+    (line,) = capfd.readouterr().out.splitlines()
+    answer = json.loads(line)
+    assert answer["fit"] is (code == 0)
+    return code, {f["what"]: f for f in answer["findings"]}
+
+
+def test_a_body_on_the_virtual_usb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = config(tmp_path, '[camera]\ndriver = "ptp"\noptions = {usb = "virtual"}\n')
+    code, found = ask(capfd, "camera", "--config", path)
+    assert code == 0
+    assert found["model"]["found"] == "Canon EOS 450D"
+    assert found["release over USB"]["found"] == "bulb"
+    assert found["long-exposure noise reduction"]["found"] == "off"
+    assert main(["doctor", "camera", "--config", path]) == 0
+    assert capfd.readouterr().out.endswith("nothing to mend\n")
+
+
+@pytest.mark.parametrize("libusb", [True, False])
+def test_without_any_usb(
+    libusb: bool, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def nothing(**_: object) -> list[object]:
+        if libusb:
+            return []
+        raise usb.core.NoBackendError("No backend available")
+
+    monkeypatch.setattr(usb.core, "find", nothing)
+    code, found = ask(capfd, "camera")
+    assert code == 5
+    assert found["configuration"]["state"] == "warning"  # the mock bench names no body
+    assert found["camera"]["state"] == "fault"
+    assert ("no camera was found" if libusb else "libusb") in found["camera"]["found"]
+    assert found["camera"]["hint"]
+
+
+def test_no_click_without_the_word(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """To open a port is to move its lines: that is not done either."""
+    with fake_line("box", VirtualClock()) as line:
+        path = config(tmp_path, '[trigger]\ndriver = "serial"\noptions = {port = "line://box"}\n')
+        code, found = ask(capfd, "trigger", "--config", path)
+        assert code == 0 and line.opened == 0 and not line.edges
+    assert found["click"]["state"] == "unknown" and "--click" in found["click"]["hint"]
+
+
+SERIAL = """
+[trigger]
+driver = "serial"
+lag_s = 0.05
+jitter_s = 0.01
+options = {port = "line://box", feedback = "cts", answer_s = 0.2}
+"""
+
+
+def test_a_click_of_the_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with fake_line("box", VirtualClock()) as line:
+        line.cts = lambda: line.levels("rts")[-1]
+        code, found = ask(capfd, "trigger", "--config", config(tmp_path, SERIAL), "--click")
+        assert line.levels("rts").count(True) == 1 and line.levels("rts")[-1] is False
+    assert code == 0
+    assert found["feedback"]["found"] == "cts" and found["watchdog"]["found"] == "alarm"
+    assert found["open"]["found"] == "surely open 0.0 ms after the order"  # by the contact
+    assert found["close"]["found"] == "surely closed 90.0 ms after the order"  # lag + 4 jitters
+
+
+def test_feedback_that_does_not_come(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with fake_line("box", VirtualClock()) as line:
+        code, found = ask(capfd, "trigger", "--config", config(tmp_path, SERIAL), "--click")
+        assert line.levels("rts").count(True) == 1 and line.levels("rts")[-1] is False
+    assert code == 5 and "open" not in found
+    assert "CTS" in found["trigger"]["found"] and "cable" in found["trigger"]["hint"]
+
+
+def test_a_port_that_is_not_there(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    text = '[rig]\nclock = "real"\n' + SERIAL.replace("line://box", "/dev/pdcd-none")
+    code, found = ask(capfd, "trigger", "--config", config(tmp_path, text), "--click")
+    assert code == 5 and "/dev/pdcd-none" in found["trigger"]["found"]
+
+
+def click(**tables: Any) -> dict[str, Finding]:
+    return {f.what: f for f in examine(Config(**tables), click=True, seconds=2.0)}
+
+
+def test_a_body_is_armed_and_its_photo_fetched() -> None:
+    """Without that it would not open, or keep the photo for the next capture."""
+    found = click(
+        camera=CameraConfig(driver="ptp", f_number=8.0, options=BODY),
+        trigger=TriggerConfig(driver="ptp"),
+    )
+    assert all(finding.state == "good" for finding in found.values()), found
+    assert found["camera"].found == "Canon EOS 450D" and "bytes" in found["photo"].found
+
+
+def test_a_body_that_sends_no_photo(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[VirtualUsb] = []
+    first = VirtualUsb.__init__
+
+    def init(self: VirtualUsb, body: Any) -> None:
+        body.shutter._script = Script(file="none")
+        first(self, body)
+        made.append(self)
+
+    monkeypatch.setattr(VirtualUsb, "__init__", init)
+    found = click(
+        camera=CameraConfig(driver="ptp", f_number=8.0, options=BODY),
+        trigger=TriggerConfig(driver="ptp"),
+    )
+    assert found["close"].state == "good" and found["trigger"].state == "fault"
+    assert "no photo" in found["trigger"].found
+    (backend,) = made
+    assert backend.body.shutter.opened == 1 and not backend.body.shutter.is_open
+
+
+def test_the_mock_bench_and_panels_that_stay_black() -> None:
+    assert "bytes" in click()["photo"].found
+
+
+def test_an_interrupt_closes_the_shutter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    benches: list[Bench] = []
+    opened = MockShutter.open
+
+    def open_then_signal(self: MockShutter) -> int:
+        benches.append(self._bench)
+        opened(self)
+        signal.raise_signal(signal.SIGTERM)
+        return 0
+
+    monkeypatch.setattr(MockShutter, "open", open_then_signal)
+    assert main(["doctor", "trigger", "--click"]) == 130
+    assert not benches[0].shutter_open
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    capfd.readouterr()
+
+
+@pytest.mark.parametrize("seconds", ["-1", "1e9", "nan"])
+def test_a_time_out_of_range_is_refused(seconds: str) -> None:
+    assert main(["doctor", "trigger", "--click", "--seconds", seconds]) == 2
+
+
+def test_a_driver_that_does_not_import(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = config(tmp_path, '[trigger]\ndriver = "none-such"\n')
+    code, found = ask(capfd, "trigger", "--config", path)
+    assert code == 5 and "none-such" in found["trigger"]["found"]
+
+
+def test_the_line_is_not_left_pressed_when_nobody_reads_on() -> None:
+    """The findings are made one by one; who stops half-way leaves a closed shutter."""
+    line: FakeLine
+    with fake_line("box", VirtualClock()) as line:
+        trigger = TriggerConfig(driver="serial", options={"port": "line://box"})
+        findings = examine(Config(trigger=trigger), click=True)
+        next(f for f in findings if f.what == "open")
+        assert line.levels("rts")[-1] is True
+        findings.close()  # type: ignore[attr-defined]
+        assert line.levels("rts")[-1] is False

@@ -1,0 +1,169 @@
+"""Error bars of whole captures against the known truth, and captures that stop when good enough."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import CameraConfig, SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.pictures.decode import decode_folder
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.folder import read_manifest
+from tests import bench_rig
+from tests.places import DATA
+
+MATRICES = ("corner", "mirror")
+SCENES = (*MATRICES, "open-book", "wax-disk", "disco-ball", "milky-bottle")
+EASY, HARD = "milky-bottle", "disco-ball"
+SEEDS = (0, 1, 2)
+
+Events = list[tuple[str, dict[str, Any]]]
+
+
+def scene(name: str) -> SceneConfig:
+    """The scene on 24 x 32 cells."""
+    if name in MATRICES:
+        return SceneConfig(kind="matrix", path=str(DATA / f"{name}_32x24.npz"))
+    return SceneConfig(kind=name, grid=(24, 32))
+
+
+def capture(
+    folder: Path, name: str, seed: int = 0, noise: str = "full", **fields: Any
+) -> tuple[Engine, CaptureResult, Events]:
+    """One indirect photo without the white one beside it; other goals by `fields`."""
+    out = folder / f"{name}-{seed}"
+    out.mkdir(exist_ok=True)
+    camera = CameraConfig(noise=noise, seed=seed)  # type: ignore[arg-type]
+    engine = Engine.from_config(bench_rig.config(out, scene=scene(name), camera=camera))
+    engine.start()
+    events: Events = []
+    request = CaptureRequest(**{"goal": "indirect", "white": False, "seed": seed, **fields})
+    result = engine.capture(
+        request,
+        job="job",
+        owner={},
+        emit=lambda kind, told: events.append((kind, told)),
+        cancelled=lambda: False,
+    )
+    assert result.state == "done", result.error
+    return engine, result, events
+
+
+def probe(result: CaptureResult) -> dict[str, NDArray[Any]]:
+    with np.load(Path(str(result.folder)) / "probe.npz", allow_pickle=False) as data:
+        return {name: data[name] for name in data.files}
+
+
+def coverage(engine: Engine, result: CaptureResult) -> float:
+    """Share of values whose truth lies within 1.96 sigma, the indirect picture being the truth."""
+    found, known = probe(result), engine._rig.scene
+    assert known is not None
+    truth = known.split()[1].reshape(found["image"].shape)
+    return float(np.mean(np.abs(found["image"] - truth) <= 1.96 * found["sigma"]))
+
+
+@pytest.mark.parametrize("family", ["hadamard", "balanced", "bernoulli"])
+@pytest.mark.parametrize("name", SCENES)
+def test_measured_sigma_covers_the_truth(name: str, family: str, tmp_path: Path) -> None:
+    """8 parts of 16 codes, full sensor noise: 95 % intervals hold 93 to 97 % of the truth."""
+    shares = []
+    for seed in SEEDS:
+        engine, result, _ = capture(tmp_path, name, seed, codes=128, parts=8, family=family)
+        shares.append(coverage(engine, result))
+        assert result.summary["sigma_kind"] == "measured"
+    assert 0.93 <= np.mean(shares) <= 0.97
+
+
+@pytest.mark.parametrize(
+    ("family", "codes"), [("bernoulli", 128), ("balanced", 128), ("hadamard", 8)]
+)
+@pytest.mark.parametrize("name", SCENES)
+def test_modelled_sigma_errs_to_the_safe_side(
+    name: str, family: str, codes: int, tmp_path: Path
+) -> None:
+    """One exposure; codes whose error is far above the sensor's noise on at least some scenes."""
+    engine, result, _ = capture(tmp_path, name, codes=codes, family=family)
+    assert result.summary["sigma_kind"] == "modelled"
+    assert coverage(engine, result) > 0.94
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    assert isinstance(sigma, float) and isinstance(error, float)
+    # The model knows nothing of smooth light and of its correction: far too careful on wax.
+    assert sigma < (20.0 if name == "wax-disk" else 10.0) * error
+
+
+def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
+    _, result, _ = capture(tmp_path, EASY, noise="none", codes=64, parts=4)
+    folder = Path(str(result.folder))
+    raw = sorted(p.name for p in (folder / "raw").iterdir() if not p.name.startswith("meter"))
+    assert raw == [f"coded-{part}.dng" for part in range(1, 5)]
+    assert decode_folder(folder)["identical"]
+    found = probe(result)
+    assert set(found) == {"image", "sigma", "sigma_sensor", "sigma_code", "sigma_kind"}
+    assert str(found["sigma_kind"]) == "measured"
+    np.testing.assert_allclose(found["sigma"], np.hypot(found["sigma_sensor"], found["sigma_code"]))
+    assert result.summary["parts"] == 4 and result.summary["codes"] == 64
+    error = result.summary["rms_error"]
+    assert isinstance(error, float) and error < 0.01
+    meters = read_manifest(folder).meter
+    assert {m["raw"].split("-")[2] for m in meters} == {"1"}, "all parts have one aperture"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"goal": "direct"},
+        {"goal": "diagonal"},
+        {"goal": "short-range", "radius": 1, "family": "balanced", "codes": 512},
+        {"goal": "indirect", "black_level": "both"},
+        {"goal": "fraction", "p": 0.25},
+        {"goal": "indirect", "codes": 128, "pilot": 64},
+    ],
+)
+def test_other_goals_and_ways_take_parts(fields: dict[str, Any], tmp_path: Path) -> None:
+    given = {"codes": 64, "parts": 4, "white": True, **fields}
+    _, result, _ = capture(tmp_path, "corner", **given)
+    assert decode_folder(Path(str(result.folder)))["identical"]
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    assert isinstance(sigma, float) and isinstance(error, float)
+    assert 0.7 * error < sigma < 1.6 * error
+
+
+def test_an_easy_scene_stops_early_and_a_hard_one_takes_all_parts(tmp_path: Path) -> None:
+    taken = {}
+    for name in (EASY, HARD):
+        _, result, events = capture(
+            tmp_path, name, codes=256, parts=16, family="balanced", until_error=0.015
+        )
+        told = [fields for kind, fields in events if kind == "converging"]
+        taken[name] = len(told)
+        assert [fields["part"] for fields in told] == list(range(1, len(told) + 1))
+        assert {fields["target"] for fields in told} == {0.015}
+        folder = Path(str(result.folder))
+        manifest = read_manifest(folder)
+        assert (folder / "preview" / "running.png").is_file()
+        assert len([s for s in manifest.run.shots if s.name.startswith("coded")]) == len(told)
+        assert result.summary["parts"] == len(told)
+        assert result.summary["codes"] == 16 * len(told)
+        assert decode_folder(folder)["identical"]
+        last = told[-1]["rms_sigma"]
+        assert result.summary["rms_sigma"] == pytest.approx(last)
+        assert (last <= 0.015) == (name == EASY)
+        assert any("asked for" in w for w in manifest.warnings) == (name == HARD)
+        logged = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+        assert [e["part"] for e in logged if e["event"] == "converging"] == [
+            fields["part"] for fields in told
+        ]
+    assert 4 <= taken[EASY] < 16
+    assert taken[HARD] == 16
+
+
+def test_a_guess_stops_nothing(tmp_path: Path) -> None:
+    """However low the target is set, the fourth part is the first that may be the last."""
+    _, _, events = capture(tmp_path, EASY, codes=128, parts=8, until_error=0.9)
+    assert sum(kind == "converging" for kind, _ in events) == 4

@@ -1,0 +1,274 @@
+"""A capture guided by a pilot, through the whole chain."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import CameraConfig, LimitsConfig, SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.errors import ConfigError
+from pdcd.pictures.decode import decode_folder
+from pdcd.pilot.codes import SCOUTS
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.record import ShotRecord
+from tests import bench_rig
+from tests.places import DATA
+
+MIRROR = SceneConfig(kind="matrix", path=str(DATA / "mirror_32x24.npz"))
+
+
+CORNER = SceneConfig(kind="matrix", path=str(DATA / "corner_32x24.npz"))
+DISCO = SceneConfig(kind="disco-ball", grid=(24, 32))
+
+
+def run(
+    folder: Path,
+    request: CaptureRequest,
+    camera: CameraConfig | None = None,
+    scene: SceneConfig = MIRROR,
+    limits: LimitsConfig | None = None,
+) -> CaptureResult:
+    folder.mkdir(exist_ok=True)
+    config = bench_rig.config(
+        folder,
+        scene=scene,
+        camera=camera or CameraConfig(noise="none"),
+        limits=limits or LimitsConfig(min_free_bytes=0),
+    )
+    engine = Engine.from_config(config)
+    engine.start()
+    return bench_rig.capture(engine, request)
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_a_pilot_makes_mirrors_sharp(tmp_path: Path, window: str) -> None:
+    """The same 128 codes with and without a pilot; the pilot's are counted."""
+    errors = []
+    for pilot in (0, 64):
+        folder = tmp_path / str(pilot)
+        folder.mkdir()
+        request = CaptureRequest(
+            goal="indirect", codes=128, pilot=pilot, white=False, window=window  # type: ignore[arg-type]
+        )  # fmt: skip
+        result = run(folder, request)
+        assert result.state == "done", result.error
+        errors.append(float(str(result.summary["rms_error"])))
+    if window == "whole":
+        assert errors[1] < errors[0] / 2.0
+    else:
+        assert errors[1] < errors[0]
+    assert result.folder is not None
+    done = Path(result.folder)
+    assert len(list((done / "raw").glob("pilot-*.dng"))) == 64
+    assert decode_folder(done)["identical"]
+    assert read_manifest(done).plan["raw_files"] == 65
+
+
+@pytest.mark.parametrize("noise", ["none", "full"])
+@pytest.mark.parametrize("kind", ["corner", "open-book", "wax-disk", "milky-bottle"])
+def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str) -> None:
+    """Diffuse scenes: four photos, the other 60 codes where they would be without a pilot."""
+    scene = CORNER if kind == "corner" else SceneConfig(kind=kind, grid=(24, 32))
+    errors: dict[int, list[float]] = {0: [], 64: []}
+    for pilot, seed in itertools.product(errors, range(3)):
+        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False, seed=seed)
+        camera = CameraConfig(noise=noise, seed=seed)  # type: ignore[arg-type]
+        result = run(tmp_path / f"{pilot}-{seed}", request, camera, scene)
+        assert result.state == "done", result.error
+        errors[pilot].append(float(str(result.summary["rms_error"])))
+    assert np.mean(errors[64]) < 1.15 * np.mean(errors[0])
+    assert (result.summary["codes"], result.summary["pilot"], result.summary["shots"]) == (
+        128,
+        SCOUTS,
+        SCOUTS + 1,
+    )
+    assert result.folder is not None
+    done = Path(result.folder)
+    manifest = read_manifest(done)
+    assert decode_folder(done)["identical"]
+    assert manifest.run.codes == 124 and manifest.plan["raw_files"] == SCOUTS + 1
+    assert any("no sharp far paths" in warning for warning in manifest.warnings)
+
+
+def test_48_codes_with_a_pilot_show_a_mirror_ball(tmp_path: Path) -> None:
+    """Better than 128 coins, which leave 11.1 %."""
+    request = CaptureRequest(goal="indirect", codes=48, pilot=32, white=False)
+    result = run(tmp_path, request, scene=DISCO)
+    assert result.summary["pilot"] == 32
+    assert float(str(result.summary["rms_error"])) < 0.02
+
+
+def test_what_ends_early_is_what_the_plan_foresaw(tmp_path: Path) -> None:
+    request = CaptureRequest(goal="indirect", codes=128, pilot=64, parts=4, black_level="mask")
+    engine = Engine.from_config(bench_rig.config(tmp_path, scene=CORNER))
+    cost = engine.plan(request).pilot_cost
+    assert cost is not None
+    result = run(tmp_path, request, scene=CORNER)
+    assert result.folder is not None, result.error
+    manifest = read_manifest(Path(result.folder))
+    assert cost.stopped_codes == manifest.run.codes == 112  # in fours of Hadamard sets
+    assert cost.stopped_raw_files == manifest.plan["raw_files"] == len(manifest.run.shots)
+    assert cost.stopped_seconds == pytest.approx(manifest.plan["seconds"])
+
+
+def test_codes_that_come_back_stay_within_the_longest_exposure(tmp_path: Path) -> None:
+    """64 codes of three refreshes take 3.2 s."""
+    request = CaptureRequest(goal="indirect", codes=128, pilot=64, white=False, guards=True)
+    limits = LimitsConfig(min_free_bytes=0, max_exposure_s=4.0)
+    result = run(tmp_path, request, scene=CORNER, limits=limits)
+    assert result.state == "done", result.error
+    assert 64 + SCOUTS < float(str(result.summary["codes"])) < 128
+    assert max(s.close_ns - s.open_ns for s in read_shots(result)) < 4.1e9
+
+
+def read_shots(result: CaptureResult) -> tuple[ShotRecord, ...]:
+    assert result.folder is not None
+    return read_manifest(Path(result.folder)).run.shots
+
+
+def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
+    """A pilot guides the codes that are lit half of the time; the others stay as they are."""
+    errors = []
+    for pilot in (0, 64):
+        request = CaptureRequest(goal="short-range", radius=1, codes=576, pilot=pilot)
+        result = run(tmp_path / str(pilot), request)
+        assert result.state == "done", result.error
+        errors.append(float(str(result.summary["rms_error"])))
+    assert errors[1] < 1.2 * errors[0]
+
+
+def test_noise_in_the_pilot_does_no_harm(tmp_path: Path) -> None:
+    request = CaptureRequest(goal="indirect", codes=128, pilot=64, white=False)
+    noisy = CameraConfig(noise="full")
+    with_pilot = run(tmp_path, request, camera=noisy)
+    other = tmp_path / "other"
+    other.mkdir()
+    plain = run(other, CaptureRequest(goal="indirect", codes=128, white=False), camera=noisy)
+    error, base = (float(str(r.summary["rms_error"])) for r in (with_pilot, plain))
+    assert error < base * 1.1
+
+
+def test_plan_says_what_a_pilot_costs(tmp_path: Path) -> None:
+    engine = Engine.from_config(bench_rig.config(tmp_path, scene=MIRROR))
+    summary = engine.plan(CaptureRequest(goal="indirect", codes=128, pilot=64))
+    pilot = next(s for s in summary.shots if s.name.startswith("pilot"))
+    assert (pilot.exposures, summary.raw_files, summary.codes) == (64, 66, 128)
+    total = sum(s.exposure_s * s.exposures for s in summary.shots)
+    assert summary.seconds == pytest.approx(total)
+    cost = summary.pilot_cost
+    assert cost is not None
+    assert cost.raw_files == 64 and cost.seconds == pytest.approx(64 * pilot.exposure_s)
+    assert (cost.scouts, cost.stopped_codes, cost.stopped_raw_files) == (SCOUTS, 124, 2 + SCOUTS)
+    assert cost.stopped_seconds < summary.seconds
+    assert engine.plan(CaptureRequest(goal="indirect", codes=128)).pilot_cost is None
+
+
+@pytest.mark.parametrize(
+    ("request_", "what"),
+    [
+        (CaptureRequest(goal="white", codes=128, pilot=64), "takes no pilot"),
+        (CaptureRequest(goal="indirect", codes=64, pilot=64), "leaves none"),
+        (CaptureRequest(goal="indirect", codes=128, pilot=10), "pilot"),
+        (CaptureRequest(goal="indirect", codes=130, pilot=64), "66"),
+        (CaptureRequest(goal="indirect", codes=128, pilot=64, family="balanced"), "cannot guide"),
+    ],
+)
+def test_refusals(request_: CaptureRequest, what: str, tmp_path: Path) -> None:
+    result = run(tmp_path, request_)
+    assert result.error is not None and result.error["kind"] == "config"
+    assert what in f"{result.error['message']} {result.error['hint']}"
+    assert not np.any([p.suffix == ".dng" for p in tmp_path.rglob("*")])
+
+
+VASE = SceneConfig(kind="mirror-and-vase", grid=(24, 32))
+
+
+@pytest.mark.parametrize(("scene", "coins"), [(MIRROR, 0.097), (VASE, 0.127)])
+def test_8_codes_show_mirrors_as_well_as_128_coins(
+    tmp_path: Path, scene: SceneConfig, coins: float
+) -> None:
+    """All 8 in the pilot; `coins` is the error of 128 of them, mean of 5 seeds."""
+    errors = []
+    for seed in range(2):
+        request = CaptureRequest(goal="indirect", codes=8, pilot=8, white=False, seed=seed)
+        result = run(tmp_path / str(seed), request, scene=scene)
+        assert result.state == "done", result.error
+        errors.append(float(str(result.summary["rms_error"])))
+    assert np.mean(errors) < coins
+    shown = [result.summary[name] for name in ("codes", "pilot", "shots", "family")]
+    assert shown == [8, 8, 8, "hadamard"]
+    assert result.folder is not None
+    assert decode_folder(Path(result.folder))["identical"]
+
+
+@pytest.mark.parametrize("scene", [MIRROR, VASE, DISCO])
+def test_a_short_pilot_and_16_codes_show_mirrors_well(tmp_path: Path, scene: SceneConfig) -> None:
+    """Better than three times as many codes of a long pilot; without one 4 to 10 % are left."""
+    request = CaptureRequest(goal="indirect", codes=32, pilot=16, white=False)
+    result = run(tmp_path, request, scene=scene)
+    assert result.state == "done", result.error
+    assert float(str(result.summary["rms_error"])) < 0.025
+    assert result.folder is not None
+    assert decode_folder(Path(result.folder))["identical"]
+    assert read_manifest(Path(result.folder)).plan["raw_files"] == 17
+
+
+@pytest.mark.parametrize(("codes", "left"), [(8, 4), (12, 8), (16, 12)])
+def test_a_pilot_of_all_codes_leaves_them_where_it_sees_nothing(
+    tmp_path: Path, codes: int, left: int
+) -> None:
+    request = CaptureRequest(goal="indirect", codes=codes, pilot=codes)
+    cost = Engine.from_config(bench_rig.config(tmp_path, scene=CORNER)).plan(request).pilot_cost
+    assert cost is not None and (cost.raw_files, cost.stopped_codes) == (codes, left)
+    result = run(tmp_path, request, scene=CORNER)
+    assert result.folder is not None, result.error
+    manifest = read_manifest(Path(result.folder))
+    assert (manifest.run.codes, manifest.run.pilot) == (left, SCOUTS)
+    assert cost.stopped_raw_files == len(manifest.run.shots) == SCOUTS + 2
+    assert cost.stopped_seconds == pytest.approx(manifest.plan["seconds"])
+    assert float(str(result.summary["rms_error"])) < 0.05
+    assert decode_folder(Path(result.folder))["identical"]
+
+
+def test_a_pilot_of_all_codes_gives_direct_light_too(tmp_path: Path) -> None:
+    """In colour and with more quads than one to a cell, beside a white photo."""
+    camera = CameraConfig(noise="none", quads_per_cell=2)
+    result = run(tmp_path, CaptureRequest(goal="direct", codes=16, pilot=16), camera, VASE)
+    assert result.folder is not None, result.error
+    assert float(str(result.summary["rms_error"])) < 0.01
+    shown = {path.stem for path in (Path(result.folder) / "preview").iterdir()}
+    assert shown == {"direct", "white", "indirect"}
+    shot = read_shots(result)[-1]
+    assert shot.name == "pilot-0016" and shot.refreshes == 3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"goal": "short-range", "radius": 2}, "leaves no codes for the goal short-range"),
+        ({"black_level": "mask"}, "neither black exposures"),
+        ({"illumination": [[0.5] * 32] * 24}, "neither black exposures nor an illumination"),
+        ({"parts": 4}, "no coded photo to split"),
+        ({"repeat": 2}, "in one piece can be repeated"),
+        ({"pilot": 4}, "a pilot of 4 codes finds nothing"),
+        ({"pilot": 10, "codes": 10}, "leaves none of 10 codes"),
+        ({"pilot": 64, "codes": 64}, "leaves none of 64 codes"),
+        ({"pilot": 16, "codes": 8}, "leaves none of 8 codes"),
+        ({"pilot": 20, "codes": 64}, "a pilot of 20 codes cannot be made"),
+        ({"family": "balanced"}, "cannot guide balanced codes"),
+        ({"exposure_s": 0.1}, "shorter than one pass over 8 codes"),
+    ],
+)
+def test_what_a_pilot_of_all_codes_cannot_do(
+    tmp_path: Path, wrong: dict[str, object], message: str
+) -> None:
+    asked = {"goal": "indirect", "codes": 8, "pilot": 8, "guards": True, **wrong}
+    with pytest.raises(ConfigError, match=message):
+        Engine.from_config(bench_rig.config(tmp_path, scene=CORNER)).plan(
+            CaptureRequest(**asked)  # type: ignore[arg-type]
+        )

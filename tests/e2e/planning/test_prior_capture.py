@@ -1,0 +1,205 @@
+"""Captures whose codes follow a prior, through the whole chain."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import CameraConfig, Config, SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.cli.main import main
+from pdcd.codes.linked import prior_codes
+from pdcd.codes.make import make_codes
+from pdcd.errors import ConfigError
+from pdcd.pictures.decode import decode_folder
+from pdcd.planning.prior import load_prior
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.folder import read_manifest
+from pdcd.scene.presets import PRESETS
+from tests import bench_rig
+from tests.e2e.server.test_daemon_real import connect, daemon
+from tests.places import DATA
+
+Floats = NDArray[np.float64]
+
+GRID = (24, 32)
+MIRROR_FILE = str(DATA / "mirror_32x24.npz")
+CORNER_FILE = str(DATA / "corner_32x24.npz")
+PRIORS = (MIRROR_FILE, CORNER_FILE, *(f"scene:{name}" for name in PRESETS))
+
+
+def scene_of(prior: str) -> SceneConfig:
+    """The scene that a prior names."""
+    if prior.startswith("scene:"):
+        return SceneConfig(kind=prior.removeprefix("scene:"), grid=GRID)
+    return SceneConfig(kind="matrix", path=prior)
+
+
+def config_for(folder: Path, scene: str, noise: str = "none") -> Config:
+    folder.mkdir(exist_ok=True)
+    camera = CameraConfig(noise=noise)  # type: ignore[arg-type]
+    return bench_rig.config(folder, scene=scene_of(scene), camera=camera)
+
+
+def run(folder: Path, scene: str, **fields: Any) -> CaptureResult:
+    request = CaptureRequest(**{"goal": "indirect", "codes": 32, "white": False, **fields})
+    engine = Engine.from_config(config_for(folder, scene))
+    engine.start()
+    try:
+        return bench_rig.capture(engine, request)
+    finally:
+        engine.stop()
+
+
+def error(result: CaptureResult) -> float:
+    assert result.state == "done", result.error
+    return float(str(result.summary["rms_error"]))
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize("scene", [MIRROR_FILE, "scene:disco-ball", "scene:mirror-and-vase"])
+def test_knowledge_of_sharp_paths_replaces_codes(scene: str, window: str, tmp_path: Path) -> None:
+    """With 32 codes and the scene known: 1/35 of the error of 128 coins on whole windows."""
+    known = run(tmp_path / "known", scene, prior=scene, window=window)
+    plain = run(tmp_path / "plain", scene, window=window)
+    # Quarter windows lose the light between neighbours, whatever the codes.
+    assert error(known) < error(plain) / (10.0 if window == "whole" else 1.3)
+    if window == "whole":
+        coins = run(tmp_path / "coins", scene, codes=128, family="bernoulli")
+        assert error(known) < error(coins) / 35.0
+    assert known.folder is not None
+    manifest = read_manifest(Path(known.folder))
+    assert manifest.request["prior"] == scene
+    assert str(manifest.plan["prior"]).split()[0] in ("file", "scene")
+    assert decode_folder(Path(known.folder))["identical"]
+
+
+def test_parts_and_repeats_follow_a_prior_too(tmp_path: Path) -> None:
+    scene = "scene:disco-ball"
+    for fields in ({"codes": 128, "parts": 4}, {"repeat": 2}):
+        known = run(tmp_path / f"known-{len(fields)}", scene, prior=scene, **fields)
+        plain = run(tmp_path / f"plain-{len(fields)}", scene, **fields)
+        assert error(known) < error(plain) / 5.0
+
+
+def photo_error(transport: Floats, codes: NDArray[np.bool_]) -> float:
+    """RMS error of the indirect photo of ideal panels over the RMS of the truth."""
+    lit = codes.astype(np.float64)
+    probing = (1.0 - lit).T @ lit
+    off = transport - np.diag(np.diag(transport))
+    image = np.sum(probing * off, axis=1) / (probing.sum() / (off.size - len(off)))
+    truth = off.sum(axis=1)
+    return float(np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)))
+
+
+def test_a_wrong_prior_does_little_harm() -> None:
+    """Every scene under the priors of all others, 32 codes. What errs more than 1 % without one
+    hardly errs more with a wrong one; smooth scenes, which err less, may err up to 4 times more."""
+    known = {prior: load_prior(prior, GRID) for prior in PRIORS}
+    ratios, sharp = [], []
+    for prior, scene in known.items():
+        assert scene.scene is not None
+        transport = scene.scene.dense().mean(axis=0)
+        none = [make_codes("hadamard", GRID, 32, dual="same", seed=s).primal() for s in range(5)]
+        plain = float(np.mean([photo_error(transport, codes) for codes in none]))
+        for other, wrong in known.items():
+            if other != prior:
+                codes = prior_codes(GRID, 32, wrong.links, np.random.default_rng(0))
+                ratios.append(photo_error(transport, codes) / plain)
+                sharp += [ratios[-1]] if plain > 0.01 else []
+    assert np.median(ratios) < 1.25
+    assert max(sharp) < 1.5 and max(ratios) < 4.0
+
+
+def test_a_decay_is_a_prior_like_any_other(tmp_path: Path) -> None:
+    links = load_prior("decay:3", GRID).links.toarray()
+    row, column = np.divmod(np.arange(24 * 32), 32)
+    far = np.hypot(row[:, None] - row, column[:, None] - column)
+    near = (far > 0.0) & (far < 15.0)
+    assert np.allclose(links[near], np.exp(-far[near] / 3.0))
+    assert not np.diag(links).any()
+    result = run(tmp_path, "scene:wax-disk", prior="decay:3")
+    assert error(result) < 0.01
+    assert read_manifest(Path(str(result.folder))).plan["prior"] == "decay 3 cells"
+
+
+def test_links_are_the_paths_of_the_scene() -> None:
+    with np.load(MIRROR_FILE) as file:
+        transport = np.array(file["transport"], dtype=np.float64)
+    np.fill_diagonal(transport, 0.0)
+    assert np.array_equal(load_prior(MIRROR_FILE, GRID).links.toarray(), transport)
+
+
+@pytest.mark.parametrize(
+    ("fields", "what"),
+    [
+        ({"prior": "/nowhere/x.npz"}, "decay:CELLS"),
+        ({"prior": "disco-ball"}, "scene:NAME"),
+        ({"prior": "scene:disco"}, "disco-ball"),
+        ({"prior": "decay:"}, "decay:3"),
+        ({"prior": "decay:-1"}, "above 0"),
+        ({"prior": "decay:inf"}, "above 0"),
+        ({"prior": MIRROR_FILE, "pilot": 32, "codes": 64}, "give one"),
+        ({"prior": MIRROR_FILE, "family": "balanced"}, "family balanced"),
+        ({"prior": MIRROR_FILE, "goal": "white"}, "goal white"),
+        ({"prior": MIRROR_FILE, "goal": "fraction", "p": 0.25}, "goal fraction"),
+        ({"prior": MIRROR_FILE, "goal": "off-diagonal", "shift": (0, 1)}, "off-diagonal"),
+        ({"prior": MIRROR_FILE, "method": "multi-image"}, "cannot guide"),
+    ],
+)
+def test_refusals(fields: dict[str, Any], what: str, tmp_path: Path) -> None:
+    result = run(tmp_path, MIRROR_FILE, **fields)
+    assert result.error is not None and result.error["kind"] == "config"
+    assert result.error["hint"]
+    assert what in f"{result.error['message']} {result.error['hint']}"
+
+
+def test_priors_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ConfigError, match="24 x 32 cells, the rig of 3 x 4"):
+        load_prior(MIRROR_FILE, (3, 4))
+    with pytest.raises(ConfigError, match="too many paths"):
+        load_prior("decay:3", (96, 128))
+
+
+def test_foreseen_and_achieved_agree_with_a_prior(tmp_path: Path) -> None:
+    """The planner counts on the codes that the capture will show."""
+    config = config_for(tmp_path, "scene:disco-ball", noise="full")
+    engine = Engine.from_config(config)
+    engine.start()
+    request = CaptureRequest(goal="indirect", error=0.02, prior="scene:disco-ball", white=False)
+    result = bench_rig.capture(engine, request)
+    plain = engine.plan(CaptureRequest(goal="indirect", error=0.02, white=False))
+    engine.stop()
+    assert error(result) == pytest.approx(float(str(result.summary["predicted_error"])), rel=0.2)
+    assert float(str(result.summary["codes"])) < plain.codes / 4
+
+
+def test_over_the_socket(tmp_path: Path) -> None:
+    tables = {"scene": SceneConfig(kind="disco-ball", grid=(12, 16))}
+    with daemon(tmp_path, **tables) as (_, socket), connect(socket) as client:
+        request = CaptureRequest(goal="indirect", codes=8, prior="scene:disco-ball", white=False)
+        assert client.plan(request).prior == "scene disco-ball"
+        result = client.capture(request)
+        assert result.state == "done", result.error
+        wrong = CaptureRequest(goal="indirect", codes=8, prior="scene:nothing")
+        with pytest.raises(ConfigError, match="no preset scene"):
+            client.plan(wrong)
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text('[scene]\nkind = "disco-ball"\ngrid = [24, 32]\n[camera]\nnoise = "none"\n')
+    options = ["indirect", "--local", "--config", str(file), "--codes", "32", "--no-white"]
+    assert main(["plan", *options, "--prior", "scene:disco-ball"]) == 0
+    assert "codes by" in capsys.readouterr().out
+    out = ["--out", str(tmp_path), "--json"]
+    assert main(["capture", *options, *out, "--prior", "scene:disco-ball"]) == 0
+    done = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert done["summary"]["rms_error"] < 0.01
+    assert main(["plan", *options, "--prior", "nothing.npz"]) == 2
+    assert str(Path("nothing.npz").absolute()) in capsys.readouterr().err

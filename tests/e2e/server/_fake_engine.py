@@ -1,0 +1,155 @@
+"""An engine without a rig: does what the request's note says, and can be run as a daemon.
+
+Notes: "" a short run; "slow" runs until cancelled; "fail:KIND" fails with that kind; "raise"
+raises what no engine should; "freeze:SECONDS" blocks, deaf to cancels; "flood:N" tells N times
+of progress.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pdcd.bench.tables import Config, RigConfig, ServerConfig
+from pdcd.errors import DeviceLost
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
+from pdcd.server.daemon import run
+from pdcd.words import JobState
+
+Emit = Callable[[str, dict[str, Any]], None]
+
+
+class FakeEngine:
+    """Satisfies `EngineLike`; `calls` holds what was asked, `threads` by whom."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.calls: list[str] = []
+        self.threads: set[int] = set()
+        self.owners: list[dict[str, Any]] = []
+        self.requests: list[CaptureRequest] = []
+        self.shutter_open = False
+
+    def _note(self, call: str) -> None:
+        self.calls.append(call)
+        self.threads.add(threading.get_ident())
+
+    def start(self) -> None:
+        self._note("start")
+        if self.config.rig.name == "broken":
+            raise DeviceLost("no such camera", device="camera", hint="switch it on")
+
+    def stop(self) -> None:
+        self._note("stop")
+
+    def describe(self) -> dict[str, Any]:
+        self._note("describe")
+        return {"name": self.config.rig.name, "grid": [4, 6]}
+
+    def plan(self, request: CaptureRequest) -> PlanSummary:
+        self._note("plan")
+        codes = request.codes or 8
+        shot = ShotSummary(
+            name=request.goal, codes=codes, refreshes=8 * codes, exposure_s=1.0, light_share=0.25
+        )
+        return PlanSummary(
+            goal=request.goal,
+            family=request.family or "hadamard",
+            codes=codes,
+            p=0.0,
+            grid=(4, 6),
+            window="whole",
+            guards=True,
+            passes=1,
+            shots=(shot,),
+            refreshes=8 * codes,
+            seconds=1.0,
+            light_share=0.25,
+            raw_files=1,
+        )
+
+    def capture(
+        self,
+        request: CaptureRequest,
+        *,
+        job: str,
+        owner: dict[str, Any],
+        emit: Emit,
+        cancelled: Callable[[], bool],
+    ) -> CaptureResult:
+        self._note("capture")
+        self.requests.append(request)
+        self.owners.append(owner)
+        verb, _, value = request.note.partition(":")
+        if verb == "raise":
+            raise RuntimeError("a fault of the program")
+        emit("armed", {"shot": "s1"})
+        self.shutter_open = True
+        emit("shutter_open", {"shot": "s1"})
+        state: JobState = "done"
+        error: dict[str, str | None] | None = None
+        if verb == "freeze":
+            time.sleep(float(value))
+        elif verb == "fail":
+            state = "failed"
+            error = {"kind": value, "message": "it broke", "device": "camera", "hint": "mend it"}
+        frames = int(value) if verb == "flood" else 20
+        frame = 0
+        while state == "done" and (verb == "slow" or frame < frames):
+            frame += 1
+            told = {"frame": frame, "frames": max(frame, frames), "missed": 0, "shot": "s1"}
+            emit("progress", told)
+            if cancelled():
+                state = "cancelled"
+                error = {"kind": "cancelled", "message": "cancelled", "device": None, "hint": None}
+            if verb != "flood":
+                time.sleep(0.002)
+        self.shutter_open = False
+        emit("shutter_closed", {"shot": "s1"})
+        self._note("closed")
+        return CaptureResult(
+            job=job,
+            state=state,
+            folder=f"{request.out or '/nowhere'}/{job}",
+            error=error,
+            files=("raw/s1.dng",),
+            summary={"codes": request.codes, "frames": frame},
+        )
+
+    def show(self, pattern: str, index: int) -> None:
+        self._note(f"show {pattern} {index}")
+
+    def preview(self, alive: Callable[[], object]) -> dict[str, Any]:
+        self._note("preview")
+        return {"path": "/nowhere/preview.png", "sha256": "0" * 64, "shape": [4, 6, 3]}
+
+
+def main() -> int:
+    """Serve this engine from a process of its own; tells of its end on stdout."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--socket", type=Path)
+    parser.add_argument("--state-dir", required=True)
+    parser.add_argument("--rig", default="fake")
+    given = parser.parse_args()
+    config = Config(rig=RigConfig(name=given.rig), server=ServerConfig(state_dir=given.state_dir))
+    engines: list[FakeEngine] = []
+
+    def make(config: Config) -> FakeEngine:
+        engines.append(FakeEngine(config))
+        return engines[-1]
+
+    code = run(config, socket=given.socket, engine_factory=make)
+    told = [{"calls": e.calls, "shutter_open": e.shutter_open} for e in engines]
+    sys.stdout.write(msgspec.json.encode(told).decode() + "\n")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,126 @@
+"""The real daemon with the real engine, in real time: signals and lost clients mid-exposure."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.bench import config as settings
+from pdcd.bench.tables import CameraConfig, RigConfig
+from pdcd.client import Client, Unreachable
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from tests import bench_rig
+
+
+@contextmanager
+def daemon(folder: Path, **tables: Any) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    path = folder / "pdcd.toml"
+    given = {"camera": CameraConfig(noise="none", f_number=8.0), **tables}
+    path.write_text(settings.show(bench_rig.config(folder, **given)))
+    socket = folder / "s"
+    command = [
+        sys.executable,
+        "-m",
+        "pdcd",
+        "serve",
+        "--config",
+        str(path),
+        "--socket",
+        str(socket),
+    ]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield process, socket
+        finally:
+            process.kill()
+
+
+def connect(socket: Path) -> Client:
+    give_up = time.monotonic() + 20.0
+    while True:
+        try:
+            return Client(socket)
+        except Unreachable:
+            assert time.monotonic() < give_up
+            time.sleep(0.02)
+
+
+def wait_for_codes(client: Client) -> str:
+    """Start the long capture and return its job once codes are being shown."""
+    job = str(
+        client.call("capture.start", {"goal": "indirect", "codes": 512, "white": False})["job"]
+    )
+    client.call("events.subscribe", {"jobs": "all"})
+    for event in client.events():
+        if event["type"] == "progress" and event["frame"] > 0:
+            return job
+    raise AssertionError("no progress")
+
+
+def last_event(folder: Path, job: str) -> dict[str, Any]:
+    log = folder / "state" / "captures" / f"{job}.partial" / "log.jsonl"
+    give_up = time.monotonic() + 10.0
+    while True:
+        lines = log.read_text().splitlines() if log.exists() else []
+        events: list[dict[str, Any]] = [json.loads(line) for line in lines]
+        if events and events[-1]["event"] in ("cancelled", "failed"):
+            return events[-1]
+        assert time.monotonic() < give_up
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signal_mid_exposure_ends_black_and_closed(tmp_path: Path, number: signal.Signals) -> None:
+    with daemon(tmp_path, rig=RigConfig(clock="real")) as (process, socket):
+        with connect(socket) as client:
+            job = wait_for_codes(client)
+            process.send_signal(number)
+            assert process.wait(timeout=10.0) == 0
+        event = last_event(tmp_path, job)
+        assert event["event"] == "cancelled" and event["safe"] is True
+        assert not list(tmp_path.rglob("capture.json"))
+        assert not socket.exists()
+
+
+def test_client_gone_mid_exposure_cancels_its_job(tmp_path: Path) -> None:
+    with daemon(tmp_path, rig=RigConfig(clock="real")) as (_, socket):
+        with connect(socket) as client:
+            job = wait_for_codes(client)
+        event = last_event(tmp_path, job)
+        assert event["event"] == "cancelled" and event["safe"] is True
+        with connect(socket) as client:
+            assert client.status()["state"] == "idle"
+
+
+def test_a_capture_over_the_socket_and_the_folder_it_names(tmp_path: Path) -> None:
+    with daemon(tmp_path) as (process, socket):
+        events: list[str] = []
+        with connect(socket) as client:
+            result = client.capture(
+                CaptureRequest(goal="indirect", codes=64),
+                on_event=lambda e: events.append(e["type"]),
+            )
+        assert result.state == "done" and result.folder is not None
+        assert read_manifest(Path(result.folder)).job == result.job
+        wanted = [
+            "queued",
+            "armed",
+            "shutter_open",
+            "progress",
+            "shutter_closed",
+            "decoding",
+            "done",
+        ]
+        assert [e for e in dict.fromkeys(events) if e in wanted] == wanted
+        process.terminate()
+        assert process.wait(timeout=10.0) == 0

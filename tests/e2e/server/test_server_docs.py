@@ -1,0 +1,188 @@
+"""What `docs/protocol.md` shows is what the daemon does."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO, get_args
+
+import pytest
+
+from pdcd.server import clients, connections, messages
+from pdcd.server.messages import CODES, METHODS
+from tests.places import ROOT
+
+DOCUMENT = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+
+REAL = """
+import sys
+from pathlib import Path
+from pdcd.bench.config import Config, ServerConfig
+from pdcd.capture.engine import Engine
+from pdcd.server.daemon import run
+config = Config(server=ServerConfig(state_dir=sys.argv[2]))
+sys.exit(run(config, socket=Path(sys.argv[1]), engine_factory=Engine.from_config))
+"""
+
+
+def answers(path: Path) -> bool:
+    """Whether somebody listens: the file of a socket is there a moment before that."""
+    with socket.socket(socket.AF_UNIX) as sock:
+        return sock.connect_ex(str(path)) == 0
+
+
+@contextmanager
+def daemon(engine: str, folder: Path) -> Iterator[Path]:
+    """A daemon of its own process with the fake engine, or the real one on the mock bench."""
+    path = folder / "s"
+    if engine == "real":
+        command = [sys.executable, "-c", REAL, str(path), str(folder)]
+    else:
+        command = [sys.executable, "-m", "tests.e2e.server._fake_engine"]
+        command += ["--socket", str(path), "--state-dir", str(folder)]
+    log = folder / "log"
+    with (
+        log.open("w") as stderr,
+        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=stderr) as child,
+    ):
+        try:
+            deadline = time.monotonic() + 20
+            while not answers(path) and child.poll() is None and time.monotonic() < deadline:
+                time.sleep(0.01)
+            assert answers(path), log.read_text()
+            yield path
+            child.terminate()
+            assert child.wait(20) == 0
+        finally:
+            child.kill()
+
+
+def section(title: str) -> str:
+    """The text below a heading, up to the next of the same level."""
+    found = re.search(rf"^## {title}\n(.*?)(?=^## |\Z)", DOCUMENT, re.MULTILINE | re.DOTALL)
+    assert found, title
+    return found[1]
+
+
+def fenced(title: str, language: str) -> str:
+    found = re.search(rf"^```{language}\n(.*?)^```", section(title), re.MULTILINE | re.DOTALL)
+    assert found, title
+    return found[1]
+
+
+def same_shape(shown: Any, got: Any, where: str) -> None:
+    """Every field shown is there, with the same type; null stands for any."""
+    if shown is None or got is None:
+        return
+    if isinstance(shown, dict):
+        assert isinstance(got, dict), where
+        for key, value in shown.items():
+            assert key in got, f"{where}.{key} is missing"
+            same_shape(value, got[key], f"{where}.{key}")
+    elif isinstance(shown, list):
+        assert isinstance(got, list), where
+        assert bool(got) == bool(shown), where
+        for value in got:
+            same_shape(shown[0], value, f"{where}[]")
+    elif isinstance(shown, float):
+        assert isinstance(got, float | int), where
+    else:
+        assert type(got) is type(shown), where
+
+
+def read(stream: BinaryIO) -> dict[str, Any]:
+    message: dict[str, Any] = json.loads(stream.readline())
+    return message
+
+
+@pytest.mark.parametrize("engine", ["fake", "real"])
+def test_the_session_of_the_document_can_be_replayed(engine: str, tmp_path: Path) -> None:
+    lines = fenced("A session", "text").splitlines()
+    shown = [json.loads(line[4:]) for line in lines if line.startswith("<-- ")]
+    asked = [line[4:] for line in lines if line.startswith("--> ")]
+    assert len(shown) + len(asked) == len(lines)
+    job = next(m["result"]["job"] for m in shown if "state" in m.get("result", {}))
+    got: dict[Any, dict[str, Any]] = {}
+    events: list[dict[str, Any]] = []
+    with daemon(engine, tmp_path) as path, socket.socket(socket.AF_UNIX) as sock:
+        sock.settimeout(20)
+        sock.connect(str(path))
+        with sock.makefile("rb") as stream:
+            hello = read(stream)
+            real_job = job
+            for line in asked:
+                sock.sendall(line.replace(job, real_job).encode() + b"\n")
+                while "event" == (message := read(stream)).get("method"):
+                    events.append(message["params"])
+                got[message["id"]] = message
+                if "job" in message.get("result", {}):
+                    real_job = message["result"]["job"]
+    same_shape(shown[0], hello, "hello")
+    assert hello["params"]["protocol"] == shown[0]["params"]["protocol"]
+    answers = [message for message in shown if "id" in message]
+    assert [message["id"] for message in answers] == list(got)
+    for message in answers:
+        same_shape(message, got[message["id"]], f"answer {message['id']}")
+        if "error" in message:
+            error = got[message["id"]]["error"]
+            assert error["code"] == message["error"]["code"]
+            assert error["data"]["kind"] == message["error"]["data"]["kind"]
+        else:
+            assert message["result"].get("state") == got[message["id"]]["result"].get("state")
+    types = iter(event["type"] for event in events)
+    for message in shown[1:]:
+        if "method" in message:
+            assert message["params"]["type"] in types, "events come in another order"
+    by_type = {event["type"]: event for event in events}
+    for message in shown[1:]:
+        if "method" in message:
+            same_shape(message["params"], by_type[message["params"]["type"]], "event")
+
+
+@pytest.mark.skipif(
+    not (shutil.which("bash") and shutil.which("socat") and shutil.which("jq")),
+    reason="bash, socat or jq is missing",
+)
+def test_the_script_of_the_document_runs(tmp_path: Path) -> None:
+    with daemon("fake", tmp_path) as path:
+        done = subprocess.run(
+            ["bash", "-eu", "-o", "pipefail", "-c", fenced("Try it", "bash")],
+            env={**os.environ, "SOCKET": str(path)},
+            capture_output=True,
+            text=True,
+            timeout=20,
+        )
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert re.fullmatch(r"pdcd \S+ is idle", first)
+    assert re.fullmatch(r"\d{8}T\d{6}Z-[0-9a-f]{4} done \S+", second)
+
+
+def test_every_method_error_and_event_is_in_its_table() -> None:
+    rows = re.findall(r"^\| `([a-z.]+)` \|", section("Methods"), re.MULTILINE)
+    assert rows == list(METHODS)
+    kinds = re.findall(r"^\| `(\w+)` \| ([-0-9, ]+) \|", section("Errors"), re.MULTILINE)
+    assert {kind for kind, _ in kinds} == set(CODES)
+    for kind, codes in kinds:
+        assert str(CODES[kind]) in codes.split(", ")
+    first = re.findall(r"^\| (`.*?`) \|", section("Events"), re.MULTILINE)
+    types = [word for row in first for word in re.findall(r"`(\w+)`", row)]
+    assert types == list(get_args(messages.EventType))
+
+
+def test_the_limits_are_those_of_the_program() -> None:
+    text = section("Limits")
+    assert messages.MAX_LINE == 2**20 and "1 MiB" in text
+    assert f"| {connections.OPEN_REQUESTS};" in text
+    assert f"| {clients.QUEUE_LINES};" in text
+    assert f"after {clients.STUCK_S:g} s" in text
+    assert f"for up to {connections.LINGER_S:g} s" in section("Life of a job")

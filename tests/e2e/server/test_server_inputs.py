@@ -1,0 +1,177 @@
+"""What is wrong on the socket is answered with a kind and a hint, and hurts nobody else."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pdcd.server.messages import MAX_LINE
+from tests.e2e.server._server_harness import daemon, nothing_left
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left() -> Iterator[None]:
+    with nothing_left():
+        yield
+
+
+def test_the_server_speaks_first(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            assert wire.hello["method"] == "hello" and "id" not in wire.hello
+            said = wire.hello["params"]
+            assert said["server"] == "pdcd" and said["protocol"] == [1, 0]
+            assert said["max_line"] == 2**20 and said["state"] == "idle"
+            assert said["drivers"] == {"display": "mock", "shutter": "mock", "readout": "mock"}
+            assert said["clock"]["mono_ns"] > 0 and said["clock"]["utc"].endswith("+00:00")
+            assert await wire.result("hello", protocol=[1, 0]) == {"protocol": [1, 0]}
+
+    asyncio.run(scenario())
+
+
+def test_bad_lines_are_answered_and_the_connection_goes_on(tmp_path: Path) -> None:
+    bad = [
+        b"{",
+        b"nonsense",
+        b"\xff\xfe",
+        b"[]",
+        b'[{"jsonrpc":"2.0","id":1,"method":"ping"}]',
+        b'{"jsonrpc":"2.0","id":null,"method":"ping"}',
+        b'{"jsonrpc":"2.0","id":1,"method":"capture.start","params":{"exposure_s":NaN}}',
+        b"[" * 100_000,
+    ]
+
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            for line in bad:
+                await wire.send(line)
+                error = (await wire.answer(None))["error"]
+                assert error["data"]["kind"] == "protocol", line
+                assert error["data"]["hint"], line
+            await wire.result("ping")
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("method", "params", "kind"),
+    [
+        ("nonsense", {}, "protocol"),
+        ("calibrate.start", {}, "protocol"),
+        ("capture.start", {"goal": "sideways"}, "config"),
+        ("capture.start", {"goal": "white", "family": "random"}, "config"),
+        ("capture.start", {"goal": "white", "codes": 0}, "config"),
+        ("capture.start", {"goal": "white", "codes": "many"}, "config"),
+        ("capture.start", {"goal": "white", "colour": "red"}, "config"),
+        ("capture.wait", {"job": "20260101T000000Z-0000"}, "config"),
+        ("capture.cancel", {"job": "20260101T000000Z-0000"}, "config"),
+        ("capture.wait", {"job": 1}, "config"),
+    ],
+)
+def test_a_bad_request_starts_nothing(
+    tmp_path: Path, method: str, params: dict[str, object], kind: str
+) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            error = await wire.error(method, **params)
+            assert error["data"]["kind"] == kind and error["data"]["hint"]
+            assert (await wire.result("capture.list"))["jobs"] == []
+            assert "capture" not in running.engine.calls
+
+    asyncio.run(scenario())
+
+
+def test_an_over_long_line_is_refused_and_ends_the_connection(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as other, running.wire() as wire:
+            wire.writer.write(b"x" * (MAX_LINE + 1))
+            error = (await wire.answer(None))["error"]
+            assert error["data"]["kind"] == "protocol" and error["code"] == -32700
+            assert await wire.ended()
+            await other.result("ping")
+
+    asyncio.run(scenario())
+
+
+def test_another_major_version_is_refused_and_ends_the_connection(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            error = await wire.error("hello", protocol=[2, 0])
+            assert error["data"]["kind"] == "protocol" and "1.0" in error["data"]["hint"]
+            assert await wire.ended()
+
+    asyncio.run(scenario())
+
+
+def test_results_stay_below_the_state_folder(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            state = tmp_path / "state"
+            outside = tmp_path / "outside"
+            outside.mkdir()
+            (state / "way-out").symlink_to(outside)
+            (state / "inside").mkdir()
+            (state / "way-in").symlink_to(state / "inside")
+            for out in ("/etc", str(outside), "..", "a/../../b", "way-out", "way-out/x", "\0"):
+                for method in ("capture.start", "capture.plan"):
+                    error = await wire.error(method, goal="white", out=out)
+                    assert error["data"]["kind"] == "config", out
+            assert "capture" not in running.engine.calls
+            for out, meant in (("new/one", "new/one"), ("way-in", "inside"), (".", "")):
+                started = await wire.result("capture.start", goal="white", out=out)
+                await wire.result("capture.wait", job=started["job"])
+                assert running.engine.requests[-1].out == str((state / meant).resolve())
+
+    asyncio.run(scenario())
+
+
+def test_notifications_are_done_but_not_answered(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            await wire.send(b'{"jsonrpc":"2.0","method":"nonsense"}')
+            await wire.send(
+                b'{"jsonrpc":"2.0","method":"display.show","params":{"pattern":"white"}}'
+            )
+            await wire.send(b'{"jsonrpc":"2.0","id":"after","method":"capture.plan",')
+            assert (await wire.receive())["id"] is None
+            assert (await wire.ask("capture.plan", goal="white"))["id"] == 1
+            assert "show white 0" in running.engine.calls
+
+    asyncio.run(scenario())
+
+
+def test_every_method_of_the_idle_rig(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            status = await wire.result("rig.status")
+            assert status["state"] == "idle" and status["running"] is None
+            assert status["connections"] == 1 and status["uptime_s"] >= 0
+            described = await wire.result("rig.describe")
+            assert described["rig"]["grid"] == [4, 6]
+            assert "capture.start" in described["schema"]["methods"]
+            assert (await wire.result("config.get"))["server"]["state_dir"].endswith("state")
+            plan = await wire.result("capture.plan", goal="indirect", codes=32)
+            assert plan["codes"] == 32 and plan["shots"][0]["refreshes"] == 256
+            shown = await wire.result("display.show", pattern="code", index=3)
+            assert shown == {"pattern": "code", "index": 3}
+            assert len((await wire.result("preview.grab"))["sha256"]) == 64
+            assert await wire.result("events.subscribe", jobs="all") == {"jobs": "all"}
+            assert await wire.result("events.unsubscribe") == {"jobs": "none"}
+            assert (await wire.result("ping"))["clock"]["mono_ns"] > 0
+            asked = ["describe", "plan", "show code 3", "preview"]
+            assert running.engine.calls[2:] == asked
+
+    asyncio.run(scenario())
+
+
+def test_a_burst_of_requests_is_answered_in_order(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            lines = [b'{"jsonrpc":"2.0","id":%d,"method":"ping"}\n' % k for k in range(3000)]
+            wire.writer.write(b"".join(lines))
+            assert [(await wire.receive())["id"] for _ in lines] == list(range(3000))
+
+    asyncio.run(scenario())

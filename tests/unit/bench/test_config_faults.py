@@ -1,0 +1,193 @@
+"""What a configuration file may get wrong: every fault by its key, and all of them at once."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pdcd.bench import checks, config, tables
+from pdcd.bench.tables import Config
+from pdcd.bench.toml_text import emit
+from pdcd.errors import ConfigError
+
+plain_text = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
+values: st.SearchStrategy[Any] = (
+    st.booleans() | st.integers() | st.floats() | plain_text | st.dates() | st.lists(st.integers())
+)
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def fault_lines(path: Path) -> list[str]:
+    """The faults that loading reports, without the line that counts them."""
+    with pytest.raises(ConfigError) as caught:
+        config.load(path)
+    first, *lines = caught.value.message.splitlines()
+    count = len(lines)
+    assert first == f"{count} fault{'s' if count > 1 else ''} in {path}:"
+    return [line.strip() for line in lines]
+
+
+X11 = "\n[display]\ndriver = 'x11'"
+
+
+@pytest.mark.parametrize(
+    ("text", "starts", "says"),
+    [
+        ("foo = 1", "foo: ", "no such key"),
+        ("[camrea]", "camrea: ", "is camera meant"),
+        ("rig = 3", "rig: ", "must be a table"),
+        ("[display]\nfaults = 3", "display.faults: ", "must be a table"),
+        ("[camera]\nnoize = 'full'", "camera.noize: ", "is noise meant"),
+        ("[display.faults]\nlat = {}", "display.faults.lat: ", "is late meant"),
+        ("[camera]\nfetch_timeout_s = '3'", "camera.fetch_timeout_s: ", "expected float, got str"),
+        ("[schedule]\nguards = 1", "schedule.guards: ", "expected bool"),
+        ("[schedule]\ncodes = 0", "schedule.codes: ", ">= 1"),
+        ("[schedule]\ncodes = 8.5", "schedule.codes: ", "expected int"),
+        ("[schedule]\nfamily = 'x'", "schedule.family: ", "bernoulli, rademacher, balanced"),
+        ("[camera]\nf_number = 'f8'", "camera.f_number: ", "auto, a number"),
+        ("[camera]\nf_number = -8", "camera.f_number: ", "> 0"),
+        ("[projector]\nsize_px = [1024]", "projector.size_px: ", "length 2"),
+        ("[projector]\nsize_px = [1024, 0]", "projector.size_px[1]: ", ">= 1"),
+        ("[display.faults]\nlate = {4 = 'x'}", "display.faults.late: ", "expected int"),
+        ("[display.faults]\nlate = {4 = 0}", "display.faults.late: ", ">= 1"),
+        ("[display.faults]\nlate = {x4 = 1}", "display.faults.late: ", "counted 0, 1, 2"),
+        ("[display.faults]\nlate = {-4 = 1}", "display.faults.late: ", "counted 0, 1, 2"),
+        ("[display.faults]\nlate = {'²' = 1}", "display.faults.late: ", "counted"),
+        ("[display.faults]\ndropped = [-1]", "display.faults.dropped: ", "counted 0, 1, 2"),
+        ("[display.faults]\nstale_mask = [-1]", "display.faults.stale_mask: ", "counted"),
+        ("[display.faults]\nstale_projector = [-1]", "display.faults.stale_projector: ", "counted"),
+        ("[trigger]\nlag_s = inf", "trigger.lag_s: ", "finite"),
+        ("[mask]\nskew_s = nan", "mask.skew_s: ", "finite"),
+        ("[mask]\noffset_px = [0, -inf]", "mask.offset_px[1]: ", "finite"),
+        ("[scene.options]\na = [{b = nan}]", "scene.options.a[0].b: ", "finite"),
+        ("[camera]\nseed = 9007199254740992", "camera.seed: ", "2**53"),
+        ("[projector]\nrefresh_hz = 75" + X11, "mask.refresh_hz: ", "one rate"),
+        ("[mask]\nrefresh_hz = 59.94" + X11, "mask.refresh_hz: ", "one rate"),
+        ("[mask]\nphase_s = 0.017", "mask.phase_s: ", "more than one refresh"),
+        ("[mask]\ncontrast = 1.0", "mask.contrast: ", "exceeds 1"),
+        ("[projector]\noffset_px = [1, 0]", "projector.offset_px: ", "mask.offset_px"),
+        ("[scene]\nkind = 'matrix'", "scene.path: ", "needed"),
+        ("[scene]\npath = 'rig.toml'", "scene.path: ", "belongs to"),
+        ("[scene]\nkind = 'matrix'\npath = 'gone.npz'", "scene.path: ", "no file"),
+        ("[scene]\ngrid = [48, 2000]", "scene.grid: ", "on the projector"),
+        ("[scene]\ngrid = [1000, 64]\n[projector]\nsize_px = [4000, 4000]\n[mask]\nsize_px = "
+         "[4000, 999]", "scene.grid: ", "on the mask"),
+        ("[scene]\ngrid = [200, 200]\n[schedule]\nwindow = 'quarter'", "scene.grid: ", "quarter"),
+        ("[rig]\nmisregistration_px = 4.1\n[schedule]\nwindow = 'quarter'", "schedule.window: ",
+         "offset"),
+        ("[camera]\niso = 0", "camera.iso: ", "at least 1"),
+        ("[rig]\nsettle_s = 300", "rig.settle_s: ", "max_exposure_s"),
+        (f"[server]\nsocket = '/{'x' * 107}'", "server.socket: ", "107 bytes"),
+        ("[server]\nallow_uids = [-1]", "server.allow_uids: ", "not negative"),
+    ],
+)  # fmt: skip
+def test_fault_is_named_by_its_key(tmp_path: Path, text: str, starts: str, says: str) -> None:
+    line, *more = fault_lines(write(tmp_path, text))
+    assert line.startswith(starts)
+    assert says in line
+    # A grid too fine for the projector may be too fine for the mask as well, nothing else doubles.
+    assert all(other.startswith("scene.grid: ") for other in more)
+
+
+def test_all_faults_are_reported_at_once(tmp_path: Path) -> None:
+    text = """
+        colour = "red"
+        [rig]
+        on_miss = "panic"
+        settle_s = -1
+        [projector]
+        refresh_hz = 75
+        [mask]
+        skew_s = nan
+        [camera]
+        iso = "high"
+        nois = "none"
+        [display]
+        driver = "x11"
+        [display.faults]
+        late = {soon = 1}
+        [scene]
+        kind = "matrix"
+    """
+    assert [line.split(":")[0] for line in fault_lines(write(tmp_path, text))] == [
+        "colour",
+        "rig.on_miss",
+        "rig.settle_s",
+        "camera.iso",
+        "camera.nois",
+        "mask.skew_s",
+        "mask.refresh_hz",
+        "scene.path",
+        "display.faults.late",
+    ]
+
+
+field_names = st.sampled_from(
+    sorted(
+        {
+            field.name
+            for part in (Config(), Config().display, Config().display.faults, Config().camera)
+            for field in msgspec.structs.fields(part)
+        }
+    )
+)
+any_tables = st.recursive(values, lambda x: st.dictionaries(field_names, x, max_size=6))
+
+
+@given(st.dictionaries(field_names, any_tables, max_size=6))
+@settings(deadline=None, derandomize=True, max_examples=50)
+def test_any_table_is_either_sound_or_a_configuration_error(
+    tmp_path_factory: pytest.TempPathFactory, table: dict[str, Any]
+) -> None:
+    path = write(tmp_path_factory.mktemp("any"), emit(table))
+    try:
+        loaded = config.load(path)
+    except ConfigError as err:
+        assert err.message.startswith(("1 fault in", f"{err.message.count(chr(10))} faults in"))
+    else:
+        assert checks.check(loaded) == []
+
+
+def test_no_fault_is_inferred_from_a_key_that_could_not_be_read(tmp_path: Path) -> None:
+    lines = fault_lines(write(tmp_path, "[scene]\nkind = 'matrix'\npath = 3"))
+    assert lines == ["scene.path: expected str | null, got int"]
+
+
+def test_limits_themselves_are_sound() -> None:
+    mask = tables.PanelConfig(size_px=(1024, 768), refresh_hz=60.02, phase_s=1 / 60.02)
+    rig = Config(
+        mask=mask,
+        rig=tables.RigConfig(misregistration_px=4.0),
+        schedule=tables.ScheduleConfig(window="quarter"),
+        server=tables.ServerConfig(socket="/" + "x" * 106),
+    )
+    assert checks.check(rig) == []
+
+
+def test_check_finds_what_python_callers_got_wrong() -> None:
+    rig = Config(rig=tables.RigConfig(settle_s=math.nan))
+    assert checks.check(rig) == ["rig.settle_s: must be a finite number, not nan"]
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cannot read .*gone\.toml: No such file"):
+        config.load(tmp_path / "gone.toml")
+    with pytest.raises(ConfigError, match="Is a directory"):
+        config.load(tmp_path)
+    with pytest.raises(ConfigError, match=r"is not TOML: .*line 2, column"):
+        config.load(write(tmp_path, "[rig]\nname = ?"))
+    latin = tmp_path / "latin.toml"
+    latin.write_bytes(b'[rig]\nname = "\xe9"')
+    with pytest.raises(ConfigError, match="is not TOML"):
+        config.load(latin)

@@ -1,0 +1,195 @@
+"""Stand-ins for the daemon and the rig, and what they answer: shared by the tests of the CLI."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd import words
+from pdcd.bench.tables import Config
+from pdcd.cli import output
+from pdcd.errors import PdcdError
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
+
+JOB = "20260101T120301Z-7f3a"
+SUMMARY: dict[str, float | int | str | None] = {
+    "codes": 8,
+    "refreshes": 480,
+    "exposure_s": 8.2,
+    "missed_refreshes": 2,
+    "rms_error": 0.01234,
+    "wall_s": 0.5,
+}
+DONE = CaptureResult(job=JOB, state="done", folder="/runs/x", summary=SUMMARY)
+PLAN = PlanSummary(
+    goal="indirect",
+    family="hadamard",
+    codes=8,
+    p=0.5,
+    grid=(48, 64),
+    window="whole",
+    guards=True,
+    schedule="full",
+    passes=2,
+    shots=(ShotSummary(name="coded", codes=8, refreshes=24, exposure_s=0.5, light_share=0.25),),
+    refreshes=24,
+    seconds=0.5,
+    light_share=0.25,
+    raw_files=1,
+)
+EVENTS: list[dict[str, Any]] = [
+    {"job": JOB, "seq": 0, "type": "armed", "t_mono_ns": 1, "shot": "coded"},
+    {"job": JOB, "seq": 1, "type": "progress", "t_mono_ns": 2, "shot": "coded", "frame": 12,
+     "frames": 24, "missed": 0},
+    {"job": JOB, "seq": 2, "type": "progress", "t_mono_ns": 3, "shot": "coded", "frame": 24,
+     "frames": 24, "missed": 3},
+    {"job": JOB, "seq": 3, "type": "decoding", "t_mono_ns": 4},
+]  # fmt: skip
+STATUS: dict[str, Any] = {
+    "version": "9.9",
+    "state": "busy",
+    "running": {"job": JOB, "goal": "indirect", "owner": {"uid": 5, "pid": 6, "user": "ada"}},
+    "queued": [],
+    "connections": 2,
+    "uptime_s": 61.4,
+    "new field": [1],
+}
+
+
+def ended(state: words.JobState, kind: str) -> CaptureResult:
+    error: dict[str, str | None] = {
+        "kind": kind,
+        "message": "it broke",
+        "device": "camera",
+        "hint": "mend it",
+    }
+    return CaptureResult(job=JOB, state=state, error=error)
+
+
+class StubClient:
+    """Stands in for a daemon: answers from class attributes, records what was asked."""
+
+    result: CaptureResult = DONE
+    error: BaseException | None = None
+    status_answer: dict[str, Any] = STATUS
+    asked: list[Any]
+
+    def __init__(self, path: Path) -> None:
+        self.asked.append(path)
+
+    def __enter__(self) -> StubClient:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.asked.append("closed")
+
+    def _answer(self, *asked: Any) -> CaptureResult:
+        self.asked.append(asked)
+        if self.error is not None:
+            raise self.error
+        return self.result
+
+    def capture(
+        self, wanted: CaptureRequest, *, detach: bool, queue: bool, on_event: output.OnEvent
+    ) -> CaptureResult:
+        for event in EVENTS:
+            on_event(event)
+        return self._answer(wanted, detach, queue)
+
+    def wait(self, job: str, on_event: output.OnEvent) -> CaptureResult:
+        for event in EVENTS:
+            on_event(event)
+        return self._answer(job)
+
+    def cancel(self, job: str) -> CaptureResult:
+        return self._answer("cancel", job)
+
+    def plan(self, wanted: CaptureRequest) -> PlanSummary:
+        self._answer("plan", wanted)
+        return PLAN
+
+    def status(self) -> dict[str, Any]:
+        return self.status_answer
+
+    def list(self) -> list[dict[str, Any]]:
+        return [{**STATUS["running"], "state": "running", "folder": None}]
+
+    def events(self) -> Iterator[dict[str, Any]]:
+        return iter(EVENTS)
+
+
+class StubEngine:
+    """Stands in for the rig: one capture, scripted by `run`."""
+
+    run: Callable[[Callable[[], bool]], CaptureResult]
+    start_error: PdcdError | None = None
+    calls: list[Any]
+
+    @classmethod
+    def from_config(cls, config: Config) -> StubEngine:
+        cls.calls.append(("from_config", config))
+        return cls()
+
+    def start(self) -> None:
+        self.calls.append("start")
+        if self.start_error is not None:
+            raise self.start_error
+
+    def stop(self) -> None:
+        self.calls.append("stop")
+
+    def plan(self, wanted: CaptureRequest) -> PlanSummary:
+        self.calls.append(("plan", wanted))
+        return PLAN
+
+    def capture(
+        self,
+        wanted: CaptureRequest,
+        *,
+        job: str,
+        owner: dict[str, Any],
+        emit: Callable[[str, dict[str, Any]], None],
+        cancelled: Callable[[], bool],
+    ) -> CaptureResult:
+        self.calls.append(("capture", wanted, job, owner))
+        emit("armed", {"shot": "coded"})
+        return type(self).run(cancelled)
+
+
+def last_object(text: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(text.splitlines()[-1])
+    return found
+
+
+def no_configuration(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """Hide the user's own configuration; the daemon's socket is looked for in `folder`."""
+    for name in ("CONFIGURATION_DIRECTORY", "RUNTIME_DIRECTORY", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(folder))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+
+
+def stub_daemon(monkeypatch: pytest.MonkeyPatch) -> type[StubClient]:
+    """Let every command meet a fresh stub instead of a daemon."""
+
+    class Fresh(StubClient):
+        asked: list[Any] = []  # noqa: RUF012
+
+    monkeypatch.setattr("pdcd.cli.capture.Client", Fresh)
+    monkeypatch.setattr("pdcd.cli.jobs.Client", Fresh)
+    return Fresh
+
+
+def stub_engine(monkeypatch: pytest.MonkeyPatch) -> type[StubEngine]:
+    """Let every command meet a fresh stub instead of a rig."""
+
+    class Fresh(StubEngine):
+        calls: list[Any] = []  # noqa: RUF012
+        run = staticmethod(lambda cancelled: DONE)
+
+    monkeypatch.setattr("pdcd.capture.engine.Engine", Fresh)
+    return Fresh

@@ -1,0 +1,329 @@
+"""The command line: usage, capture over the socket, how every end and refusal is told."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from pdcd import words
+from pdcd.cli import output, parser
+from pdcd.cli.main import main
+from pdcd.client import Unreachable
+from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
+from pdcd.request import CaptureRequest, CaptureResult
+from tests.unit.cli.cli_stubs import (
+    EVENTS,
+    JOB,
+    SUMMARY,
+    StubClient,
+    StubEngine,
+    ended,
+    last_object,
+    no_configuration,
+    stub_daemon,
+    stub_engine,
+)
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    no_configuration(monkeypatch, tmp_path)
+
+
+@pytest.fixture
+def daemon(monkeypatch: pytest.MonkeyPatch) -> type[StubClient]:
+    return stub_daemon(monkeypatch)
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> type[StubEngine]:
+    return stub_engine(monkeypatch)
+
+
+# --- start-up -----------------------------------------------------------------------------------
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys, pdcd.cli.main\n"
+        "try: pdcd.cli.main.main(['--help'])\n"
+        "except SystemExit as end: print(end.code, sorted(sys.modules), file=sys.stderr)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.startswith("usage: pdcd ")
+    code_, _, modules = run.stderr.partition(" ")
+    assert code_ == "0"
+    for heavy in (
+        "numpy",
+        "scipy",
+        "msgspec",
+        "rich",
+        "cv2",
+        "rawpy",
+        "asyncio",
+        "pdcd.capture.engine",
+    ):
+        assert f"'{heavy}'" not in modules
+    assert "'argparse'" in modules
+
+
+def test_choices_are_those_of_a_request() -> None:
+    assert get_args(words.GoalName) == parser.GOALS
+    assert get_args(words.FamilyName) == parser.FAMILIES
+    assert get_args(words.WindowName) == parser.WINDOWS
+    assert get_args(words.BlackLevel) == parser.BLACK_LEVELS
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["", "fly", "capture", "capture sideways", "capture indirect --codes many", "wait", "decode",
+     "capture indirect --family best", "capture indirect --loc", "config", "config mend"],
+)  # fmt: skip
+def test_wrong_usage_exits_2(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(line.split())
+    assert caught.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "usage: pdcd" in printed.err
+
+
+# --- capture over the socket --------------------------------------------------------------------
+
+
+def test_capture_sends_what_was_typed(
+    daemon: type[StubClient], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    line = (
+        "capture fraction --socket /a/b.sock --codes 16 --family balanced --p 0.25 --seed 7"
+        " --exposure 1.5 --window quarter --no-guards --black-level both --no-white --out runs"
+        " --note hello --detach --queue"
+    )
+    assert main(line.split()) == 0
+    wanted = CaptureRequest(
+        goal="fraction",
+        codes=16,
+        family="balanced",
+        p=0.25,
+        seed=7,
+        exposure_s=1.5,
+        window="quarter",
+        guards=False,
+        black_level="both",
+        white=False,
+        out=str(tmp_path / "runs"),
+        note="hello",
+    )
+    assert daemon.asked == [Path("/a/b.sock"), (wanted, True, True), "closed"]
+
+
+def test_capture_leaves_defaults_to_the_rig(daemon: type[StubClient], tmp_path: Path) -> None:
+    assert main(["capture", "indirect"]) == 0
+    wanted = CaptureRequest(goal="indirect")
+    assert daemon.asked == [tmp_path / "pdcd.sock", (wanted, False, False), "closed"]
+
+
+def test_socket_comes_from_the_configuration(daemon: type[StubClient], tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text("[server]\nsocket = 'lab.sock'\n")
+    assert main(["status", "--config", str(tmp_path / "rig.toml")]) == 0
+    assert daemon.asked[0] == tmp_path / "lab.sock"
+
+
+def test_capture_prints_a_table_and_progress_apart(
+    daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["capture", "indirect"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.splitlines() == [
+        f"job               {JOB}",
+        "state             done",
+        "codes             8",
+        "refreshes         480",
+        "exposure          8.200 s",
+        "missed refreshes  2",
+        "RMS error         1.23 % against the scene's known truth",
+        "wall time         0.50 s",
+        "folder            /runs/x",
+    ]
+    # The second progress event comes within the second and is left out.
+    assert printed.err.splitlines() == ["coded: armed", "coded: 12/24 refreshes", "decoding"]
+
+
+def test_progress_lines_come_again_after_a_second(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 100.0
+    monkeypatch.setattr("pdcd.cli.output.time.monotonic", lambda: now_s)
+    with output.progress() as on_event:
+        for now_s in (100.0, 100.9, 101.0, 101.5, 102.1):
+            on_event({**EVENTS[2], "frame": round(now_s * 10)})
+    assert capsys.readouterr().err.splitlines() == [
+        f"coded: {frame}/24 refreshes, 3 missed" for frame in (1000, 1010, 1021)
+    ]
+
+
+def test_progress_is_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with output.progress() as on_event:
+        on_event(EVENTS[0])
+        on_event(EVENTS[2])
+    assert "coded: 24/24 refreshes, 3 missed" in screen.getvalue()
+    assert "100%" in screen.getvalue()
+
+
+def test_capture_json_ends_with_the_result_unchanged(
+    daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["capture", "indirect", "--json"]) == 0
+    assert last_object(capsys.readouterr().out) == {
+        "job": JOB,
+        "state": "done",
+        "folder": "/runs/x",
+        "manifest_sha256": None,
+        "error": None,
+        "files": [],
+        "summary": SUMMARY,
+    }
+
+
+@pytest.mark.parametrize(
+    ("result", "code"),
+    [
+        (ended("failed", "device_lost"), 5),
+        (ended("failed", "config"), 2),
+        (ended("failed", "busy"), 4),
+        (ended("failed", "something new"), 5),
+        (CaptureResult(job=JOB, state="failed"), 5),
+        (ended("cancelled", "cancelled"), 130),
+        (CaptureResult(job=JOB, state="queued"), 0),
+        (CaptureResult(job=JOB, state="running"), 0),
+    ],
+)
+@pytest.mark.parametrize("line", ["capture indirect", f"wait {JOB}", f"watch {JOB}"])
+def test_end_of_the_job_gives_the_exit_code(
+    daemon: type[StubClient],
+    capsys: pytest.CaptureFixture[str],
+    line: str,
+    result: CaptureResult,
+    code: int,
+) -> None:
+    daemon.result = result
+    assert main([*line.split(), "--json"]) == code
+    printed = capsys.readouterr()
+    assert last_object(printed.out)["state"] == result.state
+    said = "pdcd: camera: it broke (mend it)" in printed.err.splitlines()
+    assert said == (result.error is not None)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "kind", "line"),
+    [
+        (BusyError("the rig is taken", hint="by ada"), 4, "busy", "the rig is taken (by ada)"),
+        (ConfigError("no such goal"), 2, "config", "no such goal"),
+        (SyncError("3 late", device="mask"), 5, "sync", "mask: 3 late"),
+        (DeviceLost("gone", device="camera"), 5, "device_lost", "camera: gone"),
+        (Cancelled("ended"), 130, "cancelled", "ended"),
+        (Unreachable("no daemon answers"), 3, "unreachable", "no daemon answers"),
+        (KeyboardInterrupt(), 130, "cancelled", "interrupted"),
+        (PermissionError(13, "Permission denied", "/x"), 5, "internal",
+         "[Errno 13] Permission denied: '/x'"),
+    ],
+)  # fmt: skip
+def test_refusal_is_one_line_and_one_object(
+    daemon: type[StubClient],
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    code: int,
+    kind: str,
+    line: str,
+) -> None:
+    daemon.error = error
+    assert main(["capture", "indirect", "--json"]) == code
+    printed = capsys.readouterr()
+    assert printed.err.splitlines()[-1] == f"pdcd: {line}"
+    told = last_object(printed.out)
+    assert (told["job"], told["folder"]) == (None, None)
+    assert told["state"] == ("cancelled" if code == 130 else "failed")
+    assert told["error"]["kind"] == kind
+    if isinstance(error, PdcdError):
+        assert told["error"] == {
+            "kind": kind,
+            "message": error.message,
+            "device": error.device,
+            "hint": error.hint,
+        }
+
+    assert main(["capture", "indirect"]) == code
+    assert capsys.readouterr().out == ""
+
+
+def test_other_commands_report_errors_without_a_job(
+    daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon.error = ConfigError("unknown job")
+    assert main(["wait", "x", "--json"]) == 2
+    assert last_object(capsys.readouterr().out) == {
+        "error": {"kind": "config", "message": "unknown job", "device": None, "hint": None}
+    }
+
+
+def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    socket = str(tmp_path / "nobody.sock")
+    for line in (["status"], ["list"], ["watch"], ["cancel"], ["wait", "x"], ["capture", "white"],
+                 ["plan", "white"]):  # fmt: skip
+        assert main([*line, "--socket", socket]) == 3
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert socket in printed.err
+        assert "Traceback" not in printed.err
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("--codes 0", "codes: expected int >= 1"),
+        ("--codes 70000", "codes: expected int <= 65536"),
+        ("--p 1", "p: expected float < 1.0"),
+        ("--p nan", "p: expected float"),
+        ("--exposure 0", "exposure_s: expected float > 0.0"),
+        ("--exposure inf", "exposure_s: expected float <= 3600.0"),
+        ("--seed -1", "seed: expected int >= 0"),
+        ("--local --detach", "--local goes without --detach"),
+        ("--local --queue --socket x", "--local goes without --socket and --queue"),
+        ("--local --config gone.toml", "cannot read the configuration gone.toml"),
+    ],
+)
+def test_wrong_request_exits_2_before_anything_starts(
+    daemon: type[StubClient],
+    engine: type[StubEngine],
+    capsys: pytest.CaptureFixture[str],
+    options: str,
+    says: str,
+) -> None:
+    assert main(["capture", "indirect", *options.split()]) == 2
+    assert capsys.readouterr().err.startswith(f"pdcd: {says}")
+    assert daemon.asked == engine.calls == []
+
+
+def test_reader_that_has_gone_is_no_error_message() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    code = "from pdcd.cli import main; raise SystemExit(main(['config', 'schema']))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, check=False
+    )
+    os.close(writer)
+    assert (run.returncode, run.stderr) == (5, b"")

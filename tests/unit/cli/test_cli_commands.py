@@ -1,0 +1,292 @@
+"""The command line: captures in this process, and all commands but capture."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd import __version__
+from pdcd.bench.tables import Config
+from pdcd.cli.main import main
+from pdcd.client import Unreachable
+from pdcd.errors import DeviceLost
+from pdcd.request import CaptureRequest, CaptureResult
+from tests.unit.cli.cli_stubs import (
+    EVENTS,
+    JOB,
+    STATUS,
+    StubClient,
+    StubEngine,
+    ended,
+    last_object,
+    no_configuration,
+    stub_daemon,
+    stub_engine,
+)
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    no_configuration(monkeypatch, tmp_path)
+
+
+@pytest.fixture
+def daemon(monkeypatch: pytest.MonkeyPatch) -> type[StubClient]:
+    return stub_daemon(monkeypatch)
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> type[StubEngine]:
+    return stub_engine(monkeypatch)
+
+
+# --- capture in this process --------------------------------------------------------------------
+
+
+def test_local_capture_starts_and_stops_the_rig(
+    engine: type[StubEngine], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "rig.toml").write_text("[rig]\nname = 'mine'\n")
+    line = ["capture", "indirect", "--local", "--json", "--config", str(tmp_path / "rig.toml")]
+    assert main(line) == 0
+    made, start, capture, stop = engine.calls
+    assert (start, stop) == ("start", "stop")
+    assert made[1].rig.name == "mine"
+    assert capture[1] == CaptureRequest(goal="indirect")
+    assert capture[3]["uid"] == os.getuid()
+    assert capture[3]["pid"] == os.getpid()
+    assert isinstance(capture[3]["user"], str)
+    printed = capsys.readouterr()
+    assert last_object(printed.out)["job"] == JOB
+    assert printed.err.splitlines() == ["coded: armed"]
+
+
+def test_rig_is_stopped_when_it_does_not_start(
+    engine: type[StubEngine], capsys: pytest.CaptureFixture[str]
+) -> None:
+    engine.start_error = DeviceLost("nothing on USB", device="camera", hint="plug it in")
+    assert main(["capture", "indirect", "--local"]) == 5
+    assert engine.calls[-1] == "stop"
+    assert capsys.readouterr().err == "pdcd: camera: nothing on USB (plug it in)\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_cancels_a_local_capture(engine: type[StubEngine], number: signal.Signals) -> None:
+    asked: list[bool] = []
+
+    def run(cancelled: Callable[[], bool]) -> CaptureResult:
+        asked.append(cancelled())
+        signal.raise_signal(number)
+        asked.append(cancelled())
+        return ended("cancelled", "cancelled")
+
+    engine.run = staticmethod(run)
+    before = signal.getsignal(number)
+    assert main(["capture", "indirect", "--local"]) == 130
+    assert asked == [False, True]
+    assert engine.calls[-1] == "stop"
+    assert signal.getsignal(number) is before
+
+
+def test_second_signal_does_not_wait_for_the_engine(engine: type[StubEngine]) -> None:
+    def run(cancelled: Callable[[], bool]) -> CaptureResult:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError("the second signal must interrupt")
+
+    engine.run = staticmethod(run)
+    assert main(["capture", "indirect", "--local"]) == 130
+    assert engine.calls[-1] == "stop", "panels black and shutter closed even so"
+
+
+def test_sigterm_interrupts_a_capture_over_the_socket(
+    daemon: type[StubClient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupted: list[bool] = []
+
+    def capture(self: StubClient, *args: Any, **options: Any) -> CaptureResult:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt:  # the client cancels the job and waits for its end
+            interrupted.append(True)
+        return ended("cancelled", "cancelled")
+
+    monkeypatch.setattr(daemon, "capture", capture)
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["capture", "indirect"]) == 130
+    assert interrupted == [True]
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_real_capture_and_decode_without_a_daemon(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text("[scene]\ngrid = [6, 8]\n")
+    line = f"capture indirect --local --config {rig} --codes 8 --out {tmp_path} --json"
+    assert main(line.split()) == 0
+    result = last_object(capsys.readouterr().out)
+    assert (result["state"], result["summary"]["codes"]) == ("done", 8)
+    folder = Path(result["folder"])
+    assert (folder / "capture.json").is_file()
+    assert folder.parent == tmp_path
+
+    assert main(["decode", str(folder), "--json"]) == 0
+    assert last_object(capsys.readouterr().out)["identical"] is True
+    assert main(["decode", str(tmp_path / "nowhere")]) == 5
+    assert capsys.readouterr().err.startswith("pdcd: ")
+
+
+# --- the other commands -------------------------------------------------------------------------
+
+
+def test_plan_asks_the_daemon_and_falls_back_to_this_process(
+    daemon: type[StubClient], engine: type[StubEngine], capsys: pytest.CaptureFixture[str]
+) -> None:
+    wanted = CaptureRequest(goal="indirect", codes=8)
+    assert main("plan indirect --codes 8 --json".split()) == 0
+    assert daemon.asked[1] == ("plan", wanted)
+    assert engine.calls == []
+    assert last_object(capsys.readouterr().out)["passes"] == 2
+
+    daemon.error = Unreachable("nobody")
+    assert main("plan indirect --codes 8".split()) == 0
+    assert engine.calls[-1] == ("plan", wanted)
+    table = capsys.readouterr().out
+    assert "light       25 % of a floodlit exposure" in table
+    assert "shot coded  8 codes, 24 refreshes, 0.500 s" in table
+    assert main("plan indirect --socket /named.sock".split()) == 3
+
+
+def test_plan_with_a_configuration_asks_no_daemon(
+    daemon: type[StubClient], engine: type[StubEngine], tmp_path: Path
+) -> None:
+    (tmp_path / "rig.toml").write_text("[rig]\nname = 'mine'\n")
+    assert main(["plan", "indirect", "--config", str(tmp_path / "rig.toml")]) == 0
+    assert engine.calls[0][1].rig.name == "mine"
+    assert main(["plan", "indirect", "--local"]) == 0
+    assert engine.calls[2][1] == Config()
+    assert main(["plan", "indirect", "--local", "--socket", "x"]) == 2
+    assert daemon.asked == []
+
+
+def test_status(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["status"]) == 0
+    assert f"running      {JOB} indirect by ada" in capsys.readouterr().out
+    assert main(["status", "--json"]) == 0
+    assert last_object(capsys.readouterr().out) == STATUS
+
+
+def test_list(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split() == [JOB, "running", "indirect", "ada"]
+    assert main(["list", "--json"]) == 0
+    assert last_object(capsys.readouterr().out)["jobs"][0]["job"] == JOB
+
+
+def test_watch_prints_events(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch"]) == 0
+    assert capsys.readouterr().out.splitlines()[1] == (
+        f"{JOB} progress shot=coded frame=12 frames=24 missed=0"
+    )
+    assert main(["watch", "--json"]) == 0
+    assert [json.loads(line) for line in capsys.readouterr().out.splitlines()] == EVENTS
+    assert main(["watch", JOB, "--json"]) == 0
+    *events, end = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert events == EVENTS
+    assert end["state"] == "done"
+
+
+def test_cancel_ends_the_named_or_the_running_job(
+    daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon.result = ended("cancelled", "cancelled")
+    assert main(["cancel", "mine"]) == 0
+    assert ("cancel", "mine") in daemon.asked
+    assert main(["cancel"]) == 0
+    assert ("cancel", JOB) in daemon.asked
+    daemon.status_answer = {**STATUS, "running": None}
+    assert main(["cancel"]) == 2
+    assert "nothing is running" in capsys.readouterr().err
+
+
+def test_drivers(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [
+        {"role": "display", "name": "a", "origin": "pdcd", "target": "m:C", "maturity": "beta",
+         "available": True, "reason": None},
+        {"role": "shutter", "name": "b", "origin": "acme", "target": "m:D", "maturity": None,
+         "available": False, "reason": "no libusb"},
+    ]  # fmt: skip
+    monkeypatch.setattr("pdcd.bench.registry.describe_drivers", lambda: rows)
+    assert main(["drivers"]) == 0
+    assert [line.split() for line in capsys.readouterr().out.splitlines()[1:]] == [
+        ["display", "a", "beta", "pdcd", "available"],
+        ["shutter", "b", "?", "acme", "unavailable:", "no", "libusb"],
+    ]
+    assert main(["drivers", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == rows
+
+
+def test_config_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text("[rig]\nname = 'mine'\n")
+    assert main(["config", "check"]) == 0
+    assert capsys.readouterr().out == "sound: no file, the mock bench\n"
+    assert main(["config", "check", "--config", str(path)]) == 0
+    assert capsys.readouterr().out == f"sound: {path}\n"
+    assert main(["config", "show", "--config", str(path)]) == 0
+    assert capsys.readouterr().out.startswith('[rig]\nname = "mine"\n')
+    assert main(["config", "schema"]) == 0
+    assert "Config" in json.loads(capsys.readouterr().out)["$defs"]
+    path.write_text("[rig]\nname = 3\nnane = 4\n")
+    for action in ("check", "show"):
+        assert main(["config", action, "--config", str(path)]) == 2
+        assert capsys.readouterr().err.splitlines() == [
+            f"pdcd: 2 faults in {path}:",
+            "  rig.name: expected str, got int",
+            "  rig.nane: no such key; is name meant?",
+        ]
+
+
+def test_decode_fails_when_a_picture_differs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [{"name": "linear/white.tif", "identical": True},
+             {"name": "linear/indirect.tif", "identical": False}]  # fmt: skip
+    report = {"identical": False, "files": files}
+    monkeypatch.setattr("pdcd.pictures.decode.decode_folder", lambda folder: report)
+    assert main(["decode", "x"]) == 5
+    assert capsys.readouterr().out.splitlines() == [
+        "identical  linear/white.tif",
+        "DIFFERS    linear/indirect.tif",
+    ]
+    assert main(["decode", "x", "--json"]) == 5
+    assert last_object(capsys.readouterr().out) == report
+
+
+def test_serve_hands_over_configuration_and_socket(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, engine: type[StubEngine]
+) -> None:
+    served: list[Any] = []
+
+    def run(config: Config, *, socket: Path | None, engine_factory: Any) -> int:
+        served.extend([config.server.state_dir, socket, engine_factory])
+        return 5
+
+    monkeypatch.setattr("pdcd.server.daemon.run", run)
+    monkeypatch.chdir(tmp_path)
+    assert main(["serve", "--socket", "/a.sock", "--state-dir", "runs"]) == 5
+    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.from_config]
+    assert main(["serve"]) == 5
+    assert served[3:5] == [None, None]
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["version"]) == 0
+    assert capsys.readouterr().out == f"pdcd {__version__}\n"

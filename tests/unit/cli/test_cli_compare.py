@@ -1,0 +1,86 @@
+"""`pdcd compare`: what it asks for, and the table and object that it prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.cli.main import main
+from pdcd.request import CaptureRequest
+from tests.unit.cli.cli_stubs import (
+    StubClient,
+    ended,
+    last_object,
+    no_configuration,
+    stub_daemon,
+    stub_engine,
+)
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    no_configuration(monkeypatch, tmp_path)
+
+
+def requests(asked: list[Any]) -> list[CaptureRequest]:
+    return [entry[0] for entry in asked if isinstance(entry, tuple)]
+
+
+def test_all_methods_are_asked_for_over_the_socket(monkeypatch: pytest.MonkeyPatch) -> None:
+    daemon = stub_daemon(monkeypatch)
+    assert (
+        main(["compare", "indirect", "--pilot", "4", "--black-level", "mask", "--seed", "3"]) == 0
+    )
+    asked = requests(daemon.asked)
+    assert [r.method for r in asked] == ["coded", "multi-image", "nayar"]
+    assert [r.pilot for r in asked] == [4, 0, 0]
+    assert [r.black_level for r in asked] == ["mask", "none", "none"]
+    assert {r.seed for r in asked} == {3}
+
+
+def test_table_has_a_line_for_each_method(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stub_engine(monkeypatch)
+    assert main(["compare", "direct", "--local"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split("  ")[0] == "method" and len(lines) == 4
+    assert [line.split()[0] for line in lines[1:]] == ["coded", "multi-image", "nayar"]
+    assert "1.234 %" in lines[1] and "8.2 s" in lines[1] and "0.5 s" in lines[1]
+    assert lines[1].split()[2] == "-"  # this summary does not say how many RAW files
+
+
+def test_json_has_an_object_for_each_method(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stub_daemon(monkeypatch)
+    assert main(["compare", "direct", "--json"]) == 0
+    told = last_object(capsys.readouterr().out)
+    assert told["goal"] == "direct"
+    assert [row["method"] for row in told["methods"]] == ["coded", "multi-image", "nayar"]
+    assert told["methods"][0]["rms_error"] == 0.01234
+    assert told["methods"][0]["sigma_mean"] is None
+    assert told["methods"][0]["folder"] == "/runs/x"
+
+
+def test_the_first_failure_ends_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon: type[StubClient] = stub_daemon(monkeypatch)
+    monkeypatch.setattr(daemon, "result", ended("failed", "config"))
+    assert main(["compare", "white", "--json"]) == 2
+    assert len(requests(daemon.asked)) == 1
+    assert last_object(capsys.readouterr().out)["state"] == "failed"
+
+
+def test_local_goes_without_socket(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", "direct", "--local", "--socket", "/x"]) == 2
+    assert "--local goes without --socket" in capsys.readouterr().err
+
+
+def test_a_method_cannot_be_picked(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["compare", "direct", "--method", "nayar"])
+    assert "--method" in capsys.readouterr().err

@@ -1,0 +1,126 @@
+"""`pdcd row`: one row of the realised probing matrix as picture and figures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import RigConfig
+from pdcd.capture.engine import Engine
+from pdcd.cli.main import main
+from pdcd.pictures.row import matrix_row
+from pdcd.request import CaptureRequest
+from tests import bench_rig
+
+ROWS, COLS = bench_rig.GRID
+
+
+def finished(folder: Path, config: Any = None, **fields: Any) -> Path:
+    engine = Engine.from_config(config or bench_rig.config(folder))
+    engine.start()
+    result = bench_rig.capture(engine, CaptureRequest(**fields))
+    assert result.folder is not None, result.error
+    return Path(result.folder)
+
+
+def meetings(folder: Path, name: str) -> Any:
+    """How often each pair of cells meets, from the stored bits: the matrix without any defect."""
+    with np.load(folder / "codes.npz") as stored:
+        lit, opened = (
+            np.unpackbits(stored[f"{name}.{side}"], axis=1, count=ROWS * COLS).astype(float)
+            for side in ("primal", "dual")
+        )
+    return opened.T @ lit
+
+
+def test_row_is_that_of_the_stored_codes(tmp_path: Path) -> None:
+    folder = finished(tmp_path, goal="indirect", codes=8, family="bernoulli")
+    found = matrix_row(folder, (1, 2))
+    pi = meetings(folder, "coded")
+    off = ~np.eye(ROWS * COLS, dtype=bool)
+    np.testing.assert_allclose(found.realised.ravel(), pi[6] / pi[off].mean(), rtol=1e-9)
+    want = np.ones(ROWS * COLS)
+    want[6] = 0.0
+    np.testing.assert_array_equal(found.wanted.ravel(), want)
+    assert found.photo == "coded"
+
+
+def test_row_is_divided_by_what_the_picture_was_divided_by(tmp_path: Path) -> None:
+    fields: dict[str, Any] = {"goal": "indirect", "codes": 8, "family": "bernoulli"}
+    folder = finished(tmp_path, **fields, normalise="row")
+    found = matrix_row(folder, (0, 3))
+    assert found.realised.sum() / (ROWS * COLS - 1) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_missed_refreshes_show_in_the_row(tmp_path: Path) -> None:
+    """A late refresh stretches one code: the row is no longer that of the stored codes."""
+    config = bench_rig.with_defects(tmp_path, rig=RigConfig(on_miss="flag"))
+    folder = finished(tmp_path, config, goal="indirect", codes=8, normalise="scalar")
+    found = matrix_row(folder, (1, 1)).realised.ravel()
+    ideal = meetings(folder, "coded")[5]
+    assert np.abs(found - ideal / ideal.mean()).max() > 0.05
+    assert found[5] > 0.0  # direct light leaks in
+
+
+def test_command_writes_the_picture_and_prints_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = finished(tmp_path, goal="diagonal", codes=16)
+    out = tmp_path / "row.png"
+    capsys.readouterr()
+    line = ["row", str(folder), "--cell", "1", "2", "--out", str(out)]
+    assert main([*line, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["photo"] == "matched" and told["file"] == str(out)
+    assert told["wanted"] == {"min": 0.0, "mean": pytest.approx(1 / 12), "max": 1.0}
+    assert told["realised"]["max"] == pytest.approx(1.0, rel=1e-6)
+    assert abs(told["realised"]["min"]) < 1e-6  # 16 Hadamard codes are exact for 12 cells
+    picture = cv2.imread(str(out))
+    assert picture is not None
+    side = picture.shape[0] // ROWS
+    assert picture.shape[1] == side * (2 * COLS + 1)
+    cells = picture[side // 2 :: side, side // 2 :: side, 0]
+    assert cells[1, 2] == 255 and cells[0, 0] == 0
+    assert cells[1, COLS + 1 + 2] == 255
+    assert main(line) == 0
+    assert "realised" in capsys.readouterr().out
+
+
+def test_negative_weights_are_darker_than_none(tmp_path: Path) -> None:
+    folder = finished(tmp_path, goal="descattered", codes=16, shift=(0, -1))
+    picture = matrix_row(folder, (1, 2)).picture()
+    side = picture.shape[0] // ROWS
+    cells = picture[side // 2 :: side, side // 2 :: side, 0].astype(int)
+    assert cells[1, 2] == 255 and cells[1, 1] == 0 and cells[0, 0] == 128
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--cell", "3", "0"], "no cell 3 0"),
+        (["--cell", "0", "-1"], "no cell 0 -1"),
+        (["--cell", "0", "0", "--photo", "blue"], "known: white, coded"),
+        (["--cell", "0", "0", "--out", "missing/row.png"], "cannot write"),
+    ],
+)
+def test_faults_are_told(
+    more: list[str],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = finished(tmp_path, goal="indirect", codes=8)
+    assert main(["row", str(folder), *more]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_folder_that_is_no_run_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["row", str(tmp_path), "--cell", "0", "0"]) == 5
+    assert "finished run" in capsys.readouterr().err

@@ -1,0 +1,218 @@
+"""Code families and the robust sequence: rows C1 to C7 and R3 to R5 of the catalogue."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import Config
+from pdcd.codes.make import make_codes
+from pdcd.errors import ConfigError
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.schedule import build_frames
+from pdcd.planning.guards import choose_window
+from pdcd.planning.make import make_plan
+from pdcd.probing.panel import Panel
+from pdcd.recipes.programs import Coded, Far, Signed, Under
+from pdcd.request import CaptureRequest
+from tests import bench_rig, catalogue_rig, oracles
+from tests.catalogue_rig import photo, scene_of, show, transport
+
+GRID = (4, 5)
+N = 20
+T = transport(N)
+D = np.diag(T)
+S = T.sum(axis=1) - D
+SHARES = [1 / 2, 1 / 4, 1 / 8, 1 / 16]
+
+
+def random_bits(count: int, p: float, seed: int = 0) -> Any:
+    return make_codes("bernoulli", GRID, count, dual="same", p=p, seed=seed).primal() + 0.0
+
+
+def test_c1_rademacher_codes_are_equiprobable_and_uncorrelated() -> None:
+    """Mean 0 and covariance 1, each within five standard errors of R samples."""
+    samples = 20_000
+    h = 2.0 * make_codes("rademacher", GRID, samples, dual="same").primal() - 1.0
+    assert np.abs(h.mean(axis=0)).max() < 5.0 / np.sqrt(samples)
+    covariance = h.T @ h / samples
+    assert np.all(np.diag(covariance) == 1.0)
+    assert np.abs(covariance - np.eye(N)).max() < 5.0 / np.sqrt(samples)
+
+
+@pytest.mark.parametrize("p", SHARES)
+def test_c2_equal_codes_keep_direct_and_the_fraction_p_of_indirect(p: float) -> None:
+    """E[sum of i (T i)] / K = p (D + p S), within five standard errors."""
+    count = 40_000
+    bits = random_bits(count, p)
+    terms = bits * (bits @ T.T)
+    error = terms.std(axis=0) / np.sqrt(count)
+    assert np.all(np.abs(terms.mean(axis=0) - p * (D + p * S)) < 5.0 * error)
+
+
+def test_c3_complement_codes_keep_p_times_one_less_p_of_indirect_only() -> None:
+    """Exact with balanced designs: K > N Hadamard codes times 4 give S."""
+    bits = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
+    seen = photo(show(bits.primal(), bits.dual(), GRID), scene_of(T, GRID)) / 32
+    np.testing.assert_allclose(4.0 * seen, S, rtol=1e-12)
+
+
+def test_c3_weight_is_largest_at_one_half() -> None:
+    """The mean weight off the diagonal of Bernoulli codes, over p: p (1 - p), never negative."""
+    shares = [0.1, 0.3, 0.5, 0.7, 0.9]
+    off = ~np.eye(N, dtype=bool)
+    weights = []
+    for p in shares:
+        bits = random_bits(4000, p)
+        pi = (1.0 - bits).T @ bits / 4000
+        assert np.all(np.diag(pi) == 0.0) and pi.min() >= 0.0
+        weights.append(pi[off].mean())
+    np.testing.assert_allclose(weights, [p * (1 - p) for p in shares], atol=0.005)
+    assert int(np.argmax(weights)) == 2
+
+
+@pytest.mark.parametrize(("family", "tolerance"), [("bernoulli", 0.01), ("balanced", 1e-12)])
+def test_c4_codes_in_proportion_to_1_over_p_keep_direct_light_equally_bright(
+    family: str, tolerance: float
+) -> None:
+    """64, 128, 256, 512 codes for p = 1/2 to 1/16: each cell's direct light counts p K = 32."""
+    grid = (48, 64)
+    direct = []
+    for p in SHARES:
+        count = round(32 / p)
+        direct.append(make_codes(family, grid, count, dual="same", p=p, seed=2).primal().sum() / N)
+    np.testing.assert_allclose(np.array(direct) / direct[0], 1.0, atol=tolerance)
+
+
+def test_c5_warped_codes_are_exact_on_a_permutation_with_any_codes() -> None:
+    """T_(n, a_n) alone: mask and light of a pair are the same code, however few there are."""
+    rng = np.random.default_rng(4)
+    warp = rng.permutation(N)
+    mirror = np.zeros((N, N))
+    mirror[np.arange(N), warp] = 0.5 + rng.random(N)
+    bits = random_bits(3, 0.5).astype(bool)
+    halves = []
+    for half in (True, False):
+        light, mask = Signed(((1.0, warp),), half).pairs(bits, Lattice(GRID))
+        shown = show(light, mask, GRID)
+        halves.append(photo(shown, scene_of(mirror, GRID)))
+    np.testing.assert_allclose((halves[0] - halves[1]) / 3, mirror.sum(axis=1), rtol=1e-12)
+
+
+def test_c6_illumination_modulated_codes_are_linear_in_the_illumination() -> None:
+    rng = np.random.default_rng(6)
+    first, second = np.round(rng.random((2, N)) * 256) / 512  # exact in single precision
+    bits = random_bits(8, 0.5).astype(bool)
+
+    def seen(light: Any) -> Any:
+        i, m = Under(Coded(None, True), light).pairs(bits, Lattice(GRID))
+        return photo(show(i, m, GRID), scene_of(T, GRID))
+
+    np.testing.assert_allclose(seen(first) + seen(second), seen(first + second), rtol=1e-12)
+    by_hand = sum((1.0 - k) * (T @ (k * first)) for k in bits + 0.0)
+    np.testing.assert_allclose(seen(first), by_hand, rtol=1e-12)
+
+
+def test_c7_default_cells_are_16_projector_and_25_mask_pixels() -> None:
+    config = Config()
+    for panel, pixels in ((config.projector, 16), (config.mask, 25)):
+        assert (panel.size_px[0] / 64, panel.size_px[1] / 48) == (pixels, pixels)
+
+
+@pytest.mark.parametrize("fine", [16, 24])
+def test_c7_cells_survive_the_way_through_pixels(fine: int) -> None:
+    """A code drawn in `fine` x `fine` pixels a cell, averaged over cells, is the code again."""
+    grid = (2, 3)
+    codes = make_codes("bernoulli", grid, 4, dual="complement", seed=1)
+    frames = build_frames(bench_rig.pairs(codes), grid, window="whole", schedule="none", passes=1)
+    cell = oracles.cell_of(grid, fine)
+    for k, bits in enumerate(codes.primal()):
+        drawn = oracles.pixel_targets(frames, k, fine, True, (0.0, 0.0))
+        means = np.bincount(cell, weights=drawn) / fine**2
+        np.testing.assert_array_equal(means, bits)
+
+
+def test_c7_windows_of_24_pixel_cells_open_a_quarter_and_meet_every_pixel_once() -> None:
+    """Half of a cell of 25 pixels is no whole number; 24 pixels divide (1536 x 1152 active)."""
+    grid, fine = (2, 2), 24
+    lattice = Lattice(grid, "quarter")
+    white = np.ones((1, lattice.lattice_cells))
+    frames = build_frames(
+        (np.packbits(white > 0, axis=1),) * 2, grid, window="quarter", schedule="none", passes=1
+    )
+    opened = np.array(
+        [oracles.pixel_targets(frames, k, fine, False, (0.0, 0.0)) for k in range(len(frames))]
+    )
+    assert np.all(opened.sum(axis=0) == 1)
+    np.testing.assert_allclose(opened.mean(axis=1), 0.25)
+    areas = [sum(o.area for o in lattice.overlaps if o.dual_field == f) for f in range(4)]
+    np.testing.assert_allclose(areas, 0.25, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("grid", "served"), [((48, 64), True), ((50, 64), False)])
+def test_r3_cells_must_be_four_times_the_misregistration(
+    grid: tuple[int, int], served: bool
+) -> None:
+    """4 projector pixels of 768 lines allow 48 rows and no more."""
+    cells = 4.0 / (768 / grid[0])
+    if served:
+        assert choose_window("quarter", cells) == "quarter"
+    else:
+        with pytest.raises(ConfigError, match="misregistration"):
+            choose_window("quarter", cells)
+
+
+def test_r4_paths_within_a_cell_count_as_direct_and_all_others_the_same() -> None:
+    """Pixel pairs, not cells: around each window the whole code cell is 0, exactly; with more
+    Hadamard codes than cells all other pairs meet K / 4 times."""
+    grid, fine, count = (2, 2), 4, 16
+    codes = make_codes("hadamard", Lattice(grid, "quarter").shape, count, dual="complement", seed=2)
+    frames = build_frames(bench_rig.pairs(codes), grid, window="quarter", schedule="none", passes=1)
+    meets = np.zeros((64, 64))
+    for k in range(len(frames)):
+        lit = oracles.pixel_targets(frames, k, fine, True, (0.0, 0.0))
+        opened = oracles.pixel_targets(frames, k, fine, False, (0.0, 0.0))
+        meets += np.outer(opened, lit)
+    y, x = np.divmod(np.arange(64), grid[1] * fine)
+    y, x = (y + 0.5) / fine, (x + 0.5) / fine
+    same = np.zeros((64, 64), dtype=bool)
+    for n in range(64):
+        down = 0.0 if 0.25 <= y[n] % 1.0 < 0.75 else 0.5
+        right = 0.0 if 0.25 <= x[n] % 1.0 < 0.75 else 0.5
+        own = (np.floor(y[n] + down), np.floor(x[n] + right))
+        same[n] = (np.floor(y + down) == own[0]) & (np.floor(x + right) == own[1])
+    assert np.all(meets[same] == 0.0)
+    assert np.all(meets[~same] == count / 4)
+    shown = show(codes.primal(), codes.dual(), grid, window="quarter")
+    own_means, _ = oracles.to_cells(meets, grid, fine)
+    np.testing.assert_allclose(shown.dense() / catalogue_rig.REFRESH_S, own_means, rtol=1e-12)
+
+
+def test_r5_robust_sequence_costs_a_twelfth_and_indirect_light_a_quarter_of_that() -> None:
+    """30 s of refreshes gather 0.625 s of floodlight."""
+    request = CaptureRequest(goal="indirect", codes=128, window="quarter", white=False)
+    plan = make_plan(request, Config(), (48, 64))
+    shot = plan.recipe.shots[0]
+    assert 30.0 * plan.light_share(shot) == pytest.approx(0.625, rel=1e-3)
+
+
+@pytest.mark.parametrize("radius", [1, 2])
+def test_long_range_codes_have_their_largest_weight_at_1_over_w_plus_1(radius: int) -> None:
+    """p (1 - p)^W with W = (2 r + 1)^2: 0.0387 for r = 1; no other p near it does better."""
+    width = (2 * radius + 1) ** 2
+    best = Far(radius).p
+    weight = best * (1.0 - best) ** width
+    grid = np.linspace(0.001, 0.5, 2000)
+    assert weight >= np.max(grid * (1.0 - grid) ** width)
+    if radius == 1:
+        assert weight == pytest.approx(0.0387, abs=5e-5)
+
+
+def test_r6_skew_of_one_refresh_is_harmless_and_more_is_not() -> None:
+    codes = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
+    for refreshes, leaks in ((-1.0, False), (1.0, False), (1.2, True), (-1.2, True)):
+        mask = Panel(skew_ns=round(refreshes * catalogue_rig.REFRESH_NS))
+        shown = show(codes.primal(), codes.dual(), GRID, mask=mask)
+        assert bool(shown.coaxial.max() > 1e-9) is leaks

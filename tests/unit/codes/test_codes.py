@@ -1,0 +1,187 @@
+"""What every code family keeps: exact diagonals, on-counts, packing, seeds, refusals."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pdcd.cli import parser
+from pdcd.codes.make import FAMILIES, Codes, make_codes
+from pdcd.errors import ConfigError
+from pdcd.words import FamilyName
+
+Dual = Literal["complement", "same"]
+LATTICES = [(1, 1), (1, 9), (7, 1), (5, 7), (11, 13)]
+
+
+def probing(codes: Codes) -> NDArray[np.int64]:
+    """sum_k m_k i_k^T by integer arithmetic: (L, L)."""
+    return codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
+
+
+ANY_COUNT = [name for name in FAMILIES if name != "singer"]
+"""Families that take p = 1/2; `singer` has tests of its own."""
+
+
+def test_families_are_those_that_requests_and_the_command_line_may_name() -> None:
+    named = [name for name in get_args(FamilyName) if name not in ("isolation", "confocal")]
+    assert list(FAMILIES) == named
+    assert list(get_args(FamilyName)) == list(parser.FAMILIES)
+
+
+@pytest.mark.parametrize("lattice", LATTICES)
+@pytest.mark.parametrize("count", [2, 4, 8, 12, 20, 24, 28, 36, 64, 128])
+@pytest.mark.parametrize("family", ANY_COUNT)
+def test_complement_codes_never_let_a_cell_see_itself(
+    family: str, count: int, lattice: tuple[int, int]
+) -> None:
+    codes = make_codes(family, lattice, count, dual="complement", seed=3)
+    assert np.array_equal(codes.dual(), ~codes.primal())
+    assert not np.diag(probing(codes)).any()
+
+
+@pytest.mark.parametrize("count", [1, 3, 7, 31])
+def test_bernoulli_takes_any_count_and_p_and_keeps_the_diagonal_zero(count: int) -> None:
+    codes = make_codes("bernoulli", (5, 6), count, dual="complement", p=0.3, seed=1)
+    assert len(codes) == count
+    assert not np.diag(probing(codes)).any()
+
+
+@pytest.mark.parametrize(
+    ("family", "count", "p", "on"),
+    [
+        ("balanced", 8, 0.5, 4),
+        ("balanced", 512, 0.0625, 32),
+        ("balanced", 30, 0.1, 3),
+        ("balanced", 9, 1 / 3, 3),
+        ("hadamard", 2, 0.5, 1),
+        ("hadamard", 28, 0.5, 14),
+        ("hadamard", 128, 0.5, 64),
+    ],
+)
+@pytest.mark.parametrize("lattice", LATTICES)
+def test_same_codes_open_every_cell_equally_often(
+    family: str, count: int, p: float, on: int, lattice: tuple[int, int]
+) -> None:
+    codes = make_codes(family, lattice, count, dual="same", p=p, seed=5)
+    assert np.array_equal(codes.dual(), codes.primal())
+    assert np.all(codes.primal().sum(axis=0) == on)
+    assert np.all(np.diag(probing(codes)) == on)
+
+
+def test_bernoulli_lights_the_asked_share_of_cells() -> None:
+    lit = make_codes("bernoulli", (40, 50), 100, dual="same", p=0.2, seed=2).primal()
+    assert abs(lit.mean() - 0.2) < 5 * np.sqrt(0.2 * 0.8 / lit.size)
+
+
+@pytest.mark.parametrize("family", ["bernoulli", "rademacher", "balanced"])
+def test_cells_are_independent_of_each_other(family: str) -> None:
+    """Correlations between cells are those of unrelated sequences: squares average 1/(K-1)."""
+    sign = 2.0 * make_codes(family, (20, 20), 200, dual="same", seed=4).primal() - 1.0
+    correlation = np.corrcoef(sign.T)[np.triu_indices(400, 1)]
+    assert abs(correlation.mean()) < 5 / np.sqrt(199 * correlation.size)
+    assert np.isclose((correlation**2).mean() * 199, 1.0, atol=0.05)
+
+
+@pytest.mark.parametrize("family", ANY_COUNT)
+def test_a_seed_always_gives_the_same_codes_and_another_seed_others(family: str) -> None:
+    first, again, other = (
+        make_codes(family, (12, 17), 32, dual="complement", seed=seed) for seed in (7, 7, 8)
+    )
+    assert np.array_equal(first.primal_bits, again.primal_bits)
+    assert np.array_equal(first.dual_bits, again.dual_bits)
+    assert (first.primal() != other.primal()).mean() > 0.3
+
+
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(
+    family=st.sampled_from(sorted(ANY_COUNT)),
+    rows=st.integers(1, 12),
+    cols=st.integers(1, 12),
+    count=st.sampled_from([2, 4, 8, 12, 16]),
+    dual=st.sampled_from(["complement", "same"]),
+    seed=st.integers(0, 2**53 - 1),
+)
+def test_packed_bits_unpack_to_the_patterns(
+    family: str, rows: int, cols: int, count: int, dual: Dual, seed: int
+) -> None:
+    codes = make_codes(family, (rows, cols), count, dual=dual, seed=seed)
+    cells = rows * cols
+    for bits, pattern in ((codes.primal_bits, codes.primal()), (codes.dual_bits, codes.dual())):
+        assert bits.shape == (count, -(-cells // 8)) and bits.dtype == np.uint8
+        assert pattern.shape == (count, cells) and pattern.dtype == np.bool_
+        for cell in range(cells):  # first cell in the highest bit, read without numpy's unpacking
+            assert np.array_equal(bits[:, cell // 8] >> (7 - cell % 8) & 1, pattern[:, cell])
+        if cells % 8:
+            assert not (bits[:, -1] & (0xFF >> cells % 8)).any()
+
+
+def test_codes_say_what_they_were_made_from() -> None:
+    codes = make_codes("balanced", (3, 5), 8, dual="same", p=0.25, seed=9)
+    assert (codes.family, codes.lattice, codes.p, codes.seed, len(codes)) == (
+        "balanced",
+        (3, 5),
+        0.25,
+        9,
+        8,
+    )
+    assert codes.weight.dtype == np.float64
+    assert np.array_equal(codes.weight, np.ones(8))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"count": 0}, "0 codes"),
+        ({"count": -4}, "-4 codes"),
+        ({"lattice": (0, 5)}, "0 x 5"),
+        ({"lattice": (5, 0)}, "5 x 0"),
+        ({"p": 0.0}, "p = 0.0"),
+        ({"p": 1.0}, "p = 1.0"),
+        ({"p": float("nan")}, "p = nan"),
+        ({"seed": -1}, "seed -1"),
+        ({"dual": "other"}, "dual 'other'"),
+    ],
+)
+def test_out_of_range_arguments_are_refused(
+    family: str, change: dict[str, Any], words: str
+) -> None:
+    arguments: dict[str, Any] = {"lattice": (4, 4), "count": 8, "dual": "same"} | change
+    with pytest.raises(ConfigError) as caught:
+        make_codes(family, **arguments)
+    assert words in caught.value.message
+    assert caught.value.hint
+
+
+def test_an_unknown_family_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match=r"'fourier'.*bernoulli, rademacher, .* singer"):
+        make_codes("fourier", (4, 4), 8, dual="same")
+
+
+@pytest.mark.parametrize(
+    ("p", "count", "hint"),
+    [
+        (0.0625, 100, "take 96 or 112 codes"),
+        (0.5, 7, "take 6 or 8 codes"),
+        (0.5, 1, "take 2 codes"),
+        (0.25, 3, "take 4 codes"),
+        (0.9, 1, "take 10 codes"),
+        (1 / np.pi, 128, "simple fraction"),
+        (1e-12, 8, "simple fraction"),
+    ],
+)
+def test_balanced_names_the_counts_that_fit_p(p: float, count: int, hint: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_codes("balanced", (4, 4), count, dual="same", p=p)
+    assert hint in str(caught.value.hint)
+
+
+def test_rademacher_refuses_shares_other_than_a_half() -> None:
+    with pytest.raises(ConfigError, match="equally often"):
+        make_codes("rademacher", (4, 4), 8, dual="same", p=0.25)

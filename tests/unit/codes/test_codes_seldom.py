@@ -1,0 +1,185 @@
+"""Codes that light cells less than half of the time: partial spreads and projective planes."""
+
+from __future__ import annotations
+
+import itertools
+from functools import reduce
+from operator import xor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import CameraConfig
+from pdcd.capture.engine import Engine
+from pdcd.codes.make import Codes, make_codes
+from pdcd.codes.singer import difference_set, line_count
+from pdcd.codes.spread import partial_spread, spread_size
+from pdcd.errors import ConfigError
+from pdcd.request import CaptureRequest
+from pdcd.scene.presets import PRESETS
+from tests import bench_rig
+
+ORDERS = [2, 3, 4, 5, 7, 8, 9, 11, 13, 16, 25, 31]
+
+
+def probing(codes: Codes) -> NDArray[np.int64]:
+    """sum_k m_k i_k^T by integer arithmetic: (L, L)."""
+    return codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
+
+
+def off_diagonal(matrix: NDArray[np.int64]) -> NDArray[np.int64]:
+    return matrix[~np.eye(len(matrix), dtype=bool)]
+
+
+@pytest.mark.parametrize(
+    ("n", "t"), [(2, 1), (7, 1), (4, 2), (6, 2), (7, 2), (9, 2), (3, 2), (6, 3), (8, 3), (9, 4)]
+)
+def test_subspaces_of_a_spread_meet_in_zero_alone(n: int, t: int) -> None:
+    bases = partial_spread(n, t)
+    assert bases.shape == (spread_size(n, t), t)
+    seen: set[int] = set()
+    for basis in bases.tolist():
+        subsets = itertools.chain.from_iterable(
+            itertools.combinations(basis, size) for size in range(t + 1)
+        )
+        space = {reduce(xor, subset, 0) for subset in subsets}
+        assert len(space) == 2**t and max(space) < 2**n  # the basis is independent
+        assert not (space - {0}) & seen
+        seen |= space - {0}
+    if n % t == 0:
+        assert len(seen) == 2**n - 1  # a whole spread
+
+
+@pytest.mark.parametrize(("t", "count"), [(2, 16), (2, 128), (3, 64), (3, 512), (4, 256), (4, 512)])
+def test_hadamard_products_meet_in_exactly_the_wanted_number(t: int, count: int) -> None:
+    """p K on the diagonal; elsewhere p^2 K but for cells of one product: p K, or 0."""
+    p = 0.5**t
+    matrix = probing(make_codes("hadamard", (12, 11), count, dual="same", p=p, seed=3))
+    assert np.all(np.diag(matrix) == p * count)
+    pairs = off_diagonal(matrix)
+    assert set(np.unique(pairs)) <= {0, round(p * p * count), round(p * count)}
+    spaces = spread_size(count.bit_length() - 1, t)
+    assert np.mean(pairs == p * p * count) > 1.0 - 1.5 / spaces
+
+
+@pytest.mark.parametrize(("t", "count"), [(2, 16), (2, 64), (3, 64)])
+def test_as_few_cells_as_products_make_the_probing_matrix_exact(t: int, count: int) -> None:
+    cells = spread_size(count.bit_length() - 1, t)
+    p = 0.5**t
+    codes = make_codes("hadamard", (1, cells), count, dual="same", p=p, seed=1)
+    want = p * count * (p + (1.0 - p) * np.eye(cells))
+    assert np.array_equal(probing(codes), want)
+    codes = make_codes("hadamard", (1, cells), count, dual="complement", p=p, seed=1)
+    assert np.array_equal(probing(codes), p * (1.0 - p) * count * (1.0 - np.eye(cells)))
+
+
+@pytest.mark.parametrize("q", ORDERS)
+def test_every_difference_comes_once(q: int) -> None:
+    lines = q * q + q + 1
+    found = difference_set(q)
+    assert len(found) == q + 1
+    differences = sorted((a - b) % lines for a in found for b in found if a != b)
+    assert differences == list(range(1, lines))
+
+
+@pytest.mark.parametrize("q", [0, 1, 6, 10, 12, 32, 37])
+def test_orders_without_a_plane_here_are_refused(q: int) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_codes("singer", (2, 2), 7, dual="same", p=1.0 / (q + 1.001 if q == 0 else q + 1))
+    assert "1/3, 1/4, 1/5, 1/6, 1/8" in str(caught.value.hint)
+    if q > 1:
+        with pytest.raises(ConfigError):
+            difference_set(q)
+
+
+@pytest.mark.parametrize(
+    ("q", "lines"),
+    [(2, 7), (3, 13), (4, 21), (5, 31), (7, 57), (8, 73), (9, 91), (16, 273)],
+)
+def test_singer_codes_of_as_many_cells_keep_direct_and_an_exact_share(q: int, lines: int) -> None:
+    """The designs of the catalogue: Pi = q I + 1 1^T in integers, direct and 1/(q + 1) of all
+    else; and with the complement as dual q (1 1^T - I), indirect light alone."""
+    p = 1.0 / (q + 1)
+    assert line_count(p) == lines
+    same = probing(make_codes("singer", (1, lines), lines, dual="same", p=p, seed=5))
+    assert np.array_equal(same, q * np.eye(lines) + 1)
+    other = probing(make_codes("singer", (1, lines), lines, dual="complement", p=p, seed=5))
+    assert np.array_equal(other, q * (1 - np.eye(lines)))
+
+
+def test_singer_codes_of_more_cells_are_two_valued_and_exact_within_a_tile() -> None:
+    q, lines, lattice = 4, 21, (17, 23)
+    matrix = probing(make_codes("singer", lattice, lines, dual="same", p=0.2, seed=2))
+    assert set(np.unique(matrix)) == {1, q + 1}
+    row, col = np.divmod(np.arange(matrix.shape[0]), lattice[1])
+    distance = np.hypot(row[:, None] - row, col[:, None] - col)
+    shared = (matrix == q + 1) & ~np.eye(len(matrix), dtype=bool)
+    assert distance[shared].min() > 0.7 * np.sqrt(lines)
+
+
+def test_each_set_of_singer_codes_gives_the_lines_out_anew() -> None:
+    twice = make_codes("singer", (17, 23), 42, dual="same", p=0.2, seed=2).primal()
+    first, second = (set_.astype(np.int64).T @ set_ for set_ in (twice[:21], twice[21:]))
+    both = (first == 5) & (second == 5) & ~np.eye(17 * 23, dtype=bool)
+    assert both.sum() < 0.2 * (first == 5).sum()
+
+
+def test_singer_names_the_counts_that_fit() -> None:
+    for count, hint in ((20, "take 21 codes"), (22, "take 21 or 42 codes")):
+        with pytest.raises(ConfigError) as caught:
+            make_codes("singer", (4, 4), count, dual="same", p=0.2)
+        assert str(caught.value.hint) == hint
+
+
+def fraction_error(name: str, family: str, count: int, p: float, share: float, seed: int) -> float:
+    """RMS error of D + share S over its own RMS, photos scaled by their direct light."""
+    scene = PRESETS[name]((24, 32), {})
+    lit = (
+        make_codes(family, scene.grid, count, dual="same", p=p, seed=seed)
+        .primal()
+        .astype(np.float64)
+    )
+    times = lit.sum(axis=0)
+    photo = scene.photo(lit, lit, times, times) / times.mean()
+    direct, indirect = scene.split()
+    truth = direct + share * indirect
+    return float(np.sqrt(np.mean((photo - truth) ** 2) / np.mean(truth**2)))
+
+
+@pytest.mark.parametrize("name", ["open-book", "wax-disk", "milky-bottle"])
+@pytest.mark.parametrize(("p", "count"), [(0.25, 128), (0.125, 512), (0.0625, 512)])
+def test_hadamard_products_beat_balanced_codes_on_smooth_light(
+    name: str, p: float, count: int
+) -> None:
+    error = {
+        family: np.mean([fraction_error(name, family, count, p, p, seed) for seed in range(3)])
+        for family in ("balanced", "hadamard")
+    }
+    assert error["hadamard"] < 0.85 * error["balanced"]
+
+
+def test_singer_codes_beat_balanced_ones_where_light_stays_near() -> None:
+    """273 codes for 1/17 on a wax disk, against as many balanced ones and one pass more."""
+    singer = np.mean([fraction_error("wax-disk", "singer", 273, 1 / 17, 1 / 17, s) for s in (0, 1)])
+    balanced = np.mean(
+        [fraction_error("wax-disk", "balanced", 289, 1 / 17, 1 / 17, s) for s in (0, 1)]
+    )
+    assert singer < 0.2 * balanced
+
+
+@pytest.mark.parametrize(
+    ("family", "codes", "p"), [("singer", 21, 0.2), ("hadamard", 64, 0.25), ("rademacher", 64, 0.5)]
+)
+def test_a_capture_of_a_fraction(tmp_path: Path, family: str, codes: int, p: float) -> None:
+    """Through the whole chain, on a grid of 3 x 4 cells, where two of them are exact."""
+    scene = bench_rig.matrix_scene(tmp_path)
+    camera = CameraConfig(noise="none")
+    engine = Engine.from_config(bench_rig.config(tmp_path, scene=scene, camera=camera))
+    engine.start()
+    request = CaptureRequest(goal="fraction", p=p, codes=codes, family=family)  # type: ignore[arg-type]
+    result = bench_rig.capture(engine, request)
+    assert result.error is None, result.error
+    error = float(str(result.summary["rms_error"]))
+    assert error < (0.2 if family == "rademacher" else 1e-3)

@@ -1,0 +1,186 @@
+"""The state of a held-open shutter, on scripted answers: when is it open, and who is told what."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+
+import pytest
+
+from drivers.ptp.bulb import BULB, REMOTE, Bulb, choose_method
+from drivers.ptp.codes import Operation, Response
+from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.faults import Unanswered
+from drivers.ptp.options import ReleaseName
+from drivers.ptp.transport import Reply
+from pdcd.bench.clock import VirtualClock
+from pdcd.errors import ConfigError, DeviceLost, ExposureError
+
+START, STOP = Operation.EOS_BULB_START, Operation.EOS_BULB_END
+
+
+class Wire:
+    """Answers from a script, OK where it ends, and notes what was sent."""
+
+    def __init__(self, *answers: int | DeviceLost) -> None:
+        self.answers = deque(answers)
+        self.sent: list[tuple[Operation, tuple[int, ...], bool]] = []
+        self.climbs = 0
+
+    def __call__(self, code: Operation, *params: int, once: bool = False) -> Reply:
+        self.sent.append((code, params, once))
+        answer = self.answers.popleft() if self.answers else Response.OK
+        if isinstance(answer, DeviceLost):
+            raise answer
+        return Reply(answer, (), memoryview(b""))
+
+    @property
+    def codes(self) -> list[Operation]:
+        return [code for code, _, _ in self.sent]
+
+
+def bulb(wire: Wire) -> Bulb:
+    made = Bulb(wire, lambda: wire.climbs, VirtualClock())
+    made.method = BULB
+    return made
+
+
+@pytest.mark.parametrize(
+    ("listed", "wanted", "found"),
+    [
+        ((0x9125, 0x9126), "auto", BULB),  # 40D, 450D, 1000D
+        ((0x9125, 0x9126, 0x9128, 0x9129), "auto", REMOTE),  # 50D, 5D Mark II
+        ((0x9128, 0x9129), "auto", REMOTE),  # newer
+        ((0x1001,), "auto", None),  # 400D and older
+        ((0x9125, 0x9126, 0x9128, 0x9129), "bulb", BULB),
+        ((0x9125, 0x9126), "remote", REMOTE),
+        ((0x9125, 0x9126), "external", None),
+    ],
+)
+def test_the_method_is_chosen_by_what_the_body_lists(
+    listed: tuple[int, ...], wanted: ReleaseName, found: object
+) -> None:
+    info = DeviceInfo("", "", "", "", listed)
+    assert choose_method(info, wanted) is found
+
+
+def test_both_methods_send_what_is_documented() -> None:
+    wire = Wire()
+    for method in (BULB, REMOTE):
+        shutter = bulb(wire)
+        shutter.method = method
+        shutter.begin()
+        assert shutter.since_ns is not None
+        shutter.end()
+        assert shutter.since_ns is None
+    assert wire.sent == [
+        (0x9125, (), True),
+        (0x9126, (), False),
+        (0x9128, (3, 1), True),
+        (0x9129, (3,), False),
+    ]
+
+
+def test_a_body_without_a_way_says_that_it_needs_a_trigger() -> None:
+    shutter = bulb(Wire())
+    shutter.method = None
+    with pytest.raises(ConfigError, match="external trigger"):
+        shutter.begin()
+
+
+def test_a_refused_start_is_closed_and_says_what_to_look_at() -> None:
+    wire = Wire(Response.GENERAL_ERROR)
+    shutter = bulb(wire)
+    with pytest.raises(ExposureError, match="dial to M"):
+        shutter.begin()
+    assert shutter.since_ns is None and wire.codes == [START]
+
+
+def test_an_unanswered_start_is_ended_and_never_sent_twice() -> None:
+    wire = Wire(Unanswered("x"))
+    shutter = bulb(wire)
+    with pytest.raises(ExposureError, match="did not confirm"):
+        shutter.begin()
+    assert wire.codes == [START, STOP] and shutter.since_ns is None
+
+
+def test_a_start_that_lost_the_camera_may_have_opened() -> None:
+    wire = Wire(DeviceLost("x"))
+    shutter = bulb(wire)
+    with pytest.raises(DeviceLost):
+        shutter.begin()
+    assert shutter.since_ns is not None
+
+
+def test_an_end_that_fails_leaves_it_open_to_be_ended_again() -> None:
+    wire = Wire(Response.OK, *[int(Response.DEVICE_BUSY)] * 3, DeviceLost("x"))
+    shutter = bulb(wire)
+    shutter.begin()
+    with pytest.raises(ExposureError, match="refuses to close"):
+        shutter.end()
+    with pytest.raises(DeviceLost):
+        shutter.end()
+    assert shutter.since_ns is not None
+    shutter.end()
+    assert shutter.since_ns is None
+
+
+def test_one_refused_end_is_not_believed() -> None:
+    wire = Wire(Response.OK, Response.GENERAL_ERROR)
+    shutter = bulb(wire)
+    shutter.begin()
+    shutter.end()
+    assert wire.codes == [START, STOP, STOP] and shutter.since_ns is None
+
+
+def test_an_open_shutter_is_not_opened_again() -> None:
+    wire = Wire()
+    shutter = bulb(wire)
+    shutter.begin()
+    with pytest.raises(ExposureError, match="close it first"):
+        shutter.begin()
+    assert wire.codes == [START]
+
+
+def test_a_photo_is_owed_by_whatever_may_have_opened() -> None:
+    for answer, owed in (
+        (Response.OK, True),
+        (Response.GENERAL_ERROR, False),
+        (Unanswered("x"), True),
+        (DeviceLost("x"), True),
+    ):
+        shutter = bulb(Wire(answer))
+        with suppress(ExposureError, DeviceLost):
+            shutter.begin()
+        assert shutter.owed == owed
+
+
+def test_after_a_repeated_end_the_second_refusal_is_the_first_ones_success() -> None:
+    wire = Wire()
+    shutter = bulb(wire)
+    shutter.begin()
+
+    def climbing(code: Operation, *params: int, once: bool = False) -> Reply:
+        wire.climbs += 1
+        return Reply(Response.GENERAL_ERROR, (), memoryview(b""))
+
+    shutter._order = climbing
+    shutter.end()
+    assert shutter.since_ns is None
+
+
+def test_a_new_session_closes_and_spoils_what_was_open() -> None:
+    wire = Wire()
+    shutter = bulb(wire)
+    shutter.begin()
+    shutter.new_session(BULB)
+    assert wire.codes == [START, STOP] and shutter.since_ns is None
+    with pytest.raises(ExposureError, match="connection was lost"):
+        shutter.end()
+    shutter.end()
+
+
+def test_a_shutter_that_is_closed_is_left_alone() -> None:
+    wire = Wire()
+    bulb(wire).end()
+    assert wire.sent == []

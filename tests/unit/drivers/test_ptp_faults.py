@@ -1,0 +1,286 @@
+"""Everything the virtual camera can get wrong, met by the real client through pyusb.
+
+Whatever happens, a capture ends with the photo of its own exposure or with a typed error, the
+shutter is closed, it was opened at most once, and no time-out is longer than it says. Times are
+those of a virtual clock.
+"""
+
+from __future__ import annotations
+
+import gc
+import threading
+import tracemalloc
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from drivers.ptp.codes import Operation
+from drivers.ptp.readout import FILE_EXTRA_S
+from drivers.ptp.session import LONGEST_S
+from drivers.virtual_camera import RELEASE_BODY, Exposure, PlainFilm, Script, WireFault
+from drivers.virtual_camera.faults import WireKind
+from pdcd.bench.devices import RawFile
+from pdcd.errors import DeviceLost, ExposureError, PdcdError
+from tests.ptp_rig import SETTINGS, PtpRig
+
+OPERATIONS = (
+    Operation.OPEN_SESSION,
+    Operation.GET_DEVICE_INFO,
+    Operation.EOS_SET_REMOTE_MODE,
+    Operation.EOS_SET_EVENT_MODE,
+    Operation.EOS_GET_EVENT,
+    Operation.EOS_SET_DEVICE_PROP_VALUE_EX,
+    Operation.EOS_PC_HDD_CAPACITY,
+    Operation.EOS_BULB_START,
+    Operation.EOS_BULB_END,
+    Operation.EOS_KEEP_DEVICE_ON,
+    Operation.GET_PARTIAL_OBJECT,
+    Operation.EOS_TRANSFER_COMPLETE,
+    Operation.CLOSE_SESSION,
+)
+KINDS: tuple[WireKind, ...] = get_args(WireKind)
+CAPTURE_S = 4 * LONGEST_S
+"""Bound of one capture in which a single operation fails: connect, arm, open, close and fetch."""
+
+
+def attempt(rig: PtpRig, folder: Path, name: str) -> RawFile | None:
+    """One capture as the engine does it: whatever fails, the shutter is asked to close."""
+    before = rig.body.shutter.opened
+    began_ns = rig.clock.now_ns()
+    raw = None
+    try:
+        rig.connect()
+        rig.readout.arm(SETTINGS)
+        rig.shutter.open()
+        rig.wait(0.5)
+        rig.camera.tick()
+        rig.wait(0.5)
+        rig.shutter.close()
+        raw = rig.readout.fetch(folder, name, 60.0)
+    except PdcdError as err:
+        assert err.message and err.hint
+    finally:
+        for _ in range(3):  # as often as a rig asks
+            try:
+                rig.shutter.close()
+                break
+            except PdcdError:
+                continue
+    assert rig.body.shutter.opened - before <= 1
+    assert (rig.clock.now_ns() - began_ns) * 1e-9 < CAPTURE_S
+    return raw
+
+
+def own_exposure(rig: PtpRig) -> Exposure:
+    """The exposure that has just ended."""
+    return list(rig.body.shutter.exposures)[-1]
+
+
+def check(rig: PtpRig, folder: Path, name: str, raw: RawFile | None, damaged: bool = False) -> None:
+    if raw is not None and not damaged:
+        assert rig.is_photo_of(raw, own_exposure(rig))
+    names = {path.stem for path in folder.iterdir()}
+    assert (name in names) == (raw is not None)
+    assert not [path for path in folder.iterdir() if path.suffix == ".part"]
+
+
+@pytest.mark.parametrize("times", [1, 1000])
+@pytest.mark.parametrize("first", [1, 2])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda operation: operation.name)
+def test_any_fault_of_the_wire(
+    operation: Operation, kind: WireKind, first: int, times: int, tmp_path: Path
+) -> None:
+    rig = PtpRig(Script(wire=(WireFault(kind, operation, first, times),)))
+    # The same damage to both readings of a photo is what no client can notice.
+    same = kind == "corrupt" and operation == Operation.GET_PARTIAL_OBJECT and times > 1
+    raw = attempt(rig, tmp_path, "one")
+    check(rig, tmp_path, "one", raw, same)
+    reachable = kind != "unplug" and times == 1
+    if reachable:
+        assert not rig.body.shutter.is_open
+    # Afterwards: the cable is back, the fault is over unless it lasts.
+    rig.body.replug()
+    raw = attempt(rig, tmp_path, "two")
+    check(rig, tmp_path, "two", raw, same)
+    if reachable:
+        assert not rig.body.shutter.is_open
+    if times == 1 and raw is None:
+        rig.body.replug()
+        raw = attempt(rig, tmp_path, "three")
+        check(rig, tmp_path, "three", raw)
+        assert raw is not None, "a fault that is over must not spoil a third capture"
+    rig.disconnect_quietly()
+
+
+@pytest.mark.parametrize(("silent", "renewed", "moved"), [(1, 0, 0), (2, 1, 0), (3, 2, 1)])
+def test_each_rung_of_the_ladder_on_the_bus(silent: int, renewed: int, moved: int) -> None:
+    """One try more each time: cancelled, device reset, port reset under a new address."""
+    rig = PtpRig(Script(wire=(WireFault("deaf", Operation.EOS_KEEP_DEVICE_ON, times=silent),)))
+    rig.connect()
+    sessions, address = rig.camera.session.renewed, rig.usb.address
+    rig.camera.tick()
+    assert rig.body.kept_on == 1
+    assert rig.camera.session.renewed - sessions == renewed
+    assert rig.usb.address - address == moved
+    rig.disconnect()
+
+
+def test_the_last_rung_says_to_switch_off(tmp_path: Path) -> None:
+    rig = PtpRig(Script(wire=(WireFault("deaf", Operation.EOS_KEEP_DEVICE_ON, times=4),)))
+    rig.connect()
+    with pytest.raises(DeviceLost, match="switch the camera off and on"):
+        rig.camera.tick()
+    rig.camera.tick()  # off line: nothing to keep alive
+    raw = rig.photo(tmp_path, "photo")  # and is found again by the next capture
+    assert rig.is_photo_of(raw, own_exposure(rig))
+    rig.disconnect()
+
+
+def test_a_late_photo_is_waited_for(tmp_path: Path) -> None:
+    rig = PtpRig(Script(file="late", late_s=25.0))
+    rig.connect()
+    raw = rig.photo(tmp_path, "photo")
+    assert rig.is_photo_of(raw, own_exposure(rig))
+    rig.disconnect()
+
+
+def test_a_photo_announced_twice_is_fetched_once(tmp_path: Path) -> None:
+    rig = PtpRig(Script(file="twice"))
+    rig.connect()
+    for name in ("one", "two", "three"):
+        raw = rig.photo(tmp_path, name)
+        assert rig.is_photo_of(raw, own_exposure(rig))
+    assert rig.body.shutter.opened == 3
+    rig.disconnect()
+
+
+def test_a_truncated_photo_is_refused(tmp_path: Path) -> None:
+    rig = PtpRig(Script(file="truncated"))
+    rig.connect()
+    with pytest.raises(ExposureError, match="did not come whole"):
+        rig.photo(tmp_path, "photo")
+    assert list(tmp_path.iterdir()) == [] and rig.body.store.in_ram == 0
+    rig.disconnect()
+
+
+def test_a_photo_that_never_comes_is_waited_for_as_long_as_is_said(tmp_path: Path) -> None:
+    rig = PtpRig(Script(file="none"))
+    rig.connect()
+    rig.expose(10.0)
+    began_ns = rig.clock.now_ns()
+    with pytest.raises(ExposureError, match="no photo came within 50 s"):
+        rig.readout.fetch(tmp_path, "photo", 600.0)
+    waited_s = (rig.clock.now_ns() - began_ns) * 1e-9
+    assert waited_s == pytest.approx(2 * 10.2 + FILE_EXTRA_S, abs=0.5)
+    rig.disconnect()
+
+
+def test_the_wait_is_bounded_by_the_caller(tmp_path: Path) -> None:
+    rig = PtpRig(Script(file="none"))
+    rig.connect()
+    rig.expose(10.0)
+    began_ns = rig.clock.now_ns()
+    with pytest.raises(ExposureError, match="within 5 s"):
+        rig.readout.fetch(tmp_path, "photo", 5.0)
+    assert (rig.clock.now_ns() - began_ns) * 1e-9 < 6.0
+    rig.disconnect()
+
+
+def test_a_photo_that_comes_very_late_is_never_taken_for_another(tmp_path: Path) -> None:
+    rig = PtpRig(Script(file="late", late_s=100.0))
+    rig.connect()
+    rig.expose(1.0)
+    with pytest.raises(ExposureError, match="no photo came"):
+        rig.readout.fetch(tmp_path, "one", 600.0)
+    while rig.clock.now_ns() < 90e9:
+        with pytest.raises(ExposureError, match="could be taken for the next"):
+            rig.readout.arm(SETTINGS)
+    rig.wait(30.0)
+    rig.readout.arm(SETTINGS)  # it has come, and was thrown away
+    assert rig.body.store.in_ram == 0 and rig.body.shutter.opened == 1
+    rig.disconnect()
+
+
+def test_a_photo_lost_with_the_camera_s_memory_is_not_waited_for_for_ever(tmp_path: Path) -> None:
+    rig = PtpRig(Script(file="none"))
+    rig.connect()
+    rig.expose(1.0)
+    with pytest.raises(ExposureError, match="no photo came"):
+        rig.readout.fetch(tmp_path, "one", 600.0)
+    rig.body.unplug()
+    with pytest.raises(DeviceLost):
+        rig.readout.arm(SETTINGS)
+    rig.body.replug()  # switched off and on
+    rig.readout.arm(SETTINGS)
+    rig.disconnect()
+
+
+def test_an_unanswered_start_is_one_exposure_at_most(tmp_path: Path) -> None:
+    rig = PtpRig(Script(wire=(WireFault("mute", Operation.EOS_BULB_START),)))
+    rig.connect()
+    rig.readout.arm(SETTINGS)
+    with pytest.raises(ExposureError, match="did not confirm"):
+        rig.shutter.open()
+    assert rig.body.shutter.opened == 1 and not rig.body.shutter.is_open
+    raw = rig.photo(tmp_path, "next")
+    assert rig.body.shutter.opened == 2
+    assert rig.is_photo_of(raw, own_exposure(rig))
+    rig.disconnect()
+
+
+def test_a_refused_end_is_asked_again(tmp_path: Path) -> None:
+    rig = PtpRig(Script(wire=(WireFault("error", Operation.EOS_BULB_END, first=2),)))
+    rig.connect()  # the first is sent to close what another program may have left open
+    raw = rig.photo(tmp_path, "photo")
+    assert rig.is_photo_of(raw, own_exposure(rig)) and not rig.body.shutter.is_open
+    rig.disconnect()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_newer_bodies_meet_the_same(kind: WireKind, tmp_path: Path) -> None:
+    for operation in (Operation.EOS_REMOTE_RELEASE_ON, Operation.EOS_REMOTE_RELEASE_OFF):
+        fault = WireFault(kind, operation, first=2 if "OFF" in operation.name else 1)
+        rig = PtpRig(Script(wire=(fault,)), RELEASE_BODY)
+        name = operation.name
+        check(rig, tmp_path, name, attempt(rig, tmp_path, name))
+        if kind != "unplug":
+            assert not rig.body.shutter.is_open
+        rig.disconnect_quietly()
+
+
+def test_a_thousand_captures_leave_nothing_behind(tmp_path: Path) -> None:
+    film = PlainFilm(lambda exposure: b"II*\0" + repr(exposure).encode())
+    rig = PtpRig(film=film)
+    rig.connect()
+
+    def capture(count: int) -> None:
+        for _ in range(count):
+            raw = rig.photo(tmp_path, "photo", 0.1)
+            raw.path.unlink()
+
+    capture(100)
+    gc.collect()
+    tracemalloc.start(1)
+    try:
+        before_b, handles, threads = (
+            tracemalloc.get_traced_memory()[0],
+            fds(),
+            threading.active_count(),
+        )
+        capture(1000)
+        gc.collect()
+        grown_b = tracemalloc.get_traced_memory()[0] - before_b
+    finally:
+        tracemalloc.stop()
+    assert rig.body.shutter.opened == 1100 and rig.body.store.in_ram == 0
+    assert grown_b < 64 * 1024, f"{grown_b} bytes"
+    assert fds() == handles and threading.active_count() == threads
+    rig.disconnect()
+    assert "pdcd-ptp-alive" not in [thread.name for thread in threading.enumerate()]
+
+
+def fds() -> int:
+    """Open files of this process."""
+    return len(list(Path("/proc/self/fd").iterdir()))

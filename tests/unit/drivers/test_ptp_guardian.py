@@ -1,0 +1,150 @@
+"""Who closes a camera's shutter when the process that opened it is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.ptp import shutter as shutter_module
+from drivers.ptp.eos import BACKEND_KEY
+from drivers.ptp.shutter import PtpShutter
+from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, VirtualUsb
+from pdcd.bench.clock import RealClock, VirtualClock
+from pdcd.bench.devices import DriverContext
+from pdcd.bench.tables import Config, TriggerConfig
+from pdcd.errors import DeviceLost
+from tests import remote_usb
+from tests.places import ROOT
+from tests.processes import LONG_S, ended
+from tests.virtual_eos import raw_of
+
+
+class Bench:
+    """A camera in this process, and one elsewhere that works its shutter."""
+
+    def __init__(self, folder: Path) -> None:
+        self.body = Body(RealClock(), PlainFilm(raw_of), BULB_BODY, Script())
+        self.usb = VirtualUsb(self.body)
+        address = folder / "usb"
+        self.lender = remote_usb.serve(self.usb, address)
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tests.guarded_shutter", str(address)],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
+
+    def tell(self, word: str) -> str:
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.process.stdin.write(f"{word}\n")
+        return self.process.stdout.readline().strip()
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def close(self) -> None:
+        self.kill()
+        for pipe in (self.process.stdin, self.process.stdout):
+            assert pipe is not None
+            pipe.close()
+        self.lender.close()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    bench = Bench(tmp_path)
+    yield bench
+    bench.close()
+
+
+def soon(true: Callable[[], bool]) -> bool:
+    until_s = time.monotonic() + LONG_S
+    while not true() and time.monotonic() < until_s:
+        time.sleep(0.01)
+    return true()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV])
+def test_a_killed_process_leaves_a_closed_shutter(bench: Bench, number: int) -> None:
+    assert bench.tell("open") == "open"
+    assert bench.body.shutter.is_open
+    guardian = int(bench.tell("pid"))
+    bench.process.send_signal(number)
+    assert soon(lambda: not bench.body.shutter.is_open)
+    assert ended(guardian)
+    assert bench.body.shutter.opened == 1 and not bench.body.session_open
+
+
+def test_a_guardian_hears_no_signal_but_the_last(bench: Bench) -> None:
+    bench.tell("open")
+    guardian = int(bench.tell("pid"))
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        os.kill(guardian, number)
+    bench.kill()
+    assert soon(lambda: not bench.body.shutter.is_open)
+
+
+def test_a_guardian_that_died_is_replaced(bench: Bench) -> None:
+    bench.tell("close")
+    first = int(bench.tell("pid"))
+    os.kill(first, signal.SIGKILL)
+    assert ended(first)
+    bench.tell("open")
+    assert int(bench.tell("pid")) != first
+    bench.kill()
+    assert soon(lambda: not bench.body.shutter.is_open)
+
+
+def test_a_camera_that_another_program_holds_is_waited_for(bench: Bench) -> None:
+    bench.tell("open")
+    bench.usb.held_by_other = True
+    bench.kill()
+    time.sleep(0.5)
+    assert bench.body.shutter.is_open
+    bench.usb.held_by_other = False
+    assert soon(lambda: not bench.body.shutter.is_open)
+
+
+@pytest.mark.parametrize("last", ["close", "disconnect"])
+def test_a_closed_shutter_is_left_alone(bench: Bench, last: str) -> None:
+    bench.tell("open")
+    guardian = int(bench.tell("pid"))
+    bench.tell(last)
+    read = bench.usb.bytes_read
+    bench.kill()
+    assert ended(guardian)
+    assert bench.usb.bytes_read == read and len(bench.body.shutter.exposures) == 1
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (("/nonexistent",), "cannot start the process that guards the shutter"),
+        ((sys.executable, "-c", "pass"), "guards the shutter does not start"),
+    ],
+)
+def test_no_exposure_without_a_guardian(
+    command: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = Body(VirtualClock(), PlainFilm(raw_of), BULB_BODY, Script())
+    config = Config(trigger=TriggerConfig(driver="ptp"))
+    shared = {BACKEND_KEY: VirtualUsb(body)}
+    shutter = PtpShutter.create(DriverContext(config, VirtualClock(), shared))
+    monkeypatch.setattr(shutter_module, "GUARDIAN", command)
+    with pytest.raises(DeviceLost, match=words):
+        shutter.connect()
+    with pytest.raises(DeviceLost, match=words):
+        shutter.open()
+    shutter.disconnect()
+    assert body.shutter.opened == 0

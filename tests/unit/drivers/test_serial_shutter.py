@@ -1,0 +1,364 @@
+"""The serial shutter on a fake line: levels, feedback, commands, and every way it can fail."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from drivers.serial_shutter import SerialShutter
+from pdcd.bench.clock import RealClock, VirtualClock
+from pdcd.bench.devices import Clock, DriverContext
+from pdcd.bench.tables import Config, LimitsConfig, RigConfig, TriggerConfig
+from pdcd.errors import ConfigError, DeviceLost, ExposureError
+from tests.fake_serial import FakeLine, fake_line
+
+SURE_NS = round((0.06 + 4 * 0.01) * 1e9)
+
+
+def make(clock: Clock, *, port: str = "line://box", **options: Any) -> SerialShutter:
+    trigger = TriggerConfig(driver="serial", options={"port": port, **options})
+    rig = RigConfig(clock="virtual" if isinstance(clock, VirtualClock) else "real")
+    config = Config(trigger=trigger, rig=rig)
+    return SerialShutter.create(DriverContext(config=config, clock=clock, shared={}))
+
+
+@pytest.fixture
+def line() -> Iterator[FakeLine]:
+    with fake_line("box", VirtualClock()) as line:
+        yield line
+
+
+Make = Callable[..., SerialShutter]
+
+
+@pytest.fixture
+def shutter(line: FakeLine) -> Iterator[Make]:
+    """Makes shutters on the fake line and disconnects them at the end."""
+    made: list[SerialShutter] = []
+
+    def one(**options: Any) -> SerialShutter:
+        made.append(make(line.clock, **options))
+        return made[-1]
+
+    yield one
+    line.unplugged = False
+    for each in made:
+        each.disconnect()
+    assert not [t for t in threading.enumerate() if isinstance(t, threading.Timer)]
+
+
+@pytest.mark.parametrize("name", ["rts", "dtr"])
+@pytest.mark.parametrize("active_low", [False, True])
+def test_only_the_chosen_line_moves_and_only_for_the_exposure(
+    line: FakeLine, shutter: Make, name: str, active_low: bool
+) -> None:
+    box = shutter(release=name, active_low=active_low)
+    box.connect()
+    other = "dtr" if name == "rts" else "rts"
+    assert set(line.levels(name)) == {active_low}  # also while the port was opened
+    line.edges.clear()
+    box.open()
+    assert line.levels(name) == [not active_low]
+    box.close()
+    assert line.levels(name) == [not active_low, active_low]
+    box.disconnect()
+    assert line.levels(name)[2:] == [active_low] * len(line.levels(name)[2:])
+    assert not any(line.levels(other))
+
+
+def test_times_are_those_by_which_it_surely_held(line: FakeLine, shutter: Make) -> None:
+    box = shutter()
+    box.connect()
+    before = line.clock.now_ns()
+    assert box.open() == before + SURE_NS == line.clock.now_ns()
+    assert line.edges[-1].t_ns == before
+    before = line.clock.now_ns()
+    assert box.close() == before + SURE_NS
+    assert box.close() == line.clock.now_ns() == before + SURE_NS  # nothing to wait for
+
+
+def test_the_port_is_opened_once(line: FakeLine, shutter: Make) -> None:
+    box = shutter()
+    for _ in range(3):
+        box.connect()
+        box.open()
+        box.close()
+    assert line.opened == 1
+    box.disconnect()
+    box.connect()
+    assert line.opened == 2
+
+
+def test_connect_says_what_it_is(shutter: Make) -> None:
+    assert shutter(release="dtr", active_low=True).connect() == {
+        "model": "serial shutter",
+        "port": "line://box",
+        "release": "dtr, active low",
+        "feedback": "none",
+        "watchdog": "alarm",
+    }
+
+
+def test_who_waits_for_the_box_shows_that_he_lives(line: FakeLine) -> None:
+    """The service's watchdog allows 20 s without a sign: less than some boxes take."""
+    clock, signs_ns = line.clock, [line.clock.now_ns()]
+    trigger = TriggerConfig(
+        driver="serial",
+        lag_s=15.0,
+        jitter_s=0.0,
+        options={"port": "line://box", "ready_s": 60.0, "feedback": "cts", "answer_s": 10.0},
+    )
+
+    def alive() -> None:
+        signs_ns.append(clock.now_ns())
+
+    context = DriverContext(config=Config(trigger=trigger), clock=clock, shared={}, alive=alive)
+    box = SerialShutter.create(context)
+    box.connect()
+    line.cts = lambda: clock.now_ns() > line.edges[-1].t_ns + 8e9 and line.levels("rts")[-1]
+    box.open()
+    box.close()
+    signs_ns.append(clock.now_ns())
+    box.disconnect()
+    assert signs_ns[-1] - signs_ns[0] > 80e9
+    assert max(b - a for a, b in itertools.pairwise(signs_ns)) < 3e9
+
+
+# Feedback.
+
+
+def wire_feedback(line: FakeLine, *, delay_s: float, invert: bool = False) -> None:
+    """The shutter's contact on CTS, `delay_s` behind RTS."""
+
+    def contact() -> bool:
+        past = line.clock.now_ns() - round(delay_s * 1e9)
+        before = [e.level for e in line.edges if e.line == "rts" and e.t_ns <= past]
+        return (before[-1] if before else False) != invert
+
+    line.cts = contact
+
+
+@pytest.mark.parametrize("invert", [False, True])
+def test_open_returns_when_the_feedback_says_so(
+    line: FakeLine, shutter: Make, invert: bool
+) -> None:
+    wire_feedback(line, delay_s=0.0333, invert=invert)
+    box = shutter(feedback="cts", feedback_active_low=invert)
+    box.connect()
+    line.clock.sleep_until_ns(line.clock.now_ns() + 10**9)
+    asked = line.clock.now_ns()
+    assert 0.0333 <= (box.open() - asked) * 1e-9 <= 0.0353
+    asked = line.clock.now_ns()
+    assert box.close() >= asked + round(0.0333e9) + SURE_NS
+
+
+def test_a_shutter_that_does_not_open_is_an_error_and_released(
+    line: FakeLine, shutter: Make
+) -> None:
+    box = shutter(feedback="dsr", answer_s=0.5)
+    box.connect()
+    before = line.clock.now_ns()
+    with pytest.raises(ExposureError, match="DSR does not say that the shutter did open"):
+        box.open()
+    waited_s = (line.clock.now_ns() - before - SURE_NS) * 1e-9  # then it is let go
+    assert waited_s == pytest.approx(0.5, rel=0.02)
+    assert line.levels("rts")[-1] is False
+
+
+def test_a_shutter_that_stays_open_is_an_error_every_time_it_is_looked_at(
+    line: FakeLine, shutter: Make
+) -> None:
+    box = shutter(feedback="cts", answer_s=0.1)
+    wire_feedback(line, delay_s=0.0)
+    box.connect()
+    box.open()
+    line.cts = lambda: True
+    for _ in range(2):
+        with pytest.raises(ExposureError, match="did close"):
+            box.close()
+    line.cts = lambda: False
+    box.close()
+
+
+def test_feedback_that_says_open_at_the_start_is_refused(line: FakeLine, shutter: Make) -> None:
+    line.cts = lambda: True
+    with pytest.raises(ExposureError, match="polarity"):
+        shutter(feedback="cts", answer_s=0.1).connect()
+
+
+# Commands.
+
+BOX = {"release": "command", "open_hex": "FF 01 01", "close_hex": "FF 01 00"}
+REPLIES = {"open_reply_hex": "4F", "close_reply_hex": "43 0A"}
+
+
+def test_commands_are_sent_as_bytes(line: FakeLine, shutter: Make) -> None:
+    box = shutter(**BOX)
+    box.connect()
+    box.open()
+    box.close()
+    assert line.received == [b"\xff\x01\x00", b"\xff\x01\x01", b"\xff\x01\x00"]
+
+
+def test_replies_are_waited_for(line: FakeLine, shutter: Make) -> None:
+    line.answer = lambda sent: b"O" if sent[-1] else b"C\n"
+    box = shutter(**BOX, **REPLIES)
+    box.connect()
+    box.open()
+    box.close()
+
+
+def test_what_came_before_is_not_taken_for_a_reply(line: FakeLine, shutter: Make) -> None:
+    line.answer = lambda sent: b"Oops" if sent[-1] else b"C\nxyz"
+    box = shutter(**BOX, **REPLIES)
+    box.connect()
+    box.open()
+    box.close()
+
+
+def test_a_wrong_reply_is_an_error_and_the_box_is_told_to_close(
+    line: FakeLine, shutter: Make
+) -> None:
+    line.answer = lambda sent: b"?" if sent[-1] else b"C\n"
+    box = shutter(**BOX, **REPLIES)
+    box.connect()
+    with pytest.raises(ExposureError, match=r"answered 3f to FF 01 01, not 4F"):
+        box.open()
+    assert line.received[-1] == b"\xff\x01\x00"
+
+
+def test_a_box_that_says_nothing_is_lost(line: FakeLine, shutter: Make) -> None:
+    box = shutter(**BOX, **REPLIES, answer_s=0.05)
+    with pytest.raises(DeviceLost, match=r"no reply to FF 01 00 within 0.05 s"):
+        box.connect()
+
+
+def test_a_box_gets_the_time_it_needs_to_start(line: FakeLine, shutter: Make) -> None:
+    before = line.clock.now_ns()
+    shutter(**BOX, ready_s=2.0).connect()
+    assert line.clock.now_ns() == before + 2 * 10**9
+
+
+# What can go wrong.
+
+
+def test_unplugged_during_an_exposure_is_never_called_closed(line: FakeLine, shutter: Make) -> None:
+    box = shutter()
+    box.connect()
+    box.open()
+    line.unplugged = True
+    for _ in range(3):
+        with pytest.raises(DeviceLost, match="unplugged"):
+            box.close()
+    line.unplugged = False
+    box.connect()  # back again: opened anew and closed
+    assert line.levels("rts")[-1] is False
+    assert box.open()
+
+
+def test_unplugged_while_opening(line: FakeLine, shutter: Make) -> None:
+    box = shutter()
+    box.connect()
+    line.unplugged = True
+    with pytest.raises(DeviceLost):
+        box.open()
+
+
+def test_disconnect_gives_the_port_back_even_if_it_is_gone(line: FakeLine, shutter: Make) -> None:
+    box = shutter()
+    box.connect()
+    box.open()
+    line.unplugged = True
+    with pytest.raises(DeviceLost):
+        box.disconnect()
+    box.disconnect()
+    assert box.close() == line.clock.now_ns()
+
+
+def test_the_watchdog_releases_the_line_and_the_photo_is_refused(
+    line: FakeLine, shutter: Make
+) -> None:
+    box = shutter(limit_s=0.02)
+    box.connect()
+    released = threading.Event()
+    line.on_edge = lambda edge: None if edge.level else released.set()
+    box.open()
+    assert released.wait(30.0)
+    with pytest.raises(ExposureError, match=r"watchdog ended the exposure after 0\.02 s"):
+        box.close()
+    box.open()
+    box.close()
+
+
+def test_the_watchdog_leaves_an_exposure_in_time_alone(line: FakeLine, shutter: Make) -> None:
+    box = shutter(limit_s=60.0)
+    box.connect()
+    box.open()
+    box.close()
+    assert line.levels("rts")[-2:] == [True, False]
+
+
+def test_the_limit_is_the_longest_exposure_and_half_a_minute() -> None:
+    trigger = TriggerConfig(options={"port": "loop://"})
+    config = Config(trigger=trigger, limits=LimitsConfig(max_exposure_s=100.0))
+    box = SerialShutter.create(DriverContext(config=config, clock=VirtualClock(), shared={}))
+    assert box._limit_s == 130.0
+
+
+def test_open_before_connect_is_refused(shutter: Make) -> None:
+    with pytest.raises(DeviceLost, match="connect first"):
+        shutter().open()
+
+
+def test_a_port_that_is_not_there(line: FakeLine) -> None:
+    with pytest.raises(DeviceLost, match=r"cannot open line://none.*by-id"):
+        make(VirtualClock(), port="line://none").connect()
+    with pytest.raises(DeviceLost, match=r"cannot open /dev/none.*plugged in"):
+        make(RealClock(), port="/dev/none").connect()
+    with pytest.raises(DeviceLost, match="is it a serial port"):
+        make(RealClock(), port="/dev/null").connect()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "port"),
+        ({"port": "loop://", "relese": "rts"}, "relese"),
+        ({"port": "loop://", "release": "ring"}, "ring"),
+        ({"port": "loop://", "release": "command"}, "needs open_hex and close_hex"),
+        ({"port": "loop://", **BOX, "close_hex": "FF 01 01"}, "must differ"),
+        ({"port": "loop://", **BOX, "close_hex": "xyz"}, "hex"),
+        ({"port": "loop://", "open_hex": "01"}, "release = 'command'"),
+        ({"port": "loop://", "baud": 0}, "baud"),
+        ({"port": "loop://", "answer_s": 0}, "answer_s"),
+        ({"port": "loop://", "limit_s": -1.0}, "limit_s"),
+    ],
+)
+def test_wrong_options_are_refused(options: dict[str, Any], message: str) -> None:
+    config = Config(trigger=TriggerConfig(options=options))
+    with pytest.raises(ConfigError, match=message):
+        SerialShutter.create(DriverContext(config=config, clock=VirtualClock(), shared={}))
+
+
+def test_an_unknown_kind_of_url_is_a_wrong_option() -> None:
+    with pytest.raises(ConfigError, match="nothing"):
+        make(VirtualClock(), port="nothing://x").connect()
+
+
+def test_a_real_port_needs_a_real_clock() -> None:
+    with pytest.raises(ConfigError, match=r"rig\.clock"):
+        make(VirtualClock(), port="/dev/ttyUSB0")
+
+
+@pytest.mark.parametrize(("release", "feedback"), [("rts", "cts"), ("dtr", "dsr")])
+def test_pyserials_own_loop_feeds_the_line_back(release: str, feedback: str) -> None:
+    box = make(VirtualClock(), port="loop://", release=release, feedback=feedback)
+    box.connect()
+    before = box._clock.now_ns()
+    assert box.open() == before
+    box.close()
+    box.disconnect()

@@ -1,0 +1,57 @@
+"""What the virtual camera photographs when it stands alone."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.virtual_camera import Exposure, chart_film
+from drivers.virtual_camera.films import PlainFilm, scene_film
+from pdcd.bench.tables import SceneConfig
+from pdcd.errors import ConfigError
+from pdcd.scene.build import build_scene
+from pdcd.sensor.raw import RawFrame, read_raw
+
+SECOND = Exposure(0, 1_000_000_000, iso=100, f_number=8.0)
+
+
+def photo(film: PlainFilm, exposure: Exposure = SECOND) -> RawFrame:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "photo.dng"
+        path.write_bytes(film.make_raw(exposure))
+        return read_raw(path)
+
+
+def test_the_chart_goes_up_in_half_stops() -> None:
+    shown = photo(chart_film((64, 320)))
+    middle = shown.planes[:, 8:24].reshape(4, 16, 16, 10)  # plane, row, step, column
+    steps = middle.mean(axis=(0, 1, 3))
+    gain_e_per_dn = 2.96  # of the 450D profile at ISO 100
+    assert steps[-1] == pytest.approx(20_000.0 / gain_e_per_dn, rel=0.01)
+    np.testing.assert_allclose(steps[-6:-1] / steps[-5:], 2.0**-0.5, rtol=0.02)
+    assert shown.iso == 100
+    assert shown.exposure_s == pytest.approx(1.0)
+
+
+def test_two_stops_down_is_a_quarter_of_the_light() -> None:
+    bright = photo(chart_film((64, 320))).planes.mean()
+    dark = photo(chart_film((64, 320)), Exposure(0, 10**9, iso=100, f_number=16.0)).planes.mean()
+    assert dark == pytest.approx(bright / 4.0, rel=0.02)
+
+
+def test_a_scene_looks_as_it_does_in_white_light() -> None:
+    scene = build_scene(SceneConfig(kind="open-book"))
+    rows, columns = scene.grid
+    shown = photo(scene_film("open-book", (4 * rows, 4 * columns))).planes
+    red, green, blue = scene.white().reshape(rows, columns, 3).transpose(2, 0, 1)
+    for plane, truth in zip(shown, (red, green, green, blue), strict=True):
+        cells = plane.reshape(rows, 2, columns, 2).mean(axis=(1, 3))
+        assert np.corrcoef(cells.ravel(), truth.ravel())[0, 1] > 0.99
+
+
+def test_an_unknown_scene_is_refused() -> None:
+    with pytest.raises(ConfigError):
+        scene_film("no-such-scene")

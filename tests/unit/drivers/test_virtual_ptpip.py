@@ -1,0 +1,185 @@
+"""The virtual camera's PTP/IP, spoken to with packets put together by hand."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, WireFault
+from drivers.virtual_camera.ptpip import PtpIpServer
+from pdcd.bench.clock import VirtualClock
+
+HELLO = struct.pack("<II", 30, 1) + bytes(16) + b"x\0\0\0"[:2] + struct.pack("<I", 0x10000)
+KEEP_ON = 0x911D
+
+
+class Line:
+    """One connection; reads whole packets."""
+
+    def __init__(self, server: PtpIpServer) -> None:
+        self.socket = socket.create_connection((server.host, server.port), timeout=10.0)
+
+    def send(self, kind: int, body: bytes) -> None:
+        self.socket.sendall(struct.pack("<II", 8 + len(body), kind) + body)
+
+    def receive(self) -> tuple[int, bytes]:
+        head = self._exactly(8)
+        length, kind = struct.unpack("<II", head)
+        return kind, self._exactly(length - 8)
+
+    def _exactly(self, count: int) -> bytes:
+        found = b""
+        while len(found) < count:
+            piece = self.socket.recv(count - len(found))
+            if not piece:
+                raise ConnectionResetError("the camera has gone")
+            found += piece
+        return found
+
+    def operate(self, code: int, transaction: int, *parameters: int, out: int = 1) -> None:
+        head = struct.pack("<IHI", out, code, transaction)
+        self.send(6, head + struct.pack(f"<{len(parameters)}I", *parameters))
+
+    def response(self) -> tuple[int, int]:
+        """Code and transaction of a response that must come next."""
+        kind, body = self.receive()
+        assert kind == 7
+        code, transaction = struct.unpack_from("<HI", body)
+        return code, transaction
+
+    def open(self) -> None:
+        self.socket.sendall(HELLO)
+        assert self.receive()[0] == 2
+        self.operate(0x1002, 0, 1)
+        assert self.response() == (0x2001, 0)
+
+
+@pytest.fixture
+def body() -> Body:
+    faults = (WireFault("unplug", 0x911B), WireFault("wrong-transaction", 0x911C))
+    film = PlainFilm(lambda _: bytes(2_500_000))
+    return Body(VirtualClock(), film, BULB_BODY, Script(wire=faults))
+
+
+@pytest.fixture
+def server(body: Body) -> Iterator[PtpIpServer]:
+    before = threading.active_count()
+    with PtpIpServer(body, 0) as made:
+        yield made
+    assert threading.active_count() == before  # connections still open are ended, threads with them
+
+
+@pytest.fixture
+def line(server: PtpIpServer) -> Iterator[Line]:
+    made = Line(server)
+    yield made
+    made.socket.close()
+
+
+def test_a_client_is_greeted_and_served(server: PtpIpServer, line: Line, body: Body) -> None:
+    line.socket.sendall(HELLO)
+    kind, ack = line.receive()
+    assert kind == 2
+    assert struct.unpack_from("<I", ack) == (1,)
+    assert ack[20:-4].decode("utf-16-le") == "Virtual EOS\0"
+    events = Line(server)
+    events.send(3, struct.pack("<I", 1))
+    assert events.receive() == (4, b"")
+    line.send(13, b"")
+    assert line.receive() == (14, b"")
+    line.operate(KEEP_ON, 5)
+    assert line.response() == (0x2003, 5)  # no session yet
+    line.operate(0x1002, 0, 1)
+    assert line.response() == (0x2001, 0)
+    line.operate(KEEP_ON, 1)
+    assert line.response() == (0x2001, 1)
+    assert body.kept_on == 1
+    events.socket.close()
+
+
+def test_data_go_both_ways(line: Line, body: Body) -> None:
+    line.open()
+    iso = struct.pack("<III", 12, 0xD103, 0x50)
+    line.operate(0x9110, 1, out=2)
+    line.send(9, struct.pack("<IQ", 1, len(iso)))
+    line.send(10, struct.pack("<I", 1) + iso[:5])
+    line.send(12, struct.pack("<I", 1) + iso[5:])
+    assert line.response() == (0x2001, 1)
+    assert body.settings.iso == 200
+
+    body.settings.put(0xD102, struct.pack("<I", 0x0C))
+    body.press()
+    body.release()
+    (handle,) = body.store.files
+    line.operate(0x1009, 2, handle)
+    kind, start = line.receive()
+    assert (kind, start) == (9, struct.pack("<IQ", 2, 2_500_000))
+    sizes = []
+    while kind != 12:
+        kind, piece = line.receive()
+        assert struct.unpack_from("<I", piece) == (2,)
+        sizes.append(len(piece) - 4)
+    assert sizes == [1 << 20, 1 << 20, 2_500_000 - (2 << 20)]
+    assert line.response() == (0x2001, 2)
+
+
+def test_the_session_ends_with_the_connection(server: PtpIpServer, line: Line, body: Body) -> None:
+    line.open()
+    line.socket.close()
+    again = Line(server)
+    again.socket.sendall(HELLO)
+    assert again.receive()[0] == 2
+    # The other connection's end may be noticed a little later than this one's beginning.
+    code = 0x201E
+    for attempt in range(200):
+        again.operate(0x1002, attempt, 1)
+        code = again.response()[0]
+        if code == 0x2001:
+            break
+        threading.Event().wait(0.01)
+    assert code == 0x2001
+    again.socket.close()
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    [
+        b"\xff" * 64,  # a length no packet has
+        struct.pack("<II", 4, 1),  # shorter than its head
+        struct.pack("<II", 8, 99),  # an unknown type
+        struct.pack("<IIIHI", 18, 6, 1, KEEP_ON, 0),  # an operation before the greeting
+        HELLO + struct.pack("<IIH", 10, 6, 1),  # an operation cut short
+        HELLO + struct.pack("<IIIHI", 18, 6, 2, 0x9110, 0) + struct.pack("<II", 8, 13),
+    ],
+)
+def test_nonsense_ends_the_connection_and_nothing_else(
+    server: PtpIpServer, line: Line, nonsense: bytes
+) -> None:
+    line.socket.sendall(nonsense)
+    with pytest.raises(ConnectionError):
+        for _ in range(3):
+            line.receive()
+    again = Line(server)
+    again.socket.sendall(HELLO)
+    assert again.receive()[0] == 2
+    again.socket.close()
+
+
+def test_faults_that_tcp_can_carry(server: PtpIpServer, line: Line, body: Body) -> None:
+    line.open()
+    line.operate(0x911C, 1)
+    assert line.response() == (0x2001, 2)
+    line.operate(0x911B, 2)
+    with pytest.raises(ConnectionError):
+        line.receive()
+    refused = Line(server)
+    refused.socket.sendall(HELLO)
+    assert refused.receive()[0] == 5
+    body.replug()
+    refused.socket.sendall(HELLO)
+    assert refused.receive()[0] == 2
+    refused.socket.close()

@@ -1,0 +1,192 @@
+"""Pictures and image files, read back by programs other than the one that wrote them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError, DecodeError, NoSpaceError
+from pdcd.pictures.develop import preview, read_tiff, warp, write_png, write_tiff
+
+needs_exiftool = pytest.mark.skipif(
+    shutil.which("exiftool") is None,
+    reason="exiftool IS MISSING: TIFF files are not checked (install libimage-exiftool-perl)",
+)
+
+
+def test_grey_ramp_passes_unchanged() -> None:
+    """A ramp of all 256 codes, made linear by hand, develops to itself."""
+    codes = np.arange(256, dtype=np.float64)
+    ramp = np.repeat(((codes / 255.0) ** 2.2)[None, :, None], 3, axis=2)
+    picture = preview(ramp, exposure=1.0, min_width_px=1)
+    assert picture.dtype == np.uint8
+    assert np.array_equal(picture, np.repeat(codes[None, :, None], 3, axis=2))
+
+
+def test_known_grey() -> None:
+    picture = preview(np.full((1, 1, 3), 0.5), exposure=1.0, min_width_px=1)
+    assert picture.tolist() == [[[186, 186, 186]]]  # 255 * 0.5^(1/2.2) = 186.08
+
+
+def test_automatic_exposure_puts_the_brightest_hundredth_at_white() -> None:
+    ramp = np.repeat(np.linspace(0.0, 5000.0, 1001)[None, :, None], 3, axis=2)
+    picture = preview(ramp, min_width_px=1)
+    assert picture[0, 990, 0] == 243  # 255 * 0.9^(1/2.2) = 243.08
+    assert picture[0, 1000, 0] == 244  # 255 * (0.9 / 0.99)^(1/2.2) = 244.19
+
+
+def test_white_balance_comes_before_gamma_and_exposure() -> None:
+    image = np.array([[[0.1, 0.2, 0.4]]])
+    picture = preview(image, white_balance=(4.0, 2.0, 1.0), exposure=1.25, min_width_px=1)
+    assert picture.tolist() == [[[186, 186, 186]]]
+
+
+def test_only_values_below_black_are_lost() -> None:
+    image = np.zeros((2, 4, 3))
+    image[0, :, 0] = (-5.0, np.nan, 2.0, -np.inf)
+    image[0, 0, 1] = 0.5
+    picture = preview(image, exposure=1.0, min_width_px=1)
+    assert picture[0, :, 0].tolist() == [0, 0, 255, 0]
+    assert picture[0, 0].tolist() == [0, 186, 0]
+    assert image[0, 0, 0] == -5.0
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+def test_image_without_light_is_black(value: float) -> None:
+    assert not preview(np.full((3, 3, 3), value), min_width_px=1).any()
+
+
+@pytest.mark.parametrize(
+    ("width", "min_width_px", "expected"), [(64, 640, 640), (60, 640, 660), (700, 640, 700)]
+)
+def test_small_images_are_enlarged_in_blocks(width: int, min_width_px: int, expected: int) -> None:
+    image = np.random.default_rng(0).uniform(0.0, 1.0, (2, width, 3))
+    small = preview(image, exposure=1.0, min_width_px=1)
+    large = preview(image, exposure=1.0, min_width_px=min_width_px)
+    factor = expected // width
+    assert large.shape == (2 * factor, expected, 3)
+    for row, column in ((0, 0), (factor - 1, factor - 1)):
+        assert np.array_equal(large[row::factor, column::factor], small)
+
+
+def test_png_can_be_viewed_with_its_colours_in_order(tmp_path: Path) -> None:
+    picture = np.random.default_rng(1).integers(0, 256, (5, 7, 3)).astype(np.uint8)
+    picture[0, 0] = (255, 128, 0)
+    write_png(tmp_path / "a.png", picture)
+    seen = matplotlib.image.imread(tmp_path / "a.png")
+    assert np.array_equal(np.rint(seen * 255.0), picture)
+
+
+@needs_exiftool
+def test_tiff_holds_plain_rgb_floats(tmp_path: Path) -> None:
+    path = tmp_path / "a.tiff"
+    image = np.random.default_rng(2).standard_normal((48, 64, 3)).astype(np.float32)
+    write_tiff(path, image)
+    command = ["exiftool", "-j", "-n", str(path)]
+    (tags,) = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    assert (tags["PhotometricInterpretation"], tags["Compression"]) == (2, 1)
+    assert str(tags["BitsPerSample"]) == "32 32 32"
+    assert set(str(tags["SampleFormat"]).split()) == {"3"}
+    offsets = [int(n) for n in str(tags["StripOffsets"]).split()]
+    counts = [int(n) for n in str(tags["StripByteCounts"]).split()]
+    data = path.read_bytes()
+    strips = b"".join(data[o : o + n] for o, n in zip(offsets, counts, strict=True))
+    assert np.array_equal(np.frombuffer(strips, "<f4").reshape(48, 64, 3), image)
+
+
+@settings(deadline=None, derandomize=True, max_examples=25)
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 40),
+    value=st.floats(width=32, allow_nan=True, allow_infinity=True),
+)
+def test_tiff_round_trip_is_exact(
+    tmp_path_factory: pytest.TempPathFactory, height: int, width: int, value: float
+) -> None:
+    path = tmp_path_factory.mktemp("tiff") / "a.tiff"
+    image = np.random.default_rng(3).standard_normal((height, width, 3)).astype(np.float32)
+    image[-1, 0, 2] = value
+    write_tiff(path, image)
+    back = read_tiff(path)
+    assert back.dtype == np.float32
+    assert np.array_equal(back, image, equal_nan=True)
+
+
+@pytest.mark.parametrize("keep", [0, 8, 1000, -1])
+def test_truncated_tiff_is_refused(tmp_path: Path, keep: int) -> None:
+    path = tmp_path / "a.tiff"
+    write_tiff(path, np.ones((48, 64, 3), np.float32))
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(DecodeError, match=r"a\.tiff"):
+        read_tiff(path)
+
+
+def test_picture_in_place_of_a_tiff_is_refused(tmp_path: Path) -> None:
+    write_png(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(DecodeError, match="float32"):
+        read_tiff(tmp_path / "a.png")
+
+
+def test_missing_tiff(tmp_path: Path) -> None:
+    with pytest.raises(DecodeError, match="cannot read"):
+        read_tiff(tmp_path / "none.tiff")
+
+
+def test_full_disk_is_reported() -> None:
+    with pytest.raises(NoSpaceError, match="no space"):
+        write_png(Path("/dev/full"), np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(NoSpaceError, match="no space"):
+        write_tiff(Path("/dev/full"), np.zeros((4, 4, 3), np.float32))
+
+
+def test_unwritable_folder_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot write"):
+        write_png(tmp_path / "none" / "a.png", np.zeros((4, 4, 3), np.uint8))
+
+
+@pytest.mark.parametrize("shape", [(4, 4), (4, 4, 4), (0, 4, 3)])
+def test_other_shapes_are_refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    with pytest.raises(ConfigError, match="shape"):
+        write_tiff(tmp_path / "a.tiff", np.zeros(shape, np.float32))
+
+
+def test_warp_by_whole_pixels_moves_them_exactly() -> None:
+    image = np.random.default_rng(4).standard_normal((6, 9, 3))
+    assert np.array_equal(warp(image, np.eye(3), (9, 6)), image)
+    moved = warp(image, [[1, 0, 2], [0, 1, 1], [0, 0, 1]], (9, 6))
+    assert np.array_equal(moved[1:, 2:], image[:-1, :-2])
+    assert not moved[0].any()
+    assert not moved[:, :2].any()
+
+
+def test_warp_rotates_and_flips() -> None:
+    image = np.random.default_rng(5).standard_normal((6, 9, 3))
+    turned = warp(image, [[0, 1, 0], [-1, 0, 8], [0, 0, 1]], (6, 9))
+    assert turned == pytest.approx(np.rot90(image), abs=1e-12)
+    flipped = warp(image, [[-1, 0, 8], [0, 1, 0], [0, 0, 1]], (9, 6))
+    assert flipped == pytest.approx(image[:, ::-1], abs=1e-12)
+
+
+def test_warp_of_a_plane_by_a_perspective() -> None:
+    """A linear brightness ramp follows the homography, up to its steps of 1/32 pixel."""
+    matrix = np.array([[1.1, 0.05, 3.0], [0.02, 0.95, 1.0], [2e-4, 1e-4, 1.0]])
+    rows, columns = np.mgrid[0:60, 0:80].astype(np.float64)
+    warped = warp(columns + 2.0 * rows, matrix, (80, 60))
+    for row, column in ((10, 20), (30, 40), (50, 70)):
+        x, y, scale = np.linalg.solve(matrix, (column, row, 1.0))
+        assert warped[row, column] == pytest.approx(x / scale + 2.0 * y / scale, abs=3 / 32)
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.eye(2), np.full((3, 3), np.nan)])
+def test_warp_refuses_what_cannot_be_inverted(matrix: NDArray[np.float64]) -> None:
+    with pytest.raises(ConfigError, match="invertible"):
+        warp(np.zeros((4, 4, 3)), matrix, (4, 4))

@@ -1,0 +1,91 @@
+"""Goals, recipes and the arithmetic of photos."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.errors import ConfigError, DecodeError
+from pdcd.pictures.combine import Exposed, combine
+from pdcd.probing.deviation import weight_s
+from pdcd.probing.realised import Factors
+from pdcd.recipes.goals import Goal, check_goal
+from pdcd.recipes.make import make_recipe
+from tests import bench_rig
+
+GRID = (1, 3)
+INDIRECT = Goal("indirect", GRID)
+OFF = np.ones((3, 3)) - np.eye(3)
+
+
+def exposed(matrix: np.ndarray, light: float, *, blown: bool = False) -> Exposed:
+    n = matrix.shape[0]
+    factors = Factors(np.eye(n), matrix.astype(float), np.diag(matrix).astype(float), np.ones(n))
+    image = np.full((1, n, 3), light)
+    return Exposed(image, np.full((1, n, 3), 4.0), np.full((1, n), blown), factors, {})
+
+
+@pytest.mark.parametrize(
+    ("name", "p"), [("indirect", 0.5), ("fraction", None), ("fraction", 1.0), ("sideways", None)]
+)
+def test_contradictory_goals_are_refused(name: str, p: float | None) -> None:
+    with pytest.raises(ConfigError):
+        check_goal(Goal(name, GRID, p=p))
+
+
+def test_direct_scales_each_photo_by_its_own_weight() -> None:
+    """Erratum X9: the indirect photo weighs a quarter as much; unscaled subtraction is wrong."""
+    shots = {"white": exposed(np.ones((3, 3)) * 2.0, 10.0), "coded": exposed(OFF * 0.5, 2.0)}
+    pictures = combine(make_recipe(Goal("direct", GRID)), shots)
+    assert list(pictures) == ["direct", "white", "indirect"]
+    np.testing.assert_allclose(pictures["white"].image, 5.0)
+    np.testing.assert_allclose(pictures["indirect"].image, 4.0)
+    np.testing.assert_allclose(pictures["direct"].image, 1.0)
+    # sigma 2 over weights 2 and 0.5, added in squares
+    np.testing.assert_allclose(pictures["direct"].sigma, np.hypot(1.0, 4.0))
+
+
+def test_saturated_pixels_have_infinite_sigma() -> None:
+    shots = {
+        "white": exposed(np.ones((3, 3)), 1.0, blown=True),
+        "coded": exposed(OFF, 1.0),
+    }
+    pictures = combine(make_recipe(INDIRECT), shots)
+    assert np.all(np.isinf(pictures["white"].sigma))
+    assert np.all(np.isfinite(pictures["indirect"].sigma))
+    assert np.all(np.isinf(pictures["direct"].sigma))
+
+
+def test_no_light_at_all_is_an_error() -> None:
+    with pytest.raises(DecodeError, match="no light"):
+        combine(make_recipe(INDIRECT, white=False), {"coded": exposed(np.zeros((3, 3)), 0.0)})
+
+
+def test_row_weights_divide_each_cell_by_its_own() -> None:
+    recipe = make_recipe(Goal("long-range", GRID, radius=0))
+    uneven = OFF * np.array([[1.0], [2.0], [4.0]])
+    shot = exposed(uneven, 0.0)
+    shot.light[...] = uneven.sum(axis=1)[None, :, None]
+    image = combine(recipe, {"far": shot})["long-range"].image
+    np.testing.assert_allclose(image, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("level", "names"),
+    [
+        ("none", ["coded"]),
+        ("mask", ["coded", "coded-black-dual"]),
+        ("ambient", ["coded", "coded-black-primal"]),
+        ("both", ["coded", "coded-black-dual", "coded-black-primal", "coded-black-primal-dual"]),
+    ],
+)
+def test_black_level_shots(level: str, names: list[str]) -> None:
+    recipe = make_recipe(INDIRECT, black_level=level, white=False)  # type: ignore[arg-type]
+    assert [s.name for s in recipe.shots] == names
+    signs = [sign for sign, _ in recipe.photos[0].shots]
+    assert signs == [1.0, -1.0, -1.0, 1.0][: len(names)]
+
+
+def test_weight_of_a_single_cell_without_indirect_light_is_its_open_time() -> None:
+    one = Factors(np.eye(1), np.zeros((1, 1)), np.zeros(1), np.array([0.3]))
+    assert weight_s(one, bench_rig.uniform((1, 1), 0.0, 1.0)) == 0.3

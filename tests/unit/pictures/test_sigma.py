@@ -1,0 +1,132 @@
+"""Error bars: what the spread of parts says, and what the model predicts for a single photo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.special
+
+from pdcd.codes.make import make_codes
+from pdcd.pictures.combine import Picture
+from pdcd.pictures.sigma import _inverse_trigamma, measured
+from pdcd.pictures.sigma_model import code_error
+from pdcd.probing.deviation import row_deviations
+from pdcd.probing.realised import Factors
+from tests import bench_rig
+
+SHAPE = (24, 32, 3)
+
+
+def parts_of(truth: np.ndarray, error: np.ndarray, count: int, seed: int) -> list[Picture]:
+    """Independent normal estimates of `truth`; the mean of all has the standard error `error`."""
+    rng = np.random.default_rng(seed)
+    spread = error * np.sqrt(count)
+    return [Picture(truth + spread * rng.normal(size=truth.shape), 0 * truth) for _ in range(count)]
+
+
+def mean(parts: list[Picture], sensor: float = 0.0) -> Picture:
+    image = np.mean([part.image for part in parts], axis=0)
+    return Picture(image, np.full(image.shape, sensor))
+
+
+@pytest.mark.parametrize("count", [4, 8, 16])
+@pytest.mark.parametrize("kind", ["even", "uneven", "edge"])
+def test_measured_sigma_covers_the_truth(kind: str, count: int) -> None:
+    """Errors alike everywhere, of every size side by side, and with a jump in the light."""
+    rng = np.random.default_rng(1)
+    truth = np.ones(SHAPE)
+    error = np.full(SHAPE, 0.1)
+    if kind == "uneven":
+        error *= np.sqrt(6.0 / rng.chisquare(6.0, size=SHAPE))
+    if kind == "edge":
+        truth[:, 16:] = 0.01
+        error[:, 16:] = 0.001
+    covered = []
+    for seed in range(10):
+        parts = parts_of(truth, error, count, seed)
+        picture = measured(mean(parts), parts)
+        covered.append(np.mean(np.abs(picture.image - truth) <= 1.96 * picture.sigma))
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.012)
+
+
+def test_what_the_sensor_explains_is_not_counted_twice() -> None:
+    truth, noise = np.ones(SHAPE), 0.05
+    parts = parts_of(truth, np.full(SHAPE, noise), 8, 0)
+    picture = measured(mean(parts, noise), parts)
+    assert picture.kind == "measured"
+    np.testing.assert_array_equal(picture.sensor, noise)
+    assert np.sqrt(np.mean(picture.sigma**2)) == pytest.approx(noise, rel=0.15)
+    np.testing.assert_allclose(picture.sigma, np.hypot(picture.sensor, picture.code))
+
+
+def test_equal_parts_have_no_code_error() -> None:
+    parts = parts_of(np.ones(SHAPE), np.zeros(SHAPE), 4, 0)
+    assert np.all(measured(mean(parts), parts).sigma == 0.0)
+
+
+def test_saturated_pixels_stay_unknown() -> None:
+    parts = parts_of(np.ones(SHAPE), np.full(SHAPE, 0.1), 4, 0)
+    whole = mean(parts)
+    whole.sigma[3, 4] = np.inf
+    picture = measured(whole, parts)
+    assert np.all(np.isinf(picture.sigma[3, 4]))
+    assert np.isfinite(picture.sigma).sum() == picture.sigma.size - 3
+    assert np.all(np.isfinite(picture.code))
+
+
+@pytest.mark.parametrize("value", [1e-3, 0.1, 1.0, 30.0, 1e4])
+def test_inverse_trigamma(value: float) -> None:
+    assert scipy.special.polygamma(1, _inverse_trigamma(value)) == pytest.approx(value)
+
+
+def test_row_deviations_are_those_of_the_dense_matrix() -> None:
+    rng = np.random.default_rng(3)
+    left, right, coaxial = rng.random((5, 12)), rng.random((5, 12)), rng.random(12)
+    realised = Factors(left, right, coaxial, np.ones(12))
+    rows = row_deviations(realised, bench_rig.uniform((3, 4), 0.0, 1.0), 2.0)
+    dense = left.T @ right / 2.0 - 1.0
+    off = [np.delete(dense[n], n) for n in range(12)]
+    np.testing.assert_allclose(rows[0], [np.mean(o) for o in off])
+    np.testing.assert_allclose(rows[1], [np.var(o) for o in off])
+    np.testing.assert_allclose(rows[2], coaxial / 2.0)
+
+
+@pytest.mark.parametrize("sources", [4, 16])
+def test_the_model_finds_the_variance_of_random_codes(sources: int) -> None:
+    """Light of each cell from `sources` others at random: (S^2 + 2 Q) / K, Q = S^2 / sources."""
+    grid, count = (24, 24), 64
+    n = grid[0] * grid[1]
+    rng = np.random.default_rng(sources)
+    codes = make_codes("bernoulli", grid, count, dual="complement", seed=5).primal()
+    left, right = (~codes).astype(np.float64), codes.astype(np.float64)
+    weight = 0.25 * count
+    realised = Factors(left, right, np.zeros(n), np.ones(n))
+    mean_, variance, _ = row_deviations(realised, bench_rig.uniform(grid, 0.0, 1.0), weight)
+    transport = np.zeros((n, n))
+    for cell in range(n):
+        others = np.delete(np.arange(n), cell)
+        transport[cell, rng.choice(others, sources, replace=False)] = 1.0 / sources
+    image = np.sum(left.T @ right / weight * transport, axis=1).reshape(*grid, 1)
+    picture = Picture(image, np.zeros_like(image))
+    fixed, spread = (a.reshape(*grid, 1) for a in (mean_**2, variance))
+    predicted = code_error(picture, fixed, spread, n)
+    theory = np.sqrt((1.0 + 2.0 / sources) / count)
+    assert np.sqrt(np.mean(predicted**2)) == pytest.approx(theory, rel=0.15)
+    assert np.sqrt(np.mean((image - 1.0) ** 2)) == pytest.approx(theory, rel=0.15)
+
+
+def test_the_model_is_silent_where_codes_are_exact() -> None:
+    image = np.random.default_rng(0).random(SHAPE)
+    nothing = np.zeros((*SHAPE[:2], 1))
+    assert not code_error(Picture(image, 0 * image), nothing, nothing, 768).any()
+
+
+def test_texture_that_a_white_photo_shows_is_no_error() -> None:
+    rng = np.random.default_rng(0)
+    paper = rng.choice([0.2, 1.0], size=SHAPE)
+    picture = Picture(0.3 * paper, np.zeros(SHAPE))
+    fixed, spread = np.zeros((*SHAPE[:2], 1)), np.full((*SHAPE[:2], 1), 0.1)
+    alone = code_error(picture, fixed, spread, 768)
+    beside = code_error(picture, fixed, spread, 768, white=paper)
+    # Texture alone looks like light from few cells; without it nothing speaks against all of them.
+    assert np.mean(alone**2) == pytest.approx(768 / 4 * np.mean(beside**2))

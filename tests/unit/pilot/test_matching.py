@@ -1,0 +1,163 @@
+"""The map of a mirror from a few photos, on scenes whose map is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+from pdcd.pilot.codes import MATCHED, SCOUTS, pilot_codes
+from pdcd.pilot.links import correction, match_links
+from pdcd.pilot.matching import MOST_CELLS, find_partners, weigh
+from pdcd.recipes.alternatives import fitted_weights
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+GRID = (18, 26)
+CELLS = GRID[0] * GRID[1]
+STRENGTH = 0.3
+
+
+def mirror(slope: float, *, glow: float = 0.02, shuffled: bool = False) -> Floats:
+    """Transport (N, N): the left third mirrors the rest, flipped and squeezed, there and back."""
+    rng = np.random.default_rng(5)
+    transport = np.diag(rng.uniform(0.5, 1.0, CELLS)) + glow / CELLS
+    image = np.zeros((CELLS, CELLS))
+    for y in range(2, 16):
+        for x in range(1, 8):
+            there = 22.0 - slope * x
+            low = int(there)
+            part = there - low
+            image[y * GRID[1] + x, y * GRID[1] + low] += STRENGTH * (1.0 - part)
+            image[y * GRID[1] + x, y * GRID[1] + low + 1] += STRENGTH * part
+    if shuffled:
+        image = image[:, rng.permutation(CELLS)]
+    return transport + image + image.T
+
+
+def photos_of(transport: Floats, codes: Bools, sigma: float = 0.0) -> Floats:
+    noise = np.random.default_rng(1).normal(0.0, 1.0, (len(codes), CELLS))
+    photos: Floats = codes @ transport.T + sigma * noise
+    return photos
+
+
+def indirect_errors(transport: Floats, codes: Bools, photos: Floats) -> tuple[float, float]:
+    """RMS errors of the indirect image masked in software, without and with the paths found."""
+    truth = transport.sum(axis=1) - np.diag(transport)
+    noise = np.zeros(CELLS)
+    partners = find_partners(codes, photos, GRID, noise)
+    paths = weigh(partners, codes, photos, GRID, noise)
+    weights = fitted_weights(codes, direct=0.0, indirect=1.0)
+    image = np.sum(weights * photos, axis=0)
+    better = image + correction(weights, codes.astype(np.float64), 1.0, paths)
+    scale = np.sqrt(np.mean(truth**2))
+    return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in (image, better))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("slope", [1.0, 1.25, 0.8])
+@pytest.mark.parametrize("count", MATCHED)
+def test_the_map_of_a_mirror_is_found(slope: float, count: int) -> None:
+    transport = mirror(slope)
+    codes = pilot_codes(GRID, count, seed=1)
+    plain, mapped = indirect_errors(transport, codes, photos_of(transport, codes))
+    assert mapped < {8: 0.6, 12: 0.3, 16: 0.25}[count] * plain
+
+
+def test_paths_have_the_strength_of_the_mirror() -> None:
+    transport = mirror(1.0)
+    codes = pilot_codes(GRID, 16, seed=2)
+    photos = photos_of(transport, codes)
+    noise = np.zeros(CELLS)
+    paths = weigh(find_partners(codes, photos, GRID, noise), codes, photos, GRID, noise).toarray()
+    true = np.where(transport > 0.1, transport, 0.0)
+    np.fill_diagonal(true, 0.0)
+    assert np.all(paths >= 0.0) and not np.diag(paths).any()
+    assert np.sum((paths - true) ** 2) < 0.1 * np.sum(true**2)
+    assert np.median(paths[true > 0.0]) == pytest.approx(STRENGTH, rel=0.05)
+
+
+def test_a_map_that_is_not_smooth_is_not_made_up() -> None:
+    """The same light from anywhere: no map, and little harm."""
+    transport = mirror(1.0, shuffled=True)
+    codes = pilot_codes(GRID, 8, seed=3)
+    plain, mapped = indirect_errors(transport, codes, photos_of(transport, codes))
+    assert mapped < 1.2 * plain
+
+
+def test_noise_that_is_told_of_does_not_become_paths() -> None:
+    """Nothing but noise between the photos: half of it, not all, may look like a partner's."""
+    sigma = 0.05
+    transport = np.diag(np.full(CELLS, 0.8)) + 0.1 / CELLS
+    codes = pilot_codes(GRID, 8, seed=4)
+    photos = photos_of(transport, codes, sigma)
+    sums = []
+    for told in (0.0, sigma):
+        noise = np.full(CELLS, told)
+        partners = find_partners(codes, photos, GRID, noise)
+        sums.append(float(weigh(partners, codes, photos, GRID, noise).sum()))
+    assert sums[1] < 0.7 * sums[0]
+
+
+def test_channels_share_the_map_and_differ_in_light() -> None:
+    transport = mirror(1.25)
+    codes = pilot_codes(GRID, 12, seed=6)
+    grey = photos_of(transport, codes)
+    direct = codes * np.diag(transport)
+    photos = np.stack([grey, 0.5 * (grey - direct) + direct, grey], axis=2)
+    links, red, green, blue = match_links(codes, photos, GRID, sigma=np.zeros_like(photos))
+    assert green.sum() == pytest.approx(0.5 * red.sum(), rel=0.1)
+    assert (red != blue).nnz == 0
+    np.testing.assert_allclose(links.toarray(), ((red + green + blue) / 3.0).toarray())
+    same = np.repeat(grey[..., None], 3, axis=2)
+    again = match_links(codes, same, GRID, sigma=np.zeros_like(same))
+    assert len(again) == 4 and all(one is again[0] for one in again)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_units_do_not_matter(scale: float) -> None:
+    transport = mirror(1.25)
+    codes = pilot_codes(GRID, 8, seed=7)
+    photos = photos_of(transport, codes)
+    noise = np.zeros(CELLS)
+    found = [
+        weigh(find_partners(codes, s * photos, GRID, noise), codes, s * photos, GRID, noise) / s
+        for s in (1.0, scale)
+    ]
+    np.testing.assert_allclose(found[1].sum(axis=1), found[0].sum(axis=1), rtol=0.02, atol=1e-3)
+
+
+@pytest.mark.parametrize("photos", [np.zeros((8, 12)), np.ones((8, 12))])
+def test_black_and_even_photos_have_no_paths(photos: Floats) -> None:
+    codes = pilot_codes((3, 4), 8, seed=0)
+    noise = np.zeros(12)
+    paths = weigh(find_partners(codes, photos, (3, 4), noise), codes, photos, (3, 4), noise)
+    assert np.all(np.isfinite(paths.data)) and paths.sum() < 1e-6 * max(photos.sum(), 1e-30)
+
+
+@pytest.mark.parametrize("grid", [(1, 1), (1, 9), (7, 1), (13, 17)])
+def test_any_grid_will_do(grid: tuple[int, int]) -> None:
+    codes = pilot_codes(grid, 8, seed=0)
+    cells = grid[0] * grid[1]
+    photos = np.where(codes, 0.8, 0.1)
+    noise = np.zeros(cells)
+    paths = weigh(find_partners(codes, photos, grid, noise), codes, photos, grid, noise)
+    assert paths.shape == (cells, cells) and np.all(np.isfinite(paths.data))
+
+
+@pytest.mark.parametrize("count", MATCHED)
+def test_codes_of_a_short_pilot(count: int) -> None:
+    codes = pilot_codes((13, 22), count, seed=3)
+    rest = count - SCOUTS
+    assert codes.shape == (count, 286) and codes.dtype == np.bool_
+    np.testing.assert_array_equal(codes[:SCOUTS], pilot_codes((13, 22), SCOUTS, seed=3))
+    assert np.all(codes[:SCOUTS].sum(axis=0) == SCOUTS // 2)
+    assert np.all(np.abs(codes[SCOUTS:].sum(axis=0) - rest / 2) <= 1)
+    tile = codes[SCOUTS:].reshape(rest, 13, 22)[:, :4, :4].reshape(rest, 16)
+    assert len(np.unique(tile, axis=1).T) >= min(16, 14 if count == 8 else 16)
+    assert not np.array_equal(codes, pilot_codes((13, 22), count, seed=4))
+
+
+def test_grids_too_fine_for_a_map_are_refused() -> None:
+    with pytest.raises(ConfigError, match=f"at most {MOST_CELLS} cells"):
+        pilot_codes((64, 65), 8, seed=0)

@@ -1,0 +1,128 @@
+"""The aperture from test exposures."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import levels_of
+from pdcd.planning.make import make_plan
+from pdcd.planning.metering import (
+    SEEN,
+    TARGET,
+    expected_share,
+    metered_pairs,
+    next_aperture,
+    peak_share,
+)
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from pdcd.scene.presets import PRESETS
+from pdcd.sensor.raw import read_raw
+from tests import bench_rig
+from tests.places import DATA
+
+STOPS = tuple(2.0 ** (k / 6.0) for k in range(49))
+
+
+@pytest.mark.parametrize("light", [1e-3, 0.1, 1.0, 30.0, 3e3])
+def test_settles_just_below_the_target(light: float) -> None:
+    """`light`: share of saturation at f/1 in the test; the real exposure has ten times more."""
+    f_number, settled, tests = 8.0, False, 0
+    while not settled:
+        peak = min(light / f_number**2, 1.0)
+        f_number, settled = next_aperture(STOPS, f_number, peak, 10.0 * peak)
+        tests += 1
+    final = 10.0 * light / f_number**2
+    assert tests <= 6
+    assert final <= TARGET * (1 + 1e-9)
+    assert final >= TARGET / 2 ** (1 / 3) * (1 - 1e-9) or f_number == 1.0
+
+
+def test_no_light_opens_the_lens_and_no_stop_is_dark_enough_closes_it() -> None:
+    f_number, settled = 8.0, False
+    while not settled:
+        f_number, settled = next_aperture(STOPS, f_number, 0.0, 0.0)
+    assert f_number == 1.0
+    assert next_aperture(STOPS, max(STOPS), 1.0, 1.0) == (max(STOPS), True)
+
+
+def test_peak_share() -> None:
+    planes = np.array([[[10.0]], [[40.0]], [[-3.0]], [[20.0]]], dtype=np.float32)
+    assert peak_share(planes, np.array([[False]]), 80.0) == 0.5
+    assert peak_share(planes, np.array([[True]]), 80.0) == 1.0
+
+
+def test_expected_share_counts_each_cell_by_its_own_ratio() -> None:
+    """Cells of 2 x 2 quads: the brightest of the test was open twice as often as its fair share."""
+    planes = np.zeros((4, 4, 6), dtype=np.float32)
+    planes[1, 0, 0], planes[2, 3, 5] = 40.0, 30.0
+    ratio = np.full((2, 3), 8.0)
+    ratio[0, 0] = 4.0
+    assert expected_share(planes, ratio, 100.0, aligned=True) == pytest.approx(2.4)
+    assert expected_share(planes, ratio, 100.0, aligned=False) == pytest.approx(3.2)
+    assert expected_share(planes[:, :3], ratio, 100.0, aligned=True) == pytest.approx(3.2)
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize(
+    ("goal", "fields"),
+    [("indirect", {}), ("fraction", {"p": 0.125}), ("long-range", {"radius": 1})],
+)
+def test_light_from_everywhere_is_metered_exactly(
+    goal: str, fields: dict[str, Any], window: str, tmp_path: Path
+) -> None:
+    """A scene in which every cell lights every other one alike, so that a cell's photo is the sum
+    over its open codes of the lit share of all: what the real exposure gathers over the test's."""
+    grid = (12, 16)
+    request = CaptureRequest(goal=goal, codes=128, window=window, exposure_s=60.0, **fields)  # type: ignore[arg-type]
+    plan = make_plan(request, bench_rig.config(tmp_path), grid)
+    shot = next(s for s in plan.recipe.shots if s.name == plan.recipe.main or s.name == "coded")
+    pairs, ratio = metered_pairs(plan, shot)
+    primal, dual = plan.patterns[shot.program]
+    lattice = Lattice(grid, plan.window_of(shot))
+    quarters = [(0, 0)] if window == "whole" else [(0, 0), (0, 1), (1, 0), (1, 1)]
+    light = np.zeros((2, *grid))
+    for k, (down, right) in itertools.product(range(len(primal)), quarters):
+        lit = levels_of(primal, k, lattice.lattice_cells).mean()
+        mask = levels_of(dual, k, lattice.lattice_cells).reshape(lattice.shape)
+        seen_now = lit * mask[down : down + grid[0], right : right + grid[1]]
+        light[1] += seen_now * plan.passes
+        light[0] += seen_now * (k < pairs)
+    seen = light[0] > SEEN * light[1] * pairs / len(primal) / plan.passes
+    assert pairs == 16 and plan.passes > 1 and seen.mean() > 0.5
+    assert np.allclose((light[0] * ratio)[seen], light[1][seen])
+    assert np.all((light[0] * ratio)[~seen] <= light[1][~seen] * (1.0 + 1e-9))
+
+
+@pytest.mark.parametrize("name", ["corner_32x24", "disco-ball", "wax-disk"])
+def test_the_photo_fills_the_sensor_as_it_is_meant_to(name: str, tmp_path: Path) -> None:
+    """Within the third of a stop that the lens steps by, and what 16 codes cannot tell of sharp
+    paths; counting all cells alike it would be a stop too dark on the smooth scenes."""
+    scene = SceneConfig(kind=name, grid=(24, 32))
+    if name not in PRESETS:
+        scene = SceneConfig(kind="matrix", path=str(DATA / f"{name}.npz"))
+    peaks = []
+    for seed in range(3):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        engine = Engine.from_config(bench_rig.config(folder, scene=scene))
+        engine.start()
+        result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=128, seed=seed))
+        engine.stop()
+        assert result.folder is not None, result.error
+        run = read_manifest(Path(result.folder)).run
+        shot = next(s for s in run.shots if s.name == "coded")
+        saturation_dn = run.profile.saturation_dn(shot.iso)
+        raw = read_raw(Path(result.folder) / shot.raw, saturation_dn=saturation_dn)
+        peaks.append(peak_share(raw.planes, raw.saturated, saturation_dn))
+    low = 0.8 if name == "disco-ball" else 0.5
+    assert max(peaks) < TARGET * 1.1
+    assert min(peaks) > TARGET * 2.0**-low

@@ -1,0 +1,80 @@
+"""One panel's response: hard time constants, and integrals without cancellation."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import PanelConfig
+from pdcd.probing.panel import Panel, Trajectory, decay_integral, offset_cells
+
+
+@pytest.mark.parametrize("duration", [1e-12, 1e-9, 1e-6, 1e-3])
+def test_decay_integral_of_short_intervals_keeps_full_precision(duration: float) -> None:
+    rate = 125.0
+    x = Fraction(rate) * Fraction(duration)
+    series = Fraction(duration) * sum(
+        (-x) ** k / Fraction(int(np.prod(range(1, k + 2), dtype=object))) for k in range(12)
+    )
+    got = float(decay_integral(np.array(rate), np.array(duration)))
+    assert got == pytest.approx(float(series), rel=4e-16)
+
+
+def test_decay_integral_without_decay_is_the_duration() -> None:
+    got = decay_integral(np.array([0.0, 1e-300]), np.array([0.3, 0.3]))
+    np.testing.assert_allclose(got, 0.3, rtol=1e-15)
+
+
+def track(panel: Panel, pattern: list[list[bool]], step_s: float) -> Trajectory:
+    targets = np.array(pattern)
+    starts = np.arange(len(pattern), dtype=np.int64) * round(step_s * 1e9)
+    return Trajectory(panel, starts, targets.shape[1], lambda s: targets[s])
+
+
+def test_an_instant_panel_is_exactly_its_target() -> None:
+    fields = track(Panel(leak=0.01), [[True, False], [False, True]], 0.1).take(0, 2)
+    assert fields.shape == (2, 1, 2)
+    np.testing.assert_array_equal(fields[:, 0], [[1.0, 0.01], [0.01, 1.0]])
+
+
+@pytest.mark.parametrize(("rise", "fall"), [(0.0, 0.01), (0.01, 0.0)])
+def test_one_instant_and_one_slow_edge(rise: float, fall: float) -> None:
+    fields = track(Panel(rise, fall), [[True], [False]], 0.01).take(0, 2)
+    up, down = fields[0, :, 0], fields[1, :, 0]
+    if rise == 0.0:
+        np.testing.assert_array_equal(up, [1.0, 0.0, 0.0])
+        np.testing.assert_array_equal(down, [0.0, 0.0, 1.0])
+    else:
+        np.testing.assert_array_equal(up, [1.0, -1.0, 0.0])
+        assert not down[1:].any()
+
+
+def test_equal_and_nearly_equal_constants_agree() -> None:
+    pattern = [[True, False], [False, True], [True, True], [False, False]]
+    same = track(Panel(0.005, 0.005), pattern, 0.007).take(0, 4).sum(axis=1)
+    near = track(Panel(0.005, 0.005 * (1 + 1e-12)), pattern, 0.007).take(0, 4).sum(axis=1)
+    np.testing.assert_allclose(same, near, rtol=0, atol=1e-11)
+
+
+def test_taking_piece_by_piece_gives_the_same_fields() -> None:
+    rng = np.random.default_rng(0)
+    pattern = (rng.random((9, 5)) < 0.5).tolist()
+    whole = track(Panel(0.002, 0.006, 0.01), pattern, 0.004).take(0, 9)
+    pieces = track(Panel(0.002, 0.006, 0.01), pattern, 0.004)
+    np.testing.assert_array_equal(pieces.take(0, 4), whole[0:4])
+    np.testing.assert_array_equal(pieces.take(3, 7), whole[3:7])
+    np.testing.assert_array_equal(pieces.take(7, 9), whole[7:9])
+
+
+def test_panel_from_config() -> None:
+    config = PanelConfig(size_px=(8, 8), rise_s=0.1, fall_s=0.2, contrast=250.0, skew_s=-0.002)
+    assert Panel.from_config(config) == Panel(0.1, 0.2, 0.004, -2_000_000)
+    assert Panel.from_config(PanelConfig(size_px=(8, 8))) == Panel()
+
+
+def test_offset_in_cells_is_rows_then_columns() -> None:
+    projector = PanelConfig(size_px=(1024, 768))
+    mask = PanelConfig(size_px=(1600, 1200), offset_px=(8.0, -4.0))
+    assert offset_cells(projector, mask, (48, 64)) == (-0.25, 0.5)

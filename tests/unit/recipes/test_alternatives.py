@@ -1,0 +1,142 @@
+"""What is done without a mask, against dense matrices and the formulas of the paper."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.codes.make import make_codes
+from pdcd.errors import ConfigError
+from pdcd.recipes.alternatives import checkers, fitted_weights, masked_weights, shares
+from pdcd.recipes.goals import Goal
+from pdcd.recipes.make import make_recipe
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+GRID = (4, 8)
+N = 32
+
+
+def transport(seed: int = 3) -> Floats:
+    rng = np.random.default_rng(seed)
+    return np.asarray(0.02 * rng.random((N, N)) + np.diag(0.3 + rng.random(N)))
+
+
+def codes(family: str, count: int, seed: int = 0) -> Bools:
+    return make_codes(family, GRID, count, dual="same", seed=seed).primal()
+
+
+def weighted(weights: Floats, bits: Bools, t: Floats) -> Floats:
+    """Sum over photos ``T i_k`` of single codes, written out."""
+    image = np.zeros(N)
+    for k in range(len(bits)):
+        for n in range(N):
+            image[n] += weights[k, n] * sum(t[n, m] for m in range(N) if bits[k, m])
+    return image
+
+
+def random_bits(rng: np.random.Generator, count: int) -> Bools:
+    return np.asarray(rng.random((count, N)) < 0.5)
+
+
+@pytest.mark.parametrize(("direct", "indirect"), [(1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.3)])
+def test_hadamard_photos_are_exact_with_more_codes_than_cells(
+    direct: float, indirect: float
+) -> None:
+    t, bits = transport(), codes("hadamard", 64)
+    own = np.diag(t)
+    truth = direct * own + indirect * (t.sum(axis=1) - own)
+    found = weighted(fitted_weights(bits, direct=direct, indirect=indirect), bits, t)
+    np.testing.assert_allclose(found, truth, rtol=1e-12)
+
+
+def test_masked_sum_is_that_of_the_paper() -> None:
+    """With balanced codes it is K / 4 of what the fit finds: the same photos, the same weights."""
+    bits = codes("hadamard", 64)
+    fitted = fitted_weights(bits, direct=0.0, indirect=1.0)
+    np.testing.assert_allclose(masked_weights(bits) * 4.0 / 64, fitted, rtol=1e-12)
+    assert not masked_weights(bits)[bits].any()
+
+
+@pytest.mark.parametrize("what", ["direct", "indirect", "masked"])
+def test_error_of_random_codes_has_no_bias_and_the_variance_of_the_formulas(what: str) -> None:
+    """E7: Q / (K - 1) for the slope, twice that for the fitted indirect light; the paper's masked
+    sum has (S^2 + 2 Q) / K."""
+    count, runs = 32, 3000
+    rng = np.random.default_rng(11)
+    t = transport()
+    off = t - np.diag(np.diag(t))
+    q, s = np.sum(off**2, axis=1), off.sum(axis=1)
+    found = np.empty((runs, N))
+    for run in range(runs):
+        bits = random_bits(rng, count)
+        photos = bits @ t.T
+        if what == "masked":
+            weights = masked_weights(bits) * 4.0 / count
+        else:
+            kept = {"direct": (1.0, 0.0), "indirect": (0.0, 1.0)}[what]
+            weights = fitted_weights(bits, direct=kept[0], indirect=kept[1])
+        found[run] = np.sum(weights * photos, axis=0)
+    expected = {
+        "direct": q / (count - 1),
+        "indirect": 2.0 * q / (count - 1),
+        "masked": (s**2 + 2.0 * q) / count,
+    }[what]
+    truth = np.diag(t) if what == "direct" else s
+    bias = np.abs(found.mean(axis=0) - truth)
+    assert np.mean(bias < 3.0 * np.sqrt(expected / runs)) > 0.9
+    ratio = found.var(axis=0, ddof=1) / expected
+    assert ratio.mean() == pytest.approx(1.0, abs=0.06)
+    assert np.abs(ratio - 1.0).max() < 6.0 * np.sqrt(2.0 / runs)
+
+
+def test_direct_weights_do_not_see_what_photos_have_in_common() -> None:
+    bits = random_bits(np.random.default_rng(5), 16)
+    np.testing.assert_allclose(
+        fitted_weights(bits, direct=1.0, indirect=0.0).sum(axis=0), 0.0, atol=1e-12
+    )
+
+
+def test_cells_that_never_change_have_no_weights() -> None:
+    bits = random_bits(np.random.default_rng(5), 16)
+    bits[:, 3], bits[:, 7] = True, False
+    weights = fitted_weights(bits, direct=1.0, indirect=1.0)
+    assert not weights[:, [3, 7]].any()
+    assert weights.any(axis=0).sum() == N - 2
+
+
+@pytest.mark.parametrize("block", [1, 2, 3])
+def test_every_cell_takes_every_place_of_a_block_lit_and_dark(block: int) -> None:
+    rows, cols = 7, 10
+    patterns = checkers((rows, cols), block).reshape(-1, rows, cols)
+    assert len(patterns) == 2 * block**2
+    assert len(np.unique(patterns.reshape(len(patterns), -1), axis=0)) == len(patterns)
+    np.testing.assert_array_equal(patterns.mean(axis=0), 0.5)
+    # Blocks are square: a cell well inside meets (lit, lit right) in every alignment.
+    run = [len(set(p[3, 3 : 3 + block])) == 1 for p in patterns]
+    assert sum(run) == len(patterns) // block
+
+
+@pytest.mark.parametrize("method", ["multi-image", "nayar"])
+@pytest.mark.parametrize("goal", ["white", "split", "diagonal"])
+def test_other_goals_are_refused(goal: str, method: str) -> None:
+    with pytest.raises(ConfigError, match="cannot do the goal"):
+        make_recipe(Goal(goal, GRID), method=method)  # type: ignore[arg-type]
+
+
+def test_what_methods_cannot_use_is_refused() -> None:
+    goal = Goal("indirect", GRID)
+    lit = Goal("indirect", GRID, planes={"illumination": np.ones(N)})
+    with pytest.raises(ConfigError, match="takes no illumination"):
+        make_recipe(lit, method="nayar")
+    with pytest.raises(ConfigError, match="takes no pilot"):
+        make_recipe(goal, method="multi-image", pilot=4)
+    with pytest.raises(ConfigError, match="black exposures"):
+        make_recipe(goal, method="multi-image", black_level="mask")
+    with pytest.raises(ConfigError, match="at least 2"):
+        make_recipe(goal, method="multi-image", codes=1)
+
+
+def test_shares_of_a_goal() -> None:
+    assert shares(Goal("fraction", GRID, p=0.25), "nayar") == (1.0, 0.25)

@@ -1,0 +1,142 @@
+"""Photos in parts: which shots there are, which codes they get, what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdcd.capture.engine import Engine
+from pdcd.codes.make import make_codes
+from pdcd.errors import ConfigError
+from pdcd.planning.make import make_plan
+from pdcd.recipes.goals import Goal
+from pdcd.recipes.make import make_recipe
+from pdcd.recipes.parts import (
+    coin_signs,
+    in_parts,
+    only_parts,
+    part_codes,
+    part_numbers,
+    part_seed,
+    taken_parts,
+)
+from pdcd.request import CaptureRequest
+from tests import bench_rig
+
+GRID = (3, 4)
+
+
+def test_each_part_takes_every_shot_of_codes_in_turn() -> None:
+    recipe = in_parts(make_recipe(Goal("indirect", GRID), black_level="mask"), 2)
+    assert [shot.name for shot in recipe.shots] == [
+        "white",
+        "white-black-dual",
+        "coded-1",
+        "coded-1-black-dual",
+        "coded-2",
+        "coded-2-black-dual",
+    ]
+    coded = next(photo for photo in recipe.photos if photo.name == "coded")
+    assert coded.shots == (
+        (1.0, "coded-1"),
+        (-1.0, "coded-1-black-dual"),
+        (1.0, "coded-2"),
+        (-1.0, "coded-2-black-dual"),
+    )
+    assert set(recipe.programs) == {"coded-1", "coded-2"}
+    assert {shot.kind for shot in recipe.shots} == {"", "coded"}
+
+
+def test_one_part_is_the_recipe_itself() -> None:
+    recipe = make_recipe(Goal("indirect", GRID))
+    assert in_parts(recipe, 1) is recipe
+    assert part_numbers(recipe) == ()
+
+
+def test_a_pilot_is_taken_once_and_before_all_parts() -> None:
+    recipe = in_parts(make_recipe(Goal("indirect", GRID), white=False, pilot=2), 3)
+    names = [shot.name for shot in recipe.shots]
+    assert names == ["pilot-0001", "pilot-0002", "coded-1", "coded-2", "coded-3"]
+
+
+def test_both_halves_of_a_signed_photo_belong_to_one_part() -> None:
+    recipe = in_parts(make_recipe(Goal("diagonal", GRID)), 2)
+    second = only_parts(recipe, {2})
+    assert second.photos[0].shots == ((1.0, "matched-plus-2"), (-1.0, "matched-minus-2"))
+
+
+def test_only_complete_parts_are_taken() -> None:
+    recipe = in_parts(make_recipe(Goal("diagonal", GRID)), 3)
+    names = [shot.name for shot in recipe.shots]
+    assert part_numbers(taken_parts(recipe, names[:5])) == (1, 2)
+    assert taken_parts(recipe, names[:1]) is recipe
+
+
+def test_no_two_parts_share_a_seed() -> None:
+    seeds = [part_seed(seed, 8, part) for seed in range(20) for part in range(1, 9)]
+    assert len(set(seeds)) == len(seeds)
+    assert part_seed(7, 1, 0) == 7
+
+
+def test_parts_of_a_plan_have_codes_of_their_own(tmp_path: Path) -> None:
+    config = bench_rig.config(tmp_path)
+    request = CaptureRequest(goal="indirect", codes=32, parts=4, white=False)
+    plan = make_plan(request, config, GRID)
+    assert [len(plan.patterns[f"coded-{part}"][0]) for part in range(1, 5)] == [8] * 4
+    assert len({plan.patterns[f"coded-{part}"][0].tobytes() for part in range(1, 5)}) == 4
+
+
+def test_the_plan_counts_files_and_seconds(tmp_path: Path) -> None:
+    engine = Engine.from_config(bench_rig.config(tmp_path))
+    whole = engine.plan(CaptureRequest(goal="indirect", codes=32, white=False))
+    parts = engine.plan(CaptureRequest(goal="indirect", codes=32, parts=4, white=False))
+    assert (whole.raw_files, parts.raw_files, parts.parts) == (1, 4, 4)
+    assert [shot.name for shot in parts.shots] == ["coded-1", "coded-2", "coded-3", "coded-4"]
+    assert parts.refreshes == whole.refreshes
+    # Each exposure waits on black at both ends.
+    settle_s = whole.seconds - whole.refreshes / 60.0
+    assert parts.seconds == pytest.approx(whole.seconds + 3.0 * settle_s)
+
+
+def weight_of_near_neighbours(*, coins: bool, runs: int = 200) -> float:
+    """Mean realised weight over the wanted one of cells 2 to 3 cells away, over seeds."""
+    shape, count, centre = (12, 12), 8, 6 * 12 + 6
+    row, col = np.indices(shape)
+    away = np.hypot(row - 6, col - 6).ravel()
+    weights = []
+    for seed in range(runs):
+        codes = make_codes("hadamard", shape, count, dual="complement", seed=seed).primal()
+        lit = coin_signs(codes, seed) if coins else codes
+        assert np.all(lit.sum(axis=0) == count // 2)
+        met = np.count_nonzero(~lit[:, [centre]] & lit, axis=0)
+        weights.append(4.0 / count * np.mean(met[(away >= 2.0) & (away < 3.0)]))
+    return float(np.mean(weights))
+
+
+def test_coins_take_the_common_error_out_of_parts() -> None:
+    """The mean over 200 seeds has a standard error of 0.007."""
+    assert weight_of_near_neighbours(coins=False) > 1.05
+    assert weight_of_near_neighbours(coins=True) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("request_", "what"),
+    [
+        (CaptureRequest(goal="white", codes=8, parts=2), "no coded photo"),
+        (CaptureRequest(goal="indirect", codes=30, parts=4), "take 28 codes"),
+        (CaptureRequest(goal="indirect", codes=24, parts=4), "K = 6"),
+        (CaptureRequest(goal="indirect", codes=8, parts=2, until_error=0.1), "at least 4 parts"),
+        (CaptureRequest(goal="indirect", parts=4, family="isolation"), "no codes to split"),
+    ],
+)
+def test_refusals(request_: CaptureRequest, what: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_plan(request_, bench_rig.config(tmp_path), GRID)
+    assert what in str(caught.value)
+
+
+def test_too_few_codes_for_the_parts_name_a_number_that_works() -> None:
+    with pytest.raises(ConfigError, match="take 8 codes"):
+        part_codes(3, 8)

@@ -1,0 +1,234 @@
+"""Decoding: the mosaic comes back signed and in order, and a bad file never passes for a photo."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from drivers.mock.dng import write_dng
+from pdcd.errors import DecodeError
+from pdcd.sensor.profile import expose, load_profile
+from pdcd.sensor.raw import read_raw, rgb_variance, to_rgb
+
+BLACK, WHITE = 512, 16383
+SIDES = st.integers(1, 30).map(lambda quads: 2 * quads)
+
+
+def write(path: Path, mosaic: NDArray[np.uint16], f_number: float | None = 8.0) -> int:
+    return write_dng(
+        path,
+        mosaic,
+        black=BLACK,
+        white=WHITE,
+        iso=100,
+        exposure_s=25.6,
+        f_number=f_number,
+        model="Virtual camera",
+        date=datetime(2024, 1, 2, 3, 4, 5),
+    )
+
+
+@pytest.fixture
+def dng(tmp_path: Path) -> Path:
+    path = tmp_path / "a.dng"
+    mosaic = np.random.default_rng(0).integers(0, WHITE + 1, (48, 64)).astype(np.uint16)
+    write(path, mosaic)
+    return path
+
+
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(height=SIDES, width=SIDES, seed=st.integers(0, 1000))
+def test_planes_are_the_mosaic_minus_black(
+    tmp_path_factory: pytest.TempPathFactory, height: int, width: int, seed: int
+) -> None:
+    path = tmp_path_factory.mktemp("raw") / "a.dng"
+    rng = np.random.default_rng(seed)
+    mosaic = rng.integers(0, WHITE + 1, (height, width)).astype(np.uint16)
+    frame = read_raw(path, size_bytes=write(path, mosaic))
+    back = np.empty((height, width))
+    back[0::2, 0::2], back[0::2, 1::2], back[1::2, 0::2], back[1::2, 1::2] = frame.planes
+    assert frame.planes.dtype == np.float32
+    assert np.array_equal(back + BLACK, mosaic)
+
+
+def test_metadata_comes_from_the_file(dng: Path) -> None:
+    frame = read_raw(dng)
+    assert (frame.iso, frame.exposure_s, frame.f_number) == (100, 25.6, 8.0)
+    assert (frame.model, frame.pattern, frame.white) == ("Virtual camera", "RGGB", WHITE)
+    assert frame.black.tolist() == [BLACK] * 4
+
+
+def test_unknown_aperture_is_none(tmp_path: Path) -> None:
+    write(tmp_path / "a.dng", np.zeros((24, 24), np.uint16), f_number=None)
+    assert read_raw(tmp_path / "a.dng").f_number is None
+
+
+def patched(path: Path, old: bytes, new: bytes) -> Path:
+    data = path.read_bytes()
+    assert data.count(old) == 1
+    path.write_bytes(data.replace(old, new))
+    return path
+
+
+def cfa_entry(*colours: int) -> bytes:
+    """The directory entry of the tag CFAPattern."""
+    return struct.pack("<HHI4B", 33422, 1, 4, *colours)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "cfa", "positions"),
+    [
+        ("RGGB", (0, 1, 1, 2), [(0, 0), (0, 1), (1, 0), (1, 1)]),
+        ("BGGR", (2, 1, 1, 0), [(1, 1), (1, 0), (0, 1), (0, 0)]),
+        ("GRBG", (1, 0, 2, 1), [(0, 1), (0, 0), (1, 1), (1, 0)]),
+        ("GBRG", (1, 2, 0, 1), [(1, 0), (1, 1), (0, 0), (0, 1)]),
+    ],
+)
+def test_every_bayer_order_gives_r_g1_g2_b(
+    tmp_path: Path, pattern: str, cfa: tuple[int, ...], positions: list[tuple[int, int]]
+) -> None:
+    path = tmp_path / "a.dng"
+    mosaic = np.random.default_rng(1).integers(0, 16384, (24, 30)).astype(np.uint16)
+    write(path, mosaic)
+    frame = read_raw(patched(path, cfa_entry(0, 1, 1, 2), cfa_entry(*cfa)))
+    assert frame.pattern == pattern
+    for plane, (row, column) in zip(frame.planes, positions, strict=True):
+        assert np.array_equal(plane + BLACK, mosaic[row::2, column::2])
+
+
+def test_each_plane_has_its_own_black_level(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    write(path, np.full((24, 24), 1000, np.uint16))
+    levels = (500, 510, 520, 530)
+    frame = read_raw(patched(path, struct.pack("<4I", *[BLACK] * 4), struct.pack("<4I", *levels)))
+    assert frame.black.tolist() == list(levels)
+    assert frame.planes[:, 0, 0].tolist() == [500, 490, 480, 470]
+
+
+def test_other_colours_than_bayer_are_refused(dng: Path) -> None:
+    with pytest.raises(DecodeError, match="Bayer"):
+        read_raw(patched(dng, cfa_entry(0, 1, 1, 2), cfa_entry(0, 1, 2, 1)))
+
+
+@pytest.mark.parametrize(("row", "column"), [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_one_saturated_sample_marks_its_quad(tmp_path: Path, row: int, column: int) -> None:
+    path = tmp_path / "a.dng"
+    mosaic = np.full((24, 24), WHITE - 1, np.uint16)
+    mosaic[6 + row, 10 + column] = WHITE
+    write(path, mosaic)
+    expected = np.zeros((12, 12), bool)
+    expected[3, 5] = True
+    assert np.array_equal(read_raw(path).saturated, expected)
+
+
+def test_a_lower_saturation_level_can_be_given(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    mosaic = np.full((24, 24), BLACK + 999, np.uint16)
+    mosaic[0, 0] = BLACK + 1000
+    write(path, mosaic)
+    assert read_raw(path, saturation_dn=1000.0).saturated.sum() == 1
+    assert read_raw(path, saturation_dn=1000.5).saturated.sum() == 0
+    assert read_raw(path, saturation_dn=1e9).saturated.sum() == 0
+
+
+def test_full_wells_of_the_mock_are_marked(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    mark2 = load_profile("mark2")
+    electrons = np.full((48, 48), 40000.0)
+    electrons[:24] = 200000.0
+    write(path, expose(electrons, mark2, 50, 30.0, np.random.default_rng(0)))
+    saturated = read_raw(path, saturation_dn=mark2.saturation_dn(50)).saturated
+    assert saturated[:12].all()
+    assert not saturated[12:].any()
+
+
+def test_ideal_photo_comes_back_within_half_a_dn(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    modern = load_profile("modern")
+    electrons = np.random.default_rng(3).uniform(0.0, 47000.0, (48, 64))
+    write(path, expose(electrons, modern, 100, 30.0, None))
+    red, green1, green2, blue = read_raw(path).planes
+    for plane, part in (
+        (red, electrons[0::2, 0::2]),
+        (green1, electrons[0::2, 1::2]),
+        (green2, electrons[1::2, 0::2]),
+        (blue, electrons[1::2, 1::2]),
+    ):
+        assert np.abs(plane - part / 3.0).max() <= 0.5 + 1e-3  # float32 planes
+
+
+def test_noise_below_black_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    mark2 = load_profile("mark2")
+    write(path, expose(np.zeros((400, 400)), mark2, 1600, 30.0, np.random.default_rng(4)))
+    planes = read_raw(path).planes.astype(np.float64)
+    assert 0.45 < np.mean(planes < 0.0) < 0.55
+    assert abs(planes.mean()) < 4 * planes.std() / np.sqrt(planes.size)
+
+
+@pytest.mark.parametrize("keep", [0, 4, 100, 700, 3000, -100, -2])
+def test_truncated_file_is_refused(dng: Path, keep: int) -> None:
+    dng.write_bytes(dng.read_bytes()[:keep])
+    with pytest.raises(DecodeError, match=r"a\.dng"):
+        read_raw(dng)
+
+
+def test_one_lost_byte_is_noticed_by_the_announced_size(dng: Path) -> None:
+    data = dng.read_bytes()
+    dng.write_bytes(data[:-1])
+    with pytest.raises(DecodeError, match=f"{len(data) - 1} bytes, not {len(data)}"):
+        read_raw(dng, size_bytes=len(data))
+
+
+def test_flipped_bit_is_noticed_by_the_hash(dng: Path) -> None:
+    data = bytearray(dng.read_bytes())
+    digest = hashlib.sha256(data).hexdigest()
+    good = read_raw(dng, sha256=digest, size_bytes=len(data))
+    data[-777] ^= 0x10
+    dng.write_bytes(data)
+    # Without the hash nothing tells that this is another photo.
+    assert not np.array_equal(read_raw(dng).planes, good.planes)
+    with pytest.raises(DecodeError, match="SHA-256"):
+        read_raw(dng, sha256=digest)
+
+
+@pytest.mark.parametrize("content", [b"not a photo\n" * 500, b"II*\0" + b"\xff" * 5000])
+def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.dng"
+    path.write_bytes(content)
+    with pytest.raises(DecodeError, match="cannot decode"):
+        read_raw(path)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(DecodeError, match="cannot read"):
+        read_raw(tmp_path / "none.dng")
+
+
+def test_to_rgb_averages_the_greens() -> None:
+    planes = np.array([[[1.0]], [[-2.0]], [[5.0]], [[7.0]]], np.float32)
+    rgb = to_rgb(planes)
+    assert rgb.dtype == np.float64
+    assert rgb.tolist() == [[[1.0, 1.5, 7.0]]]
+
+
+def test_rgb_variance_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
+    """Spread over 40 000 equal quads, within 4 standard errors (2.9 %)."""
+    path = tmp_path / "a.dng"
+    camera = load_profile("mark2")
+    quad = np.array([[3000.0, 9000.0], [9000.0, 500.0]])
+    electrons = np.tile(quad, (200, 200))
+    write(path, expose(electrons, camera, 50, 60.0, np.random.default_rng(5)))
+    planes = read_raw(path).planes
+    spread = to_rgb(planes).var(axis=(0, 1))
+    predicted = rgb_variance(planes, camera, 50, 60.0)
+    assert predicted.shape == (200, 200, 3)
+    assert predicted.mean(axis=(0, 1)) == pytest.approx(spread, rel=4 * np.sqrt(2 / 40000))

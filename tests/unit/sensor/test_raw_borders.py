@@ -1,0 +1,337 @@
+"""Masked borders, orientation, CR2, and what the making of pictures would do to a measurement."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import subprocess
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rawpy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from drivers.mock.dng import write_dng
+from pdcd.errors import DecodeError
+from pdcd.sensor.raw import read_raw
+from pdcd.sensor.tiff import read_tags
+from tests.cr2 import LEFT_450D, SIZE_450D, TOP_450D, write_cr2
+from tests.masked_dng import write_masked_dng
+
+Mosaic = NDArray[np.uint16]
+OFFSETS = np.array([[500.25, 510.5], [520.75, 531.0]])
+"""Black of each place in the quad of the whole sensor."""
+
+needs_dcraw = pytest.mark.skipif(
+    shutil.which("dcraw") is None,
+    reason="dcraw IS MISSING: CR2 files are not checked by it (install package dcraw)",
+)
+
+
+def sensor(height: int, width: int, seed: int = 0) -> Mosaic:
+    """Random samples all over."""
+    return np.random.default_rng(seed).integers(600, 14000, (height, width)).astype(np.uint16)
+
+
+def darken(image: Mosaic, area: tuple[int, int, int, int], offsets: NDArray[np.float64]) -> None:
+    """Fill an area with black whose mean is exactly that of each place in the quad."""
+    top, left, bottom, right = area
+    for row in range(2):
+        for column in range(2):
+            places = np.zeros(image.shape, bool)
+            places[row::2, column::2] = True
+            inside = np.zeros(image.shape, bool)
+            inside[top:bottom, left:right] = True
+            count = int((places & inside).sum())
+            level = offsets[row, column]
+            values = np.full(count, np.floor(level))
+            values[: round((level % 1.0) * count)] += 1
+            image[places & inside] = values
+
+
+@pytest.mark.parametrize("top", [8, 9])
+@pytest.mark.parametrize("left", [20, 21])
+def test_black_is_the_mean_of_the_masked_border_per_colour(
+    tmp_path: Path, top: int, left: int
+) -> None:
+    """Also where the picture begins in the middle of the sensor's quad: LibRaw leaves out a row."""
+    path = tmp_path / "a.dng"
+    image = sensor(80, 100)
+    area = (0, 0, 80, 16)  # 80 x 16: each place of the quad has 320 samples, a multiple of 4
+    darken(image, area, OFFSETS)
+    write_masked_dng(path, image, active=(top, left, 80, 100), masked=area)
+    frame = read_raw(path)
+    first = (top + top % 2, left + left % 2)
+    visible = image[first[0] :, first[1] :].astype(np.float64)
+    red = (top % 2, left % 2)
+    assert frame.masked
+    for plane, place in enumerate([(0, 0), (0, 1), (1, 0), (1, 1)]):
+        row, column = (red[0] + place[0]) % 2, (red[1] + place[1]) % 2
+        assert frame.black[plane] == OFFSETS[row, column]
+        expected = visible[row::2, column::2] - OFFSETS[row, column]
+        assert np.array_equal(frame.planes[plane], expected)
+        assert abs(frame.libraw_black[plane] - OFFSETS[row, column]) < 1.0  # whole numbers
+
+
+@pytest.mark.parametrize("cfa", [(0, 1, 1, 2), (2, 1, 1, 0), (1, 0, 2, 1), (1, 2, 0, 1)])
+def test_every_bayer_order_behind_an_odd_border(
+    tmp_path: Path, cfa: tuple[int, int, int, int]
+) -> None:
+    path = tmp_path / "a.dng"
+    image = sensor(62, 60)
+    write_masked_dng(path, image, active=(1, 3, 62, 60), cfa=cfa)
+    frame = read_raw(path)
+    visible = image[2:62, 4:60].astype(np.float64) - 512  # from one row and column further on
+    red, blue = divmod(cfa.index(0), 2), divmod(cfa.index(2), 2)
+    assert np.array_equal(frame.planes[0], visible[1 - red[0] :: 2, 1 - red[1] :: 2])
+    assert np.array_equal(frame.planes[3], visible[1 - blue[0] :: 2, 1 - blue[1] :: 2])
+    assert not frame.masked
+
+
+def test_hot_pixels_of_the_border_do_not_move_black(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    image = sensor(80, 100)
+    area = (0, 0, 80, 16)
+    darken(image, area, OFFSETS)
+    image[10:14, 4:8] = 16000
+    write_masked_dng(path, image, active=(0, 16, 80, 100), masked=area)
+    assert np.abs(read_raw(path).black - OFFSETS.ravel()).max() < 0.02
+
+
+def test_several_masked_areas_are_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    image = sensor(80, 100)
+    for area, level in (((0, 0, 80, 8), 500.0), ((0, 92, 80, 100), 502.0)):
+        darken(image, area, np.full((2, 2), level))
+    write_masked_dng(path, image, active=(0, 8, 80, 92), masked=(0, 0, 80, 8, 0, 92, 80, 100))
+    assert read_raw(path).black.tolist() == [501.0] * 4
+
+
+@pytest.mark.parametrize("masked", [(), (200, 0, 300, 16), (0, 0, 80)])
+def test_without_a_border_that_makes_sense_the_tags_count(
+    tmp_path: Path, masked: tuple[int, ...]
+) -> None:
+    path = tmp_path / "a.dng"
+    write_masked_dng(path, sensor(80, 100), active=(0, 16, 80, 100), masked=masked)
+    frame = read_raw(path)
+    assert (frame.masked, frame.black.tolist()) == (False, [512] * 4)
+    assert frame.exif()["black_from"] == "LibRaw"
+
+
+@pytest.mark.parametrize(("orientation", "flip"), [(1, 0), (3, 3), (6, 6), (8, 5)])
+def test_a_camera_on_its_side_gives_the_same_planes(
+    tmp_path: Path, orientation: int, flip: int
+) -> None:
+    path = tmp_path / "a.dng"
+    image = sensor(60, 80)
+    write_masked_dng(path, image, active=(0, 0, 60, 80), orientation=orientation)
+    frame = read_raw(path)
+    assert frame.flip == flip
+    assert np.array_equal(frame.planes[0] + 512, image[0::2, 0::2])
+
+
+# CR2.
+
+
+@pytest.fixture(scope="module")
+def cr2(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Mosaic]:
+    """The whole sensor of a 450D, its borders dark."""
+    rng = np.random.default_rng(5)
+    image = rng.integers(1100, 14605, SIZE_450D).astype(np.uint16)
+    dark = rng.normal(1024.0, 6.0, SIZE_450D).round()
+    image[:TOP_450D], image[:, :LEFT_450D] = dark[:TOP_450D], dark[:, :LEFT_450D]
+    path = tmp_path_factory.mktemp("cr2") / "a.cr2"
+    write_cr2(path, image, iso=400, exposure=(512, 10), orientation=6)
+    return path, image
+
+
+def test_cr2_is_read_like_dng(cr2: tuple[Path, Mosaic]) -> None:
+    path, image = cr2
+    frame = read_raw(path)
+    visible = image[TOP_450D : TOP_450D + 2856, LEFT_450D:].astype(np.float64)
+    assert frame.planes.shape == (4, 1428, 2145)
+    border = image[TOP_450D : TOP_450D + 2856, 2:20].astype(np.float64)
+    for plane, (row, column) in enumerate([(0, 0), (0, 1), (1, 0), (1, 1)]):
+        dark = border[row::2, column::2]
+        # No sample of so many lies beyond five standard deviations by much.
+        assert frame.black[plane] == pytest.approx(dark.mean(), abs=0.005)
+        expected = visible[row::2, column::2] - frame.black[plane]
+        assert np.abs(frame.planes[plane] - expected).max() < 1e-3  # float32
+    assert frame.exif() == {
+        "model": "Canon EOS 450D",
+        "date": "2024:02:29 23:59:58",
+        "iso": 400,
+        "exposure_s": 51.2,
+        "f_number": None,
+        "flip": 6,
+        "black_dn": frame.black.tolist(),
+        "black_from": "masked border",
+        "libraw_black_dn": frame.libraw_black.tolist(),
+        "white_dn": 14605.0,
+    }
+
+
+@needs_dcraw
+def test_dcraw_decodes_the_same_samples_of_the_cr2(cr2: tuple[Path, Mosaic]) -> None:
+    path, image = cr2
+    command = ["dcraw", "-4", "-D", "-t", "0", "-c", str(path)]
+    pgm = subprocess.run(command, capture_output=True, check=True).stdout
+    _, size, _, samples = pgm.split(b"\n", 3)
+    assert size == b"4290 2856"
+    visible = image[TOP_450D : TOP_450D + 2856, LEFT_450D:]
+    assert np.array_equal(np.frombuffer(samples, ">u2").reshape(visible.shape), visible)
+
+
+@pytest.fixture
+def small_cr2(tmp_path: Path) -> Path:
+    path = tmp_path / "a.cr2"
+    write_cr2(path, sensor(64, 96))
+    return path
+
+
+def test_a_size_that_no_table_knows_has_no_border(small_cr2: Path) -> None:
+    frame = read_raw(small_cr2)
+    assert frame.planes.shape == (4, 32, 48)
+    assert not frame.masked
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.005, 0.02, 0.3, 0.6, 0.9, 0.99])
+def test_a_truncated_cr2_is_refused(small_cr2: Path, share: float) -> None:
+    data = small_cr2.read_bytes()
+    small_cr2.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(DecodeError, match=r"a\.cr2"):
+        read_raw(small_cr2)
+
+
+def test_a_cr2_without_its_end_is_noticed_by_size_and_by_its_directory(small_cr2: Path) -> None:
+    data = small_cr2.read_bytes()
+    tags = read_tags(data)
+    assert tags is not None and tags.needs_bytes == len(data)
+    small_cr2.write_bytes(data[:-1])
+    short = read_tags(data[:-1])
+    assert short is not None and short.needs_bytes == len(data)
+    with pytest.raises(DecodeError, match="bytes, not"):
+        read_raw(small_cr2, size_bytes=len(data))
+
+
+def test_a_damaged_cr2_is_refused_by_its_hash_if_not_by_libraw(small_cr2: Path) -> None:
+    data = small_cr2.read_bytes()
+    digest = hashlib.sha256(data).hexdigest()
+    unnoticed = 0
+    for place in range(len(data) // 2, len(data), 997):
+        small_cr2.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        with pytest.raises(DecodeError):
+            read_raw(small_cr2, sha256=digest)
+        try:
+            read_raw(small_cr2)
+            unnoticed += 1
+        except DecodeError:
+            pass
+    assert unnoticed  # so the hash is needed
+
+
+# Damaged headers.
+
+
+@settings(deadline=None, derandomize=True, max_examples=150)
+@given(
+    canon=st.booleans(),
+    changes=st.lists(st.tuples(st.integers(0, 700), st.integers(0, 255)), min_size=1, max_size=8),
+)
+def test_damaged_headers_give_typed_errors_only(
+    tmp_path_factory: pytest.TempPathFactory, canon: bool, changes: list[tuple[int, int]]
+) -> None:
+    path = tmp_path_factory.mktemp("raw") / "a.raw"
+    image = sensor(48, 64)
+    if canon:
+        write_cr2(path, image)
+    else:
+        write_masked_dng(path, image, active=(2, 16, 48, 64), masked=(0, 0, 48, 16))
+    data = bytearray(path.read_bytes())
+    for place, value in changes:
+        data[place] = value
+    path.write_bytes(data)
+    try:
+        frame = read_raw(path)
+    except DecodeError:
+        return
+    assert frame.planes.ndim == 3 and np.isfinite(frame.planes).all()
+
+
+@settings(deadline=None, derandomize=True, max_examples=500)
+@given(order=st.sampled_from([b"II*\0", b"MM\0*"]), rest=st.binary(max_size=300))
+def test_tags_of_any_bytes_are_read_without_an_exception(order: bytes, rest: bytes) -> None:
+    tags = read_tags(order + rest)
+    assert tags is not None and tags.needs_bytes >= 8
+
+
+def test_other_files_have_no_tags() -> None:
+    assert read_tags(b"") is None
+    assert read_tags(b"\xff\xd8\xff\xe0") is None
+
+
+# What making a picture would do: the reasons why LibRaw's postprocess has no part in measuring.
+
+LINEAR = {
+    "gamma": (1, 1),
+    "no_auto_bright": True,
+    "output_bps": 16,
+    "user_wb": [1.0, 1.0, 1.0, 1.0],
+    "output_color": rawpy.ColorSpace.raw,
+    "half_size": True,
+}
+
+
+def plain(path: Path, image: Mosaic) -> None:
+    write_dng(
+        path,
+        image,
+        black=512,
+        white=16383,
+        iso=100,
+        exposure_s=1.0,
+        f_number=8.0,
+        model="test camera",
+        date=datetime(2024, 1, 1),
+    )
+
+
+def developed(path: Path, **settings: object) -> NDArray[np.uint16]:
+    with rawpy.imread(str(path)) as raw:
+        return np.asarray(raw.postprocess(**{**LINEAR, **settings}))  # type: ignore[arg-type]
+
+
+def test_a_bright_spot_elsewhere_does_not_change_a_sample(tmp_path: Path) -> None:
+    image = np.full((64, 64), 2512, np.uint16)
+    plain(tmp_path / "without.dng", image)
+    image[40:42, 40:42] = 14000  # between 75 and 100 % of white
+    plain(tmp_path / "with.dng", image)
+    ours = [read_raw(tmp_path / f"{name}.dng").planes[:, 0, 0] for name in ("without", "with")]
+    assert np.array_equal(ours[0], ours[1]) and ours[0].tolist() == [2000.0] * 4
+    theirs = [int(developed(tmp_path / f"{n}.dng")[0, 0, 0]) for n in ("without", "with")]
+    assert theirs[1] > 1.1 * theirs[0]  # the pitfall: scaled by the frame's own maximum
+
+
+def test_noise_around_black_keeps_its_mean(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    plain(tmp_path / "a.dng", rng.normal(512.0, 20.0, (400, 400)).round().astype(np.uint16))
+    planes = read_raw(tmp_path / "a.dng").planes.astype(np.float64)
+    assert abs(planes.mean()) < 4 * 20.0 / np.sqrt(planes.size)
+    theirs = developed(tmp_path / "a.dng", no_auto_scale=True, adjust_maximum_thr=0.0)
+    # The pitfall: cut at black. The mean of max(0, x) is sd / sqrt(2 pi) = 7.98.
+    assert theirs[..., 0].mean() == pytest.approx(20.0 / np.sqrt(2.0 * np.pi), rel=0.05)
+
+
+def test_samples_agree_with_libraws_own_where_it_does_no_harm(tmp_path: Path) -> None:
+    """Levels well above black, nothing scaled: another route to the same numbers."""
+    image = sensor(64, 96)
+    plain(tmp_path / "a.dng", image)
+    red, green1, green2, blue = read_raw(tmp_path / "a.dng").planes
+    theirs = developed(tmp_path / "a.dng", no_auto_scale=True, adjust_maximum_thr=0.0)
+    assert np.array_equal(theirs[..., 0], red)
+    assert np.array_equal(theirs[..., 2], blue)
+    assert np.abs(theirs[..., 1] - (green1 + green2) / 2.0).max() <= 1.0

@@ -1,0 +1,358 @@
+"""The SNR comparison against the printed appendix, simulated photos and a root finder."""
+
+from __future__ import annotations
+
+import math
+from decimal import ROUND_DOWN, ROUND_HALF_EVEN, Decimal
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from pdcd.errors import ConfigError
+from pdcd.sensor.appendix import PrintedRow, appendix_pixel, appendix_rows
+from pdcd.sensor.profile import IsoRow, SensorProfile, expose, load_profile
+from pdcd.sensor.snr import (
+    GOALS,
+    THERMALS,
+    Goal,
+    Pixel,
+    Thermal,
+    break_even_read_noise_e,
+    masked_sum,
+    opening_limit_db,
+    primal_dual_pair,
+    primal_dual_photo,
+    quiet_iso,
+    sensor_pixel,
+    sensor_rows,
+    short_photo,
+    signed_sum,
+)
+
+
+def paper_db(electrons: float, additive_e: float, thermal_e: float) -> float:
+    """The appendix's formula as printed."""
+    return 10 * math.log10(electrons / math.sqrt(electrons + additive_e**2 + thermal_e**2))
+
+
+def appendix_row(quantity: str) -> PrintedRow:
+    return next(row for row in appendix_rows() if row.quantity == quantity)
+
+
+# --- the appendix -------------------------------------------------------------------------------
+
+ELECTRONS = 0.13 * 3135.9 * 26.03
+
+# quantity, printed, is its last digit cut rather than rounded, our value, how far that is known
+APPENDIX: list[tuple[str, str, bool, float, float]] = [
+    ("mean intensity, 12-bit DN", "407.66", True, 407.667, 1e-9),
+    ("electrons of the photo", "10611.57", False, ELECTRONS, 1e-9),
+    ("photo, ISO 50, dB", "19.9", False, paper_db(ELECTRONS, 30.62, 0.25 * 30), 1e-9),
+    ("photos in the masked sum", "256", False, 512 / 2, 0.0),
+    ("electrons of a mask-less photo", "41.45", False, 41.4515, 5e-5),
+    ("mask-less photo, ISO 50, dB", "1.22", False, 1.2214, 5e-5),
+    ("mask-less photo, ISO 1600, dB", "7.4", False, 7.409, 5e-4),
+    ("additive noise of the sum, times", "16", False, 16.0, 0.0),
+    ("additive noise, ISO 50, e-", "489.92", False, 16 * 30.62, 1e-9),
+    ("additive noise, ISO 1600, e-", "62.4", False, 16 * 3.9, 1e-9),
+    ("masked sum, ISO 50, dB", "13.2", True, 13.262, 5e-4),
+    ("masked sum, ISO 1600, dB", "19.4", False, 19.442, 5e-4),
+    ("photo, 1/10 light, ISO 1600, dB", "15.1", False, 15.097, 5e-4),
+    ("masked sum, 1/10 light, ISO 1600, dB", "11.8", False, 11.782, 5e-4),
+]
+
+
+@pytest.mark.parametrize("row", APPENDIX, ids=[row[0] for row in APPENDIX])
+def test_printed_number_of_the_appendix(row: tuple[str, str, bool, float, float]) -> None:
+    quantity, printed, truncated, value, tolerance = row
+    ours = appendix_row(quantity)
+    assert (ours.printed, ours.truncated) == (printed, truncated)
+    assert ours.ours == pytest.approx(value, abs=tolerance)
+    digits = Decimal(printed)
+    way = ROUND_DOWN if truncated else ROUND_HALF_EVEN
+    assert Decimal(ours.ours).quantize(digits, way) == digits
+    if truncated:  # else it would not be an oddity of the paper
+        assert Decimal(ours.ours).quantize(digits, ROUND_HALF_EVEN) != digits
+
+
+def test_table_holds_these_numbers_in_the_order_of_the_appendix() -> None:
+    assert [row.quantity for row in appendix_rows()] == [row[0] for row in APPENDIX]
+
+
+def test_printed_electrons_come_from_the_unrounded_intensity() -> None:
+    assert round(407.66 * 26.03, 2) == 10611.39
+    assert round(appendix_row("electrons of the photo").ours, 2) == 10611.57
+
+
+def test_right_thermal_term_is_smaller_and_changes_no_digit_of_the_photo() -> None:
+    pixel = appendix_pixel()
+    assert primal_dual_photo(pixel, 30.62, "paper").thermal_e2 == 56.25
+    assert primal_dual_photo(pixel, 30.62, "shot").thermal_e2 == 7.5
+    row = appendix_row("photo, ISO 50, dB")
+    assert row.shot is not None
+    assert row.ours == pytest.approx(19.9345, abs=5e-5)
+    assert row.shot == pytest.approx(19.9436, abs=5e-5)
+
+
+def test_masked_sum_prints_the_same_with_any_thermal_term() -> None:
+    row = appendix_row("masked sum, ISO 1600, dB")
+    assert row.ours == pytest.approx(paper_db(ELECTRONS, 62.4, 7.5), abs=1e-9)
+    assert row.shot == pytest.approx(paper_db(ELECTRONS, 62.4, math.sqrt(3.75)), abs=1e-9)
+    assert paper_db(ELECTRONS, 62.4, 0.0) == pytest.approx(19.450, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("read_noise_e", "share", "gap_db"),
+    [(1.5, 1.0, 0.11), (3.9, 1.0, 0.67), (6.4, 1.0, 1.48), (1.5, 0.1, 0.94)],
+)
+def test_gap_shrinks_with_the_read_noise(read_noise_e: float, share: float, gap_db: float) -> None:
+    pixel = appendix_pixel().dimmed(share)
+    gap = (
+        primal_dual_photo(pixel, read_noise_e, "paper").snr_db
+        - masked_sum(pixel, read_noise_e, "paper").snr_db
+    )
+    assert gap == pytest.approx(gap_db, abs=0.005)
+
+
+# --- against simulated photos -------------------------------------------------------------------
+
+PIXELS = 4000
+HOT = SensorProfile(
+    name="hot",
+    description="dark current that shows, rounding that does not",
+    source="made up",
+    estimated=True,
+    bits=16,
+    black_dn=1000,
+    white_dn=65535,
+    full_well_e=60000.0,
+    dark_e_per_s=20.0,
+    rows=(
+        IsoRow(iso=100, gain_e_per_dn=0.1, read_noise_e=30.0),
+        IsoRow(iso=200, gain_e_per_dn=0.1, read_noise_e=3.0),
+    ),
+)
+PIXEL = Pixel(signal_e=2000.0, exposure_s=30.0, codes=64, dark_e_per_s=20.0)
+
+
+def simulated_e(
+    electrons: float, exposure_s: float, iso: int, photos: int, seed: int
+) -> NDArray[np.float64]:
+    """Charge read from `photos` photos of `PIXELS` equal pixels: (photos, PIXELS) float64, e-."""
+    scene = np.full((photos, PIXELS), electrons)
+    raw = expose(scene, HOT, iso, exposure_s, np.random.default_rng(seed))
+    return (raw.astype(np.float64) - HOT.black_dn) * HOT.rows[0].gain_e_per_dn
+
+
+def simulated_db(sums_e: NDArray[np.float64], signal_e: float) -> float:
+    return 10 * math.log10(signal_e / float(np.std(sums_e)))
+
+
+# A standard deviation from 4000 samples is good to 1.1 %, 0.05 dB; four of those:
+SIMULATED = 0.2
+
+
+def test_photo_agrees_with_simulation() -> None:
+    photo = simulated_e(2000.0, 30.0, 100, 1, seed=1)
+    ours = primal_dual_photo(PIXEL, 30.0, "shot")
+    assert ours.snr_db == pytest.approx(simulated_db(photo, 2000.0), abs=SIMULATED)
+    # The printed thermal term would be far off here.
+    assert primal_dual_photo(PIXEL, 30.0, "paper").snr_db < ours.snr_db - 10
+
+
+def test_photo_through_a_real_mask_agrees_with_simulation() -> None:
+    photo = simulated_e(0.4 * 2000.0, 30.0, 100, 1, seed=2)
+    ours = primal_dual_photo(PIXEL, 30.0, "shot", transmission=0.4)
+    assert ours.snr_db == pytest.approx(simulated_db(photo, 800.0), abs=SIMULATED)
+
+
+def test_masked_sum_agrees_with_simulation() -> None:
+    photos = simulated_e(2000.0 / 32, 30.0 / 64, 200, 32, seed=3)
+    ours = masked_sum(PIXEL, 3.0, "shot")
+    assert ours.snr_db == pytest.approx(simulated_db(photos.sum(axis=0), 2000.0), abs=SIMULATED)
+    one = short_photo(PIXEL, 3.0, "shot")
+    assert one.snr_db == pytest.approx(simulated_db(photos[0], 62.5), abs=SIMULATED)
+
+
+def test_signed_sum_has_the_noise_of_all_photos_whatever_the_signs() -> None:
+    photos = simulated_e(2000.0 / 32, 30.0 / 64, 200, 64, seed=4)
+    ours = signed_sum(PIXEL, 3.0, "shot")
+    signs = np.random.default_rng(5).choice([-1.0, 1.0], size=64)
+    for weights in (np.ones(64), signs):
+        assert ours.snr_db == pytest.approx(
+            simulated_db(weights @ photos, photos.sum(axis=0).mean()), abs=SIMULATED
+        )
+
+
+def test_signed_pair_agrees_with_simulation() -> None:
+    positive, negative = simulated_e(2000.0 / 2, 30.0 / 2, 100, 2, seed=7)
+    ours = primal_dual_pair(PIXEL, 30.0, "shot")
+    light = float((positive + negative).mean())
+    assert ours.snr_db == pytest.approx(simulated_db(positive - negative, light), abs=SIMULATED)
+
+
+def test_unequal_opening_limits_indirect_light() -> None:
+    # A scene of so many indirect cells that only the number of openings of a pixel matters.
+    rng = np.random.default_rng(6)
+    openings = rng.integers(0, 2, size=(512 // 4, PIXELS)).sum(axis=0)
+    spread = float(np.std(openings) / np.mean(openings))
+    assert spread == pytest.approx(0.088, abs=0.004)
+    assert opening_limit_db(512) == pytest.approx(10 * math.log10(1 / spread), abs=SIMULATED)
+
+
+# --- break-even ---------------------------------------------------------------------------------
+
+
+def gap_db(
+    pixel: Pixel, goal: Goal, thermal: Thermal, transmission: float, read_noise_e: float
+) -> float:
+    """How much better the photo is, dB, written out from the definitions."""
+    ours, dark_e = transmission * pixel.signal_e, pixel.dark_e_per_s * pixel.exposure_s
+    if goal == "masked":
+        photos, others, light_e, open_time = 1.0, pixel.codes / 2, pixel.signal_e, 0.5
+    else:
+        photos, others, light_e, open_time = 2.0, float(pixel.codes), 2 * pixel.signal_e, 1.0
+    ours_dark_e2, other_dark_e2 = dark_e, dark_e * open_time
+    if thermal == "paper":
+        ours_dark_e2 = other_dark_e2 = dark_e**2
+    photo = ours / math.sqrt(ours + photos * read_noise_e**2 + ours_dark_e2)
+    other = light_e / math.sqrt(light_e + others * read_noise_e**2 + other_dark_e2)
+    return 10 * math.log10(photo / other)
+
+
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(
+    signal_e=st.floats(1.0, 1e5),
+    codes=st.integers(2, 4096),
+    dark_e_per_s=st.floats(0.0, 5.0),
+    transmission=st.floats(0.05, 1.0),
+    goal=st.sampled_from(GOALS),
+    thermal=st.sampled_from(THERMALS),
+)
+def test_break_even_is_where_a_root_finder_puts_it(
+    signal_e: float,
+    codes: int,
+    dark_e_per_s: float,
+    transmission: float,
+    goal: Goal,
+    thermal: Thermal,
+) -> None:
+    pixel = Pixel(signal_e=signal_e, exposure_s=30.0, codes=codes, dark_e_per_s=dark_e_per_s)
+
+    def gap(read_noise_e: float) -> float:
+        return gap_db(pixel, goal, thermal, transmission, read_noise_e)
+
+    ours = break_even_read_noise_e(pixel, goal, thermal, transmission)
+    if ours == math.inf:
+        assert max(gap(read_noise_e) for read_noise_e in (0.0, 1.0, 1e3, 1e6)) <= 1e-6
+    elif ours == 0.0:
+        assert gap(0.0) == pytest.approx(0.0, abs=1e-12)
+        assert min(gap(read_noise_e) for read_noise_e in (1.0, 1e3, 1e6)) > 0.0
+    else:
+        assume(1e-3 < ours < 1e6)
+        assert gap(0.0) < 0.0 < gap(1e7)
+        assert ours == pytest.approx(brentq(gap, 0.0, 1e7, xtol=1e-9, rtol=1e-12), rel=1e-6)
+
+
+def test_ideal_mask_never_stops_paying_against_the_masked_sum_by_the_papers_terms() -> None:
+    assert break_even_read_noise_e(appendix_pixel(), "masked", "paper") == 0.0
+
+
+def test_dark_current_behind_the_closed_mask_costs_a_little() -> None:
+    # 30 s of dark current in the photo against 15 s in the summed photos: 255 a^2 = 3.75 e-^2.
+    even = break_even_read_noise_e(appendix_pixel(), "masked", "shot")
+    assert even == pytest.approx(math.sqrt(3.75 / 255), rel=1e-12)
+
+
+def test_mask_as_dark_as_the_papers_stops_paying_above_the_read_noise_of_iso_1600() -> None:
+    even = break_even_read_noise_e(appendix_pixel(), "masked", "paper", transmission=0.5)
+    assert even == pytest.approx(math.sqrt((ELECTRONS / 4 + 0.75 * 56.25) / 63), rel=1e-9)
+    assert even > 3.9
+
+
+def test_mask_never_pays_where_its_rival_has_as_few_photos() -> None:
+    two = Pixel(signal_e=1e4, exposure_s=1.0, codes=2, dark_e_per_s=0.1)
+    assert break_even_read_noise_e(two, "masked", "shot") == math.inf
+    eight = Pixel(signal_e=1e4, exposure_s=1.0, codes=8, dark_e_per_s=0.1)
+    assert break_even_read_noise_e(eight, "signed", "shot") == math.inf
+
+
+def test_signed_goals_need_the_mask_less_than_the_appendix_says() -> None:
+    # 2 S + 512 a^2 + w = 4 (S + 2 a^2 + v), v = w = 56.25 e-^2
+    even = break_even_read_noise_e(appendix_pixel(), "signed", "paper")
+    assert even == pytest.approx(math.sqrt((2 * ELECTRONS + 3 * 56.25) / 504), rel=1e-9)
+
+
+# --- any sensor ---------------------------------------------------------------------------------
+
+
+def test_default_signal_is_13_percent_of_what_the_sensor_holds() -> None:
+    modern = load_profile("modern")
+    pixel = sensor_pixel(modern, 100, codes=512, exposure_s=30.0, signal_e=None)
+    assert pixel.signal_e == pytest.approx(0.13 * (16383 - 512) * 3.0)
+    assert pixel.dark_e_per_s == 0.05
+
+
+def test_procedures_of_the_appendix_for_the_mark2_give_its_numbers() -> None:
+    mark2 = load_profile("mark2")
+    pixel = sensor_pixel(mark2, 50, codes=512, exposure_s=30.0, signal_e=ELECTRONS)
+    found = {
+        (row.procedure, row.light, row.iso): row.paper_db for row in sensor_rows(mark2, 50, pixel)
+    }
+    expected = {
+        ("photo", 1.0, 50): 19.934,
+        ("mask-less photo", 1.0, 50): 1.221,
+        ("mask-less photo", 1.0, 1600): 7.409,
+        ("masked sum", 1.0, 50): 13.262,
+        ("masked sum", 1.0, 1600): 19.442,
+        ("signed pair", 1.0, 50): paper_db(ELECTRONS, math.sqrt(2) * 30.62, 7.5),
+        ("signed sum", 1.0, 50): paper_db(2 * ELECTRONS, math.sqrt(512) * 30.62, 7.5),
+        ("signed sum", 1.0, 1600): paper_db(2 * ELECTRONS, math.sqrt(512) * 3.9, 7.5),
+        ("photo", 0.1, 1600): 15.097,
+        ("masked sum", 0.1, 1600): 11.782,
+        ("signed pair", 0.1, 1600): paper_db(0.1 * ELECTRONS, math.sqrt(2) * 3.9, 0.75),
+        ("signed sum", 0.1, 1600): paper_db(0.2 * ELECTRONS, math.sqrt(512) * 3.9, 0.75),
+    }
+    assert found == pytest.approx(expected, abs=6e-4)
+
+
+def test_transmission_dims_the_photo_and_not_its_goals() -> None:
+    modern = load_profile("modern")
+    pixel = sensor_pixel(modern, 100, codes=512, exposure_s=30.0, signal_e=None)
+    for ideal, real in zip(
+        sensor_rows(modern, 100, pixel), sensor_rows(modern, 100, pixel, 0.5), strict=True
+    ):
+        if ideal.procedure in ("photo", "signed pair"):
+            assert real.signal_e == pytest.approx(ideal.signal_e / 2)
+            assert real.shot_db < ideal.shot_db - 1.5
+        else:
+            assert real == ideal
+
+
+def test_quiet_iso_holds_the_signal_and_is_the_lowest_of_equals() -> None:
+    mark2, modern = load_profile("mark2"), load_profile("modern")
+    assert quiet_iso(mark2, 1000.0) == 1600
+    assert quiet_iso(mark2, 10000.0) == 50  # ISO 1600 ends at 3228 e-
+    assert quiet_iso(modern, 1000.0) == 100
+    with pytest.raises(ConfigError, match="every ISO"):
+        quiet_iso(modern, 1e6)
+
+
+def test_saturating_signal_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"saturates 'mark2' at ISO 1600.*at most 3228 e-"):
+        sensor_pixel(load_profile("mark2"), 1600, codes=512, exposure_s=30.0, signal_e=5000.0)
+
+
+def test_every_fault_of_a_pixel_is_named_at_once() -> None:
+    with pytest.raises(ConfigError, match=r"signal = nan.*exposure = -1.*dark.*codes = 1 "):
+        Pixel(signal_e=math.nan, exposure_s=-1.0, codes=1, dark_e_per_s=math.inf)
+
+
+@pytest.mark.parametrize("transmission", [0.0, -0.5, 1.01, math.nan])
+def test_impossible_transmission_is_refused(transmission: float) -> None:
+    with pytest.raises(ConfigError, match="mask transmission"):
+        primal_dual_photo(appendix_pixel(), 1.0, "shot", transmission)
