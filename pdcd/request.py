@@ -1,6 +1,6 @@
 """What a user asks for and what comes back: the types that every floor speaks.
 
-They are plain values without behaviour, so that the socket, the command line, the run folder and
+They are plain values, so that the socket, the command line, the run folder and
 Python callers share one definition and one JSON Schema.
 """
 
@@ -96,6 +96,44 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     out: str | None = None
     """Folder the run folder is made in; below the state folder when asked for over the socket."""
     note: Annotated[str, Meta(max_length=4096)] = ""
+
+
+class Goal(msgspec.Struct, frozen=True, kw_only=True):
+    """What to keep of the light transport: a name and its numbers; arrays are kept beside it.
+
+    The fields are those of `CaptureRequest` with the same names. `pdcd.recipes.goals` says which
+    goal takes which.
+    """
+
+    name: GoalName
+    p: float | None = None
+    shift: tuple[int, int] | None = None
+    radius: int | None = None
+    mix: tuple[float, float] | None = None
+    period: int | None = None
+
+
+class How(msgspec.Struct, frozen=True, kw_only=True):
+    """How a goal is photographed: with the goal, all that its shots and sums depend on.
+
+    `family` is None where no codes are shown. The other fields are those of `CaptureRequest` with
+    the same names, after the configuration and the planner have filled in what was left open.
+    """
+
+    codes: int = 128
+    """All codes, the pilot's among them."""
+    pilot: int = 0
+    parts: int = 1
+    repeat: int = 1
+    method: MethodName = "coded"
+    family: FamilyName | None = "hadamard"
+    black_level: BlackLevel = "none"
+    white: bool = True
+
+    @property
+    def coded(self) -> int:
+        """Codes that are left for the coded photo."""
+        return self.codes - self.pilot
 
 
 class ShotSummary(msgspec.Struct, frozen=True, kw_only=True):

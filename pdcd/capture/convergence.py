@@ -6,16 +6,15 @@ they are. Only a spread of parts may end a run: with fewer than `FEWEST_PARTS` s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pdcd.errors import disk_errors
-from pdcd.pictures.combine import Exposed, Picture
-from pdcd.pictures.decode import Decoded
+from pdcd.pictures.combine import Picture
+from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.develop import preview, write_png
-from pdcd.pictures.sigma import Barred
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Recipe, Shot
 
@@ -34,8 +33,6 @@ class Convergence:
     """Where a run stands that may end early; `target` is RMS sigma over RMS image."""
 
     target: float
-    known: dict[str, Exposed] = field(default_factory=dict)
-    """Shots read so far, so that each is read once."""
     reached: float = np.inf
     met: bool = False
 
@@ -45,9 +42,8 @@ class Convergence:
         return shot.part > 0 and shot is last
 
     def see(self, folder: Path, decoded: Decoded) -> dict[str, float | int | None]:
-        """Take in the pictures so far, write the preview, return the fields of the event."""
-        self.known.update(decoded.shots)
-        answer: Barred = next(iter(decoded.pictures.values()))
+        """Look at the pictures so far, write the preview, return the fields of the event."""
+        answer = decoded.answer
         self.reached = rms_sigma(answer)
         self.met = answer.kind == "measured" and self.reached <= self.target
         with disk_errors(str(folder)):

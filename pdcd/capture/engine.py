@@ -12,8 +12,10 @@ from typing import Any
 
 from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import Config
+from pdcd.capture.account import failure_of
+from pdcd.capture.job import Emit, Job
 from pdcd.capture.rig import Rig
-from pdcd.capture.run import Emit, Run
+from pdcd.capture.run import Run
 from pdcd.capture.show import pattern_frames
 from pdcd.errors import DeviceLost, PdcdError
 from pdcd.planning.choose import choose, wants_choice
@@ -21,7 +23,7 @@ from pdcd.planning.guards import asks_for_lag
 from pdcd.planning.guided import plan_for, summary
 from pdcd.planning.outlook import Setting
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
-from pdcd.runs.folder import RunFolder
+from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.sensor.profile import load_profile
 
 logger = logging.getLogger(__name__)
@@ -119,13 +121,13 @@ class Engine:
         )
         if result.folder is None or result.state != "done":
             raise DeviceLost("the preview could not be taken", hint=str(result.error))
-        path = Path(result.folder) / "preview" / "white.png"
-        rows, cols = self.grid
-        per_cell = self._config.camera.quads_per_cell
+        folder = Path(result.folder)
+        path = folder / "preview" / "white.png"
+        cells = read_manifest(folder).run.cells
         return {
             "path": str(path),
             "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "shape": [rows * per_cell, cols * per_cell, 3],
+            "shape": [*((0, 0) if cells is None else cells.frame), 3],
         }
 
     def capture(
@@ -145,12 +147,13 @@ class Engine:
         """
         if parent is None:
             parent = Path(request.out) if request.out else state_dir(self._config) / "captures"
-        run = Run(self._config, self._rig, self._profile, RunFolder(parent.resolve(), job))
-        run.watch(emit, cancelled)
+        folder = RunFolder(parent.resolve(), job)
+        ordered = Job(job, request, owner, emit, cancelled)
         self._rig.pulse.heard_by = cancelled
         safe = False
         try:
-            return run.execute(request, self.grid, job, owner, self.describe())
+            run = Run(self._config, self._rig, self._profile, folder, ordered)
+            return run.execute(self.describe())
         except PdcdError as err:
             failure = err
         except Exception as err:
@@ -158,4 +161,4 @@ class Engine:
             failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
         finally:
             safe = self._rig.make_safe()
-        return run.failed(job, failure, safe=safe)
+        return failure_of(ordered, folder, self._rig.clock.now_ns(), failure, safe=safe)

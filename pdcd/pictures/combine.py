@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,32 @@ from pdcd.errors import DecodeError
 from pdcd.probing.deviation import row_weights_s, weight_s
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.recipes.recipe import Combination, Extremes, Photo, Recipe, Rule
+from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 Floats = NDArray[np.float64]
+
+
+class Shown(Protocol):
+    """What the panels really did in a shot; no light is needed to know it."""
+
+    @property
+    def realised(self) -> Factors:
+        """The probing matrix that they gave it."""
+        ...
+
+    @property
+    def missed(self) -> int:
+        """Refreshes that came late or never, where that left codes with unequal light."""
+        ...
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """What the panels did in a shot whose light nobody asked for."""
+
+    realised: Factors
+    missed: int = 0
 
 
 @dataclass(frozen=True)
@@ -49,13 +72,15 @@ class Picture:
 def combine(
     recipe: Recipe,
     shots: Mapping[str, Exposed],
+    cells: CellMap,
     added: Mapping[str, Floats] | None = None,
     *,
     normalise: NormaliseName = "auto",
 ) -> dict[str, Picture]:
     """All pictures of a recipe, the answer first.
 
-    `added` holds what is known to be missing from a photo, (h, w, 3) in scene units.
+    `cells` tells which pixels see which cell. `added` holds what is known to be missing from a
+    photo, (h, w, 3) in scene units.
 
     Each photo is divided by its own least-squares weight before photos are subtracted (erratum
     X9). Shots are independent, so variances add with the squares of their factors. Raises
@@ -65,12 +90,13 @@ def combine(
     "auto" does so for photos whose codes ask for it and for those that missed refreshes: lost codes
     leave cells open unequally often, as the paper's random codes do.
     """
-    return pictures_of(recipe, scaled_photos(recipe, shots, added, normalise=normalise))
+    return pictures_of(recipe, scaled_photos(recipe, shots, cells, added, normalise=normalise))
 
 
 def scaled_photos(
     recipe: Recipe,
     shots: Mapping[str, Exposed],
+    cells: CellMap,
     added: Mapping[str, Floats] | None = None,
     *,
     normalise: NormaliseName = "auto",
@@ -82,8 +108,9 @@ def scaled_photos(
         light = _sum(sign * shots[name].light for sign, name in photo.shots)
         variance = _sum(shots[name].variance for _, name in photo.shots)
         blown = np.logical_or.reduce([shots[name].saturated for _, name in photo.shots])
-        by_row = divided_by_row(photo, shots, normalise)
-        weight = _weight(photo, realised, light.shape[:2], by_row=by_row)
+        weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
+        if weight.ndim:
+            weight = cells.spread(weight)[..., None]
         sigma = np.sqrt(variance) / weight
         sigma[blown] = np.inf
         image = light / weight + (0.0 if added is None else added.get(photo.name, 0.0))
@@ -96,7 +123,7 @@ def pictures_of(recipe: Recipe, photos: Mapping[str, Picture]) -> dict[str, Pict
     return {name: _combination(rule, photos) for name, rule in recipe.pictures.items()}
 
 
-def divided_by_row(photo: Photo, shots: Mapping[str, Exposed], normalise: NormaliseName) -> bool:
+def divided_by_row(photo: Photo, shots: Mapping[str, Shown], normalise: NormaliseName) -> bool:
     """Whether each cell of a photo is divided by its own weight; see `combine`."""
     if normalise == "auto":
         return photo.row_weights or any(shots[name].missed for _, name in photo.shots)
@@ -119,17 +146,7 @@ def cell_weights_s(photo: Photo, realised: Factors, *, by_row: bool) -> Floats:
     return own
 
 
-def _weight(photo: Photo, realised: Factors, shape: tuple[int, int], *, by_row: bool) -> Floats:
-    """What to divide a photo by: one number, or (h, w, 1) with that of each cell's row."""
-    own = cell_weights_s(photo, realised, by_row=by_row)
-    if not own.ndim:
-        return own
-    cells = own.reshape(photo.wanted.grid)
-    per_cell = (shape[0] // cells.shape[0], shape[1] // cells.shape[1])
-    return cells.repeat(per_cell[0], axis=0).repeat(per_cell[1], axis=1)[..., None]
-
-
-def realised_photo(terms: Combination, shots: Mapping[str, Exposed]) -> Factors:
+def realised_photo(terms: Combination, shots: Mapping[str, Shown]) -> Factors:
     """Realised probing matrix of a signed sum of shots."""
     return signed_sum((sign, shots[name].realised) for sign, name in terms)
 

@@ -7,7 +7,6 @@ with, and the geometric correction by a homography.
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.errors import ConfigError, DecodeError, NoSpaceError
+from pdcd.errors import ConfigError, DecodeError, disk_errors
 
 _WHITE_PERCENTILE = 99.0
 _WHITE_LEVEL = 0.9
@@ -99,13 +98,15 @@ def warp(
 
 
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Write an (H, W, 3) uint8 RGB picture as PNG. Raises `NoSpaceError`, `ConfigError`."""
+    """Write an (H, W, 3) uint8 RGB picture as PNG. Raises `NoSpaceError`, or
+    `PdcdError` for any other refusal of the disk."""
     _write(path, ".png", picture, [])
 
 
 def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
     """Write an (h, w, 3) RGB image as uncompressed float32 TIFF: float32 values, negative and NaN
-    ones too, come back exactly. Raises `NoSpaceError`, `ConfigError`."""
+    ones too, come back exactly. Raises `NoSpaceError`, or
+    `PdcdError` for any other refusal of the disk."""
     flags = [cv2.IMWRITE_TIFF_COMPRESSION, _TIFF_UNCOMPRESSED]
     _write(path, ".tiff", image.astype(np.float32), flags)
 
@@ -132,13 +133,5 @@ def _write(path: Path, suffix: str, rgb: NDArray[np.generic], flags: Sequence[in
     # Encoded in memory and written here, as cv2.imwrite reports a full disk only as False.
     bgr = np.ascontiguousarray(rgb[..., ::-1])
     _, data = cv2.imencode(suffix, bgr, flags)
-    try:
+    with disk_errors(str(path)):
         path.write_bytes(data.tobytes())
-    except OSError as err:
-        if err.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise NoSpaceError(
-                f"no space left to write {path}", hint="free some space and develop the run again"
-            ) from err
-        raise ConfigError(
-            f"cannot write {path}: {err.strerror}", hint="name a folder that can be written"
-        ) from err

@@ -16,6 +16,7 @@ from pdcd.pilot.links import SHARP, correction, estimate_links, match_links, sha
 from pdcd.pilot.worth import Worth, worth
 from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Recipe
+from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -49,36 +50,34 @@ class Learned:
 
 
 def stack_photos(
-    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools
+    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, cells: CellMap
 ) -> tuple[Floats, Floats]:
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
 
     Those not taken yet are left out; `bits` are of those that were. Each is divided by its
-    own time of open mask and lit projector; quads of a cell are averaged.
+    own time of open mask and lit projector; pixels of a cell are averaged.
     """
     photos, sigmas = [], []
-    rows, cols = recipe.goal.grid
     taken = [name for name in recipe.stack if name in shots]
     for name, lit in zip(taken, bits, strict=True):
         shot = shots[name]
         weight = time_s(shot.realised, lit)
-        quads = (shot.light.shape[0] // rows, shot.light.shape[1] // cols)
-        blocks = (rows, quads[0], cols, quads[1], 3)
-        photos.append(shot.light.reshape(blocks).mean(axis=(1, 3)).reshape(-1, 3) / weight)
-        noise = shot.variance.reshape(blocks).mean(axis=(1, 3)).reshape(-1, 3)
-        sigmas.append(np.sqrt(noise / (quads[0] * quads[1])) / weight)
+        photos.append(cells.mean(shot.light) / weight)
+        sigmas.append(np.sqrt(cells.mean(shot.variance) / cells.pixels) / weight)
     return np.array(photos), np.array(sigmas)
 
 
-def learn(recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, total: int) -> Learned:
+def learn(
+    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, total: int, cells: CellMap
+) -> Learned:
     """Find the strong far paths in the pilot photos, `total` codes being spent in all.
 
     With the scouts alone among `shots`, only look whether there may be any.
     """
     taken = sum(name in shots for name in recipe.stack)
     bits = bits[:taken]
-    photos, sigma = stack_photos(recipe, shots, bits)
-    grid = recipe.goal.grid
+    photos, sigma = stack_photos(recipe, shots, bits, cells)
+    grid = recipe.target.grid
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
     first = slice(0, SCOUTS)
     sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
 from pdcd.pictures.combine import divided_by_row, realised_photo
-from pdcd.pictures.decode import decode
+from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.develop import preview
 from pdcd.probing.deviation import row_weights_s, weight_s
 from pdcd.runs.folder import read_manifest
@@ -68,17 +68,16 @@ def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) ->
             f"there is no cell {cell[0]} {cell[1]} in a grid of {rows} x {cols}",
             hint=f"rows count from 0 to {rows - 1}, columns from 0 to {cols - 1}",
         )
-    decoded = decode(folder, record)
-    photos = {p.name: p for p in decoded.recipe.photos}
-    name = decoded.recipe.main if photo is None else photo
+    recipe, shots = Darkroom(folder, record).matrices()
+    photos = {p.name: p for p in recipe.photos}
+    name = recipe.main if photo is None else photo
     if name not in photos:
         raise ConfigError(f"there is no photo {name}", hint=f"known: {', '.join(photos)}")
     chosen = photos[name]
-    exposed = {**decoded.shots, **decoded.sums}
-    realised = realised_photo(chosen.shots, exposed)
+    realised = realised_photo(chosen.shots, shots)
     n = cell[0] * cols + cell[1]
     weight = weight_s(realised, chosen.wanted)
-    if divided_by_row(chosen, exposed, record.normalise):
+    if divided_by_row(chosen, shots, record.normalise):
         inner, norm = row_weights_s(realised, chosen.wanted)
         weight = inner[n] / norm[n] if inner[n] > 0.0 else weight
     row = realised.left[:, n] @ realised.right

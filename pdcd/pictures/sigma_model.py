@@ -30,6 +30,7 @@ from pdcd.pictures.combine import Exposed, Picture, pictures_of, realised_photo
 from pdcd.pictures.sigma import Barred, barred
 from pdcd.probing.deviation import row_deviations, weight_s
 from pdcd.recipes.recipe import Recipe
+from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +49,7 @@ def modelled(
     shots: Mapping[str, Exposed],
     photos: Mapping[str, Picture],
     pictures: Mapping[str, Picture],
+    cells: CellMap,
     alive: Callable[[], None] = lambda: None,
 ) -> dict[str, Barred]:
     """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
@@ -62,14 +64,7 @@ def modelled(
         picture = photos[photo.name]
         realised = realised_photo(photo.shots, shots)
         rows = row_deviations(realised, photo.wanted, weight_s(realised, photo.wanted), alive)
-        per_cell = (
-            picture.image.shape[0] // photo.wanted.grid[0],
-            picture.image.shape[1] // photo.wanted.grid[1],
-        )
-        mean, variance, diagonal = (
-            row.reshape(photo.wanted.grid).repeat(per_cell[0], 0).repeat(per_cell[1], 1)[..., None]
-            for row in rows
-        )
+        mean, variance, diagonal = (cells.spread(row)[..., None] for row in rows)
         error = code_error(picture, mean**2 + diagonal**2, variance, photo.wanted.cells, white)
         alone[photo.name] = Picture(picture.image, error)
     code = pictures_of(recipe, alone)

@@ -26,6 +26,7 @@ from scipy import ndimage
 from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pictures.learn import Learned
 from pdcd.recipes.recipe import Recipe
+from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 Floats = NDArray[np.float64]
@@ -220,6 +221,7 @@ def smoothed(
     shots: Mapping[str, Exposed],
     picture: Picture,
     learned: Learned | None,
+    cells: CellMap,
     *,
     normalise: NormaliseName = "auto",
 ) -> Picture:
@@ -228,19 +230,16 @@ def smoothed(
     Sigma stays: the correction is a small part of the picture. `normalise` is what the picture was
     made with (`pdcd.pictures.combine`).
     """
-    photo = next(p for p in recipe.photos if p.name == "coded")
+    photo = recipe.coded
+    if photo is None:
+        return picture
     realised = realised_photo(photo.shots, shots)
     weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
-    rows, cols = recipe.goal.grid
-    height, width = picture.image.shape[:2]
-    quads = (height // rows, width // cols)
-    cells = picture.image.reshape(rows, quads[0], cols, quads[1], 3).mean(axis=(1, 3))
-    image = cells.reshape(-1, 3)
+    image = cells.mean(picture.image)
     if learned is not None:
         image = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
-    more = colour_correction(realised.left, realised.right, weight, image, recipe.goal.grid)
-    full = more.reshape(rows, cols, 3).repeat(quads[0], axis=0).repeat(quads[1], axis=1)
-    return Picture(picture.image + full, picture.sigma)
+    more = colour_correction(realised.left, realised.right, weight, image, cells.grid)
+    return Picture(picture.image + cells.spread(more), picture.sigma)
 
 
 def _sums(paths: Any) -> Floats:

@@ -31,7 +31,6 @@ from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
-from pdcd.recipes.repeat import repeated
 from pdcd.request import CaptureRequest, Prediction
 from pdcd.scene.scene import Scene
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
@@ -136,15 +135,15 @@ def choose(
     best = search.run()
     confidence = request.confidence or CONFIDENCE
     prediction = Prediction(
-        error=best.estimate.error(best.plan.repeat),
+        error=best.estimate.error(best.plan.how.repeat),
         code=best.estimate.code,
-        sensor=best.estimate.sensor / best.plan.repeat**0.5,
-        bound=best.estimate.bound(confidence, best.plan.repeat),
+        sensor=best.estimate.sensor / best.plan.how.repeat**0.5,
+        bound=best.estimate.bound(confidence, best.plan.how.repeat),
         confidence=confidence,
         iso=best.iso,
         prior=search.prior_name,
     )
-    return replace(best, plan=replace(best.plan, prediction=prediction))
+    return replace(best, plan=replace(best.plan, iso=best.iso, prediction=prediction))
 
 
 def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | None) -> Scene | Prior:
@@ -196,12 +195,12 @@ class _Search:
         if self._takes_pilot() and (plain is None or self.request.seconds is not None):
             coarse = self.grid[0] * self.grid[1] <= MOST_CELLS
             kinds = (True, False) if coarse else (False,)
-            blacks = self._blacks() if plain is None else (plain.plan.black_level,)
+            blacks = self._blacks() if plain is None else (plain.plan.how.black_level,)
             for by_map, black, schedule in product(kinds, blacks, self._schedules()):
                 self._climb(schedule, black, by_map=by_map)
         if self.best is None:
             raise self._refusal()
-        if plain is not None and self.best.plan.pilot:
+        if plain is not None and self.best.plan.how.pilot:
             kept = self._bound(self.best) / self._bound(plain)
             return self.best if kept < PILOT_PAYS else plain
         return self.best
@@ -238,7 +237,7 @@ class _Search:
         errors: list[float] = []
         sensor = 0.0
         for plan in self._plans(schedule, black, by_map):
-            least_s = _seconds(_scaled(plan, 1, 1))
+            least_s = _seconds(plan.scaled(1, 1))
             budget_s = self.request.seconds
             if budget_s is not None and least_s > budget_s:
                 self.refused = self.refused or f"the shortest plan takes {least_s:.3g} s"
@@ -253,7 +252,7 @@ class _Search:
             estimate = self._settle(plan)
             if estimate.saturates:  # and more codes bring more light
                 return
-            learned = self.learned.get((plan.pilot, plan.schedule))
+            learned = self.learned.get((plan.how.pilot, plan.schedule))
             if learned is not None and not learned.promising:  # as every pilot's scouts will find
                 return
             errors.append(estimate.code)
@@ -294,7 +293,7 @@ class _Search:
             if self.given is not None and guidable(plan):
                 plan = by_prior(plan, self.given, request.seed)
             if any(program.coded for program in plan.recipe.programs.values()):
-                per_code_s = max(plan.exposure_s(s) for s in plan.recipe.shots) / plan.count
+                per_code_s = max(plan.exposure_s(s) for s in plan.recipe.shots) / plan.how.coded
             yield plan
 
     def _family(self) -> tuple[FamilyName, int]:
@@ -351,7 +350,7 @@ class _Search:
         """Keep this candidate if it is the best so far."""
 
         def choice(repeat: int) -> Choice:
-            whole = _scaled(plan, passes, repeat)
+            whole = plan.scaled(passes, repeat)
             return Choice(whole, estimate, iso, _seconds(whole))
 
         if self.request.error is not None:
@@ -365,19 +364,19 @@ class _Search:
                         self.best = found
                     return
             return
-        found = choice(self._most_repeats(_scaled(plan, passes, 1)))
+        found = choice(self._most_repeats(plan.scaled(passes, 1)))
         fits = found.seconds <= (self.request.seconds or 0.0)
         if fits and (self.best is None or self._bound(found) < self._bound(self.best)):
             self.best = found
 
     def _bound(self, choice: Choice) -> float:
-        return choice.estimate.bound(self.confidence, choice.plan.repeat)
+        return choice.estimate.bound(self.confidence, choice.plan.how.repeat)
 
     def _most_repeats(self, plan: Plan) -> int:
         """How many exposures the time allows, at least 1."""
         if self.request.seconds is None:
             return MOST_REPEATS
-        one_s, two_s = _seconds(plan), _seconds(_scaled(plan, plan.passes, 2))
+        one_s, two_s = _seconds(plan), _seconds(plan.scaled(plan.passes, 2))
         extra = int((self.request.seconds - one_s) / (two_s - one_s) + 1e-9)
         return min(MOST_REPEATS, 1 + max(0, extra))
 
@@ -394,23 +393,12 @@ class _Search:
         closest, estimate = self.closest, self.closest.estimate
         within = 100.0 * self._bound(closest)
         return ConfigError(
-            f"{asked}: {closest.plan.count} codes, {MOST_REPEATS} times, leave {within:.2g} % "
+            f"{asked}: {closest.plan.how.coded} codes, {MOST_REPEATS} times, leave {within:.2g} % "
             f"({100.0 * estimate.code:.2g} % by the codes, "
             f"{100.0 * estimate.sensor / MOST_REPEATS**0.5:.2g} % by the sensor), within "
             f"{self.setting.config.limits.max_exposure_s:g} s an exposure",
             hint=f"ask for {1.05 * within:.2g} % or more, or raise limits.max_exposure_s",
         )
-
-
-def _scaled(plan: Plan, passes: int, repeat: int) -> Plan:
-    """The same with its codes shown `passes` times in each of `repeat` exposures."""
-    return replace(
-        plan,
-        passes=passes,
-        white_slots=plan.white_slots * passes // plan.passes,
-        repeat=repeat,
-        recipe=repeated(plan.recipe, repeat),
-    )
 
 
 def _longest(plan: Plan) -> float:

@@ -85,7 +85,7 @@ class Guess:
         `noise` is the sensor's error of one photo relative to that photo.
         """
         direct, indirect = 1.0 - self.prior.indirect, self.prior.indirect
-        goal = self.plan.recipe.goal
+        goal = self.plan.recipe.target.goal
         if goal.name == "white":
             return 1.0, 0.0, noise
         if goal.name == "fraction":
@@ -102,19 +102,19 @@ class Guess:
         """RMS error of the codes in indirect light, as a share of all light."""
         s2 = self.prior.indirect**2
         if self.plan.family in COINS:
-            return float(np.sqrt((s2 + 2.0 * s2 / self.prior.paths) / self.plan.count))
+            return float(np.sqrt((s2 + 2.0 * s2 / self.prior.paths) / self.plan.how.coded))
         return float(np.sqrt(s2 / self.prior.paths * self._share()))
 
     def _kept_error(self, p: float, signal: float) -> float:
         """The same in ``direct + p indirect`` light."""
         q = self.prior.indirect**2 / self.prior.paths
         if self.plan.family in COINS:
-            return float(np.sqrt((1.0 - p) * (q + signal**2 / p) / self.plan.count))
+            return float(np.sqrt((1.0 - p) * (q + signal**2 / p) / self.plan.how.coded))
         return (1.0 - p) * float(np.sqrt(q * self._share()))
 
     def _share(self) -> float:
         """Variance that one path of strength 1 brings into a picture of weight 1."""
-        count, cells = self.plan.count, self.plan.grid[0] * self.plan.grid[1]
+        count, cells = self.plan.how.coded, self.plan.grid[0] * self.plan.grid[1]
         if self.plan.family != "hadamard":
             return 1.0 / max(count - 1, 1)
         return max(cells / max(count - 1, 1) - 1.0, 0.0) / max(cells - 1, 1)
@@ -133,7 +133,7 @@ class Guess:
 def guess(plan: Plan, setting: Setting, prior: Prior) -> Guess:
     """Foresee a plan by a prior; its goal must be one of `GOALS`."""
     leak = 0.0
-    if plan.recipe.goal.name in ("indirect", "direct"):
+    if plan.recipe.target.goal.name in ("indirect", "direct"):
         photo = next(p for p in plan.recipe.photos if p.name == "coded")
         shot = next(s for s in plan.recipe.shots if s.name == photo.shots[0][1])
         matrix = foreseen(plan, shot, setting.config)

@@ -9,6 +9,7 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import levels_of
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
+from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +98,7 @@ def peak_share(
 
 
 def expected_share(
-    planes: NDArray[np.float32], ratio: Floats, saturation_dn: float, *, aligned: bool
+    planes: NDArray[np.float32], ratio: Floats, saturation_dn: float, cells: CellMap | None
 ) -> float:
     """Brightest sample of the real exposure, as a share of saturation; may be more than 1.
 
@@ -105,15 +106,12 @@ def expected_share(
     ----------
     planes : (4, h, w), the test exposure in DN above black.
     ratio : (rows, cols) of `metered_pairs`.
-    aligned : whether pixels lie along cells, h and w being multiples of rows and cols. If not, the
-        ratio of an average cell counts for all.
+    cells : which pixels see which cell. None where that is not known: the ratio of an average cell
+        then counts for all.
     """
-    rows, cols = ratio.shape
-    height, width = planes.shape[-2:]
-    if not aligned or height % rows or width % cols:
+    if cells is None:
         return float(planes.max() * np.median(ratio)) / saturation_dn
-    of_pixels = ratio.repeat(height // rows, axis=0).repeat(width // cols, axis=1)
-    return float((planes * of_pixels).max()) / saturation_dn
+    return float((planes * cells.spread(ratio.ravel())).max()) / saturation_dn
 
 
 def at_least(apertures: tuple[float, ...], f_number: float) -> float:

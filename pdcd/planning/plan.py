@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from pdcd.frames.frames import Frames
@@ -12,8 +13,9 @@ from pdcd.frames.patterns import Patterns, levels_of
 from pdcd.frames.schedule import build_frames, slot_rows
 from pdcd.recipes.programs import Floodlit, Program
 from pdcd.recipes.recipe import Recipe, Shot
-from pdcd.request import PlanSummary, Prediction, ShotSummary
-from pdcd.words import BlackLevel, ScheduleName
+from pdcd.recipes.repeat import repeated
+from pdcd.request import How, PlanSummary, Prediction, ShotSummary
+from pdcd.words import ScheduleName
 
 Pair = tuple[Patterns, Patterns]
 
@@ -23,34 +25,51 @@ class Plan:
     """All that the engine needs to know; `frames` builds the refreshes of a shot on demand."""
 
     recipe: Recipe
+    how: How
+    """What the recipe was made by, beside its target."""
     patterns: dict[str, Pair]
     """Projector and mask patterns of each program."""
-    family: str
-    count: int
-    pilot: int
-    parts: int
     p: float
-    grid: tuple[int, int]
     window: str
     schedule: ScheduleName
     passes: int
     white_slots: int
-    refresh_hz: float
+    row_hz: float
     """Rows of frames a second: refreshes, or the planes that each of them carries."""
     settle_s: float
     delay_s: float = 0.0
     """Time by which the mask is sent its frames later, or earlier."""
-    repeat: int = 1
+    iso: int | None = None
+    """None: the camera's lowest."""
     smooth: bool = False
     """Whether the indirect photo is to be corrected for its smooth light
     (`pdcd.pictures.smooth`)."""
-    black_level: BlackLevel = "none"
-    """Which leaks further shots measure."""
     prediction: Prediction | None = None
     prior: str | None = None
     """What guided the codes, in words."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of cells."""
+        return self.recipe.target.grid
+
+    @property
+    def family(self) -> str:
+        """How the codes are made; "none" where there are none."""
+        return self.how.family or "none"
+
+    def scaled(self, passes: int, repeat: int) -> Plan:
+        """The same plan, of single exposures, with its codes shown `passes` times in each of
+        `repeat` exposures."""
+        return replace(
+            self,
+            passes=passes,
+            white_slots=self.white_slots * passes // self.passes,
+            how=msgspec.structs.replace(self.how, repeat=repeat),
+            recipe=repeated(self.recipe, repeat),
+        )
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""
@@ -63,7 +82,7 @@ class Plan:
             return self.white_slots
         if self.recipe.programs[shot.program].coded:
             return self.passes
-        return max(1, round(self.count * self.passes / len(self.patterns[shot.program][0])))
+        return max(1, round(self.how.coded * self.passes / len(self.patterns[shot.program][0])))
 
     def pairs_of(self, shot: Shot) -> int:
         """Pairs of patterns in a shot's sequence."""
@@ -106,13 +125,13 @@ class Plan:
 
     def exposure_s(self, shot: Shot) -> float:
         """Planned time between opening and closing the shutter."""
-        return self.refreshes(shot) / self.refresh_hz + self.delay_s + 2.0 * self.settle_s
+        return self.refreshes(shot) / self.row_hz + self.delay_s + 2.0 * self.settle_s
 
     def summary(self) -> PlanSummary:
         """The plan in figures."""
         alike = {name: len(self.recipe.stack) for name in self.recipe.stack[:1]}
         copied = {s.copy_of for s in self.recipe.shots}
-        alike |= {s.name: self.repeat for s in self.recipe.shots if s.name in copied}
+        alike |= {s.name: self.how.repeat for s in self.recipe.shots if s.name in copied}
         shots = tuple(
             ShotSummary(
                 name=s.name,
@@ -131,22 +150,22 @@ class Plan:
         single = first in self.recipe.stack or first in self.recipe.sums
         main = self.recipe.stack[0] if single else first
         return PlanSummary(
-            goal=self.recipe.goal.name,
+            goal=self.recipe.target.goal.name,
             family=self.family,
-            codes=self.count + self.pilot,
+            codes=self.how.codes,
             p=self.p,
             grid=self.grid,
             window=self.window,
             guards=self.schedule != "none",
             schedule=self.schedule,
             passes=self.passes,
-            parts=self.parts,
+            parts=self.how.parts,
             shots=shots,
             refreshes=sum(s.refreshes * s.exposures for s in shots),
             seconds=sum(s.exposure_s * s.exposures for s in shots),
             light_share=next(s.light_share for s in shots if s.name == main),
             raw_files=len(self.recipe.shots),
-            pilot=self.pilot,
+            pilot=self.how.pilot,
             prediction=self.prediction,
             prior=self.prior,
         )

@@ -20,19 +20,19 @@ from pdcd.frames.balance import streams
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.patterns import levels_of
 from pdcd.pictures.combine import Exposed, combine, scaled_photos
-from pdcd.pictures.learn import Learned, corrections, learn
-from pdcd.pictures.smooth import smoothed
+from pdcd.pictures.learn import Learned, learn
+from pdcd.pictures.photos import corrected_photos
 from pdcd.pilot.codes import SCOUTS
 from pdcd.planning.guided import stopped, with_links
 from pdcd.planning.metering import TARGET, metered_pairs
 from pdcd.planning.outlook import Alive, Estimate, Floats, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.truth import answer
-from pdcd.probing.deviation import weight_s
 from pdcd.probing.panel import apart_s
-from pdcd.probing.realised import Factors, bench_factors, collect, signed_sum
+from pdcd.probing.realised import Factors, bench_factors, collect
 from pdcd.recipes.recipe import Extremes, Recipe, Shot
 from pdcd.scene.scene import Scene
+from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 
@@ -66,7 +66,8 @@ class Rehearsal:
             peak_e = passes * _peak_e(self.light[shot.name], self.setting)
             shots[shot.name] = self._exposed(shot, passes, iso, f)
             headroom = min(headroom, TARGET * self.setting.full_e(iso) * f**2 / max(peak_e, 1e-9))
-        pictures = combine(self.recipe, shots, self.added, normalise=self.normalise)
+        cells = CellMap.block(self.plan.grid, self.plan.grid)
+        pictures = combine(self.recipe, shots, cells, self.added, normalise=self.normalise)
         picture = next(iter(pictures.values()))
         total = float(np.sum(self.truth**2)) or 1.0
         code2, sensor2 = (picture.image - self.truth) ** 2, picture.sigma**2
@@ -117,8 +118,8 @@ def rehearse(
             rehearsed[shot.name] = _photo(plan, shot, setting.config, scene)
 
     learned = None
-    if plan.pilot:
-        key = plan.pilot, plan.schedule
+    if plan.how.pilot:
+        key = plan.how.pilot, plan.schedule
         learned = None if known is None else known.get(key)
         if learned is None:
             pilot = [shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack]
@@ -140,16 +141,6 @@ def rehearse(
     for shot in recipe.shots:
         if shot.program not in metered_e:
             metered_e[shot.program] = _metered_e(plan, shot, setting, scene)
-    added = {} if learned is None else _added(plan, recipe, learned, realised)
-    if plan.smooth and "coded" in (photo.name for photo in recipe.photos):
-        dark = np.zeros((*plan.grid, 3))
-        shots = {
-            name: Exposed(light, dark, dark[..., 0] > 0.0, matrix, {})
-            for name, (light, matrix) in rehearsed.items()
-        }
-        coded = scaled_photos(recipe, shots, added, normalise=normalise)["coded"]
-        more = smoothed(recipe, shots, coded, learned, normalise=normalise).image - coded.image
-        added["coded"] = added.get("coded", 0.0) + more
     return Rehearsal(
         plan=plan,
         recipe=recipe,
@@ -158,7 +149,7 @@ def rehearse(
         light={name: light for name, (light, _) in rehearsed.items()},
         realised=realised,
         metered_e=metered_e,
-        added=added,
+        added=_added(plan, recipe, rehearsed, learned, normalise),
         truth=answer(scene, plan.recipe).reshape(*plan.grid, 3),
     )
 
@@ -242,17 +233,30 @@ def _learned(
     cells = plan.grid[0] * plan.grid[1]
     primal = plan.patterns["pilot"][0]
     bits = np.array([levels_of(primal, k, cells) > 0.5 for k in range(len(primal))])
-    return learn(plan.recipe, shots, bits, plan.count + plan.pilot)
+    return learn(plan.recipe, shots, bits, plan.how.codes, CellMap.block(plan.grid, plan.grid))
 
 
 def _added(
-    plan: Plan, recipe: Recipe, learned: Learned, realised: dict[str, Factors]
+    plan: Plan,
+    recipe: Recipe,
+    rehearsed: dict[str, tuple[Floats, Factors]],
+    learned: Learned | None,
+    normalise: NormaliseName,
 ) -> dict[str, Floats]:
-    """What the coded photo gets wrong of the paths that the pilot found, as decoding adds it."""
-    photo = next(p for p in recipe.photos if p.name == "coded")
-    matrix = signed_sum((sign, realised[name]) for sign, name in photo.shots)
-    missing = corrections(learned, matrix, weight_s(matrix, photo.wanted))
-    return {"coded": missing.reshape(*plan.grid, 3)}
+    """What decoding will add to the coded photo: for a pilot's paths, and for smooth light."""
+    if recipe.coded is None or (learned is None and not plan.smooth):
+        return {}
+    cells = CellMap.block(plan.grid, plan.grid)
+    dark = np.zeros((*plan.grid, 3))
+    shots = {
+        name: Exposed(light, dark, dark[..., 0] > 0.0, matrix, {})
+        for name, (light, matrix) in rehearsed.items()
+    }
+    plain = scaled_photos(recipe, shots, cells, normalise=normalise)
+    corrected = corrected_photos(
+        recipe, shots, learned, cells, normalise=normalise, smooth=plan.smooth
+    )
+    return {recipe.coded.name: corrected["coded"].image - plain["coded"].image}
 
 
 def _metered_e(plan: Plan, shot: Shot, setting: Setting, scene: Scene) -> float:

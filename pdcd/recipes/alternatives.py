@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.recipes.goals import Goal
+from pdcd.recipes.goals import Target
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -100,19 +100,19 @@ def checkers(grid: tuple[int, int], block: int = BLOCK_CELLS) -> Floats:
     )
 
 
-def shares(goal: Goal, method: str) -> tuple[float, float]:
+def shares(target: Target, method: str) -> tuple[float, float]:
     """How much of direct and of indirect light a goal asks for.
 
     Raises ConfigError for goals that are more than that.
     """
-    known = {"direct": (1.0, 0.0), "indirect": (0.0, 1.0), "fraction": (1.0, goal.p or 0.0)}
-    if goal.name not in known:
+    known = {"direct": (1.0, 0.0), "indirect": (0.0, 1.0), "fraction": (1.0, target.goal.p or 0.0)}
+    if target.goal.name not in known:
         raise ConfigError(
-            f"method {method} cannot do the goal {goal.name}",
+            f"method {method} cannot do the goal {target.goal.name}",
             hint=f"it does {', '.join(known)}; take the method coded",
         )
-    if goal.light is not None:
+    if target.light is not None:
         raise ConfigError(
             f"method {method} takes no illumination", hint="leave it out, or take the method coded"
         )
-    return known[goal.name]
+    return known[target.goal.name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -9,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.recipes.goals import MATRICES, PLANES, Goal, check_goal
-from pdcd.request import CaptureRequest
+from pdcd.recipes.goals import MATRICES, PLANES, Target, check_target
+from pdcd.request import CaptureRequest, Goal
 
 Floats = NDArray[np.float64]
 Given = str | tuple[tuple[float, ...], ...]
@@ -54,8 +55,8 @@ def _image(name: str, path: Path, data: bytes) -> Floats:
     return image.astype(np.float64) / full
 
 
-def goal_of(request: CaptureRequest, grid: tuple[int, int]) -> Goal:
-    """The goal a request asks for, with all its arrays read. Raises ConfigError."""
+def target_of(request: CaptureRequest, grid: tuple[int, int]) -> Target:
+    """What a request asks for, with all its arrays read. Raises ConfigError."""
     given = {name: getattr(request, name) for name in (*PLANES, *MATRICES)}
     arrays = {name: load(name, v) for name, v in given.items() if v is not None}
     for name in PLANES:
@@ -65,16 +66,18 @@ def goal_of(request: CaptureRequest, grid: tuple[int, int]) -> Goal:
                 f"{grid[0]} x {grid[1]} cells",
                 hint="give one value for each cell",
             )
-    return check_goal(
-        Goal(
-            name=request.goal,
-            grid=grid,
-            p=request.p,
-            shift=request.shift,
-            radius=request.radius,
-            mix=request.mix,
-            period=request.period,
-            planes={name: a.ravel() for name, a in arrays.items() if name in PLANES},
-            matrices={name: a for name, a in arrays.items() if name in MATRICES},
-        )
+    goal = Goal(
+        name=request.goal,
+        p=request.p,
+        shift=request.shift,
+        radius=request.radius,
+        mix=request.mix,
+        period=request.period,
     )
+    return check_target(target_with(goal, grid, arrays))
+
+
+def target_with(goal: Goal, grid: tuple[int, int], arrays: Mapping[str, Floats]) -> Target:
+    """A goal over a grid with these arrays by name, planes of any shape; nothing is checked."""
+    planes = {name: a.ravel() for name, a in arrays.items() if name in PLANES}
+    return Target(goal, grid, planes, {name: a for name, a in arrays.items() if name in MATRICES})

@@ -1,7 +1,8 @@
 """What to keep of the light transport, as a value: every row of Tables 1 and 2 of the paper.
 
-A `Goal` is a name with its parameters. What it means as a matrix and how it is photographed is in
-`pdcd.recipes.recipe`; this file knows which parameters each goal takes, and checks them.
+A `Goal` is a name with its numbers, a `Target` is one over a grid, with its arrays. What it means
+as a matrix and how it is photographed is in `pdcd.recipes.make`; this file knows which parameters
+each goal takes, and checks them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
+from pdcd.request import Goal
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]
@@ -54,23 +56,21 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
-    """A goal and its parameters.
+class Target:
+    """A goal over a grid of cells, with its arrays.
 
-    shift : (down, right) cells; radius, period : cells; mix : weights of the two warps;
-    p : 0..1.
     planes : name -> (N,) float64; matrices : name -> 2-D float64.
     """
 
-    name: str
+    goal: Goal
     grid: Grid
-    p: float | None = None
-    shift: tuple[int, int] | None = None
-    radius: int | None = None
-    mix: tuple[float, float] | None = None
-    period: int | None = None
     planes: Mapping[str, Floats] = field(default_factory=dict)
     matrices: Mapping[str, Floats] = field(default_factory=dict)
+
+    @property
+    def cells(self) -> int:
+        """N."""
+        return self.grid[0] * self.grid[1]
 
     @property
     def light(self) -> Floats | None:
@@ -78,32 +78,30 @@ class Goal:
         return self.planes.get("illumination")
 
 
-def check_goal(goal: Goal) -> Goal:
-    """The goal itself, or ConfigError that says what to change."""
+def check_target(target: Target) -> Target:
+    """The target itself, or ConfigError that says what to change."""
+    goal = target.goal
     if goal.name not in GOALS:
         raise ConfigError(f"unknown goal {goal.name!r}", hint=f"known goals: {', '.join(GOALS)}")
     needs, _ = GOALS[goal.name]
-    names = ("p", "shift", "radius", "mix", "period")
-    single = {name: getattr(goal, name) for name in names}
-    given = {name for name, value in single.items() if value is not None}
-    given |= set(goal.planes) | set(goal.matrices)
-    allowed = set(needs) if goal.name == "relit" else {*needs, "illumination"}
-    if goal.name == "relit":
-        allowed.add("illumination")
-    missing, spare = sorted(set(needs) - given), sorted(given - allowed)
+    numbers = {name for name in goal.__struct_fields__ if name != "name"}
+    given = {name for name in numbers if getattr(goal, name) is not None}
+    given |= {*target.planes, *target.matrices}
+    missing, spare = sorted({*needs} - given), sorted(given - {*needs, "illumination"})
     if missing:
         raise ConfigError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
         raise ConfigError(f"goal {goal.name} takes no {', '.join(spare)}", hint="leave it out")
-    _check_numbers(goal)
-    for name, plane in goal.planes.items():
-        _check_plane(goal, name, plane)
-    for name, matrix in goal.matrices.items():
-        _check_matrix(goal, name, matrix)
-    return goal
+    _check_numbers(target)
+    for name, plane in target.planes.items():
+        _check_plane(target, name, plane)
+    for name, matrix in target.matrices.items():
+        _check_matrix(target, name, matrix)
+    return target
 
 
-def _check_numbers(goal: Goal) -> None:
+def _check_numbers(target: Target) -> None:
+    goal, grid = target.goal, target.grid
     if goal.p is not None and not 0.0 < goal.p < 1.0:
         raise ConfigError(
             f"p = {goal.p} is not between 0 and 1",
@@ -111,35 +109,35 @@ def _check_numbers(goal: Goal) -> None:
         )
     if goal.radius is not None and goal.radius < 0:
         raise ConfigError(f"radius {goal.radius} is negative", hint="count cells from 0")
-    if goal.name == "long-range" and goal.radius is not None and goal.radius >= max(goal.grid) - 1:
+    if goal.name == "long-range" and goal.radius is not None and goal.radius >= max(grid) - 1:
         raise ConfigError(
             f"no cell is further than {goal.radius} cells from another",
             hint="take a smaller radius",
         )
     if goal.shift is not None:
         down, right = goal.shift
-        if abs(down) >= goal.grid[0] or abs(right) >= goal.grid[1]:
+        if abs(down) >= grid[0] or abs(right) >= grid[1]:
             raise ConfigError(
-                f"a shift of {goal.shift} leaves the grid of {goal.grid[0]} x {goal.grid[1]} cells",
+                f"a shift of {goal.shift} leaves the grid of {grid[0]} x {grid[1]} cells",
                 hint="take a shift smaller than the grid",
             )
         if goal.name == "descattered" and goal.shift == (0, 0):
             raise ConfigError("descattered needs a shift other than 0 0", hint="such as 0 -1")
-    if goal.period is not None and (goal.period % 4 or not 4 <= goal.period <= goal.grid[1]):
+    if goal.period is not None and (goal.period % 4 or not 4 <= goal.period <= grid[1]):
         raise ConfigError(
             f"stripes with a period of {goal.period} cells cannot be moved by a quarter of it "
-            f"across {goal.grid[1]} columns",
+            f"across {grid[1]} columns",
             hint="take 4, or another multiple of 4 that fits the grid",
         )
     if goal.mix is not None and not np.isfinite(goal.mix).all():
         raise ConfigError("the two weights must be finite numbers")
 
 
-def _check_plane(goal: Goal, name: str, plane: Floats) -> None:
-    cells = goal.grid[0] * goal.grid[1]
+def _check_plane(target: Target, name: str, plane: Floats) -> None:
+    cells, (rows, cols) = target.cells, target.grid
     if plane.size != cells:
         raise ConfigError(
-            f"{name} has {plane.size} values, the grid has {goal.grid[0]} x {goal.grid[1]} cells",
+            f"{name} has {plane.size} values, the grid has {rows} x {cols} cells",
             hint="give one value for each cell",
         )
     if not np.isfinite(plane).all():
@@ -160,8 +158,8 @@ def _check_plane(goal: Goal, name: str, plane: Floats) -> None:
         raise ConfigError("the illumination is black everywhere")
 
 
-def _check_matrix(goal: Goal, name: str, matrix: Floats) -> None:
-    cells = goal.grid[0] * goal.grid[1]
+def _check_matrix(target: Target, name: str, matrix: Floats) -> None:
+    cells = target.cells
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
         raise ConfigError(f"{name} must be a two-dimensional array of finite numbers")
     if not matrix.any():
@@ -171,5 +169,5 @@ def _check_matrix(goal: Goal, name: str, matrix: Floats) -> None:
     if name == "kernel":
         if matrix.shape[0] % 2 == 0 or matrix.shape[1] % 2 == 0:
             raise ConfigError(f"kernel is {matrix.shape}", hint="its sides must be odd")
-        if matrix.shape[0] // 2 >= goal.grid[0] or matrix.shape[1] // 2 >= goal.grid[1]:
+        if matrix.shape[0] // 2 >= target.grid[0] or matrix.shape[1] // 2 >= target.grid[1]:
             raise ConfigError(f"kernel is {matrix.shape}, wider than the grid reaches")

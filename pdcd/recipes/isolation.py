@@ -17,8 +17,9 @@ from pdcd.frames.lattice import Lattice
 from pdcd.probing.wanted import Wanted
 from pdcd.recipes.programs import Bools, Floats, Pairs, Program
 from pdcd.recipes.recipe import Recipe
+from pdcd.words import FamilyName
 
-FAMILIES = ("isolation", "confocal")
+FAMILIES: tuple[FamilyName, ...] = ("isolation", "confocal")
 """Names under which a request asks for all pairs of cells, or for those that are wanted only."""
 
 MAX_LEVELS = 50_000_000
@@ -74,28 +75,25 @@ class Isolation:
         return np.concatenate(camera), np.concatenate(projector), np.concatenate(entries)
 
 
-def isolated(recipe: Recipe, family: str, *, slot_s: float, limit_s: float) -> Recipe:
-    """The same recipe with every program replaced by path isolation.
-
-    Parameters
-    ----------
-    family : one of `FAMILIES`.
-    slot_s : time that one pair of cells takes.
-    limit_s : longest exposure.
-
-    Raises ConfigError, before anything large is made, when an exposure would take longer.
-    """
+def isolated(recipe: Recipe, family: FamilyName) -> Recipe:
+    """The same recipe with every program replaced by path isolation, of one of `FAMILIES`."""
     shots = {shot.name: shot for shot in recipe.shots}
     programs: dict[str, Program] = {}
     for photo in recipe.photos:
         for sign, name in photo.shots:
             shot = shots[name]
-            if shot.white or shot.primal_black or shot.dual_black:
-                continue
-            program = Isolation(photo.wanted, sign > 0.0, family == "confocal")
-            _check(program, slot_s, limit_s)
-            programs[shot.program] = program
+            if not (shot.white or shot.primal_black or shot.dual_black):
+                isolation = Isolation(photo.wanted, sign > 0.0, family == "confocal")
+                programs[shot.program] = isolation
     return replace(recipe, programs=programs)
+
+
+def check_isolation(recipe: Recipe, *, slot_s: float, limit_s: float) -> None:
+    """Refuse path isolation of which an exposure would take longer than `limit_s`, or too much
+    memory, before anything large is made; `slot_s` is the time of one pair. Raises ConfigError."""
+    for program in recipe.programs.values():
+        if isinstance(program, Isolation):
+            _check(program, slot_s, limit_s)
 
 
 def _check(program: Isolation, slot_s: float, limit_s: float) -> None:

@@ -33,7 +33,7 @@ def in_parts(recipe: Recipe, parts: int) -> Recipe:
     split = [s for s in recipe.shots if _splits(recipe, s)]
     if not split:
         raise ConfigError(
-            f"goal {recipe.goal.name} has no coded photo to split into {parts} parts",
+            f"goal {recipe.target.goal.name} has no coded photo to split into {parts} parts",
             hint="leave out the parts: this photo has no code error",
         )
     programs = {}

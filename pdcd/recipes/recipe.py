@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from pdcd.errors import ConfigError
 from pdcd.probing.wanted import Wanted
-from pdcd.recipes.goals import Goal
+from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Bools, Floats, Program
 
 Combination = tuple[tuple[float, str], ...]
@@ -82,7 +82,7 @@ class Recipe:
     estimate of it.
     """
 
-    goal: Goal
+    target: Target
     programs: dict[str, Program]
     shots: tuple[Shot, ...]
     photos: tuple[Photo, ...]
@@ -90,6 +90,11 @@ class Recipe:
     stack: tuple[str, ...] = ()
     sums: dict[str, Callable[[Bools], Floats]] = field(default_factory=dict)
     meant: Wanted | None = None
+
+    @property
+    def coded(self) -> Photo | None:
+        """The photo of all indirect light at once, where there is one."""
+        return next((photo for photo in self.photos if photo.name == "coded"), None)
 
     @property
     def answer(self) -> Rule:
@@ -109,11 +114,11 @@ class Recipe:
         Raises ConfigError for answers that no single matrix gives.
         """
         if isinstance(self.answer, Extremes):
-            raise ConfigError(f"goal {self.goal.name} is no sum of photos")
+            raise ConfigError(f"goal {self.target.goal.name} is no sum of photos")
         photos = {photo.name: photo.wanted for photo in self.photos}
         parts = [
             (coefficient * weight, part)
             for coefficient, name in self.answer
             for weight, part in photos[name].parts
         ]
-        return Wanted(self.goal.grid, tuple(parts), self.goal.light)
+        return Wanted(self.target.grid, tuple(parts), self.target.light)

@@ -16,7 +16,6 @@ While it is being filled the folder is called ``<job>.partial``; it is never del
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import os
@@ -33,20 +32,14 @@ from numpy.typing import NDArray
 
 from pdcd import __version__
 from pdcd.errors import DecodeError, NoSpaceError, disk_errors
-from pdcd.frames.frames import BLACK, FrameLog, Frames
-from pdcd.frames.lattice import Lattice
+from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.patterns import Patterns
-from pdcd.runs.record import Manifest, ShotRecord
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.frame_table import append_frames
+from pdcd.runs.older import upgraded
+from pdcd.runs.record import Manifest
 
 MANIFEST = "capture.json"
-COLUMNS = (
-    "shot", "refresh", "code", "shift", "guard", "primal_index", "dual_index",
-    "primal_shown", "dual_shown", "t_primal_ns", "t_dual_ns", "skew_ns", "missed", "dropped",
-    "row", "dual_row",
-)  # fmt: skip
-
-ADDED = ("row", "dual_row")
-"""Columns that the first runs did not have: each refresh was its own row of the frames."""
 
 
 class RunFolder:
@@ -109,33 +102,8 @@ class RunFolder:
 
     def write_frames(self, shot: str, frames: Frames, log: FrameLog) -> None:
         """Append the refreshes of a shot to frames.csv."""
-        row, dual_row = log.asked
-        columns: tuple[NDArray[np.generic], ...] = (
-            np.arange(len(log)),
-            np.append(frames.code, -1)[row],
-            np.append(frames.shift, 0)[row],
-            np.append(frames.guard, True)[row].astype(np.int64),
-            np.append(frames.primal_index, BLACK)[row],
-            np.append(frames.dual_index, BLACK)[row],
-            log.primal_shown,
-            log.dual_shown,
-            log.primal_ns,
-            log.dual_ns,
-            log.dual_ns - log.primal_ns,
-            log.missed,
-            ((log.primal_shown != row) | (log.dual_shown != dual_row)).astype(np.int64),
-            row,
-            dual_row,
-        )
-        path = self.path / "frames.csv"
         with disk_errors(str(self.path)):
-            new = not path.exists()
-            with path.open("a", newline="") as file:
-                writer = csv.writer(file)
-                if new:
-                    writer.writerow(COLUMNS)
-                listed = zip(*(c.tolist() for c in columns), strict=True)
-                writer.writerows((shot, *row) for row in listed)
+            append_frames(self.path / FRAMES, shot, frames, log)
 
     def set_aside(self, shot: str, number: int) -> str:
         """Rename the RAW file of an exposure that is to be taken again; returns its new stem."""
@@ -178,16 +146,20 @@ class RunFolder:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest of a finished run. Raises DecodeError when there is none or it is damaged."""
+    """The manifest of a finished run, one of an earlier schema in the words of the present one.
+
+    Raises DecodeError when there is none, when it is damaged, or of a schema not known here.
+    """
     path = folder / MANIFEST
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Manifest)
+        told = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        return msgspec.convert(upgraded(told), Manifest)
     except OSError as err:
         raise DecodeError(
             f"{folder} has no readable {MANIFEST}",
             hint="give the folder of a finished run; one that ends in .partial is not",
         ) from err
-    except msgspec.DecodeError as err:
+    except (msgspec.DecodeError, TypeError) as err:
         raise DecodeError(f"{path} is damaged: {err}", hint="restore it from a copy") from err
 
 
@@ -199,61 +171,6 @@ def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
             return {name: data[name] for name in data.files}
     except (OSError, KeyError, ValueError, EOFError, BadZipFile, zlib.error) as err:
         raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
-
-
-def read_frames(
-    folder: Path, shot: ShotRecord, pair: tuple[Patterns, Patterns], *, grid: tuple[int, int]
-) -> tuple[Frames, FrameLog]:
-    """What one shot was asked to show and what it showed, from frames.csv and its patterns."""
-    path = folder / "frames.csv"
-    try:
-        with path.open(newline="") as file:
-            lines = csv.reader(file)
-            heads = next(lines, [])
-            place = heads.index("shot")
-            rows = [line for line in lines if line[place] == shot.name]
-        if len(rows) != shot.refreshes:
-            raise DecodeError(
-                f"{path} has {len(rows)} refreshes of shot {shot.name}, not {shot.refreshes}",
-                hint="restore it from a copy",
-            )
-        columns = dict(zip(heads, zip(*rows, strict=True), strict=True))
-        table = {
-            name: np.array([int(entry) for entry in columns[name]], dtype=np.int64)
-            for name in COLUMNS[1:]
-            if name in columns or name not in ADDED
-        }
-    except (OSError, IndexError, KeyError, ValueError, csv.Error) as err:
-        raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
-    asked = [table.get(name, table["refresh"]).astype(np.int32) for name in ADDED]
-    # Every row of the frames was asked for at least once; further passes repeat some of them.
-    numbers, first = np.unique(asked[0], return_index=True)
-    first = first[numbers >= 0]
-    frames = Frames(
-        primal_patterns=pair[0],
-        dual_patterns=pair[1],
-        primal_index=table["primal_index"][first].astype(np.int32),
-        dual_index=table["dual_index"][first].astype(np.int32),
-        shift=table["shift"][first].astype(np.uint8),
-        code=table["code"][first].astype(np.int32),
-        guard=table["guard"][first].astype(np.bool_),
-        grid=grid,
-        lattice=Lattice(grid, shot.window).shape,
-        window=shot.window,
-    )
-    log = FrameLog(
-        primal_shown=table["primal_shown"].astype(np.int32),
-        dual_shown=table["dual_shown"].astype(np.int32),
-        primal_ns=table["t_primal_ns"],
-        dual_ns=table["t_dual_ns"],
-        end_ns=np.array(shot.end_ns, dtype=np.int64),
-        missed=table["missed"].astype(np.int32),
-        source=shot.source,
-        verified=shot.verified,
-        primal_asked=asked[0],
-        dual_asked=asked[1],
-    )
-    return frames, log
 
 
 def sha256_of(path: Path) -> str:

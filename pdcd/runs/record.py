@@ -7,10 +7,13 @@ from typing import Any
 import msgspec
 
 from pdcd.bench.tables import Homography, PanelConfig
+from pdcd.request import Goal, How
+from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
-from pdcd.words import BlackLevel, MethodName, NormaliseName
+from pdcd.words import NormaliseName
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""Of the manifest; `pdcd.runs.older` reads those before."""
 
 
 class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,23 +44,14 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Everything beside the RAW files, codes and frame log that the answer depends on."""
 
-    goal: str
-    p: float | None
-    shift: tuple[int, int] | None
-    radius: int | None
-    mix: tuple[float, float] | None
-    period: int | None
-    codes: int
-    method: MethodName
-    pilot: int
+    goal: Goal
+    how: How
+    """As planned; a run that met its target earlier has fewer parts among its shots."""
     smooth: bool
-    parts: int = 1
-    """As planned; a run that met its target earlier has fewer among its shots."""
-    repeat: int = 1
-    black_level: BlackLevel
     normalise: NormaliseName
-    white: bool
     grid: tuple[int, int]
+    cells: CellMap | None = None
+    """Which pixels see which cell; None where no photo was taken yet."""
     projector: PanelConfig
     mask: PanelConfig
     responsivity_e: tuple[float, float, float]

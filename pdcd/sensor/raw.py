@@ -75,6 +75,11 @@ class RawFrame:
     flip: int
     pattern: str
 
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Rows and columns of pixels, one for each Bayer quad."""
+        return int(self.planes.shape[1]), int(self.planes.shape[2])
+
     def exif(self) -> dict[str, object]:
         """What the manifest keeps of it."""
         return {

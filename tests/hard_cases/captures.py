@@ -17,7 +17,7 @@ import numpy as np
 
 from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.pictures.decode import decode
+from pdcd.pictures.darkroom import Darkroom
 from pdcd.recipes.recipe import Extremes
 from pdcd.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
@@ -46,7 +46,7 @@ class Captured:
             engine.stop()
             assert result.error is None and result.folder is not None, result.error
             self.manifest: Manifest = read_manifest(Path(result.folder))
-            decoded = decode(Path(result.folder), self.manifest.run)
+            decoded = Darkroom(Path(result.folder), self.manifest.run).decoded()
         answer = next(iter(decoded.pictures.values()))
         self.image: Floats = answer.image[..., 1].reshape(-1)
         self.sigma: Floats = answer.sigma[..., 1].reshape(-1)

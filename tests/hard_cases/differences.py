@@ -11,9 +11,11 @@ from pdcd.frames.patterns import Patterns
 from pdcd.frames.schedule import build_frames
 from pdcd.pictures.combine import Exposed, Picture, combine
 from pdcd.probing.panel import Panel
-from pdcd.recipes.goals import Goal
-from pdcd.recipes.make import make_recipe
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe
+from pdcd.request import Goal, How
+from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import exact, log_of, photo, realised
@@ -69,7 +71,7 @@ def pictures(
         shots[shot.name] = Exposed(
             image, np.ones_like(image), np.zeros(GRID, bool), realised(frames, log, *panels), {}
         )
-    return combine(recipe, shots)
+    return combine(recipe, shots, CellMap.block(GRID, GRID))
 
 
 def direct_of(transport: Floats) -> Outcome:
@@ -78,7 +80,7 @@ def direct_of(transport: Floats) -> Outcome:
     Sixteen Hadamard codes separate twelve cells exactly: all error is arithmetic.
     """
     codes = bench_rig.pairs(make_codes("hadamard", GRID, 16, dual="complement", seed=2))
-    recipe = make_recipe(Goal("direct", GRID))
+    recipe = recipe_of(Target(Goal(name="direct"), GRID), How())
     want = [Fraction(d) for d in np.diag(transport).tolist()]
     errors = []
     for dtype in (np.float64, np.float32):
@@ -96,7 +98,7 @@ def weak_contrast() -> Outcome:
     want = [sum(map(Fraction, row), Fraction()) for row in indirect.tolist()]
     errors = []
     for level in ("both", "none"):
-        recipe = make_recipe(Goal("indirect", GRID), black_level=level, white=False)
+        recipe = recipe_of(Target(Goal(name="indirect"), GRID), How(black_level=level, white=False))
         image = pictures(recipe, transport, codes, panels, ambient=Fraction(3, 10))["indirect"]
         errors.append(worst(image.image[..., 0], want, min(want)))
     return Outcome(*errors)
@@ -111,7 +113,7 @@ def rarely_lit() -> Outcome:
     p = Fraction(1, 16)
     codes = bench_rig.pairs(make_codes("balanced", GRID, 16, dual="same", p=float(p), seed=3))
     transport = bench_rig.transport()
-    recipe = make_recipe(Goal("fraction", GRID, p=float(p)))
+    recipe = recipe_of(Target(Goal(name="fraction", p=float(p)), GRID), How())
     frames = build_frames(codes, GRID, window="whole", schedule="full", passes=1)
     matrix = exact(frames, log_of(frames)).matrix(Fraction(0), Fraction(0))
     weight = sum((matrix[n][n] for n in range(CELLS)), Fraction()) / CELLS

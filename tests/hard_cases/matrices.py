@@ -24,6 +24,7 @@ from pdcd.recipes.programs import Blocks, SignedBlocks, SignedMatrix
 from pdcd.request import CaptureRequest
 from pdcd.scene.matrix import matrix_effects
 from pdcd.scene.scene import Scene
+from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import log_of, realised
@@ -60,7 +61,7 @@ def _answer(program: type | None, **fields: Any) -> Floats:
         got = realised(frames, log_of(frames), Panel(), Panel())
         light = scene.photo(got.left, got.right, got.coaxial, got.open_s).reshape(*GRID, 3)
         shots[shot.name] = Exposed(light, np.ones_like(light), np.zeros(GRID, bool), got, {})
-    pictures = combine(plan.recipe, shots)
+    pictures = combine(plan.recipe, shots, CellMap.block(GRID, GRID))
     return next(iter(pictures.values())).image[..., 1].ravel()
 
 

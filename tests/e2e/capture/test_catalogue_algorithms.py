@@ -16,10 +16,9 @@ from pdcd.errors import ConfigError
 from pdcd.frames.lattice import Lattice
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning.make import make_plan
-from pdcd.recipes.goals import Goal
-from pdcd.recipes.isolation import isolated
-from pdcd.recipes.make import make_recipe
-from pdcd.request import CaptureRequest
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
+from pdcd.request import CaptureRequest, Goal, How
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig
@@ -109,8 +108,8 @@ def test_a2_proportional_isolation_has_slots_for_wanted_paths_only(tmp_path: Pat
 
 def test_a2_both_halves_of_a_signed_matrix_open_the_same_cells() -> None:
     """So that leaks and ambient light cancel in their difference."""
-    goal = Goal("relit", GRID, matrices={"matrix": SIGNED})
-    recipe = isolated(make_recipe(goal, codes=2), "confocal", slot_s=0.05, limit_s=600.0)
+    goal = Target(Goal(name="relit"), GRID, matrices={"matrix": SIGNED})
+    recipe = recipe_of(goal, How(codes=2, family="confocal"))
     halves = [recipe.programs[name] for name in ("relit-plus", "relit-minus")]
     nothing = np.zeros((0, 0), dtype=bool)
     (light, opened), (other, opened_too) = (

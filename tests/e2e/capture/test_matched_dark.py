@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
-from pdcd.pictures.decode import decode
+from pdcd.pictures.darkroom import Darkroom
 from pdcd.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
@@ -50,7 +50,7 @@ def add_to_every_raw(run: Path, dark: NDArray[np.uint16]) -> None:
 
 
 def picture(run: Path) -> NDArray[np.float64]:
-    decoded = decode(run, read_manifest(run).run)
+    decoded = Darkroom(run, read_manifest(run).run).decoded()
     return next(iter(decoded.pictures.values())).image
 
 

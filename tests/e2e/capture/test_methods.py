@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.pictures.decode import decode, decode_folder
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decode import decode_folder
 from pdcd.request import CaptureRequest, CaptureResult, new_job_id
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
@@ -94,7 +95,9 @@ def test_the_papers_masked_sum_is_a_further_picture(tmp_path: Path) -> None:
     for seed in range(4):
         _, result = take(engine, seed=seed, **fields)
         assert result.folder is not None
-        pictures = decode(Path(result.folder), read_manifest(Path(result.folder)).run).pictures
+        pictures = (
+            Darkroom(Path(result.folder), read_manifest(Path(result.folder)).run).decoded().pictures
+        )
         assert list(pictures) == ["indirect", "white", "direct", "masked"]
         truth = t.sum(axis=1) - np.diag(t)
         errors.append([relative(pictures[n].image, truth) for n in ("indirect", "masked")])

@@ -15,9 +15,10 @@ from pdcd.pictures.combine import Exposed, combine
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.develop import read_tiff
 from pdcd.probing.realised import Factors
-from pdcd.recipes.goals import Goal, check_goal
-from pdcd.recipes.make import make_recipe
-from pdcd.request import CaptureRequest
+from pdcd.recipes.goals import Target, check_target
+from pdcd.recipes.make import recipe_of
+from pdcd.request import CaptureRequest, Goal, How
+from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 
 GRID = (3, 8)
@@ -82,12 +83,12 @@ def test_split_under_an_illumination_keeps_its_share_of_the_light(tmp_path: Path
 @pytest.mark.parametrize("period", [None, 2, 6, 12])
 def test_periods_that_cannot_be_quartered_are_refused(period: int | None) -> None:
     with pytest.raises(ConfigError, match="period"):
-        check_goal(Goal("split", GRID, period=period))
+        check_target(Target(Goal(name="split", period=period), GRID))
 
 
 def test_sigma_of_the_split_is_that_of_the_chosen_photos() -> None:
     """high = max - min: sqrt(var_max + var_min); low = 2 min: 2 sigma_min; inf if any is blown."""
-    recipe = make_recipe(Goal("split", (1, 4), period=4))
+    recipe = recipe_of(Target(Goal(name="split", period=4), (1, 4)), How())
     values, variances = (3.0, 1.0, 2.0, 2.5), (9.0, 4.0, 100.0, 100.0)
     shots = {}
     for photo, value, variance in zip(recipe.photos, values, variances, strict=True):
@@ -96,7 +97,7 @@ def test_sigma_of_the_split_is_that_of_the_chosen_photos() -> None:
         blown = np.array([[False, False, False, photo.name == "stripes-2"]])
         factors = Factors(np.eye(4), pi, np.diag(pi).copy(), np.ones(4))
         shots[photo.name] = Exposed(light, np.full((1, 4, 3), variance), blown, factors, {})
-    pictures = combine(recipe, shots)
+    pictures = combine(recipe, shots, CellMap.block((1, 4), (1, 4)))
     np.testing.assert_allclose(pictures["high"].image[:, :3], 2.0)
     np.testing.assert_allclose(pictures["high"].sigma[:, :3], np.sqrt(9.0 + 4.0))
     np.testing.assert_allclose(pictures["low"].image[:, :3], 2.0)

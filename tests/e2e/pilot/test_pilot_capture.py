@@ -91,7 +91,7 @@ def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str)
     done = Path(result.folder)
     manifest = read_manifest(done)
     assert decode_folder(done)["identical"]
-    assert manifest.run.codes == 124 and manifest.plan["raw_files"] == SCOUTS + 1
+    assert manifest.run.how.coded == 124 and manifest.plan["raw_files"] == SCOUTS + 1
     assert any("no sharp far paths" in warning for warning in manifest.warnings)
 
 
@@ -111,7 +111,7 @@ def test_what_ends_early_is_what_the_plan_foresaw(tmp_path: Path) -> None:
     result = run(tmp_path, request, scene=CORNER)
     assert result.folder is not None, result.error
     manifest = read_manifest(Path(result.folder))
-    assert cost.stopped_codes == manifest.run.codes == 112  # in fours of Hadamard sets
+    assert cost.stopped_codes == manifest.run.how.coded == 112  # in fours of Hadamard sets
     assert cost.stopped_raw_files == manifest.plan["raw_files"] == len(manifest.run.shots)
     assert cost.stopped_seconds == pytest.approx(manifest.plan["seconds"])
 
@@ -228,7 +228,7 @@ def test_a_pilot_of_all_codes_leaves_them_where_it_sees_nothing(
     result = run(tmp_path, request, scene=CORNER)
     assert result.folder is not None, result.error
     manifest = read_manifest(Path(result.folder))
-    assert (manifest.run.codes, manifest.run.pilot) == (left, SCOUTS)
+    assert (manifest.run.how.coded, manifest.run.how.pilot) == (left, SCOUTS)
     assert cost.stopped_raw_files == len(manifest.run.shots) == SCOUTS + 2
     assert cost.stopped_seconds == pytest.approx(manifest.plan["seconds"])
     assert float(str(result.summary["rms_error"])) < 0.05

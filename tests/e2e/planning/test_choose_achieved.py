@@ -109,7 +109,7 @@ def test_dark_frames_are_foreseen_too(
     assert achieved == pytest.approx(number(result, "predicted_error"), rel=AGREE)
     assert achieved < 0.03
     assert result.folder is not None
-    assert read_manifest(Path(result.folder)).run.black_level == black_level
+    assert read_manifest(Path(result.folder)).run.how.black_level == black_level
 
 
 def test_time_is_kept(tmp_path: Path) -> None:

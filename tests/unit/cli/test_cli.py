@@ -321,7 +321,7 @@ def test_wrong_request_exits_2_before_anything_starts(
 def test_reader_that_has_gone_is_no_error_message() -> None:
     reader, writer = os.pipe()
     os.close(reader)
-    code = "from pdcd.cli import main; raise SystemExit(main(['config', 'schema']))"
+    code = "from pdcd.cli.main import main; raise SystemExit(main(['config', 'schema']))"
     run = subprocess.run(
         [sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, check=False
     )

@@ -100,16 +100,17 @@ def test_negative_weights_are_darker_than_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("more", "code", "words"),
     [
-        (["--cell", "3", "0"], "no cell 3 0"),
-        (["--cell", "0", "-1"], "no cell 0 -1"),
-        (["--cell", "0", "0", "--photo", "blue"], "known: white, coded"),
-        (["--cell", "0", "0", "--out", "missing/row.png"], "cannot write"),
+        (["--cell", "3", "0"], 2, "no cell 3 0"),
+        (["--cell", "0", "-1"], 2, "no cell 0 -1"),
+        (["--cell", "0", "0", "--photo", "blue"], 2, "known: white, coded"),
+        (["--cell", "0", "0", "--out", "missing/row.png"], 5, "missing/row.png: cannot write"),
     ],
 )
 def test_faults_are_told(
     more: list[str],
+    code: int,
     words: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -117,7 +118,7 @@ def test_faults_are_told(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     folder = finished(tmp_path, goal="indirect", codes=8)
-    assert main(["row", str(folder), *more]) == 2
+    assert main(["row", str(folder), *more]) == code
     assert words in capsys.readouterr().err
 
 

@@ -9,12 +9,15 @@ from pdcd.errors import ConfigError, DecodeError
 from pdcd.pictures.combine import Exposed, combine
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
-from pdcd.recipes.goals import Goal, check_goal
-from pdcd.recipes.make import make_recipe
+from pdcd.recipes.goals import Target, check_target
+from pdcd.recipes.make import recipe_of
+from pdcd.request import Goal, How
+from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 
 GRID = (1, 3)
-INDIRECT = Goal("indirect", GRID)
+CELLS = CellMap.block(GRID, GRID)
+INDIRECT = Target(Goal(name="indirect"), GRID)
 OFF = np.ones((3, 3)) - np.eye(3)
 
 
@@ -30,13 +33,13 @@ def exposed(matrix: np.ndarray, light: float, *, blown: bool = False) -> Exposed
 )
 def test_contradictory_goals_are_refused(name: str, p: float | None) -> None:
     with pytest.raises(ConfigError):
-        check_goal(Goal(name, GRID, p=p))
+        check_target(Target(Goal(name=name, p=p), GRID))  # type: ignore[arg-type]
 
 
 def test_direct_scales_each_photo_by_its_own_weight() -> None:
     """Erratum X9: the indirect photo weighs a quarter as much; unscaled subtraction is wrong."""
     shots = {"white": exposed(np.ones((3, 3)) * 2.0, 10.0), "coded": exposed(OFF * 0.5, 2.0)}
-    pictures = combine(make_recipe(Goal("direct", GRID)), shots)
+    pictures = combine(recipe_of(Target(Goal(name="direct"), GRID), How()), shots, CELLS)
     assert list(pictures) == ["direct", "white", "indirect"]
     np.testing.assert_allclose(pictures["white"].image, 5.0)
     np.testing.assert_allclose(pictures["indirect"].image, 4.0)
@@ -50,7 +53,7 @@ def test_saturated_pixels_have_infinite_sigma() -> None:
         "white": exposed(np.ones((3, 3)), 1.0, blown=True),
         "coded": exposed(OFF, 1.0),
     }
-    pictures = combine(make_recipe(INDIRECT), shots)
+    pictures = combine(recipe_of(INDIRECT, How()), shots, CELLS)
     assert np.all(np.isinf(pictures["white"].sigma))
     assert np.all(np.isfinite(pictures["indirect"].sigma))
     assert np.all(np.isinf(pictures["direct"].sigma))
@@ -58,15 +61,17 @@ def test_saturated_pixels_have_infinite_sigma() -> None:
 
 def test_no_light_at_all_is_an_error() -> None:
     with pytest.raises(DecodeError, match="no light"):
-        combine(make_recipe(INDIRECT, white=False), {"coded": exposed(np.zeros((3, 3)), 0.0)})
+        combine(
+            recipe_of(INDIRECT, How(white=False)), {"coded": exposed(np.zeros((3, 3)), 0.0)}, CELLS
+        )
 
 
 def test_row_weights_divide_each_cell_by_its_own() -> None:
-    recipe = make_recipe(Goal("long-range", GRID, radius=0))
+    recipe = recipe_of(Target(Goal(name="long-range", radius=0), GRID), How())
     uneven = OFF * np.array([[1.0], [2.0], [4.0]])
     shot = exposed(uneven, 0.0)
     shot.light[...] = uneven.sum(axis=1)[None, :, None]
-    image = combine(recipe, {"far": shot})["long-range"].image
+    image = combine(recipe, {"far": shot}, CELLS)["long-range"].image
     np.testing.assert_allclose(image, 2.0)
 
 
@@ -80,7 +85,7 @@ def test_row_weights_divide_each_cell_by_its_own() -> None:
     ],
 )
 def test_black_level_shots(level: str, names: list[str]) -> None:
-    recipe = make_recipe(INDIRECT, black_level=level, white=False)  # type: ignore[arg-type]
+    recipe = recipe_of(INDIRECT, How(black_level=level, white=False))  # type: ignore[arg-type]
     assert [s.name for s in recipe.shots] == names
     signs = [sign for sign, _ in recipe.photos[0].shots]
     assert signs == [1.0, -1.0, -1.0, 1.0][: len(names)]

@@ -163,7 +163,7 @@ def test_unknown_scenes_are_guessed(tmp_path: Path) -> None:
     )
     assert few.prediction and many.prediction
     assert many.prediction.bound <= 0.01 < few.prediction.bound <= 0.05
-    assert many.count > few.count
+    assert many.how.coded > few.how.coded
     assert "50 paths" in few.prediction.prior
     with pytest.raises(ConfigError, match="unknown scene"):
         choose(CaptureRequest(goal="long-range", radius=1, error=0.05), rig, grid, None)
@@ -178,7 +178,7 @@ def test_a_prior_file_stands_for_the_scene(tmp_path: Path) -> None:
     assert known.plan.prediction is not None and same.prediction is not None
     assert known.plan.prediction.prior == "file mirror_32x24.npz"
     assert known.plan.prediction.bound <= 0.02
-    assert known.plan.count < same.codes  # the codes avoid the paths of the prior
+    assert known.plan.how.coded < same.codes  # the codes avoid the paths of the prior
     assert known.plan.prior == "file mirror_32x24.npz" and same.prior is None
     with pytest.raises(ConfigError, match="24 x 32 cells, the rig of 3 x 4"):
         choose(

@@ -25,6 +25,7 @@ from pdcd.planning.metering import (
 from pdcd.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.scene.presets import PRESETS
+from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.places import DATA
@@ -66,9 +67,9 @@ def test_expected_share_counts_each_cell_by_its_own_ratio() -> None:
     planes[1, 0, 0], planes[2, 3, 5] = 40.0, 30.0
     ratio = np.full((2, 3), 8.0)
     ratio[0, 0] = 4.0
-    assert expected_share(planes, ratio, 100.0, aligned=True) == pytest.approx(2.4)
-    assert expected_share(planes, ratio, 100.0, aligned=False) == pytest.approx(3.2)
-    assert expected_share(planes[:, :3], ratio, 100.0, aligned=True) == pytest.approx(3.2)
+    cells = CellMap.block((2, 3), (4, 6))
+    assert expected_share(planes, ratio, 100.0, cells) == pytest.approx(2.4)
+    assert expected_share(planes, ratio, 100.0, None) == pytest.approx(3.2)
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])

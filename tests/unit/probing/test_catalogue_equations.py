@@ -16,11 +16,12 @@ import pytest
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.frames.lattice import Lattice
-from pdcd.recipes.goals import Goal, check_goal
-from pdcd.recipes.make import make_recipe
+from pdcd.recipes.goals import Target, check_target
+from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Signed
-from pdcd.request import CaptureRequest
+from pdcd.request import CaptureRequest, Goal, How
 from pdcd.runs.folder import read_manifest
+from pdcd.words import GoalName
 from tests import bench_rig, catalogue_rig
 from tests.catalogue_rig import photo, scene_of, show, transport
 
@@ -179,16 +180,16 @@ def test_e10_negative_values_are_two_photos_of_twice_the_codes() -> None:
 
 
 @pytest.mark.parametrize("name", ["indirect", "fraction"])
-def test_e11_goals_without_negative_weights_take_one_photo(name: str) -> None:
-    goal = check_goal(Goal(name, GRID, p=0.5 if name == "fraction" else None))
-    assert len(make_recipe(goal, white=False).shots) == 1
+def test_e11_goals_without_negative_weights_take_one_photo(name: GoalName) -> None:
+    goal = check_target(Target(Goal(name=name, p=0.5 if name == "fraction" else None), GRID))
+    assert len(recipe_of(goal, How(white=False)).shots) == 1
 
 
 def test_e11_matrix_of_few_distinct_rows_takes_that_many_codes_and_is_exact() -> None:
     kinds = RNG.random((3, N))
     matrix = kinds[RNG.integers(0, 3, N)]
-    goal = check_goal(Goal("relit", GRID, matrices={"matrix": matrix}))
-    recipe = make_recipe(goal)
+    goal = check_target(Target(Goal(name="relit"), GRID, matrices={"matrix": matrix}))
+    recipe = recipe_of(goal, How())
     light, mask = recipe.programs["relit"].pairs(np.zeros((0, 0), bool), Lattice(GRID))
     assert len(light) == 3 and len(recipe.shots) == 1
     shown = show(light, mask, GRID)

@@ -10,9 +10,10 @@ import pytest
 from pdcd.codes.make import make_codes
 from pdcd.frames.lattice import Lattice
 from pdcd.probing.panel import Panel
-from pdcd.recipes.goals import Goal
-from pdcd.recipes.make import make_recipe
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded
+from pdcd.request import Goal, How
 from tests.catalogue_rig import photo, scene_of, show, transport
 
 GRID = (4, 5)
@@ -171,7 +172,7 @@ def test_x9_direct_needs_photos_of_equal_weight() -> None:
 
 def test_x10_distance_is_two_dimensional() -> None:
     """The last cell of a row and the first of the next are neighbours as numbers only."""
-    wanted = make_recipe(Goal("long-range", GRID, radius=1)).wanted.dense()
+    wanted = recipe_of(Target(Goal(name="long-range", radius=1), GRID), How()).wanted.dense()
     last, first = GRID[1] - 1, GRID[1]
     assert wanted[last, first] == 1.0
     assert wanted[0, GRID[1] + 1] == 0.0  # diagonal neighbours, 6 apart as numbers
@@ -183,7 +184,9 @@ def test_x11_shifts_have_one_sign_and_filters_the_other() -> None:
     shift = (1, -2)
     kernel = np.zeros((3, 5))
     kernel[1 - shift[0], 2 - shift[1]] = 1.0
-    shifted = make_recipe(Goal("off-diagonal", GRID, shift=shift)).wanted.dense()
-    filtered = make_recipe(Goal("filtered", GRID, matrices={"kernel": kernel})).wanted.dense()
+    shifted = recipe_of(Target(Goal(name="off-diagonal", shift=shift), GRID), How()).wanted.dense()
+    filtered = recipe_of(
+        Target(Goal(name="filtered"), GRID, matrices={"kernel": kernel}), How()
+    ).wanted.dense()
     np.testing.assert_array_equal(shifted, filtered)
     assert shifted[2, 1 * GRID[1] + 0] == 1.0  # from (0, 2) down 1, left 2

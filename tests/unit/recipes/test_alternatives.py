@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.recipes.alternatives import checkers, fitted_weights, masked_weights, shares
-from pdcd.recipes.goals import Goal
-from pdcd.recipes.make import make_recipe
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
+from pdcd.request import Goal, How
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -122,21 +123,21 @@ def test_every_cell_takes_every_place_of_a_block_lit_and_dark(block: int) -> Non
 @pytest.mark.parametrize("goal", ["white", "split", "diagonal"])
 def test_other_goals_are_refused(goal: str, method: str) -> None:
     with pytest.raises(ConfigError, match="cannot do the goal"):
-        make_recipe(Goal(goal, GRID), method=method)  # type: ignore[arg-type]
+        recipe_of(Target(Goal(name=goal), GRID), How(method=method))  # type: ignore[arg-type]
 
 
 def test_what_methods_cannot_use_is_refused() -> None:
-    goal = Goal("indirect", GRID)
-    lit = Goal("indirect", GRID, planes={"illumination": np.ones(N)})
+    goal = Target(Goal(name="indirect"), GRID)
+    lit = Target(Goal(name="indirect"), GRID, planes={"illumination": np.ones(N)})
     with pytest.raises(ConfigError, match="takes no illumination"):
-        make_recipe(lit, method="nayar")
+        recipe_of(lit, How(method="nayar"))
     with pytest.raises(ConfigError, match="takes no pilot"):
-        make_recipe(goal, method="multi-image", pilot=4)
+        recipe_of(goal, How(method="multi-image", pilot=4, codes=132))
     with pytest.raises(ConfigError, match="black exposures"):
-        make_recipe(goal, method="multi-image", black_level="mask")
+        recipe_of(goal, How(method="multi-image", black_level="mask"))
     with pytest.raises(ConfigError, match="at least 2"):
-        make_recipe(goal, method="multi-image", codes=1)
+        recipe_of(goal, How(method="multi-image", codes=1))
 
 
 def test_shares_of_a_goal() -> None:
-    assert shares(Goal("fraction", GRID, p=0.25), "nayar") == (1.0, 0.25)
+    assert shares(Target(Goal(name="fraction", p=0.25), GRID), "nayar") == (1.0, 0.25)

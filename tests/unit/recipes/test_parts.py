@@ -11,8 +11,8 @@ from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.planning.make import make_plan
-from pdcd.recipes.goals import Goal
-from pdcd.recipes.make import make_recipe
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import (
     coin_signs,
     in_parts,
@@ -22,14 +22,14 @@ from pdcd.recipes.parts import (
     part_seed,
     taken_parts,
 )
-from pdcd.request import CaptureRequest
+from pdcd.request import CaptureRequest, Goal, How
 from tests import bench_rig
 
 GRID = (3, 4)
 
 
 def test_each_part_takes_every_shot_of_codes_in_turn() -> None:
-    recipe = in_parts(make_recipe(Goal("indirect", GRID), black_level="mask"), 2)
+    recipe = in_parts(recipe_of(Target(Goal(name="indirect"), GRID), How(black_level="mask")), 2)
     assert [shot.name for shot in recipe.shots] == [
         "white",
         "white-black-dual",
@@ -50,25 +50,27 @@ def test_each_part_takes_every_shot_of_codes_in_turn() -> None:
 
 
 def test_one_part_is_the_recipe_itself() -> None:
-    recipe = make_recipe(Goal("indirect", GRID))
+    recipe = recipe_of(Target(Goal(name="indirect"), GRID), How())
     assert in_parts(recipe, 1) is recipe
     assert part_numbers(recipe) == ()
 
 
 def test_a_pilot_is_taken_once_and_before_all_parts() -> None:
-    recipe = in_parts(make_recipe(Goal("indirect", GRID), white=False, pilot=2), 3)
+    recipe = in_parts(
+        recipe_of(Target(Goal(name="indirect"), GRID), How(white=False, pilot=2, codes=130)), 3
+    )
     names = [shot.name for shot in recipe.shots]
     assert names == ["pilot-0001", "pilot-0002", "coded-1", "coded-2", "coded-3"]
 
 
 def test_both_halves_of_a_signed_photo_belong_to_one_part() -> None:
-    recipe = in_parts(make_recipe(Goal("diagonal", GRID)), 2)
+    recipe = in_parts(recipe_of(Target(Goal(name="diagonal"), GRID), How()), 2)
     second = only_parts(recipe, {2})
     assert second.photos[0].shots == ((1.0, "matched-plus-2"), (-1.0, "matched-minus-2"))
 
 
 def test_only_complete_parts_are_taken() -> None:
-    recipe = in_parts(make_recipe(Goal("diagonal", GRID)), 3)
+    recipe = in_parts(recipe_of(Target(Goal(name="diagonal"), GRID), How()), 3)
     names = [shot.name for shot in recipe.shots]
     assert part_numbers(taken_parts(recipe, names[:5])) == (1, 2)
     assert taken_parts(recipe, names[:1]) is recipe

@@ -1,0 +1,272 @@
+"""The darkroom of one run: reads each shot once, and makes of them what is known so far."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import Homography
+from pdcd.errors import DecodeError
+from pdcd.frames.patterns import Patterns, none
+from pdcd.pictures.combine import Exposed, Matrix, Shown, pictures_of, realised_photo
+from pdcd.pictures.develop import warp
+from pdcd.pictures.learn import Learned, learn
+from pdcd.pictures.photos import corrected_photos
+from pdcd.pictures.sigma import Barred, measured
+from pdcd.pictures.sigma_model import modelled
+from pdcd.pictures.software import software_sums, summed_matrices
+from pdcd.probing.deviation import Deviation, deviation
+from pdcd.probing.realised import Factors, bench_factors, collect, shared
+from pdcd.recipes.arrays import target_with
+from pdcd.recipes.make import recipe_of
+from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers, taken_parts
+from pdcd.recipes.recipe import Recipe, Shot
+from pdcd.runs.folder import read_patterns
+from pdcd.runs.frame_table import FrameTable
+from pdcd.runs.record import RunRecord, ShotRecord
+from pdcd.sensor.cells import CellMap
+from pdcd.sensor.raw import read_raw, rgb_variance, to_rgb
+
+Alive = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """All pictures of a run by name, the answer first, and the shots they were made from."""
+
+    recipe: Recipe
+    shots: dict[str, Exposed]
+    pictures: dict[str, Barred]
+    sums: dict[str, Exposed] = field(default_factory=dict)
+    """Weighted sums of single photos, which the recipe's photos name like shots."""
+
+    @property
+    def answer(self) -> Barred:
+        """The picture that was asked for."""
+        return next(iter(self.pictures.values()))
+
+    def deviations(self, alive: Alive = lambda: None) -> dict[str, Deviation]:
+        """For each photo, its realised probing matrix against the wanted one."""
+        shots = {**self.shots, **self.sums}
+        return {
+            p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive)
+            for p in self.recipe.photos
+        }
+
+
+class Darkroom:
+    """Makes pictures of what lies in a run folder; nothing is written.
+
+    A RAW file and its refreshes are read once, when they are first needed. `alive` is called
+    every few hundredths of a second of work, and may raise to end it. All methods raise
+    DecodeError when a file is missing or damaged.
+    """
+
+    def __init__(self, folder: Path, record: RunRecord, alive: Alive = lambda: None) -> None:
+        self._folder, self._alive = folder, alive
+        self._table = FrameTable(folder)
+        self._matrices: dict[str, Matrix] = {}
+        self._exposed: dict[str, Exposed] = {}
+        self._learned: tuple[tuple[int, int], Learned] | None = None
+        self.replan(record)
+
+    @property
+    def record(self) -> RunRecord:
+        """What the run remembers of itself so far."""
+        return self._record
+
+    def replan(self, record: RunRecord) -> None:
+        """The run goes on by another plan: its codes are read anew, shots stay as they are."""
+        self._record = record
+        self._stored = read_patterns(self._folder)
+        arrays = {k[5:]: array for k, array in self._stored.items() if k.startswith("goal.")}
+        self._recipe = recipe_of(target_with(record.goal, record.grid, arrays), record.how)
+        self._planned = {shot.name: shot for shot in self._recipe.shots}
+
+    def add(self, shot: ShotRecord) -> None:
+        """One more shot was taken."""
+        self._record = msgspec.structs.replace(self._record, shots=(*self._record.shots, shot))
+
+    def learned(self) -> Learned | None:
+        """What the photos of a pilot tell so far; None for a run without one."""
+        how = self._record.how
+        if not how.pilot:
+            return None
+        shots = self._shots()
+        key = sum(name in shots for name in self._recipe.stack), how.codes
+        if self._learned is None or self._learned[0] != key:
+            bits = self._bits("pilot")
+            found = learn(self._recipe, shots, bits, how.codes, self._cells())
+            self._learned = key, found
+        return self._learned[1]
+
+    def matrices(self) -> tuple[Recipe, dict[str, Shown]]:
+        """What the panels did in every shot and sum, without a look at the RAW files."""
+        shots: dict[str, Shown] = {s.name: self._matrix(s) for s in self._record.shots}
+        recipe = taken_parts(self._recipe, shots)
+        sums = summed_matrices(recipe, shots, self._stack_bits()) if self._sums_up(shots) else {}
+        return recipe, {**shots, **sums}
+
+    def decoded(self) -> Decoded:
+        """The pictures that the shots taken so far make, all of the recipe's or of whole parts."""
+        shots = self._shots()
+        cells = self._cells()
+        recipe = taken_parts(self._recipe, shots)
+        sums: dict[str, Exposed] = {}
+        if self._sums_up(shots):
+            sums = software_sums(recipe, shots, self._stack_bits(), cells)
+        pictures = self._barred(recipe, {**shots, **sums}, cells)
+        if self._record.homography is not None:
+            pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
+        return Decoded(recipe, shots, pictures, sums)
+
+    def _barred(
+        self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap
+    ) -> dict[str, Barred]:
+        """All pictures with sensor and code error: of what the parts show, if there are enough."""
+        record, learned = self._record, self.learned()
+
+        def photos(part: Recipe) -> dict[str, Any]:
+            return corrected_photos(
+                part, shots, learned, cells, normalise=record.normalise, smooth=record.smooth
+            )
+
+        scaled = photos(recipe)
+        whole = pictures_of(recipe, scaled)
+        numbers = part_numbers(recipe)
+        if len(numbers) < FEWEST_PARTS:
+            return modelled(recipe, shots, scaled, whole, cells, self._alive)
+        parts = [pictures_of(recipe, photos(only_parts(recipe, {n}))) for n in numbers]
+        return {name: measured(p, [part[name] for part in parts]) for name, p in whole.items()}
+
+    def _sums_up(self, shots: dict[str, Any]) -> bool:
+        """Whether all photos are there that the recipe's sums want."""
+        return bool(self._recipe.sums) and all(name in shots for name in self._recipe.stack)
+
+    def _stack_bits(self) -> NDArray[np.bool_]:
+        return self._bits("pilot" if self._record.how.pilot else "photos")
+
+    def _bits(self, program: str) -> NDArray[np.bool_]:
+        """What the projector showed in the single-code photos, (K, N)."""
+        primal, _ = self._patterns(program)
+        cells = self._recipe.target.cells
+        return np.unpackbits(np.asarray(primal, np.uint8), axis=1, count=cells).astype(np.bool_)
+
+    def _patterns(self, program: str) -> tuple[Patterns, Patterns]:
+        try:
+            return self._stored[f"{program}.primal"], self._stored[f"{program}.dual"]
+        except KeyError as err:
+            raise DecodeError(
+                f"codes.npz lacks the patterns of {program}", hint="restore it from a copy"
+            ) from err
+
+    def _pair(self, shot: Shot) -> tuple[Patterns, Patterns]:
+        """Patterns of a shot; none for a white one."""
+        if shot.white:
+            return none(), none()
+        primal, dual = self._patterns(shot.program)
+        if shot.only is None:
+            return primal, dual
+        return primal[shot.only : shot.only + 1], dual[shot.only : shot.only + 1]
+
+    def _matrix(self, shot: ShotRecord) -> Matrix:
+        if shot.name not in self._matrices:
+            record = self._record
+            pair = self._pair(self._planned[shot.name])
+            frames, log = self._table.of(shot, pair, grid=record.grid)
+            self._alive()
+            chunks = bench_factors(
+                frames,
+                log,
+                record.projector,
+                record.mask,
+                open_ns=shot.open_ns,
+                close_ns=shot.close_ns,
+            )
+            realised = collect(_watched(chunks, self._alive))
+            if _level(shot) != 1.0:
+                realised = shared(realised, _level(shot))
+            self._matrices[shot.name] = Matrix(realised, shot.missed if shot.level is None else 0)
+        return self._matrices[shot.name]
+
+    def _shots(self) -> dict[str, Exposed]:
+        for shot in self._record.shots:
+            if shot.name not in self._exposed:
+                self._exposed[shot.name] = self._develop(shot)
+        return dict(self._exposed)
+
+    def _develop(self, shot: ShotRecord) -> Exposed:
+        """Light of a shot in scene units times seconds, out of its RAW file."""
+        shown = self._matrix(shot)
+        profile = self._record.profile
+        raw = read_raw(
+            self._folder / shot.raw,
+            sha256=shot.sha256,
+            size_bytes=shot.size_bytes,
+            saturation_dn=profile.saturation_dn(shot.iso),
+        )
+        if self._record.cells is None:
+            cells = CellMap.block(self._record.grid, raw.frame)
+            self._record = msgspec.structs.replace(self._record, cells=cells)
+        elif raw.frame != self._record.cells.frame:
+            raise DecodeError(
+                f"{shot.raw} has {raw.frame[0]} x {raw.frame[1]} pixels, other shots of the run "
+                f"{self._record.cells.frame[0]} x {self._record.cells.frame[1]}",
+                hint="restore it from a copy",
+            )
+        gain = profile.row(shot.iso).gain_e_per_dn
+        # From DN to scene units times seconds: electrons, then the camera's responsivity.
+        to_units = gain * shot.f_number**2 / np.array(self._record.responsivity_e)
+        exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
+        level = _level(shot)
+        variance = rgb_variance(raw.planes, profile, shot.iso, exposure_s)
+        return Exposed(
+            light=to_rgb(raw.planes) * (to_units / level),
+            variance=variance * (to_units / level) ** 2,
+            saturated=raw.saturated,
+            realised=shown.realised,
+            exif=raw.exif(),
+            missed=shown.missed,
+        )
+
+    def _cells(self) -> CellMap:
+        """Which pixels see which cell; known from the first photo on."""
+        if self._record.cells is None:
+            raise DecodeError("no photo was taken yet", hint="take at least one shot")
+        return self._record.cells
+
+
+def _level(shot: ShotRecord) -> float:
+    return shot.level or 1.0
+
+
+def _watched(chunks: Iterator[Factors], alive: Alive) -> Iterator[Factors]:
+    for chunk in chunks:
+        alive()
+        yield chunk
+
+
+def _warped(picture: Barred, homography: Homography) -> Barred:
+    """Geometric correction: after all sums and differences, still linear and signed."""
+    matrix = np.array(homography).reshape(3, 3)
+    size_px = (picture.image.shape[1], picture.image.shape[0])
+    # Where a saturated pixel or the world outside the picture has a share, nothing is known.
+    known = np.isfinite(picture.sigma)
+    whole = warp(known.astype(np.float64), matrix, size_px) > 1.0 - 1e-9
+
+    def error(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.where(whole, warp(np.where(known, sigma, 0.0), matrix, size_px), np.inf)
+
+    return Barred(
+        image=warp(picture.image, matrix, size_px),
+        sigma=error(picture.sigma),
+        sensor=error(picture.sensor),
+        code=error(picture.code),
+        kind=picture.kind,
+    )

@@ -1,0 +1,51 @@
+"""The photos of a recipe, scaled and corrected: one way for runs as they are and as foreseen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pdcd.pictures.combine import Exposed, Floats, Picture, realised_photo, scaled_photos
+from pdcd.pictures.learn import Learned, corrections
+from pdcd.pictures.smooth import smoothed
+from pdcd.probing.deviation import weight_s
+from pdcd.recipes.recipe import Recipe
+from pdcd.sensor.cells import CellMap
+from pdcd.words import NormaliseName
+
+
+def corrected_photos(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    learned: Learned | None,
+    cells: CellMap,
+    *,
+    normalise: NormaliseName,
+    smooth: bool,
+) -> dict[str, Picture]:
+    """Every photo divided by its weight, the coded one corrected for what its codes get wrong.
+
+    Parameters
+    ----------
+    recipe, shots, normalise : as of `pdcd.pictures.combine.scaled_photos`.
+    learned : paths that a pilot found, whose error in the coded photo is known.
+    smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`).
+    """
+    missing = _missing(recipe, shots, learned, cells)
+    photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
+    if smooth and "coded" in photos:
+        photos["coded"] = smoothed(
+            recipe, shots, photos["coded"], learned, cells, normalise=normalise
+        )
+    return photos
+
+
+def _missing(
+    recipe: Recipe, shots: Mapping[str, Exposed], learned: Learned | None, cells: CellMap
+) -> dict[str, Floats]:
+    """What the coded photo gets wrong of the paths that a pilot found, (h, w, 3)."""
+    photo = recipe.coded
+    if learned is None or photo is None:
+        return {}
+    realised = realised_photo(photo.shots, shots)
+    wrong = corrections(learned, realised, weight_s(realised, photo.wanted))
+    return {photo.name: cells.spread(wrong)}

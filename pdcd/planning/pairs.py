@@ -1,0 +1,136 @@
+"""The pairs of patterns that the programs of a plan show, and the family they are made by."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from pdcd.codes.hadamard import hadamard_fits
+from pdcd.codes.linked import prior_codes
+from pdcd.codes.make import make_codes
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import compact
+from pdcd.pilot.codes import pilot_codes
+from pdcd.planning.plan import Pair, Plan, mean_light, windowed
+from pdcd.recipes.parts import coin_signs, part_codes, part_seed
+from pdcd.recipes.programs import Program, extended
+from pdcd.recipes.recipe import Recipe
+from pdcd.request import How
+from pdcd.words import FamilyName
+
+Bools = NDArray[np.bool_]
+
+
+def settled_family(
+    asked: FamilyName | None, default: FamilyName, draft: Recipe, how: How
+) -> FamilyName:
+    """The family asked for. Where codes must be lit in another share than 1/2 that Hadamard codes
+    cannot do with this number, balanced ones stand in for them unless they were asked for by name;
+    and in parts, whose spread tells of errors only where phases are left to chance."""
+    family = asked or default
+    main = next((p.p for p in draft.programs.values() if p.coded), 0.5)
+    if family != "hadamard" or main == 0.5 or asked is not None:
+        return family
+    fits = how.parts == 1 and hadamard_fits(how.coded, main)
+    return family if fits else "balanced"
+
+
+def pairs_of(
+    recipe: Recipe, how: How, family: FamilyName, lattice: Lattice, *, p: float | None, seed: int
+) -> dict[str, Pair]:
+    """Patterns of every program; each part of a split photo has codes of its own.
+
+    `p` is the share of lit cells that the request names, None where it leaves that open.
+    """
+    part_of = {shot.program: shot.part for shot in recipe.shots}
+    patterns = {}
+    for name, program in recipe.programs.items():
+        part = part_of.get(name, 0)
+        own_seed = part_seed(seed, how.parts, part)
+        if not program.coded:
+            bits = np.zeros((0, 0), dtype=np.bool_)
+        elif name == "pilot":
+            bits = pilot_codes(lattice.grid, how.pilot, seed)
+        else:
+            bits = _bits(program, lattice, family, part_codes(how.coded, how.parts), p, own_seed)
+        if part and family == "hadamard" and program.p == 0.5:
+            bits = coin_signs(bits, own_seed)
+        patterns[name] = _compiled(program, recipe, lattice, bits)
+    return patterns
+
+
+def linked_pairs(plan: Plan, links: Any, seed: int) -> dict[str, Pair]:
+    """Patterns of the programs that Hadamard codes can serve which keep linked cells (N, N) apart;
+    `links` is sparse."""
+    lattice = Lattice(plan.grid, plan.window)
+    between = _onto_lattice(lattice, links)
+    part_of = {shot.program: shot.part for shot in plan.recipe.shots}
+    count = part_codes(plan.how.coded, plan.how.parts)
+    found = {}
+    for name, program in plan.recipe.programs.items():
+        if windowed(program) and program.p == 0.5:
+            part = part_of.get(name, 0)
+            # The generator is the one that `make_codes` takes, so that no links give the usual
+            # codes.
+            own_seed = part_seed(seed, plan.how.parts, part)
+            rng = np.random.Generator(np.random.PCG64(own_seed))
+            bits = prior_codes(lattice.shape, count, between, rng)
+            if part:
+                bits = coin_signs(bits, own_seed)
+            found[name] = _compiled(program, plan.recipe, lattice, bits)
+    return found
+
+
+def white_slots(recipe: Recipe, patterns: dict[str, Pair], lattice: Lattice, slots: int) -> int:
+    """Slots of a white shot: as the goal itself, all; beside a coded one, as many as gather about
+    its light, which keeps the camera at one setting."""
+    for name, program in recipe.programs.items():
+        if windowed(program):
+            slots = round(slots * mean_light(patterns[name], lattice.lattice_cells))
+            break
+    return max(1, slots)
+
+
+def _bits(
+    program: Program, lattice: Lattice, family: FamilyName, count: int, p: float | None, seed: int
+) -> Bools:
+    """Code bits (K, L) of a coded program."""
+    share = program.p
+    if share != 0.5 and p is None:
+        # The best share of lit cells, rounded to what balanced codes can do.
+        share = max(1, round(share * count)) / count
+        family = "bernoulli" if family in ("bernoulli", "rademacher") else "balanced"
+    shape = lattice.shape if windowed(program) else lattice.grid
+    return make_codes(family, shape, count, dual="same", p=share, seed=seed).primal()
+
+
+def _compiled(program: Program, recipe: Recipe, lattice: Lattice, bits: Bools) -> Pair:
+    """Patterns of a program over its own lattice, coded ones under the goal's illumination."""
+    own = lattice if windowed(program) else Lattice(lattice.grid)
+    primal, dual = program.pairs(bits, own)
+    # A pilot looks at the whole scene: it learns paths, not the picture.
+    if recipe.target.light is not None and windowed(program):
+        primal = primal * extended(recipe.target.light, own)
+    return compact(primal), compact(dual)
+
+
+def _onto_lattice(lattice: Lattice, links: Any) -> Any:
+    """Links between cells (N, N) -> between code cells (L, L).
+
+    With quarter windows each cell is served by four code cells, so a path links all of these.
+    """
+    n, shape = lattice.cells, lattice.shape
+    row, column = np.divmod(np.arange(n), lattice.grid[1])
+    more = range(shape[0] - lattice.grid[0] + 1)
+    code_cell = [(row + down) * shape[1] + column + right for down in more for right in more]
+    onto = sparse.csr_array(
+        (
+            np.full(len(code_cell) * n, 1.0 / len(code_cell)),
+            (np.concatenate(code_cell), np.tile(np.arange(n), len(code_cell))),
+        ),
+        shape=(lattice.lattice_cells, n),
+    )
+    return onto @ links @ onto.T

@@ -1,0 +1,219 @@
+"""How each goal is photographed by codes: its photos and pictures, one small function a goal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pdcd.probing.wanted import Full, Indices, Match, Near, Outer, Uniform, Wanted, shifted
+from pdcd.recipes.maker import Maker, itself
+from pdcd.recipes.programs import (
+    Coded,
+    Far,
+    Signed,
+    SignedBlocks,
+    SignedMatrix,
+)
+from pdcd.recipes.recipe import Extremes, Rule
+
+Partner = Indices | tuple[int, int] | None
+
+STRIPES = 4
+"""Positions of the stripes of the goal "split"."""
+
+RANK_TOLERANCE = 1e-10
+"""Singular values below this share of the largest count as zero."""
+
+
+def _all_but_direct(maker: Maker) -> None:
+    target = maker.target
+    maker.coded("coded", Coded(None, True), (1.0, Uniform(target.cells)), (-1.0, itself(target)))
+
+
+def _white(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    maker.white()
+    return {"white": ((1.0, "white"),)}
+
+
+def _indirect(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    if not white:
+        _all_but_direct(maker)
+        return {"indirect": ((1.0, "coded"),)}
+    maker.white()
+    _all_but_direct(maker)
+    direct = ((1.0, "white"), (-1.0, "coded"))
+    return {"indirect": ((1.0, "coded"),), "white": ((1.0, "white"),), "direct": direct}
+
+
+def _direct(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    pictures = _indirect(maker, True, codes)
+    return {name: pictures[name] for name in ("direct", "white", "indirect")}
+
+
+def _fraction(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    target = maker.target
+    p = target.goal.p or 0.0
+    everything, same = Uniform(target.cells), itself(target)
+    maker.coded("coded", Coded(None, False, p), (p, everything), (1.0 - p, same), by_direct=True)
+    return {"fraction": ((1.0, "coded"),)}
+
+
+def _matched(maker: Maker, name: str, partner: Partner) -> None:
+    """A photo of one chosen projector cell for each camera cell, by signed codes."""
+    grid = maker.target.grid
+    if partner is None:
+        part = itself(maker.target)
+    else:
+        part = Match(shifted(grid, partner) if isinstance(partner, tuple) else partner)
+    maker.signed(name, lambda positive: Signed(((1.0, partner),), positive), (1.0, part))
+
+
+def _diagonal(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    _matched(maker, "matched", None)
+    return {"diagonal": ((1.0, "matched"),)}
+
+
+def _off_diagonal(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    _matched(maker, "matched", maker.target.goal.shift)
+    return {"off-diagonal": ((1.0, "matched"),)}
+
+
+def _warped(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    _matched(maker, "matched", maker.target.planes["warp"].astype(np.int64))
+    return {"warped": ((1.0, "matched"),)}
+
+
+def _two_samples(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    a, b = maker.target.goal.mix or (0.0, 0.0)
+    _matched(maker, "first", maker.target.planes["warp"].astype(np.int64))
+    _matched(maker, "second", maker.target.planes["warp_b"].astype(np.int64))
+    return {"two-samples": ((a, "first"), (b, "second"))}
+
+
+def _illuminated(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    maker.white()
+    return {"illuminated": ((1.0, "white"),)}
+
+
+def _far(maker: Maker) -> None:
+    target = maker.target
+    radius = target.goal.radius or 0
+    everything = (1.0, Uniform(target.cells))
+    maker.coded("far", Far(radius), everything, (-1.0, Near(target.grid, radius)))
+
+
+def _long_range(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    _far(maker)
+    return {"long-range": ((1.0, "far"),)}
+
+
+def _short_range(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    _all_but_direct(maker)
+    _far(maker)
+    pictures: dict[str, Rule] = {"short-range": ((1.0, "coded"), (-1.0, "far"))}
+    return {**pictures, "indirect": ((1.0, "coded"),), "long-range": ((1.0, "far"),)}
+
+
+def _blocked(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    """Two exact pairs: all light seen outside A, and all light but B's seen inside A."""
+    planes = maker.target.planes
+    a, b = planes["region_a"], planes["region_b"]
+    light = np.ones(maker.target.cells) if maker.target.light is None else maker.target.light
+    parts = ((1.0, Uniform(maker.target.cells)), (-1.0, Outer(a, b)))
+    wanted = Wanted(maker.target.grid, parts, maker.target.light)
+    maker.exact("blocked", wanted, [1.0 - a, a], [light, light * (1.0 - b)])
+    return {"blocked": ((1.0, "blocked"),)}
+
+
+def _descattered(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    target = maker.target
+    there = shifted(target.grid, target.goal.shift or (0, 0))
+    # Cells without a neighbour there stay closed, so that both samples cover the same cells.
+    here = np.where(there >= 0, np.arange(target.cells), -1)
+    parts = ((1.0, Match(here)), (-1.0, Match(there)))
+    taps = ((1.0, here), (-1.0, target.goal.shift))
+    maker.signed("difference", lambda positive: Signed(taps, positive), *parts)
+    return {"descattered": ((1.0, "difference"),)}
+
+
+def _filtered(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    """``sum_w f_w T_{n, n-w}``: tap w of the kernel pairs n with n - w (Table 2, row 7; X11)."""
+    target = maker.target
+    kernel = target.matrices["kernel"]
+    centre = (kernel.shape[0] // 2, kernel.shape[1] // 2)
+    taps = []
+    for down, right in zip(*np.nonzero(kernel), strict=True):
+        shift = (centre[0] - int(down), centre[1] - int(right))
+        taps.append((float(kernel[down, right]), shift))
+    parts = [(weight, Match(shifted(target.grid, shift))) for weight, shift in taps]
+    maker.signed("filtered", lambda positive: Signed(tuple(taps), positive), *parts)
+    return {"filtered": ((1.0, "filtered"),)}
+
+
+def _split(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    """Indirect photos under stripes that light half of all cells, moved by a quarter period.
+
+    Light of one sharp path is there under some stripes and not under others; smooth light is half
+    there under all. The mean of all four times 2 has every path, once.
+    """
+    target = maker.target
+    period = target.goal.period or 4
+    names = tuple(f"stripes-{step}" for step in range(STRIPES))
+    column = np.arange(target.cells) % target.grid[1]
+    for step, name in enumerate(names):
+        lit = (column + step * period // STRIPES) % period < period // 2
+        parts = ((1.0, Uniform(target.cells)), (-1.0, itself(target)))
+        maker.coded(name, Coded(None, True), *parts, light=lit.astype(np.float64))
+    return {
+        "high": Extremes(1.0, -1.0, names),
+        "low": Extremes(0.0, 2.0, names),
+        "indirect": tuple((2.0 / STRIPES, name) for name in names),
+    }
+
+
+def _relit(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    """Any matrix A: exact blocks where A has few distinct rows or a low rank, else eq. 9."""
+    target = maker.target
+    matrix = target.matrices["matrix"]
+    light = np.ones(target.cells) if target.light is None else target.light
+    wanted = Wanted(target.grid, ((1.0, Full(matrix)),), target.light)
+    distinct, which = np.unique(matrix, axis=0, return_inverse=True)
+    answer: dict[str, Rule] = {"relit": ((1.0, "relit"),)}
+    if matrix.min() >= 0.0 and len(distinct) <= codes:
+        camera = [(which.ravel() == d).astype(np.float64) for d in range(len(distinct))]
+        maker.exact("relit", wanted, camera, list(light * distinct / distinct.max()))
+        return answer
+    u, s, vt = np.linalg.svd(matrix)
+    rank = int(np.sum(s > RANK_TOLERANCE * s[0]))
+    if 2 * rank <= codes:
+        root = np.sqrt(s[:rank])
+        camera_side, projector_side = (u[:, :rank] * root).T, vt[:rank] * root[:, None] * light
+        maker.signed(
+            "relit",
+            lambda positive: SignedBlocks(camera_side, projector_side, positive),
+            (1.0, Full(matrix)),
+        )
+        return answer
+    maker.signed("relit", lambda positive: SignedMatrix(matrix, positive), (1.0, Full(matrix)))
+    return answer
+
+
+RECIPES: dict[str, Callable[[Maker, bool, int], dict[str, Rule]]] = {
+    "white": _white,
+    "indirect": _indirect,
+    "direct": _direct,
+    "fraction": _fraction,
+    "illuminated": _illuminated,
+    "diagonal": _diagonal,
+    "off-diagonal": _off_diagonal,
+    "warped": _warped,
+    "two-samples": _two_samples,
+    "relit": _relit,
+    "long-range": _long_range,
+    "short-range": _short_range,
+    "blocked": _blocked,
+    "descattered": _descattered,
+    "filtered": _filtered,
+    "split": _split,
+}

@@ -1,0 +1,119 @@
+"""What gathers the programs, shots and photos of one recipe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from pdcd.probing.wanted import Match, Part, Uniform, Wanted
+from pdcd.recipes.goals import Target
+from pdcd.recipes.programs import (
+    Blocks,
+    Far,
+    Floats,
+    Program,
+    Under,
+)
+from pdcd.recipes.recipe import Photo, Shot
+from pdcd.words import BlackLevel
+
+# The other shots of each way to remove what black panels let through, as (sign, projector black,
+# mask black): mask leak, ambient light and projector leak, and both (limitations L1 to L3).
+BLACKS: dict[str, tuple[tuple[float, bool, bool], ...]] = {
+    "none": (),
+    "mask": ((-1.0, False, True),),
+    "ambient": ((-1.0, True, False),),
+    "both": ((-1.0, False, True), (-1.0, True, False), (1.0, True, True)),
+}
+
+
+class Maker:
+    """Collects the programs, shots and photos of one recipe."""
+
+    def __init__(self, target: Target, black_level: BlackLevel) -> None:
+        self.target = target
+        self.blacks = BLACKS[black_level]
+        self.programs: dict[str, Program] = {}
+        self.shots: list[Shot] = []
+        self.photos: list[Photo] = []
+
+    def white(self) -> None:
+        """A photo of everything: a floodlit shot, or the illumination through an open mask."""
+        wanted = Wanted(self.target.grid, ((1.0, Uniform(self.target.cells)),), self.target.light)
+        if self.target.light is None:
+            self.photo("white", wanted, [(1.0, Shot("white", "", white=True))])
+        else:
+            self.exact("white", wanted, [np.ones(self.target.cells)], [self.target.light])
+
+    def coded(
+        self,
+        name: str,
+        program: Program,
+        *parts: tuple[float, Part],
+        light: Floats | None = None,
+        by_direct: bool = False,
+    ) -> None:
+        """A photo of one coded shot, under `light` beside the goal's own."""
+        wanted = replace(self.wanted(*parts), by_direct=by_direct)
+        rows = isinstance(program, Far)
+        if light is not None:
+            program = Under(program, light)
+            wanted = wanted.under(light if wanted.light is None else light * wanted.light)
+        self.programs[name] = program
+        self.photo(name, wanted, [(1.0, Shot(name, name))], rows)
+
+    def signed(
+        self, name: str, half: Callable[[bool], Program], *parts: tuple[float, Part]
+    ) -> None:
+        """A photo that is the difference of two shots."""
+        shots = []
+        for sign, positive in ((1.0, True), (-1.0, False)):
+            part = f"{name}-{'plus' if positive else 'minus'}"
+            self.programs[part] = half(positive)
+            shots.append((sign, Shot(part, part)))
+        self.photo(name, self.wanted(*parts), shots)
+
+    def exact(self, name: str, wanted: Wanted, camera: list, projector: list) -> None:  # type: ignore[type-arg]
+        """A photo of few exact, non-negative blocks."""
+        self.programs[name] = Blocks(np.array(camera), np.array(projector))
+        self.photo(name, wanted, [(1.0, Shot(name, name))])
+
+    def wanted(self, *parts: tuple[float, Part]) -> Wanted:
+        """A wanted matrix under the goal's illumination."""
+        return Wanted(self.target.grid, parts, self.target.light)
+
+    def kept(self, direct: float, indirect: float) -> Wanted:
+        """The wanted matrix of these shares of direct and of indirect light."""
+        everything, same = Uniform(self.target.cells), itself(self.target)
+        return self.wanted((indirect, everything), (direct - indirect, same))
+
+    def photo(
+        self,
+        name: str,
+        wanted: Wanted,
+        shots: list[tuple[float, Shot]],
+        row_weights: bool = False,
+    ) -> None:
+        """A photo of some shots, each with the black ones that measure its leaks."""
+        terms = []
+        for sign, shot in shots:
+            self.shots.append(shot)
+            terms.append((sign, shot.name))
+            for black_sign, primal, dual in self.blacks:
+                sides = [s for s, black in (("primal", primal), ("dual", dual)) if black]
+                extra = replace(
+                    shot,
+                    name=f"{shot.name}-black-{'-'.join(sides)}",
+                    primal_black=primal,
+                    dual_black=dual,
+                )
+                self.shots.append(extra)
+                terms.append((sign * black_sign, extra.name))
+        self.photos.append(Photo(name, wanted, tuple(terms), row_weights))
+
+
+def itself(target: Target) -> Match:
+    """Each camera cell with its own projector cell."""
+    return Match(np.arange(target.cells))

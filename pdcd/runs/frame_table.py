@@ -1,0 +1,150 @@
+"""frames.csv of a run: one row for every refresh of every shot; what was asked, shown, and when."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import DecodeError
+from pdcd.frames.frames import BLACK, FrameLog, Frames
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import Patterns
+from pdcd.runs.record import ShotRecord
+
+NAME = "frames.csv"
+COLUMNS = (
+    "shot", "refresh", "code", "shift", "guard", "primal_index", "dual_index",
+    "primal_shown", "dual_shown", "t_primal_ns", "t_dual_ns", "skew_ns", "missed", "dropped",
+    "row", "dual_row",
+)  # fmt: skip
+
+ADDED = ("row", "dual_row")
+"""Columns that the first runs did not have: each refresh was its own row of the frames."""
+
+
+def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
+    """Append the refreshes of a shot to the table, which is made if need be. Raises OSError."""
+    row, dual_row = log.asked
+    columns: tuple[NDArray[np.generic], ...] = (
+        np.arange(len(log)),
+        np.append(frames.code, -1)[row],
+        np.append(frames.shift, 0)[row],
+        np.append(frames.guard, True)[row].astype(np.int64),
+        np.append(frames.primal_index, BLACK)[row],
+        np.append(frames.dual_index, BLACK)[row],
+        log.primal_shown,
+        log.dual_shown,
+        log.primal_ns,
+        log.dual_ns,
+        log.dual_ns - log.primal_ns,
+        log.missed,
+        ((log.primal_shown != row) | (log.dual_shown != dual_row)).astype(np.int64),
+        row,
+        dual_row,
+    )
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.writer(file)
+        if new:
+            writer.writerow(COLUMNS)
+        listed = zip(*(c.tolist() for c in columns), strict=True)
+        writer.writerows((shot, *row) for row in listed)
+
+
+class FrameTable:
+    """Reads the table of one run folder, each line once, also while it still grows."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / NAME
+        self._heads: list[str] = []
+        self._rows: dict[str, list[list[str]]] = {}
+        self._read_bytes = 0
+
+    def of(
+        self, shot: ShotRecord, pair: tuple[Patterns, Patterns], *, grid: tuple[int, int]
+    ) -> tuple[Frames, FrameLog]:
+        """What a shot was asked to show of its patterns, and what it showed.
+
+        A shot is asked for once: its lines are given away. Raises DecodeError when the table is
+        damaged or lacks some of them.
+        """
+        try:
+            if shot.name not in self._rows:
+                self._read_on()
+            rows = self._rows.pop(shot.name, [])
+            if len(rows) != shot.refreshes:
+                raise DecodeError(
+                    f"{self._path} has {len(rows)} refreshes of shot {shot.name}, not "
+                    f"{shot.refreshes}",
+                    hint="restore it from a copy",
+                )
+            columns = dict(zip(self._heads, zip(*rows, strict=True), strict=True))
+            table = {
+                name: np.array([int(entry) for entry in columns[name]], dtype=np.int64)
+                for name in COLUMNS[1:]
+                if name in columns or name not in ADDED
+            }
+        except (OSError, IndexError, KeyError, ValueError, csv.Error) as err:
+            raise DecodeError(
+                f"cannot read {self._path}: {err}", hint="restore it from a copy"
+            ) from err
+        return _frames(table, shot, pair, grid), _log(table, shot)
+
+    def _read_on(self) -> None:
+        """Sort the lines that came since the last time by their shots."""
+        with self._path.open(newline="") as file:
+            file.seek(self._read_bytes)
+            lines = csv.reader(iter(file.readline, ""))
+            if not self._heads:
+                self._heads = next(lines, [])
+            place = self._heads.index("shot")
+            for line in lines:
+                self._rows.setdefault(line[place], []).append(line)
+            self._read_bytes = file.tell()
+
+
+def _frames(
+    table: dict[str, NDArray[np.int64]],
+    shot: ShotRecord,
+    pair: tuple[Patterns, Patterns],
+    grid: tuple[int, int],
+) -> Frames:
+    # Every row of the frames was asked for at least once; further passes repeat some of them.
+    numbers, first = np.unique(_asked(table)[0], return_index=True)
+    first = first[numbers >= 0]
+    return Frames(
+        primal_patterns=pair[0],
+        dual_patterns=pair[1],
+        primal_index=table["primal_index"][first].astype(np.int32),
+        dual_index=table["dual_index"][first].astype(np.int32),
+        shift=table["shift"][first].astype(np.uint8),
+        code=table["code"][first].astype(np.int32),
+        guard=table["guard"][first].astype(np.bool_),
+        grid=grid,
+        lattice=Lattice(grid, shot.window).shape,
+        window=shot.window,
+    )
+
+
+def _log(table: dict[str, NDArray[np.int64]], shot: ShotRecord) -> FrameLog:
+    primal, dual = _asked(table)
+    return FrameLog(
+        primal_shown=table["primal_shown"].astype(np.int32),
+        dual_shown=table["dual_shown"].astype(np.int32),
+        primal_ns=table["t_primal_ns"],
+        dual_ns=table["t_dual_ns"],
+        end_ns=np.array(shot.end_ns, dtype=np.int64),
+        missed=table["missed"].astype(np.int32),
+        source=shot.source,
+        verified=shot.verified,
+        primal_asked=primal,
+        dual_asked=dual,
+    )
+
+
+def _asked(table: dict[str, NDArray[np.int64]]) -> list[NDArray[np.int32]]:
+    """Rows of the frames that projector and mask were to carry."""
+    return [table.get(name, table["refresh"]).astype(np.int32) for name in ADDED]
