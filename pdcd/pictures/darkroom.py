@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.frames.patterns import Patterns, none
-from pdcd.pictures.combine import Exposed, Matrix, Shown, pictures_of, realised_photo
+from pdcd.pictures.combine import Exposed, Matrix, Picture, Shown, pictures_of, realised_photo
 from pdcd.pictures.develop import warp
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.photos import corrected_photos
@@ -49,7 +48,7 @@ class Decoded:
     @property
     def answer(self) -> Barred:
         """The picture that was asked for."""
-        return next(iter(self.pictures.values()))
+        return self.pictures[self.recipe.answer_name]
 
     def deviations(self, alive: Alive = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one."""
@@ -132,7 +131,7 @@ class Darkroom:
         """All pictures with sensor and code error: of what the parts show, if there are enough."""
         record, learned = self._record, self.learned()
 
-        def photos(part: Recipe) -> dict[str, Any]:
+        def photos(part: Recipe) -> dict[str, Picture]:
             return corrected_photos(
                 part, shots, learned, cells, normalise=record.normalise, smooth=record.smooth
             )
@@ -145,7 +144,7 @@ class Darkroom:
         parts = [pictures_of(recipe, photos(only_parts(recipe, {n}))) for n in numbers]
         return {name: measured(p, [part[name] for part in parts]) for name, p in whole.items()}
 
-    def _sums_up(self, shots: dict[str, Any]) -> bool:
+    def _sums_up(self, shots: Mapping[str, Shown]) -> bool:
         """Whether all photos are there that the recipe's sums want."""
         return bool(self._recipe.sums) and all(name in shots for name in self._recipe.stack)
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy.sparse import csr_array
 
 from pdcd.pictures.combine import Exposed
 from pdcd.pilot.codes import MATCHED, SCOUTS
@@ -33,8 +32,8 @@ class Learned:
     sharpness : of the light in the scouts (`pdcd.pilot.links.sharpness`).
     """
 
-    links: Any
-    paths: tuple[Any, Any, Any]
+    links: csr_array
+    paths: tuple[csr_array, csr_array, csr_array]
     worth: Worth | None
     sharpness: float
 
@@ -81,7 +80,7 @@ def learn(
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
     first = slice(0, SCOUTS)
     sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first])
-    none = sparse.csr_array((bits.shape[1], bits.shape[1]))
+    none = csr_array((bits.shape[1], bits.shape[1]))
     if taken == SCOUTS:
         return Learned(none, (none, none, none), None, sharp)
     if taken in MATCHED:

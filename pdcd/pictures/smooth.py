@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.sparse import csr_array
 
 from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pictures.learn import Learned
@@ -242,6 +242,6 @@ def smoothed(
     return Picture(picture.image + cells.spread(more), picture.sigma)
 
 
-def _sums(paths: Any) -> Floats:
+def _sums(paths: csr_array) -> Floats:
     """Row sums of a sparse matrix, (N,)."""
     return np.asarray(paths.sum(axis=1), dtype=np.float64).ravel()

@@ -133,8 +133,8 @@ class Guess:
 def guess(plan: Plan, setting: Setting, prior: Prior) -> Guess:
     """Foresee a plan by a prior; its goal must be one of `GOALS`."""
     leak = 0.0
-    if plan.recipe.target.goal.name in ("indirect", "direct"):
-        photo = next(p for p in plan.recipe.photos if p.name == "coded")
+    photo = plan.recipe.coded
+    if photo is not None and plan.recipe.target.goal.name in ("indirect", "direct"):
         shot = next(s for s in plan.recipe.shots if s.name == photo.shots[0][1])
         matrix = foreseen(plan, shot, setting.config)
         leak = float(np.sqrt(np.mean(matrix.coaxial**2))) / weight_s(matrix, photo.wanted)

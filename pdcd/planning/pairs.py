@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy.sparse import csr_array
 
 from pdcd.codes.hadamard import hadamard_fits
 from pdcd.codes.linked import prior_codes
@@ -62,7 +60,7 @@ def pairs_of(
     return patterns
 
 
-def linked_pairs(plan: Plan, links: Any, seed: int) -> dict[str, Pair]:
+def linked_pairs(plan: Plan, links: csr_array, seed: int) -> dict[str, Pair]:
     """Patterns of the programs that Hadamard codes can serve which keep linked cells (N, N) apart;
     `links` is sparse."""
     lattice = Lattice(plan.grid, plan.window)
@@ -117,7 +115,7 @@ def _compiled(program: Program, recipe: Recipe, lattice: Lattice, bits: Bools) -
     return compact(primal), compact(dual)
 
 
-def _onto_lattice(lattice: Lattice, links: Any) -> Any:
+def _onto_lattice(lattice: Lattice, links: csr_array) -> csr_array:
     """Links between cells (N, N) -> between code cells (L, L).
 
     With quarter windows each cell is served by four code cells, so a path links all of these.
@@ -126,7 +124,7 @@ def _onto_lattice(lattice: Lattice, links: Any) -> Any:
     row, column = np.divmod(np.arange(n), lattice.grid[1])
     more = range(shape[0] - lattice.grid[0] + 1)
     code_cell = [(row + down) * shape[1] + column + right for down in more for right in more]
-    onto = sparse.csr_array(
+    onto = csr_array(
         (
             np.full(len(code_cell) * n, 1.0 / len(code_cell)),
             (np.concatenate(code_cell), np.tile(np.arange(n), len(code_cell))),

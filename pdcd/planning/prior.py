@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse import csr_array
 
 from pdcd.errors import ConfigError
 from pdcd.scene.matrix import load_matrix, matrix_effects
@@ -40,7 +40,7 @@ class GivenPrior:
     """
 
     name: str
-    links: Any
+    links: csr_array
     scene: Scene | None
 
 
@@ -67,7 +67,7 @@ def load_prior(text: str, grid: tuple[int, int]) -> GivenPrior:
     return GivenPrior(name, links_of(scene), scene)
 
 
-def links_of(scene: Scene) -> Any:
+def links_of(scene: Scene) -> csr_array:
     """Paths of a scene between different cells, mean of R, G, B: sparse CSR (N, N)."""
     paths = np.zeros((scene.cells, scene.cells))
     for effect in scene.effects:

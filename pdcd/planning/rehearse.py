@@ -68,7 +68,7 @@ class Rehearsal:
             headroom = min(headroom, TARGET * self.setting.full_e(iso) * f**2 / max(peak_e, 1e-9))
         cells = CellMap.block(self.plan.grid, self.plan.grid)
         pictures = combine(self.recipe, shots, cells, self.added, normalise=self.normalise)
-        picture = next(iter(pictures.values()))
+        picture = pictures[self.recipe.answer_name]
         total = float(np.sum(self.truth**2)) or 1.0
         code2, sensor2 = (picture.image - self.truth) ** 2, picture.sigma**2
         return Estimate(
@@ -161,8 +161,7 @@ def _bare(recipe: Recipe) -> Recipe:
     photos = tuple(photo for photo in recipe.photos if photo.name in names)
     used = {shot for photo in photos for _, shot in photo.shots}
     shots = tuple(shot for shot in recipe.shots if shot.name in used)
-    answer_name = next(iter(recipe.pictures))
-    return replace(recipe, photos=photos, shots=shots, pictures={answer_name: rule})
+    return replace(recipe, photos=photos, shots=shots, pictures={recipe.answer_name: rule})
 
 
 def foreseen(plan: Plan, shot: Shot, config: Config, pairs: int | None = None) -> Factors:

@@ -97,9 +97,14 @@ class Recipe:
         return next((photo for photo in self.photos if photo.name == "coded"), None)
 
     @property
+    def answer_name(self) -> str:
+        """Name of the picture that was asked for."""
+        return next(iter(self.pictures))
+
+    @property
     def answer(self) -> Rule:
         """How the wanted image is made of photos."""
-        return next(iter(self.pictures.values()))
+        return self.pictures[self.answer_name]
 
     @property
     def main(self) -> str:

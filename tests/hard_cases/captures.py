@@ -47,7 +47,7 @@ class Captured:
             assert result.error is None and result.folder is not None, result.error
             self.manifest: Manifest = read_manifest(Path(result.folder))
             decoded = Darkroom(Path(result.folder), self.manifest.run).decoded()
-        answer = next(iter(decoded.pictures.values()))
+        answer = decoded.answer
         self.image: Floats = answer.image[..., 1].reshape(-1)
         self.sigma: Floats = answer.sigma[..., 1].reshape(-1)
         self.saturated = sum(int(shot.saturated.sum()) for shot in decoded.shots.values())

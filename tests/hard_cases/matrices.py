@@ -62,7 +62,7 @@ def _answer(program: type | None, **fields: Any) -> Floats:
         light = scene.photo(got.left, got.right, got.coaxial, got.open_s).reshape(*GRID, 3)
         shots[shot.name] = Exposed(light, np.ones_like(light), np.zeros(GRID, bool), got, {})
     pictures = combine(plan.recipe, shots, CellMap.block(GRID, GRID))
-    return next(iter(pictures.values())).image[..., 1].ravel()
+    return pictures[plan.recipe.answer_name].image[..., 1].ravel()
 
 
 def _against(image: Floats, matrix: Floats) -> float:

@@ -51,7 +51,7 @@ def add_to_every_raw(run: Path, dark: NDArray[np.uint16]) -> None:
 
 def picture(run: Path) -> NDArray[np.float64]:
     decoded = Darkroom(run, read_manifest(run).run).decoded()
-    return next(iter(decoded.pictures.values())).image
+    return decoded.answer.image
 
 
 @pytest.mark.parametrize("black_level", ["none", "ambient", "mask", "both"])

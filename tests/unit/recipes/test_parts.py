@@ -38,7 +38,8 @@ def test_each_part_takes_every_shot_of_codes_in_turn() -> None:
         "coded-2",
         "coded-2-black-dual",
     ]
-    coded = next(photo for photo in recipe.photos if photo.name == "coded")
+    coded = recipe.coded
+    assert coded is not None
     assert coded.shots == (
         (1.0, "coded-1"),
         (-1.0, "coded-1-black-dual"),
