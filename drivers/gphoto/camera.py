@@ -105,8 +105,7 @@ class GphotoReadout:
     @classmethod
     def create(cls, context: DriverContext) -> GphotoReadout:
         """The readout of this rig's camera. Raises ConfigError."""
-        config: CameraConfig = context.config.camera
-        return cls(Session.of(context), config, context.clock)
+        return cls(Session.of(context), context.config.camera, context.clock)
 
     def connect(self) -> CameraInfo:
         """Open the camera and ask for its settings.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
-from drivers.serial_shutter.options import Options, read_options
+from drivers.serial_shutter.options import Options, options_of
 from drivers.serial_shutter.port import Port
 from drivers.serial_shutter.watchdog import Alarm, Guardian, Watchdog
 from pdcd.bench.devices import Clock, DriverContext
@@ -53,8 +53,8 @@ class SerialShutter:
     @classmethod
     def create(cls, context: DriverContext) -> SerialShutter:
         """Check the options; the port is opened by `connect`."""
-        config: Config = context.config
-        options = read_options(config.trigger)
+        config = context.config
+        options = options_of(config.trigger)
         if config.rig.clock == "virtual" and "://" not in options.port:
             raise ConfigError(
                 "a real port cannot keep up with a virtual clock",

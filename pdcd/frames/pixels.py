@@ -19,10 +19,6 @@ from pdcd.errors import ConfigError
 FULL = 765
 """Level of a white pixel: three channels of 255."""
 
-PIXELS = "pixels"
-"""Where `DriverContext.shared` holds the `Shown` of the frames that were last played, by a display
-that looks at its own pixels: a virtual camera then believes them rather than the frame log."""
-
 BLACK_PICTURE = -1
 """Index of a picture without any light; it is not stored."""
 
