@@ -18,9 +18,8 @@ from pdcd.frames.balance import play_all, streams
 from pdcd.frames.bitplanes import check_binary
 from pdcd.frames.frames import BLACK, FrameLog, Frames
 from pdcd.frames.pixels import Recorder
-from pdcd.presenter.client import Log, Presenter, Rows
-from pdcd.presenter.messages import Log as Column
-from pdcd.presenter.messages import Open, Ready
+from pdcd.presenter.client import DisplayProcess, Log, Rows
+from pdcd.presenter.messages import Column, Open, Ready
 from pdcd.presenter.opening import opening
 from pdcd.presenter.options import VERIFIED
 
@@ -39,7 +38,7 @@ class X11Display:
         self._shared = shared
         self._planes = config.display.planes_per_refresh
         self._exposures = 0
-        self._presenter: Presenter | None = None
+        self._presenter: DisplayProcess | None = None
         self._frames: Frames | None = None
 
     @classmethod
@@ -153,10 +152,10 @@ class X11Display:
         sizes_px = self._config.projector.size_px, self._config.mask.size_px
         return Recorder(*sizes_px) if self._open.options.grab_px else None
 
-    def _alive(self) -> Presenter:
+    def _alive(self) -> DisplayProcess:
         if self._presenter is None or not self._presenter.alive:
             self.disconnect()
-            self._presenter = Presenter(self._open)
+            self._presenter = DisplayProcess(self._open)
         return self._presenter
 
 

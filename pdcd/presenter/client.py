@@ -50,7 +50,7 @@ Rows = NDArray[np.int32]
 Log = NDArray[np.int64]
 
 
-class Presenter:
+class DisplayProcess:
     """One display process. Every method raises DeviceLost when it is gone, and then it is dead."""
 
     def __init__(self, request: Open) -> None:

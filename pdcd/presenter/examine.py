@@ -18,8 +18,8 @@ from pdcd.bench.findings import Finding, fault
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.presenter import desktop, drm
-from pdcd.presenter.client import Presenter
-from pdcd.presenter.messages import Open, Panel, Ready
+from pdcd.presenter.client import DisplayProcess
+from pdcd.presenter.messages import Mode, Open, Ready
 from pdcd.presenter.opening import options_of
 from pdcd.presenter.options import VERIFIED, Options, SourceName
 from pdcd.presenter.outputs import (
@@ -218,8 +218,8 @@ def _open(options: Options, pair: Pair, config: Config) -> Ready:
     panels = []
     for output, table in ((pair.projector, config.projector), (pair.mask, config.mask)):
         rate = table.refresh_hz if configured else output.refresh_hz or NOMINAL_HZ
-        panels.append(Panel(output.size, rate))
-    presenter = Presenter(Open(options, panels[0], panels[1]))
+        panels.append(Mode(output.size, rate))
+    presenter = DisplayProcess(Open(options, panels[0], panels[1]))
     try:
         return presenter.ready
     finally:

@@ -18,7 +18,7 @@ from pdcd.presenter.memory import Slot
 from pdcd.presenter.options import Options
 
 
-class Panel(msgspec.Struct, frozen=True):
+class Mode(msgspec.Struct, frozen=True):
     """What a panel must be: its size (width, height) and nominal refresh."""
 
     size_px: tuple[int, int]
@@ -38,8 +38,8 @@ class Open(msgspec.Struct, frozen=True, tag=True):
     """Open both panels, black, and measure."""
 
     options: Options
-    projector: Panel
-    mask: Panel
+    projector: Mode
+    mask: Mode
     plane_order: str | None = None
     """Colours of bit planes, where a refresh shows 24 rows; None where it shows one."""
 
@@ -54,7 +54,7 @@ class Load(msgspec.Struct, frozen=True, tag=True):
 
 
 class Play(msgspec.Struct, frozen=True, tag=True):
-    """Show rows of the loaded frames; `Head` and `Log` of the memory tell how far and when.
+    """Show rows of the loaded frames; `Head` and `Column` of the memory tell how far and when.
 
     The memory holds `primal` and `dual`, (refreshes, planes) int32: rows of the frames, -1 for
     black. abort : go black as soon as a refresh with the mask open lasted too long.
@@ -130,7 +130,7 @@ class Head(enum.IntEnum):
 HEAD_SIZE = 8
 
 
-class Log(enum.IntEnum):
+class Column(enum.IntEnum):
     """Columns of the shared `log`, int64, one row for each refresh that was shown."""
 
     NS = 0
@@ -147,7 +147,7 @@ class Log(enum.IntEnum):
     """1 when the display system reported a page flip, 0 when a copy, or nothing."""
 
 
-LOG_COLUMNS = len(Log)
+LOG_COLUMNS = len(Column)
 
 _LARGEST_BYTES = 1 << 20
 _encoder = msgspec.msgpack.Encoder()

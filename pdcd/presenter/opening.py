@@ -5,7 +5,7 @@ from __future__ import annotations
 from pdcd.bench.options import read_options
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
-from pdcd.presenter.messages import Open, Panel
+from pdcd.presenter.messages import Mode, Open
 from pdcd.presenter.options import Options
 
 
@@ -30,7 +30,7 @@ def opening(config: Config) -> Open:
     projector, mask, display = config.projector, config.mask, config.display
     return Open(
         options,
-        Panel(projector.size_px, projector.refresh_hz),
-        Panel(mask.size_px, mask.refresh_hz),
+        Mode(projector.size_px, projector.refresh_hz),
+        Mode(mask.size_px, mask.refresh_hz),
         display.plane_order if display.planes_per_refresh > 1 else None,
     )

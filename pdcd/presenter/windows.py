@@ -82,7 +82,7 @@ TEXTURE_WIDTH = 4096
 """Texels in a row of the pattern texture."""
 
 
-class Panel:
+class Viewport:
     """One panel's part of a window, and its patterns on the graphics card.
 
     plane_order : colours of the bit planes, where a refresh shows the 24 rows of a picture, each
@@ -221,17 +221,17 @@ class Windows:
         self.planes = PLANES if plane_order else 1
         self._handles: list[Any] = []
         self._contexts: list[moderngl.Context] = []
-        self.panels: list[Panel] = []
+        self.panels: list[Viewport] = []
         if layout == "span":
             whole = Rect(0, 0, *screen_px)
             self._open(whole, 1)
             for place in places:
-                self.panels.append(Panel(self._contexts[0], place, whole.height, plane_order))
+                self.panels.append(Viewport(self._contexts[0], place, whole.height, plane_order))
         else:
             for place, interval in zip(places, (0, 1), strict=True):
                 self._open(place, interval)
                 own = Rect(0, 0, place.width, place.height)
-                self.panels.append(Panel(self._contexts[-1], own, place.height, plane_order))
+                self.panels.append(Viewport(self._contexts[-1], own, place.height, plane_order))
         self._several = len(self._handles) > 1
         self._sync = _x_sync(_x_display())
 
