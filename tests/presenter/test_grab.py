@@ -22,11 +22,11 @@ from pdcd.bench.tables import DisplayConfig, RigConfig, SceneConfig
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError
 from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.pixels import from_pictures
 from pdcd.frames.schedule import build_frames
 from pdcd.presenter.xconnection import connect, disconnect
 from pdcd.probing.pixel_matrix import pixel_factors
 from tests import bench_rig, x11_rig
+from tests.panel_pixels import from_pictures, planned
 from tests.xserver import QUARTER, XServer, run
 
 GRID = (6, 8)
@@ -163,8 +163,8 @@ def test_cells_that_do_not_divide_the_panels_make_the_photo_of_their_pixels(
         rig.disconnect()
     rows = range(len(frames))
     wanted = from_pictures(
-        [x11_rig.planned(frames, r, PROJECTOR_PX, mask=False) for r in rows],
-        [x11_rig.planned(frames, r, MASK_PX, mask=True) for r in rows],
+        [planned(frames, r, PROJECTOR_PX, mask=False) for r in rows],
+        [planned(frames, r, MASK_PX, mask=True) for r in rows],
     )
     for found, plan in ((shown.projector, wanted.projector), (shown.mask, wanted.mask)):
         for row in rows:
