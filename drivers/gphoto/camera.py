@@ -40,7 +40,7 @@ class GphotoShutter:
     def __init__(self, session: Session, config: TriggerConfig, clock: Clock) -> None:
         self._session = session
         self._clock = clock
-        self._sure_ns = round((config.lag_s + 4.0 * config.jitter_s) * 1e9)
+        self._sure_ns = config.sure_ns
         self._open = False
 
     @classmethod

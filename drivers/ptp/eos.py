@@ -12,7 +12,6 @@ import logging
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 from drivers.ptp.bulb import Bulb, choose_method
 from drivers.ptp.codes import (
@@ -74,7 +73,7 @@ class EosCamera:
         self,
         options: PtpOptions,
         clock: Clock,
-        backend: Any,
+        backend: object,
         longest_s: float,
         alive: Callable[[], object] = lambda: None,
     ) -> None:
@@ -390,7 +389,7 @@ class EosCamera:
                 self.session.call(Operation.EOS_KEEP_DEVICE_ON)
 
 
-def backend_of(context: DriverContext, options: PtpOptions) -> Any:
+def backend_of(context: DriverContext, options: PtpOptions) -> object:
     """The pyusb backend of this rig; None is the machine's libusb."""
     if options.usb == "virtual" and context.shared.usb_backend is None:
         from drivers.virtual_camera import bench_backend  # not needed by a real camera

@@ -44,7 +44,7 @@ class SerialShutter:
         self._options = options
         self._clock = clock
         self._alive = alive
-        self._lag_ns = round((config.trigger.lag_s + 4.0 * config.trigger.jitter_s) * 1e9)
+        self._sure_ns = config.trigger.sure_ns
         self._limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
         self._port: Port | None = None
         self._watchdog: Watchdog | None = None
@@ -167,7 +167,7 @@ class SerialShutter:
                 port.close()
 
     def _settled_ns(self) -> int:
-        sure_ns = self._clock.now_ns() + self._lag_ns
+        sure_ns = self._clock.now_ns() + self._sure_ns
         self._sleep_until_ns(sure_ns)
         return sure_ns
 

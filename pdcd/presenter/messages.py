@@ -10,7 +10,7 @@ from __future__ import annotations
 import array
 import enum
 import socket
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
@@ -153,12 +153,15 @@ _LARGEST_BYTES = 1 << 20
 _encoder = msgspec.msgpack.Encoder()
 
 
-class Channel:
-    """One end of the socket pair."""
+T = TypeVar("T")
+
+
+class Channel(Generic[T]):
+    """One end of the socket pair, where messages T are received: `Request` or `Reply`."""
 
     def __init__(self, sock: socket.socket, kind: Any) -> None:
         self.sock = sock
-        self._decoder = msgspec.msgpack.Decoder(kind)
+        self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kind)
 
     def send(self, message: Request | Reply, fd: int | None = None) -> None:
         """Send one message, with a descriptor; OSError when the other end is gone."""
@@ -166,7 +169,7 @@ class Channel:
         rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", fds))] if fds else []
         self.sock.sendmsg([_encoder.encode(message)], rights)
 
-    def receive(self) -> tuple[Any, int | None]:
+    def receive(self) -> tuple[T, int | None]:
         """The next message and its descriptor; EOFError when the other end is gone."""
         data, fds, _, _ = socket.recv_fds(self.sock, _LARGEST_BYTES, 1)
         if not data:

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 
 from drivers.folder import FolderReadout
-from drivers.mock.dng import write_dng
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig, Config
 from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
 from pdcd.sensor.raw import read_raw
+from tests.dng_file import write_dng
 
 SETTINGS = CameraSettings(iso=100, f_number=None)
 
