@@ -25,6 +25,7 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
+from pdcd.bench.options import read_options
 from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
 from pdcd.sensor.profile import load_profile, responsivity_e
@@ -85,15 +86,14 @@ class FolderReadout:
     @classmethod
     def create(cls, context: DriverContext) -> FolderReadout:
         """Check the options. Raises ConfigError."""
-        config: CameraConfig = context.config.camera
-        try:
-            options = msgspec.convert(config.options, Options)
-        except msgspec.ValidationError as err:
-            raise ConfigError(
-                f"[camera.options]: {err}",
-                device="camera",
-                hint="docs/cameras.md lists the options of the driver folder",
-            ) from err
+        config = context.config.camera
+        options = read_options(
+            config.options,
+            Options,
+            table="camera.options",
+            device="camera",
+            hint="docs/cameras.md lists the options of the driver folder",
+        )
         return cls(options, config, context.clock, context.alive)
 
     def connect(self) -> CameraInfo:

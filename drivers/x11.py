@@ -8,20 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from pdcd.bench.devices import Display, DisplayInfo, DriverContext
+from pdcd.bench.devices import Display, DisplayInfo, DriverContext, Shared
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.frames.balance import play_all, streams
 from pdcd.frames.bitplanes import check_binary
 from pdcd.frames.frames import BLACK, FrameLog, Frames
-from pdcd.frames.pixels import PIXELS, Recorder
-from pdcd.presenter.client import Log, Presenter, Rows
-from pdcd.presenter.messages import Log as Column
-from pdcd.presenter.messages import Open, Ready
+from pdcd.frames.pixels import Recorder
+from pdcd.presenter.client import DisplayProcess, Log, Rows
+from pdcd.presenter.messages import Column, Open, Ready
 from pdcd.presenter.opening import opening
 from pdcd.presenter.options import VERIFIED
 
@@ -34,19 +32,19 @@ class X11Display:
 
     maturity = "experimental"
 
-    def __init__(self, config: Config, request: Open, shared: dict[str, Any]) -> None:
+    def __init__(self, config: Config, request: Open, shared: Shared) -> None:
         self._open = request
         self._config = config
         self._shared = shared
         self._planes = config.display.planes_per_refresh
         self._exposures = 0
-        self._presenter: Presenter | None = None
+        self._presenter: DisplayProcess | None = None
         self._frames: Frames | None = None
 
     @classmethod
     def create(cls, context: DriverContext) -> X11Display:
         """Check the options; the panels are opened by `connect`."""
-        config: Config = context.config
+        config = context.config
         request = opening(config)
         if request.options.grab_px and config.display.planes_per_refresh > 1:
             raise ConfigError(
@@ -139,7 +137,7 @@ class X11Display:
 
         log = play_all(once, frames, on_miss=rig.on_miss, rounds=rig.retries, row_hz=config.row_hz)
         if recorder is not None:
-            self._shared[PIXELS] = recorder.shown()
+            self._shared.pixels = recorder.shown()
         return log
 
     def disconnect(self) -> None:
@@ -150,14 +148,14 @@ class X11Display:
 
     def _recorder(self) -> Recorder | None:
         """What keeps the pictures of an exposure, with option `grab_px`."""
-        self._shared.pop(PIXELS, None)
+        self._shared.pixels = None
         sizes_px = self._config.projector.size_px, self._config.mask.size_px
         return Recorder(*sizes_px) if self._open.options.grab_px else None
 
-    def _alive(self) -> Presenter:
+    def _alive(self) -> DisplayProcess:
         if self._presenter is None or not self._presenter.alive:
             self.disconnect()
-            self._presenter = Presenter(self._open)
+            self._presenter = DisplayProcess(self._open)
         return self._presenter
 
 

@@ -104,9 +104,7 @@ def bench_of(engine: Engine) -> Bench:
 
 def bench_of_rig(rig: Rig) -> Bench:
     """The virtual bench of a rig."""
-    bench = rig._context.shared["mock.bench"]
-    assert isinstance(bench, Bench)
-    return bench
+    return Bench.of(rig._context)
 
 
 def capture(engine: Engine, request: CaptureRequest, job: str = "job") -> CaptureResult:

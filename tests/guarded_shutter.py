@@ -12,10 +12,9 @@ from pathlib import Path
 
 from drivers.ptp import guardian
 from drivers.ptp import shutter as shutter_module
-from drivers.ptp.eos import BACKEND_KEY
 from drivers.ptp.shutter import PtpShutter
 from pdcd.bench.clock import RealClock
-from pdcd.bench.devices import DriverContext
+from pdcd.bench.devices import DriverContext, Shared
 from pdcd.bench.tables import Config, TriggerConfig
 from tests.remote_usb import RemoteUsb
 
@@ -26,7 +25,7 @@ def main(address: str, *guarding: str) -> int:
         return guardian.main(int(guarding[0]), guarding[1], backend)
     shutter_module.GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", address)
     config = Config(trigger=TriggerConfig(driver="ptp"))
-    shutter = PtpShutter.create(DriverContext(config, RealClock(), {BACKEND_KEY: backend}))
+    shutter = PtpShutter.create(DriverContext(config, RealClock(), Shared(usb_backend=backend)))
     shutter.connect()
     for line in sys.stdin:
         word = line.strip()

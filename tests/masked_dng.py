@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.dng import write_dng
+from tests.dng_file import write_dng
 
 ORIENTATION, ACTIVE_AREA, MASKED_AREAS, CFA_PATTERN = 274, 50829, 50830, 33422
 _LONG, _SHORT, _BYTE = 4, 3, 1

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.ptp.eos import BACKEND_KEY, EosCamera
+from drivers.ptp.eos import EosCamera
 from drivers.ptp.readout import PtpReadout
 from drivers.ptp.shutter import PtpShutter
 from drivers.virtual_camera import (
@@ -21,7 +21,7 @@ from drivers.virtual_camera import (
     VirtualUsb,
 )
 from pdcd.bench.clock import VirtualClock
-from pdcd.bench.devices import CameraSettings, DriverContext, RawFile
+from pdcd.bench.devices import CameraSettings, DriverContext, RawFile, Shared
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.errors import PdcdError
 
@@ -60,7 +60,7 @@ class PtpRig:
                 driver=trigger_driver, options=options if camera_driver != "ptp" else {}
             ),
         )
-        self.context = DriverContext(config, self.clock, {BACKEND_KEY: self.usb})
+        self.context = DriverContext(config, self.clock, Shared(usb_backend=self.usb))
         self.camera = EosCamera.of(self.context)
         # Tests tick by themselves, so that nothing depends on how fast the machine is.
         self.camera.alive_period_s = 3600.0

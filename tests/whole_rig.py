@@ -17,7 +17,6 @@ from typing import Any
 
 import pytest
 
-from drivers.ptp.eos import BACKEND_KEY
 from drivers.virtual_camera import Body, VirtualUsb
 from pdcd.bench.clock import RealClock
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
@@ -66,6 +65,13 @@ def plug(line: FakeLine, usb: VirtualUsb, name: str = "rts") -> None:
     line.on_edge, line.cts = pressed, contact
 
 
+def usb_of(engine: Engine) -> VirtualUsb:
+    """The bus that the camera of an engine is on."""
+    usb = engine._rig._context.shared.usb_backend
+    assert isinstance(usb, VirtualUsb)
+    return usb
+
+
 @contextmanager
 def served(config: Config) -> Iterator[WholeRig]:
     """The daemon of that configuration in a thread, ready for clients; ended on leaving."""
@@ -78,9 +84,8 @@ def served(config: Config) -> Iterator[WholeRig]:
 
         def factory(config: Config) -> Engine:
             engine = Engine.from_config(config)
-            context = engine._rig._context
-            line.clock = context.clock
-            plug(line, context.shared[BACKEND_KEY])
+            line.clock = engine._rig.clock
+            plug(line, usb_of(engine))
             made.append(engine)
             return engine
 
@@ -99,7 +104,7 @@ def served(config: Config) -> Iterator[WholeRig]:
         try:
             _wait_until_ready(socket, thread, failed)
             (engine,) = made
-            yield WholeRig(socket, engine, line, engine._rig._context.shared[BACKEND_KEY])
+            yield WholeRig(socket, engine, line, usb_of(engine))
         finally:
             if loops and not loops[0].is_closed():
                 loops[0].call_soon_threadsafe(stop.set)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
-from fractions import Fraction
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +15,6 @@ from Xlib.display import Display
 from drivers.x11 import X11Display
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig
-from pdcd.frames.frames import BLACK, WHITE, Frames
-from pdcd.frames.patterns import levels_of
 from tests import bench_rig
 from tests.xserver import XServer
 
@@ -96,28 +92,3 @@ def panels(server: XServer) -> tuple[Pixels, Pixels, int]:
     whole[:ph, :pw] = 0
     whole[:mh, pw : pw + mw] = 0
     return projector, mask, int(whole.max())
-
-
-def planned(frames: Frames, row: int, size_px: tuple[int, int], *, mask: bool) -> Pixels:
-    """What one row is to put on a panel, (h, w) uint8: pixel by pixel, in exact fractions."""
-    width, height = size_px
-    index = int((frames.dual_index if mask else frames.primal_index)[row])
-    if index in (BLACK, WHITE):
-        return np.full((height, width), 255 if index == WHITE else 0, dtype=np.uint8)
-    patterns = frames.dual_patterns if mask else frames.primal_patterns
-    lattice_rows, lattice_cols = frames.lattice
-    levels = levels_of(patterns, index, lattice_rows * lattice_cols)
-    levels = levels.reshape(frames.lattice)
-    shift, quarter = int(frames.shift[row]), frames.window == "quarter"
-    ys, y_open = _axis(height, frames.grid[0], shift >> 1, half=mask and quarter)
-    xs, x_open = _axis(width, frames.grid[1], shift & 1, half=mask and quarter)
-    image = np.rint(levels[np.ix_(ys, xs)] * 255.0)
-    return np.asarray(image * np.outer(y_open, x_open), dtype=np.uint8)
-
-
-@cache
-def _axis(size_px: int, cells: int, bit: int, *, half: bool) -> tuple[list[int], list[bool]]:
-    """Cell of every pixel along an axis, and whether the pixel is inside the cell's window."""
-    places = [Fraction(x * cells, size_px) + Fraction(bit, 2) for x in range(size_px)]
-    inside = [not half or Fraction(1, 4) <= p % 1 < Fraction(3, 4) for p in places]
-    return [int(p) for p in places], inside

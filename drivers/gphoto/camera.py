@@ -40,7 +40,7 @@ class GphotoShutter:
     def __init__(self, session: Session, config: TriggerConfig, clock: Clock) -> None:
         self._session = session
         self._clock = clock
-        self._sure_ns = round((config.lag_s + 4.0 * config.jitter_s) * 1e9)
+        self._sure_ns = config.sure_ns
         self._open = False
 
     @classmethod
@@ -105,8 +105,7 @@ class GphotoReadout:
     @classmethod
     def create(cls, context: DriverContext) -> GphotoReadout:
         """The readout of this rig's camera. Raises ConfigError."""
-        config: CameraConfig = context.config.camera
-        return cls(Session.of(context), config, context.clock)
+        return cls(Session.of(context), context.config.camera, context.clock)
 
     def connect(self) -> CameraInfo:
         """Open the camera and ask for its settings.

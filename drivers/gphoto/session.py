@@ -19,12 +19,12 @@ import gphoto2 as gp
 import msgspec
 
 from pdcd.bench.devices import Clock, DriverContext
+from pdcd.bench.options import read_options
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost
 
 logger = logging.getLogger(__name__)
 
-_KEY = "gphoto.session"
 _HINTS = {
     gp.GP_ERROR_IO_USB_CLAIM: "another program holds it: gio mount -s gphoto2, or close it",
     gp.GP_ERROR_MODEL_NOT_FOUND: "is it on, and plugged in? gphoto2 --auto-detect lists cameras",
@@ -67,10 +67,7 @@ class Session:
     @classmethod
     def of(cls, context: DriverContext) -> Session:
         """The session of this rig. Raises ConfigError for wrong options."""
-        session = context.shared.get(_KEY)
-        if not isinstance(session, cls):
-            session = context.shared[_KEY] = cls(_options(context.config), context.alive)
-        return session
+        return context.the(cls, lambda: cls(_options(context.config), context.alive))
 
     def open(self, user: str) -> None:
         """Find and open the camera. Raises DeviceLost."""
@@ -221,15 +218,14 @@ def _standard_input_kept() -> Iterator[None]:
 
 
 def _options(config: Config) -> Options:
-    mine = config.camera if config.camera.driver == "gphoto2" else config.trigger
-    try:
-        options = msgspec.convert(mine.options, Options)
-    except msgspec.ValidationError as err:
-        raise ConfigError(
-            f"options of the driver gphoto2: {err}",
-            device="camera",
-            hint="docs/cameras.md lists them",
-        ) from err
+    by_camera = config.camera.driver == "gphoto2"
+    options = read_options(
+        config.camera.options if by_camera else config.trigger.options,
+        Options,
+        table="camera.options" if by_camera else "trigger.options",
+        device="camera",
+        hint="docs/cameras.md lists the options of the driver gphoto2",
+    )
     if config.rig.clock != "real":
         raise ConfigError(
             "a real camera cannot keep up with a virtual clock",

@@ -10,22 +10,18 @@ shutter opens.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import PLAYED, DriverContext
+from pdcd.bench.devices import DriverContext, Shared
 from pdcd.bench.tables import Config
 from pdcd.errors import ExposureError
 from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.pixels import PIXELS
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
 from pdcd.scene.build import build_scene
 from pdcd.scene.scene import Scene
-
-KEY = "mock.bench"
 
 
 @dataclass
@@ -40,26 +36,23 @@ class Bench:
     close_ns: int | None = None
     panels_black: bool = True
     shutter_open: bool = field(default=False)
-    shared: dict[str, Any] = field(default_factory=dict)
+    shared: Shared = field(default_factory=Shared)
 
     @classmethod
     def of(cls, context: DriverContext) -> Bench:
         """The bench of this rig; made by the first driver that asks."""
-        bench = context.shared.get(KEY)
-        if not isinstance(bench, cls):
-            scene = build_scene(context.config.scene)
-            bench = cls(context.config, scene, shared=context.shared)
-            context.shared[KEY] = bench
-            # A rig that knows its scene says so: the engine then reports errors against truth.
-            context.shared["scene"] = bench.scene
-        return bench
+
+        def make() -> Bench:
+            scene = context.shared.scene = build_scene(context.config.scene)
+            return cls(context.config, scene, shared=context.shared)
+
+        return context.the(cls, make)
 
     def open_shutter(self, open_ns: int) -> None:
         """Light falls on the sensor from then on; what was shown before does not count."""
         self.open_ns, self.close_ns = open_ns, None
         self.frames = self.log = None
-        self.shared.pop(PLAYED, None)
-        self.shared.pop(PIXELS, None)
+        self.shared.played = self.shared.pixels = None
         self.shutter_open = True
 
     def close_shutter(self, close_ns: int) -> None:
@@ -80,9 +73,9 @@ class Bench:
         light = np.zeros((self.scene.cells, 3))
         frames, log = self.frames, self.log
         if frames is None or log is None:  # another display than the mock's: the rig knows
-            frames, log = self.shared.get(PLAYED) or _nothing(self.scene.grid, self.open_ns)
+            frames, log = self.shared.played or _nothing(self.scene.grid, self.open_ns)
         open_ns, close_ns = self.open_ns, self.close_ns
-        shown = self.shared.get(PIXELS)
+        shown = self.shared.pixels
         if shown is None:
             parts = bench_factors(
                 frames, log, config.projector, config.mask, open_ns=open_ns, close_ns=close_ns

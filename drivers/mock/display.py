@@ -14,6 +14,7 @@ from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
 from pdcd.frames.balance import play_all, streams
 from pdcd.frames.bitplanes import check_binary
+from pdcd.frames.cells import check_fit
 from pdcd.frames.frames import BLACK, FrameLog, Frames
 from pdcd.probing.panel import apart_s
 
@@ -73,14 +74,8 @@ class MockDisplay:
         """Check that the code cells fit the panels, and keep them."""
         if self._config.display.planes_per_refresh > 1:
             check_binary(frames.primal_patterns, frames.dual_patterns)
-        for name, panel in (("projector", self._config.projector), ("mask", self._config.mask)):
-            width, height = panel.size_px
-            if frames.grid[0] > height or frames.grid[1] > width:
-                raise ConfigError(
-                    f"{frames.grid[0]} x {frames.grid[1]} cells do not fit {height} x {width} px",
-                    device=name,
-                    hint="use a coarser grid",
-                )
+        check_fit(frames, self._config.projector.size_px, mask=False)
+        check_fit(frames, self._config.mask.size_px, mask=True)
         if frames.grid != self._bench.scene.grid:
             raise ConfigError(
                 f"frames of {frames.grid} cells for a scene of {self._bench.scene.grid}",

@@ -16,7 +16,6 @@ import struct
 from collections.abc import Sequence
 from datetime import datetime
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,32 +142,6 @@ def dng_bytes(
             frame.data,
         )
     )
-
-
-def write_dng(
-    path: Path,
-    mosaic: NDArray[np.uint16],
-    *,
-    black: int,
-    white: int,
-    iso: int,
-    exposure_s: float,
-    f_number: float | None,
-    model: str,
-    date: datetime,
-    as_shot_neutral: tuple[float, float, float] = (1.0, 1.0, 1.0),
-) -> int:
-    """Write what `dng_bytes` makes of the same arguments; returns the bytes written.
-
-    A file that exists is overwritten. Raises ConfigError as `dng_bytes` does, and OSError when the
-    file cannot be written, ENOSPC on a full disk.
-    """
-    return path.write_bytes(
-        dng_bytes(
-            mosaic, black=black, white=white, iso=iso, exposure_s=exposure_s, f_number=f_number,
-            model=model, date=date, as_shot_neutral=as_shot_neutral,
-        )
-    )  # fmt: skip
 
 
 def _odd(shape: Sequence[int]) -> bool:

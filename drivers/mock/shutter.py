@@ -16,13 +16,8 @@ class Lag:
         self._config = config
         self._rng = np.random.default_rng([seed, 2])
 
-    @property
-    def longest_ns(self) -> int:
-        """Lag and four jitters: no order takes longer."""
-        return round((self._config.lag_s + 4.0 * self._config.jitter_s) * 1e9)
-
     def draw_ns(self) -> int:
-        """How long the next order takes."""
+        """How long the next order takes, at most `TriggerConfig.sure_ns`."""
         wobble = float(np.clip(self._rng.standard_normal(), -4.0, 4.0))
         return max(0, round((self._config.lag_s + self._config.jitter_s * wobble) * 1e9))
 
@@ -39,6 +34,7 @@ class MockShutter:
         self._bench = bench
         self._clock = clock
         self._lag = Lag(config, seed)
+        self._sure_ns = config.sure_ns
 
     @classmethod
     def create(cls, context: DriverContext) -> MockShutter:
@@ -55,7 +51,7 @@ class MockShutter:
         """Open within lag and four jitters; returns that time."""
         asked_ns = self._clock.now_ns()
         self._bench.open_shutter(asked_ns + self._lag.draw_ns())
-        sure_ns = asked_ns + self._lag.longest_ns
+        sure_ns = asked_ns + self._sure_ns
         self._clock.sleep_until_ns(sure_ns)
         return sure_ns
 
@@ -65,7 +61,7 @@ class MockShutter:
         if not self._bench.shutter_open:
             return asked_ns
         self._bench.close_shutter(asked_ns + self._lag.draw_ns())
-        sure_ns = asked_ns + self._lag.longest_ns
+        sure_ns = asked_ns + self._sure_ns
         self._clock.sleep_until_ns(sure_ns)
         return sure_ns
 

@@ -12,7 +12,6 @@ import logging
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 from drivers.ptp.bulb import Bulb, choose_method
 from drivers.ptp.codes import (
@@ -52,9 +51,6 @@ from pdcd.errors import ExposureError, PdcdError
 
 logger = logging.getLogger(__name__)
 
-KEY = "ptp.camera"
-BACKEND_KEY = "ptp.backend"
-"""Where a rig's shared dictionary may hold the pyusb backend to use instead of libusb."""
 SHUTTER = "shutter"
 """The user that opens and closes."""
 
@@ -77,7 +73,7 @@ class EosCamera:
         self,
         options: PtpOptions,
         clock: Clock,
-        backend: Any,
+        backend: object,
         longest_s: float,
         alive: Callable[[], object] = lambda: None,
     ) -> None:
@@ -110,14 +106,14 @@ class EosCamera:
     @classmethod
     def of(cls, context: DriverContext) -> EosCamera:
         """The camera of this rig; made by the first driver that asks."""
-        camera = context.shared.get(KEY)
-        if not isinstance(camera, cls):
+
+        def make() -> EosCamera:
             options = options_of(context.config)
             backend = backend_of(context, options)
             longest_s = context.config.limits.max_exposure_s
-            camera = cls(options, context.clock, backend, longest_s, context.alive)
-            context.shared[KEY] = camera
-        return camera
+            return cls(options, context.clock, backend, longest_s, context.alive)
+
+        return context.the(cls, make)
 
     @property
     def releases(self) -> bool:
@@ -393,10 +389,10 @@ class EosCamera:
                 self.session.call(Operation.EOS_KEEP_DEVICE_ON)
 
 
-def backend_of(context: DriverContext, options: PtpOptions) -> Any:
+def backend_of(context: DriverContext, options: PtpOptions) -> object:
     """The pyusb backend of this rig; None is the machine's libusb."""
-    if options.usb == "virtual" and BACKEND_KEY not in context.shared:
+    if options.usb == "virtual" and context.shared.usb_backend is None:
         from drivers.virtual_camera import bench_backend  # not needed by a real camera
 
-        context.shared[BACKEND_KEY] = bench_backend(context)
-    return context.shared.get(BACKEND_KEY)
+        context.shared.usb_backend = bench_backend(context)
+    return context.shared.usb_backend

@@ -24,7 +24,6 @@ import socket
 import sys
 import time
 from contextlib import suppress
-from typing import Any
 
 import msgspec
 
@@ -41,7 +40,7 @@ _AGAIN_S = 0.2
 _USER = "guardian"
 
 
-def serve(talk: socket.socket, options: PtpOptions, backend: Any = None) -> bool:
+def serve(talk: socket.socket, options: PtpOptions, backend: object = None) -> bool:
     """Answer until the other end is gone; returns whether the shutter is closed then.
 
     `backend` is a pyusb backend; None takes the machine's libusb.
@@ -59,7 +58,7 @@ def serve(talk: socket.socket, options: PtpOptions, backend: Any = None) -> bool
             talk.send(b"ok")
 
 
-def close_shutter(options: PtpOptions, backend: Any) -> bool:
+def close_shutter(options: PtpOptions, backend: object) -> bool:
     """Begin a session with the camera, which closes the shutter, and end it."""
     camera = EosCamera(options, RealClock(), backend, TRY_S)
     until_s = time.monotonic() + TRY_S
@@ -77,7 +76,7 @@ def close_shutter(options: PtpOptions, backend: Any) -> bool:
         return True
 
 
-def main(talk_fd: int, options: str, backend: Any = None) -> int:
+def main(talk_fd: int, options: str, backend: object = None) -> int:
     """`serve` with options as JSON, deaf to signals; returns an exit status."""
     # A Ctrl-C in the terminal, or a stop of the service, is the parent's to answer.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

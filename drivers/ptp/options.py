@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from pdcd.bench.options import read_options
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 
@@ -59,11 +60,10 @@ def options_of(config: Config) -> PtpOptions:
                     device="camera",
                     hint="trigger and camera are one device: give each option once",
                 )
-    try:
-        return msgspec.convert(merged, PtpOptions)
-    except msgspec.ValidationError as err:
-        raise ConfigError(
-            f"[{' or '.join(f'{name}.options' for name in given)}]: {err}",
-            device="camera",
-            hint="docs/ptp.md lists the options of the driver ptp",
-        ) from err
+    return read_options(
+        merged,
+        PtpOptions,
+        table=" or ".join(f"{name}.options" for name in given),
+        device="camera",
+        hint="docs/ptp.md lists the options of the driver ptp",
+    )

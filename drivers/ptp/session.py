@@ -23,7 +23,6 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any
 
 from drivers.ptp.codes import Operation, Response, hex_name
 from drivers.ptp.containers import WireError
@@ -69,7 +68,7 @@ class Session:
 
     def __init__(
         self,
-        backend: Any,
+        backend: object,
         clock: Clock,
         restore: Callable[[], None],
         *,

@@ -36,7 +36,7 @@ class PtpShutter:
     def __init__(self, camera: EosCamera, clock: Clock, config: TriggerConfig) -> None:
         self._camera = camera
         self._clock = clock
-        self._sure_ns = round((config.lag_s + 4.0 * config.jitter_s) * 1e9)
+        self._sure_ns = config.sure_ns
         self._guard: Guard | None = None
         weakref.finalize(self, camera.let_go, SHUTTER)
 

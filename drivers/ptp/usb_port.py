@@ -32,7 +32,7 @@ _WENT = (errno.ENODEV, errno.ENOENT)
 PERMISSION_HINT = "install pdcd's udev rule, be in its group, and plug the camera in again"
 
 
-def find(backend: Any, usb_id: tuple[int, int] | None) -> list[Any]:
+def find(backend: object, usb_id: tuple[int, int] | None) -> list[Any]:
     """The devices with a still-image interface: of that vendor and product, or Canon's.
 
     `backend` is a pyusb backend; None takes the machine's libusb. Raises DriverUnavailable when
@@ -47,7 +47,7 @@ def find(backend: Any, usb_id: tuple[int, int] | None) -> list[Any]:
     return still_images(backend, wanted)
 
 
-def still_images(backend: Any, wanted: Callable[[Any], bool] = lambda _: True) -> list[Any]:
+def still_images(backend: object, wanted: Callable[[Any], bool] = lambda _: True) -> list[Any]:
     """Whatever has a still-image interface, telephones included; raises as `find` does."""
 
     def matches(device: Any) -> bool:

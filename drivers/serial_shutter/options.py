@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from pdcd.bench.options import read_options
 from pdcd.bench.tables import TriggerConfig
-from pdcd.errors import ConfigError
 
 _Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]
 
@@ -55,13 +55,12 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             raise ValueError("open_hex and close_hex need release = 'command'")
 
 
-def read_options(config: TriggerConfig) -> Options:
+def options_of(config: TriggerConfig) -> Options:
     """The checked options. Raises ConfigError that says what is wrong."""
-    try:
-        return msgspec.convert(config.options, Options)
-    except msgspec.ValidationError as err:
-        raise ConfigError(
-            f"[trigger.options]: {err}",
-            device="shutter",
-            hint="docs/cameras.md lists the options of the driver serial",
-        ) from err
+    return read_options(
+        config.options,
+        Options,
+        table="trigger.options",
+        device="shutter",
+        hint="docs/cameras.md lists the options of the driver serial",
+    )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
-from drivers.serial_shutter.options import Options, read_options
+from drivers.serial_shutter.options import Options, options_of
 from drivers.serial_shutter.port import Port
 from drivers.serial_shutter.watchdog import Alarm, Guardian, Watchdog
 from pdcd.bench.devices import Clock, DriverContext
@@ -44,7 +44,7 @@ class SerialShutter:
         self._options = options
         self._clock = clock
         self._alive = alive
-        self._lag_ns = round((config.trigger.lag_s + 4.0 * config.trigger.jitter_s) * 1e9)
+        self._sure_ns = config.trigger.sure_ns
         self._limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
         self._port: Port | None = None
         self._watchdog: Watchdog | None = None
@@ -53,8 +53,8 @@ class SerialShutter:
     @classmethod
     def create(cls, context: DriverContext) -> SerialShutter:
         """Check the options; the port is opened by `connect`."""
-        config: Config = context.config
-        options = read_options(config.trigger)
+        config = context.config
+        options = options_of(config.trigger)
         if config.rig.clock == "virtual" and "://" not in options.port:
             raise ConfigError(
                 "a real port cannot keep up with a virtual clock",
@@ -167,7 +167,7 @@ class SerialShutter:
                 port.close()
 
     def _settled_ns(self) -> int:
-        sure_ns = self._clock.now_ns() + self._lag_ns
+        sure_ns = self._clock.now_ns() + self._sure_ns
         self._sleep_until_ns(sure_ns)
         return sure_ns
 

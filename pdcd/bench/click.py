@@ -30,7 +30,7 @@ def examine(config: Config, *, click: bool, seconds: float = 1.0) -> Iterator[Fi
     Raises nothing of its own for what fails: that is the last finding.
     """
     clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
-    context = DriverContext(config=config, clock=clock, shared={})
+    context = DriverContext(config=config, clock=clock)
     try:
         chosen = load_driver("shutter", config.trigger.driver)
         shutter: Shutter = chosen.create(context)

@@ -7,8 +7,6 @@ file is reported at once.
 
 from __future__ import annotations
 
-import difflib
-import re
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,9 +15,8 @@ import msgspec
 
 from pdcd.bench.checks import Fault, cross_faults
 from pdcd.bench.folders import folder_variable
-from pdcd.bench.tables import (
-    Config,
-)
+from pdcd.bench.options import convert_field, unknown_key
+from pdcd.bench.tables import Config
 from pdcd.bench.toml_text import TIMES, emit
 from pdcd.errors import ConfigError
 
@@ -107,30 +104,17 @@ def _overlay(base: _S, given: Any, where: str, faults: list[Fault]) -> _S:
     for key, value in given.items():
         name = f"{where}.{key}" if where else key
         if key not in fields:
-            close = difflib.get_close_matches(key, fields, n=1)
-            advice = f"; is {close[0]} meant?" if close else f"; known are {', '.join(fields)}"
-            faults.append(Fault((name,), f"{name}: no such key{advice}"))
+            faults.append(Fault((name,), unknown_key(name, key, fields)))
             continue
         present = getattr(base, fields[key].name)
         if isinstance(present, msgspec.Struct):
             values[key] = _overlay(present, value, name, faults)
             continue
         try:
-            values[key] = msgspec.convert(value, type=fields[key].type, strict=True)
-        except msgspec.ValidationError as err:
-            faults.append(Fault((name,), _type_fault(name, str(err), fields[key].type)))
+            values[key] = convert_field(value, fields[key], name)
+        except ValueError as err:
+            faults.append(Fault((name,), str(err)))
     return msgspec.structs.replace(base, **values)
-
-
-def _type_fault(name: str, message: str, kind: Any) -> str:
-    """Say a conversion error in the words of the file: the key first, no type notation marks."""
-    what, _, place = message.partition(" - at `$")
-    if what.startswith("Invalid enum value"):
-        values = re.findall(r"'([^']*)'", str(kind))
-        number = ["a number"] if "float" in str(kind) else []
-        what = f"{what}; allowed are {', '.join(values + number)}"
-    what = what[0].lower() + what[1:].replace("`", "")
-    return f"{name}{place.rstrip('`').replace('[...]', '')}: {what}"
 
 
 def _resolve(config: Config, folder: Path) -> Config:

@@ -13,16 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.tables import Config
 from pdcd.frames.frames import FrameLog, Frames
-
-PLAYED = "played"
-"""Where `DriverContext.shared` holds the (Frames, FrameLog) that the display last played: what a
-virtual camera makes its photo from, whichever display it stands before."""
+from pdcd.frames.pixels import Shown
 
 Maturity = str
 """One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
@@ -170,18 +168,68 @@ class Readout(Protocol):
         ...
 
 
+class KnownScene(Protocol):
+    """A scene whose light transport a driver knows, as far as a bench asks about it."""
+
+    @property
+    def name(self) -> str:
+        """What reports call it."""
+        ...
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of cells."""
+        ...
+
+    @property
+    def cells(self) -> int:
+        """Number of cells, rows times columns."""
+        ...
+
+
+@dataclass
+class Shared:
+    """What the drivers of one rig tell each other. A driver of real devices needs none of it."""
+
+    played: tuple[Frames, FrameLog] | None = None
+    """What the display last played, put here by the rig: a virtual camera makes its photo from it,
+    whichever display it stands before. None once a shutter of the mock bench has opened."""
+    pixels: Shown | None = None
+    """The panels' own pixels of the same frames, from a display that looks at them: a virtual
+    camera believes these rather than the frame log."""
+    scene: KnownScene | None = None
+    """The scene, from a driver that knows it: the engine then reports errors against the truth."""
+    usb_backend: object | None = None
+    """The pyusb backend to use instead of libusb, which is None."""
+
+
 def _nobody_listens() -> None:
     """A rig without a watchdog."""
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class DriverContext:
     """What a driver's `create` gets: the whole checked configuration, the clock, and a place
-    where drivers of one rig meet (the mock bench is one object seen by three drivers)."""
+    where drivers of one rig meet."""
 
-    config: Any
+    config: Config
     clock: Clock
-    shared: dict[str, Any]
+    shared: Shared = field(default_factory=Shared)
     alive: Callable[[], object] = _nobody_listens
     """A method that waits for a device calls this every few seconds, from the thread that called
     it: so the daemon's watchdog knows that it waits and is not stuck. It never blocks or raises."""
+    _made: dict[type, object] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def the(self, kind: type[T], make: Callable[[], T]) -> T:
+        """The one instance of a class in this rig, made by the first driver that asks for it.
+
+        So a shutter and a readout use one camera. What `make` raises is passed on; whoever asks
+        next tries again.
+        """
+        found = self._made.get(kind)
+        if not isinstance(found, kind):
+            found = self._made[kind] = make()
+        return found

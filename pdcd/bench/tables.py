@@ -126,6 +126,11 @@ class TriggerConfig(_Table, frozen=True):
     jitter_s: NonNegative = 0.01
     options: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def sure_ns(self) -> int:
+        """Time after an order by which the blades have surely obeyed: the lag and four jitters."""
+        return round((self.lag_s + 4.0 * self.jitter_s) * 1e9)
+
 
 class SceneConfig(_Table, frozen=True):
     """[scene] the virtual scene of the mock bench.

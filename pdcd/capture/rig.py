@@ -11,7 +11,6 @@ from typing import Any
 
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import (
-    PLAYED,
     CameraInfo,
     CameraSettings,
     Clock,
@@ -67,7 +66,7 @@ class Rig:
         self.config = config
         self.clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
         self.pulse = Pulse()
-        context = DriverContext(config=config, clock=self.clock, shared={}, alive=self.pulse)
+        context = DriverContext(config=config, clock=self.clock, alive=self.pulse)
         self._context = context
         classes = {
             "display": load_driver("display", config.display.driver),
@@ -85,7 +84,7 @@ class Rig:
     @property
     def scene(self) -> Scene | None:
         """The scene, where a driver knows it (the mock bench does); None on a real bench."""
-        scene = self._context.shared.get("scene")
+        scene = self._context.shared.scene
         return scene if isinstance(scene, Scene) else None
 
     @property
@@ -187,7 +186,7 @@ class Rig:
             with disk_errors("camera"):
                 self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
             raise
-        self._context.shared[PLAYED] = (frames, log)
+        self._context.shared.played = (frames, log)
         self.display.black()
         self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
         close_ns = self.shutter.close()

@@ -29,7 +29,7 @@ def camera(args: argparse.Namespace) -> int:
     # By name, as the registry loads drivers: pdcd imports none of them.
     doctor = importlib.import_module("drivers.ptp.doctor")
     # Cameras keep their own time, whatever clock the rest of the rig would run on.
-    context = DriverContext(config=load(args.config), clock=RealClock(), shared={})
+    context = DriverContext(config=load(args.config), clock=RealClock())
     return _report(doctor.examine(context), as_json=args.json)
 
 

@@ -112,14 +112,6 @@ def lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> Weights:
     )
 
 
-def undisturbed(frames: Frames, log: FrameLog, row_hz: float) -> bool:
-    """Whether all codes have equal weights and met no other's light: misses did no harm."""
-    try:
-        return catch_up(frames, log, row_hz) is None
-    except SyncError:
-        return False
-
-
 def play_all(
     play: Callable[[Rows], FrameLog], frames: Frames, *, on_miss: str, rounds: int, row_hz: float
 ) -> FrameLog:

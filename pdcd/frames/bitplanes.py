@@ -1,4 +1,4 @@
-"""Binary patterns packed as the 24 bit planes of an RGB picture, and back.
+"""Binary patterns packed as the 24 bit planes of an RGB picture.
 
 DLP controllers in video-pattern mode take one RGB picture a video refresh and show its 24 bits one
 after the other, each for 1/24 of the refresh: 1440 binary patterns a second at 60 Hz. Plane j of a
@@ -45,14 +45,6 @@ def pack_planes(planes: NDArray[np.bool_], order: str = "GRB") -> NDArray[np.uin
     picture = np.empty((*planes.shape[1:], 3), dtype=np.uint8)
     picture[..., colours] = np.moveaxis(values, 0, -1)
     return picture
-
-
-def unpack_planes(picture: NDArray[np.uint8], order: str = "GRB") -> NDArray[np.bool_]:
-    """The 24 patterns of an RGB picture (..., 3) in the order they are shown, (24, ...) bool."""
-    values = np.moveaxis(picture[..., _colours(order)], -1, 0)
-    bits = (values[:, None] >> np.arange(8).reshape(8, *[1] * (values.ndim - 1))) & 1
-    planes: NDArray[np.bool_] = bits.astype(np.bool_).reshape(PLANES, *values.shape[1:])
-    return planes
 
 
 def check_binary(*patterns: Patterns) -> None:

@@ -30,6 +30,19 @@ def none() -> NDArray[np.uint8]:
     return np.zeros((0, 0), dtype=np.uint8)
 
 
+def grey_bytes(levels: Patterns) -> NDArray[np.uint8]:
+    """Grey levels as panels of 8 bits get them, uint8 of the same shape: 255 is full light."""
+    return np.asarray(np.rint(levels * 255.0), dtype=np.uint8)
+
+
+def bytes_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.uint8]:
+    """One pattern as panels of 8 bits get it, (L,) uint8: 255 is full light."""
+    row = patterns[index]
+    if row.dtype == np.uint8:
+        return np.unpackbits(row.astype(np.uint8), count=cells) * np.uint8(255)
+    return grey_bytes(row)
+
+
 def levels_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.float64]:
     """One pattern as levels, (L,) float64."""
     row = patterns[index]

@@ -8,7 +8,6 @@ colour counts as the light it really gives; `FULL` is white.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +17,6 @@ from pdcd.errors import ConfigError
 
 FULL = 765
 """Level of a white pixel: three channels of 255."""
-
-PIXELS = "pixels"
-"""Where `DriverContext.shared` holds the `Shown` of the frames that were last played, by a display
-that looks at its own pixels: a virtual camera then believes them rather than the frame log."""
 
 BLACK_PICTURE = -1
 """Index of a picture without any light; it is not stored."""
@@ -99,26 +94,6 @@ class Recorder:
         """Everything so far."""
         projector, mask = (panel.pictures() for panel in self._panels)
         return Shown(projector, mask)
-
-
-def from_pictures(
-    projector: Sequence[NDArray[np.uint8]], mask: Sequence[NDArray[np.uint8]]
-) -> Shown:
-    """Pictures made elsewhere: one (h, w) grey uint8 picture of each panel for each refresh.
-
-    At least one refresh; raises ConfigError when the two have different numbers of refreshes.
-    """
-    if len(projector) != len(mask):
-        raise ConfigError(
-            f"{len(projector)} pictures of the projector and {len(mask)} of the mask",
-            device="display",
-            hint="one of each for every refresh",
-        )
-    (ph, pw), (mh, mw) = projector[0].shape, mask[0].shape
-    recorder = Recorder((pw, ph), (mw, mh))
-    for shown in zip(projector, mask, strict=True):
-        recorder.add(*(part.astype(np.uint16) * 3 for part in shown))
-    return recorder.shown()
 
 
 class _Panel:

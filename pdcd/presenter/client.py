@@ -23,7 +23,6 @@ from pdcd.presenter.messages import (
     LOG_COLUMNS,
     Black,
     Channel,
-    Done,
     Failed,
     Head,
     Load,
@@ -50,7 +49,7 @@ Rows = NDArray[np.int32]
 Log = NDArray[np.int64]
 
 
-class Presenter:
+class DisplayProcess:
     """One display process. Every method raises DeviceLost when it is gone, and then it is dead."""
 
     def __init__(self, request: Open) -> None:
@@ -63,7 +62,7 @@ class Presenter:
             stdin=subprocess.DEVNULL,
         )
         its.close()
-        self._channel = Channel(mine, Reply)
+        self._channel: Channel[Reply] = Channel(mine, Reply)
         self._poller = select.poll()
         self._poller.register(mine, select.POLLIN | select.POLLHUP)
         self._display = request.options.display
@@ -269,8 +268,7 @@ class Presenter:
             raise kinds.get(reply.kind, DeviceLost)(
                 reply.message, device="display", hint=reply.hint
             )
-        found: Ready | Done = reply
-        return found
+        return reply
 
     def _gone(self) -> DeviceLost:
         self.kill()

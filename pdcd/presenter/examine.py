@@ -18,8 +18,9 @@ from pdcd.bench.findings import Finding, fault
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.presenter import desktop, drm
-from pdcd.presenter.client import Presenter
-from pdcd.presenter.messages import Open, Panel, Ready
+from pdcd.presenter.client import DisplayProcess
+from pdcd.presenter.messages import Mode, Open, Ready
+from pdcd.presenter.opening import options_of
 from pdcd.presenter.options import VERIFIED, Options, SourceName
 from pdcd.presenter.outputs import (
     Output,
@@ -43,10 +44,12 @@ def examine(config: Config, display_name: str | None = None) -> Iterator[Finding
     Takes about five seconds, during which both panels are black. Raises nothing of its own: what
     fails is a finding.
     """
-    options = _options(config)
-    if isinstance(options, Finding):
-        yield options
-        options = None
+    options = None
+    if config.display.driver == "x11":
+        try:
+            options = options_of(config)
+        except ConfigError as err:
+            yield _fault("configuration", err)
     display_name = display_name or (options.display if options else None)
     try:
         display = connect(display_name)
@@ -99,16 +102,6 @@ def _examine(display: Any, config: Config, options: Options | None) -> Iterator[
         yield from _permissions(None)
     else:
         yield from _opened(name, pair, config, options)
-
-
-def _options(config: Config) -> Options | Finding | None:
-    """[display.options] of the x11 driver; None with another driver."""
-    if config.display.driver != "x11":
-        return None
-    try:
-        return msgspec.convert(config.display.options, Options)
-    except msgspec.ValidationError as err:
-        return Finding("configuration", "fault", f"[display.options]: {err}", "see docs/display.md")
 
 
 def _outputs(outputs: tuple[Output, ...]) -> Iterator[Finding]:
@@ -225,8 +218,8 @@ def _open(options: Options, pair: Pair, config: Config) -> Ready:
     panels = []
     for output, table in ((pair.projector, config.projector), (pair.mask, config.mask)):
         rate = table.refresh_hz if configured else output.refresh_hz or NOMINAL_HZ
-        panels.append(Panel(output.size, rate))
-    presenter = Presenter(Open(options, panels[0], panels[1]))
+        panels.append(Mode(output.size, rate))
+    presenter = DisplayProcess(Open(options, panels[0], panels[1]))
     try:
         return presenter.ready
     finally:

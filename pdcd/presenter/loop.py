@@ -13,7 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from pdcd.presenter.clocks import Source, sleep_until
-from pdcd.presenter.messages import Head, Log
+from pdcd.presenter.messages import Column, Head
 
 MARGIN = 0.5
 """Part of a refresh after which a code is no longer handed over for the coming vblank."""
@@ -67,26 +67,26 @@ class Loop:
                     if now_ns - source.ns > margin_ns:
                         gone = int((now_ns - source.ns) / self._period_ns) + 1
                         sleep_until(source.ns + int((gone + 0.05) * self._period_ns))
-                log[n, Log.PUT_NS] = time.monotonic_ns()
+                log[n, Column.PUT_NS] = time.monotonic_ns()
                 draw(n)
                 source.put()
-                log[n, Log.SWAP_NS] = time.monotonic_ns()
+                log[n, Column.SWAP_NS] = time.monotonic_ns()
                 put += 1
                 if opening and source.queues and put < count and not opens[put]:
                     # The black that ends a code goes with it: not this process but the display
                     # system then sees to it that the code lasts one refresh.
-                    log[put, Log.PUT_NS] = time.monotonic_ns()
+                    log[put, Column.PUT_NS] = time.monotonic_ns()
                     draw(put)
                     source.put()
-                    log[put, Log.SWAP_NS] = time.monotonic_ns()
+                    log[put, Column.SWAP_NS] = time.monotonic_ns()
                     put += 1
                     opening = False
                 open_now = opening
             source.shown()
-            log[n, Log.NS] = source.ns
-            log[n, Log.MSC] = source.msc
-            log[n, Log.CPU_NS] = time.thread_time_ns()
-            log[n, Log.FLIPPED] = source.flipped
+            log[n, Column.NS] = source.ns
+            log[n, Column.MSC] = source.msc
+            log[n, Column.CPU_NS] = time.thread_time_ns()
+            log[n, Column.FLIPPED] = source.flipped
             if n:
                 missed += source.msc - last_msc - 1
                 if source.msc - last_msc > 1 and opens[n - 1]:

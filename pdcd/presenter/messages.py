@@ -10,7 +10,7 @@ from __future__ import annotations
 import array
 import enum
 import socket
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
@@ -18,7 +18,7 @@ from pdcd.presenter.memory import Slot
 from pdcd.presenter.options import Options
 
 
-class Panel(msgspec.Struct, frozen=True):
+class Mode(msgspec.Struct, frozen=True):
     """What a panel must be: its size (width, height) and nominal refresh."""
 
     size_px: tuple[int, int]
@@ -38,8 +38,8 @@ class Open(msgspec.Struct, frozen=True, tag=True):
     """Open both panels, black, and measure."""
 
     options: Options
-    projector: Panel
-    mask: Panel
+    projector: Mode
+    mask: Mode
     plane_order: str | None = None
     """Colours of bit planes, where a refresh shows 24 rows; None where it shows one."""
 
@@ -54,7 +54,7 @@ class Load(msgspec.Struct, frozen=True, tag=True):
 
 
 class Play(msgspec.Struct, frozen=True, tag=True):
-    """Show rows of the loaded frames; `Head` and `Log` of the memory tell how far and when.
+    """Show rows of the loaded frames; `Head` and `Column` of the memory tell how far and when.
 
     The memory holds `primal` and `dual`, (refreshes, planes) int32: rows of the frames, -1 for
     black. abort : go black as soon as a refresh with the mask open lasted too long.
@@ -130,7 +130,7 @@ class Head(enum.IntEnum):
 HEAD_SIZE = 8
 
 
-class Log(enum.IntEnum):
+class Column(enum.IntEnum):
     """Columns of the shared `log`, int64, one row for each refresh that was shown."""
 
     NS = 0
@@ -147,18 +147,21 @@ class Log(enum.IntEnum):
     """1 when the display system reported a page flip, 0 when a copy, or nothing."""
 
 
-LOG_COLUMNS = len(Log)
+LOG_COLUMNS = len(Column)
 
 _LARGEST_BYTES = 1 << 20
 _encoder = msgspec.msgpack.Encoder()
 
 
-class Channel:
-    """One end of the socket pair."""
+T = TypeVar("T")
+
+
+class Channel(Generic[T]):
+    """One end of the socket pair, where messages T are received: `Request` or `Reply`."""
 
     def __init__(self, sock: socket.socket, kind: Any) -> None:
         self.sock = sock
-        self._decoder = msgspec.msgpack.Decoder(kind)
+        self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kind)
 
     def send(self, message: Request | Reply, fd: int | None = None) -> None:
         """Send one message, with a descriptor; OSError when the other end is gone."""
@@ -166,7 +169,7 @@ class Channel:
         rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", fds))] if fds else []
         self.sock.sendmsg([_encoder.encode(message)], rights)
 
-    def receive(self) -> tuple[Any, int | None]:
+    def receive(self) -> tuple[T, int | None]:
         """The next message and its descriptor; EOFError when the other end is gone."""
         data, fds, _, _ = socket.recv_fds(self.sock, _LARGEST_BYTES, 1)
         if not data:

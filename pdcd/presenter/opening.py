@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import msgspec
-
+from pdcd.bench.options import read_options
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
-from pdcd.presenter.messages import Open, Panel
+from pdcd.presenter.messages import Mode, Open
 from pdcd.presenter.options import Options
+
+
+def options_of(config: Config) -> Options:
+    """[display.options] of the driver x11. Raises ConfigError."""
+    return read_options(
+        config.display.options,
+        Options,
+        table="display.options",
+        device="display",
+        hint="docs/display.md lists the options of the driver x11",
+    )
 
 
 def opening(config: Config) -> Open:
     """What the display process is asked to open. Raises ConfigError."""
-    try:
-        options = msgspec.convert(config.display.options, Options)
-    except msgspec.ValidationError as err:
-        raise ConfigError(f"[display.options]: {err}", device="display") from err
+    options = options_of(config)
     if config.rig.clock != "real":
         raise ConfigError(
             "real panels keep real time", device="display", hint='set rig.clock = "real"'
@@ -23,7 +30,7 @@ def opening(config: Config) -> Open:
     projector, mask, display = config.projector, config.mask, config.display
     return Open(
         options,
-        Panel(projector.size_px, projector.refresh_hz),
-        Panel(mask.size_px, mask.refresh_hz),
+        Mode(projector.size_px, projector.refresh_hz),
+        Mode(mask.size_px, mask.refresh_hz),
         display.plane_order if display.planes_per_refresh > 1 else None,
     )

@@ -242,7 +242,7 @@ class Presenter:
         )
 
 
-def serve(channel: Channel) -> None:
+def serve(channel: Channel[Request]) -> None:
     """Answer requests until `Quit` or until the other end is gone; black in either case."""
     poller = select.poll()
     poller.register(channel.sock, select.POLLIN | select.POLLHUP)
@@ -303,7 +303,7 @@ def main(fd: int) -> int:
     # that systemd sends to all processes of a service.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    channel = Channel(socket.socket(fileno=fd), Request)
+    channel: Channel[Request] = Channel(socket.socket(fileno=fd), Request)
     try:
         serve(channel)
     except BrokenPipeError:
@@ -321,7 +321,7 @@ def _failed(err: PdcdError, *, alive: bool) -> Failed:
     return Failed(err.kind, where + err.message, err.hint, alive)
 
 
-def _report(channel: Channel, message: Reply) -> int:
+def _report(channel: Channel[Request], message: Reply) -> int:
     try:
         channel.send(message)
     except OSError:

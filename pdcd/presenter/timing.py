@@ -12,9 +12,8 @@ from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.frames.frames import BLACK, Frames
 from pdcd.frames.patterns import pack
-from pdcd.presenter.client import Log, Presenter
-from pdcd.presenter.messages import Log as Column
-from pdcd.presenter.messages import Ready
+from pdcd.presenter.client import DisplayProcess, Log
+from pdcd.presenter.messages import Column, Ready
 from pdcd.presenter.opening import opening
 
 PATTERNS = 64
@@ -68,7 +67,7 @@ class Timing:
 
 def measure(config: Config, refreshes: int) -> Timing:
     """Show random codes with guards for so many refreshes. Raises what the display raises."""
-    presenter = Presenter(opening(config))
+    presenter = DisplayProcess(opening(config))
     try:
         planes = config.display.planes_per_refresh
         presenter.load(random_codes(config.scene.grid or (48, 64)))

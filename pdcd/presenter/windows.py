@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.frames.bitplanes import PLANES
+from pdcd.frames.cells import check_fit, panel_edges
 from pdcd.frames.frames import WHITE, Frames
-from pdcd.presenter.cells import panel_edges
+from pdcd.frames.patterns import grey_bytes
 from pdcd.presenter.messages import Rect
 
 VERTEX_SHADER = """
@@ -82,7 +83,7 @@ TEXTURE_WIDTH = 4096
 """Texels in a row of the pattern texture."""
 
 
-class Panel:
+class Viewport:
     """One panel's part of a window, and its patterns on the graphics card.
 
     plane_order : colours of the bit planes, where a refresh shows the 24 rows of a picture, each
@@ -117,17 +118,11 @@ class Panel:
     def load(self, frames: Frames, *, mask: bool) -> None:
         """Take over one panel's patterns and rows. Raises ConfigError when they do not fit."""
         name = "mask" if mask else "projector"
-        width, height = self._size_px
-        if frames.grid[0] > height or frames.grid[1] > width:
-            raise ConfigError(
-                f"{frames.grid[0]} x {frames.grid[1]} cells do not fit {height} x {width} px",
-                device=name,
-                hint="use a coarser grid",
-            )
+        check_fit(frames, self._size_px, mask=mask)
         patterns = frames.dual_patterns if mask else frames.primal_patterns
         index = frames.dual_index if mask else frames.primal_index
         grey = patterns.dtype != np.uint8
-        levels = np.rint(patterns * 255.0).astype(np.uint8) if grey else patterns
+        levels = grey_bytes(patterns) if grey else patterns
         self._upload(levels, panel_edges(frames, self._size_px, mask=mask), name)
         self._program["cols"] = frames.lattice[1]
         if not self._order:
@@ -221,17 +216,17 @@ class Windows:
         self.planes = PLANES if plane_order else 1
         self._handles: list[Any] = []
         self._contexts: list[moderngl.Context] = []
-        self.panels: list[Panel] = []
+        self.panels: list[Viewport] = []
         if layout == "span":
             whole = Rect(0, 0, *screen_px)
             self._open(whole, 1)
             for place in places:
-                self.panels.append(Panel(self._contexts[0], place, whole.height, plane_order))
+                self.panels.append(Viewport(self._contexts[0], place, whole.height, plane_order))
         else:
             for place, interval in zip(places, (0, 1), strict=True):
                 self._open(place, interval)
                 own = Rect(0, 0, place.width, place.height)
-                self.panels.append(Panel(self._contexts[-1], own, place.height, plane_order))
+                self.panels.append(Viewport(self._contexts[-1], own, place.height, plane_order))
         self._several = len(self._handles) > 1
         self._sync = _x_sync(_x_display())
 

@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
-from pdcd.presenter.client import Presenter
+from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.opening import opening
 from pdcd.presenter.timing import Timing, measure, random_codes
 from tests import x11_rig
@@ -119,7 +119,7 @@ def _spread(values_s: Sequence[float] | NDArray[np.float64]) -> str:
 def _uploads(config: Config) -> Table:
     """From the driver's call until the patterns of both panels are in textures."""
     table = Table("Time to hand over all patterns of a shot", ("codes", "cells", "MB", "time"))
-    presenter = Presenter(opening(config))
+    presenter = DisplayProcess(opening(config))
     try:
         for count in COUNTS:
             few = random_codes(GRID)

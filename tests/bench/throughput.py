@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import rawpy
 
-from drivers.mock.dng import write_dng
 from pdcd.codes.make import FAMILIES, make_codes
 from pdcd.frames.lattice import Lattice
 from pdcd.sensor.raw import read_raw
@@ -18,6 +17,7 @@ from tests.bench import plots
 from tests.bench.measure import REPEATS, timed
 from tests.bench.tables import Aim, Section, Table, grid_name, seconds
 from tests.cr2 import SIZE_450D, write_cr2
+from tests.dng_file import write_dng
 
 GRIDS = ((48, 64), (96, 128))
 COUNTS = (8, 128, 1024)

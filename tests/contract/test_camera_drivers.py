@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.mock.dng import write_dng
 from pdcd.bench.config import load
 from pdcd.bench.devices import CameraSettings
 from pdcd.bench.tables import CameraConfig, TriggerConfig
@@ -25,6 +24,7 @@ from pdcd.capture.rig import Rig
 from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.contract.test_camera import ReadoutContract, ShutterContract, expose
+from tests.dng_file import write_dng
 from tests.fake_serial import Edge, fake_line
 
 BENCH = "PDCD_TEST_CONFIG"

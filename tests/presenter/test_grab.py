@@ -18,16 +18,15 @@ from numpy.typing import NDArray
 from Xlib import X
 
 from drivers.mock.bench import Bench
-from pdcd.bench.devices import PLAYED
 from pdcd.bench.tables import DisplayConfig, RigConfig, SceneConfig
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError
 from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.pixels import PIXELS, from_pictures
 from pdcd.frames.schedule import build_frames
 from pdcd.presenter.xconnection import connect, disconnect
 from pdcd.probing.pixel_matrix import pixel_factors
 from tests import bench_rig, x11_rig
+from tests.panel_pixels import from_pictures, planned
 from tests.xserver import QUARTER, XServer, run
 
 GRID = (6, 8)
@@ -75,12 +74,11 @@ def rig_on(
 
 def expose(rig: Rig, frames: Frames) -> tuple[Bench, FrameLog]:
     """One exposure, without the camera's file."""
-    shared = rig._context.shared
     bench = Bench.of(rig._context)
     rig.display.load(frames)
     rig.shutter.open()
     log = rig.display.play(lambda *_: None, lambda: False)
-    shared[PLAYED] = (frames, log)
+    rig._context.shared.played = (frames, log)
     rig.shutter.close()
     return bench, log
 
@@ -139,7 +137,8 @@ def test_right_pixels_make_the_photo_of_the_frame_log(
     with rig_on(tmp_path, x_quarter, transport, layout=layout) as rig:
         bench, log = expose(rig, one_code(lit, seen))
         pixels = bench.photo()
-        shown = rig._context.shared.pop(PIXELS)
+        shown, rig._context.shared.pixels = rig._context.shared.pixels, None
+        assert shown is not None
         np.testing.assert_allclose(pixels, bench.photo(), rtol=1e-12)
     assert len(shown) == len(log)
     assert pixels.max() > 0.01
@@ -158,13 +157,14 @@ def test_cells_that_do_not_divide_the_panels_make_the_photo_of_their_pixels(
     rig.connect()
     try:
         _, log = expose(rig, frames)
-        shown = rig._context.shared[PIXELS]
+        shown = rig._context.shared.pixels
+        assert shown is not None
     finally:
         rig.disconnect()
     rows = range(len(frames))
     wanted = from_pictures(
-        [x11_rig.planned(frames, r, PROJECTOR_PX, mask=False) for r in rows],
-        [x11_rig.planned(frames, r, MASK_PX, mask=True) for r in rows],
+        [planned(frames, r, PROJECTOR_PX, mask=False) for r in rows],
+        [planned(frames, r, MASK_PX, mask=True) for r in rows],
     )
     for found, plan in ((shown.projector, wanted.projector), (shown.mask, wanted.mask)):
         for row in rows:
@@ -271,7 +271,7 @@ def test_pictures_of_several_passes_join_as_their_logs_do(
     with rig_on(tmp_path, x_quarter, rng.random((N, N)), "balance", **stalls) as rig:
         bench, log = expose(rig, frames)
         pixels = bench.photo()
-        rig._context.shared.pop(PIXELS)
+        rig._context.shared.pixels = None
         np.testing.assert_allclose(pixels, bench.photo(), rtol=1e-12)
     assert len(log) > len(frames)
 

@@ -1,4 +1,4 @@
-"""Every pixel of the X screen against the planned code, and that against the lattice."""
+"""Every pixel of the X screen against the planned code, and what `draw` says of it."""
 
 from __future__ import annotations
 
@@ -12,37 +12,11 @@ import numpy as np
 import pytest
 
 from drivers.x11 import X11Display
-from pdcd.frames.frames import BLACK, WHITE, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import compact, levels_of
-from pdcd.presenter.cells import panel_edges
+from pdcd.frames.draw import draw, draw_planes
+from pdcd.frames.frames import BLACK, Frames
 from tests import x11_rig
+from tests.panel_pixels import planned, random_frames
 from tests.xserver import XServer
-
-
-def random_frames(
-    grid: tuple[int, int], window: str, rows: int, *, grey: bool = False, seed: int = 1
-) -> Frames:
-    """Rows of random patterns, with blacks and whites among them, under all sub-shifts."""
-    rng = np.random.default_rng(seed)
-    lattice = Lattice(grid, window)
-    levels = rng.random((2, rows, lattice.lattice_cells))
-    primal, dual = levels if grey else levels < 0.5
-    index = np.arange(rows, dtype=np.int32)
-    primal_index, dual_index = index.copy(), index[::-1].copy()
-    primal_index[-2:], dual_index[-4:] = (BLACK, WHITE), (WHITE, BLACK, BLACK, WHITE)
-    return Frames(
-        primal_patterns=compact(primal),
-        dual_patterns=compact(dual),
-        primal_index=primal_index,
-        dual_index=dual_index,
-        shift=(index % lattice.fields).astype(np.uint8),
-        code=index,
-        guard=np.zeros(rows, dtype=np.bool_),
-        grid=grid,
-        lattice=lattice.shape,
-        window=window,
-    )
 
 
 @contextmanager
@@ -79,8 +53,11 @@ def mismatches(server: XServer, frames: Frames, row: int) -> int:
         (projector, server.projector_px, False),
         (mask, server.mask_px, True),
     ):
-        wanted = x11_rig.planned(frames, row, size, mask=is_mask)
-        wrong += int(np.count_nonzero(found != wanted[..., None]))
+        for wanted in (
+            planned(frames, row, size, mask=is_mask),
+            draw(frames, size, row, mask=is_mask),
+        ):
+            wrong += int(np.count_nonzero(found != wanted[..., None]))
     return wrong
 
 
@@ -158,9 +135,11 @@ def test_24_planes_of_a_picture(
     ):
         wanted = np.zeros((*size[::-1], 3), dtype=np.uint8)
         for j in range(24):
-            lit = x11_rig.planned(frames, j, size, mask=is_mask) > 0
+            lit = planned(frames, j, size, mask=is_mask) > 0
             wanted[..., "RGB".index(order[j // 8])] += lit.astype(np.uint8) << j % 8
         assert np.count_nonzero(found != wanted) == 0
+        drawn = draw_planes(frames, size, range(24), mask=is_mask, order=order)
+        np.testing.assert_array_equal(drawn, wanted)
 
 
 def test_planes_are_logged_one_by_one_and_a_delayed_mask_comes_later(
@@ -179,49 +158,3 @@ def test_planes_are_logged_one_by_one_and_a_delayed_mask_comes_later(
     np.testing.assert_array_equal(log.dual_shown, np.append(black, rows))
     assert log.mask_delay == 24
     assert np.median(np.diff(log.primal_ns)) == pytest.approx(1e9 / 60 / 24, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("window", "shift"), [("whole", 0), *(("quarter", shift) for shift in range(4))]
-)
-def test_pixels_are_what_the_lattice_says(window: str, shift: int) -> None:
-    """Cell means of both panels, and of their product, where quarters of cells divide the panel."""
-    grid, size = (6, 5), (40, 24)
-    frames, lattice = random_frames(grid, window, 8), Lattice(grid, window)
-    row = shift if window == "quarter" else 0
-    light = painted(frames, row, size, mask=False)
-    opening = painted(frames, row, size, mask=True)
-    primal = levels_of(frames.primal_patterns, frames.primal_index[row], lattice.lattice_cells)
-    dual = levels_of(frames.dual_patterns, frames.dual_index[row], lattice.lattice_cells)
-    fields = lattice.primal_field_values(primal, shift)
-    windows = lattice.dual_field_values(dual, shift)
-    np.testing.assert_allclose(cell_means(light, grid), fields.mean(axis=0), atol=1e-12)
-    np.testing.assert_allclose(
-        cell_means(opening, grid), windows.ravel() @ lattice.spread, atol=1e-12
-    )
-    coaxial = sum(
-        o.area * lattice.seen(windows[o.dual_field][None], o)[0].ravel() * fields[o.primal_field]
-        for o in lattice.overlaps
-    )
-    np.testing.assert_allclose(cell_means(light * opening, grid), coaxial, atol=1e-12)
-
-
-def painted(frames: Frames, row: int, size: tuple[int, int], *, mask: bool) -> np.ndarray[Any, Any]:
-    """A panel painted cell by cell from `panel_edges`, levels 0..1, (h, w)."""
-    edges, shift = panel_edges(frames, size, mask=mask), int(frames.shift[row])
-    patterns = frames.dual_patterns if mask else frames.primal_patterns
-    index = frames.dual_index if mask else frames.primal_index
-    levels = levels_of(patterns, int(index[row]), frames.lattice[0] * frames.lattice[1])
-    image = np.zeros(size[::-1])
-    for r in range(frames.lattice[0]):
-        for c in range(frames.lattice[1]):
-            (x0, x1), (y0, y1) = edges[shift & 1, c], edges[2 + (shift >> 1), r]
-            image[y0:y1, x0:x1] = levels[r * frames.lattice[1] + c]
-    return image
-
-
-def cell_means(image: np.ndarray[Any, Any], grid: tuple[int, int]) -> np.ndarray[Any, Any]:
-    rows, cols = grid
-    height, width = image.shape
-    blocks = image.reshape(rows, height // rows, cols, width // cols)
-    return np.asarray(blocks.mean(axis=(1, 3))).ravel()

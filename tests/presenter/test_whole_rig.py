@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdcd.bench.devices import PLAYED
 from pdcd.bench.tables import PanelConfig, RigConfig
 from pdcd.probing.panel import Panel
 from pdcd.request import CaptureRequest
@@ -40,7 +39,9 @@ def test_the_photo_is_that_of_the_frame_log(tmp_path: Path, x_quarter: XServer) 
         with rig.client() as client:
             result = client.capture(REQUEST)
         assert result.state == "done", result.error
-        frames, log = rig.engine._rig._context.shared[PLAYED]
+        played = rig.engine._rig._context.shared.played
+        assert played is not None
+        frames, log = played
         (exposure,) = rig.body.shutter.exposures
         assert [e.level for e in rig.line.edges if e.line == "rts"].count(True) == 1
     folder = Path(str(result.folder))

@@ -26,6 +26,7 @@ from pdcd.presenter.windows import Windows
 from pdcd.presenter.xgrab import RootGrabber
 from tests import x11_rig
 from tests.contract.test_display import GRID, DisplayContract, frames
+from tests.panel_pixels import planned
 from tests.xserver import QUARTER, XServer, run
 
 BLACK_WITHIN_S = 0.1
@@ -226,7 +227,7 @@ def test_no_display_says_what_to_do(tmp_path: Path, x_quarter: XServer) -> None:
         ({"time_source": "present-complete"}, {}, "no vblank"),
         ({"time_source": "oml"}, {}, "no vblank"),
         ({"layout": "one"}, {}, "layout"),
-        ({"colour": "red"}, {}, "unknown field `colour`"),
+        ({"colour": "red"}, {}, "colour: no such key"),
         ({"stalls_ms": {"first": 30.0}}, {}, "stalls_ms"),
         ({}, {"rig": RigConfig(clock="virtual")}, "real time"),
     ],
@@ -278,7 +279,7 @@ def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
         (projector, server.projector_px, False),
         (mask, server.mask_px, True),
     ):
-        wanted = x11_rig.planned(shown, 0, size, mask=is_mask)
+        wanted = planned(shown, 0, size, mask=is_mask)
         np.testing.assert_array_equal(found, np.repeat(wanted[..., None], 3, axis=2))
 
 

@@ -51,9 +51,7 @@ def expose(config: Config, frames: Frames) -> Bench:
     rig.display.play(lambda *_: None, lambda: False)
     rig.clock.sleep_until_ns(rig.clock.now_ns() + 50_000_000)
     rig.shutter.close()
-    bench = rig._context.shared["mock.bench"]
-    assert isinstance(bench, Bench)
-    return bench
+    return bench_rig.bench_of_rig(rig)
 
 
 def dense_photo(bench: Bench) -> NDArray[np.float64]:

@@ -94,7 +94,7 @@ def test_a_real_camera_of_unknown_responsivity_is_remarked_on(
     scene = msgspec.structs.replace(bench_rig.matrix_scene(tmp_path), grid=bench_rig.GRID)
     config = bench_rig.config(tmp_path, **whole_rig.tables(camera=camera, scene=scene))
     with whole_rig.served(config) as rig, rig.client() as client:
-        rig.engine._rig._context.shared.pop("scene")  # as on a bench that nobody simulates
+        rig.engine._rig._context.shared.scene = None  # as on a bench that nobody simulates
         result = client.capture(msgspec.structs.replace(REQUEST, white=False))
     assert result.state == "done", result.error
     warnings = read_manifest(Path(str(result.folder))).warnings

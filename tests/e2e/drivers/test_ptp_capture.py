@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from drivers.ptp.codes import Operation
+from drivers.ptp.eos import EosCamera
 from drivers.virtual_camera import Body, Script, WireFault, bench_backend
 from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
@@ -42,8 +43,7 @@ def run(
     body = None
     if config.camera.driver == "ptp":
         backend = bench_backend(context, script=script)
-        camera = context.shared["ptp.camera"]
-        camera.session._backend = backend
+        EosCamera.of(context).session._backend = backend
         body = backend.body
     engine.start()
     request = msgspec.convert({"goal": "indirect", "codes": 16, **fields}, CaptureRequest)
@@ -86,7 +86,7 @@ def test_who_waits_for_a_camera_shows_that_he_lives(tmp_path: Path) -> None:
     context = engine._rig._context
     faults = (WireFault("deaf", Operation.EOS_BULB_END, 2),)
     backend = bench_backend(context, script=Script(wire=faults, file="late", late_s=25.0))
-    context.shared["ptp.camera"].session._backend = backend
+    EosCamera.of(context).session._backend = backend
     signs_ns = [engine._rig.clock.now_ns()]
 
     def cancelled() -> bool:

@@ -16,8 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.mock.dng import MIN_SIDE, write_dng
+from drivers.mock.dng import MIN_SIDE
 from pdcd.errors import ConfigError
+from tests.dng_file import write_dng
 
 needs_dcraw = pytest.mark.skipif(
     shutil.which("dcraw") is None,

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 
 from drivers.folder import FolderReadout
-from drivers.mock.dng import write_dng
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig, Config
 from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
 from pdcd.sensor.raw import read_raw
+from tests.dng_file import write_dng
 
 SETTINGS = CameraSettings(iso=100, f_number=None)
 
@@ -79,7 +79,7 @@ class Bench:
             responsivity_e=(1.0, 2.0, 3.0),
             options={"folder": str(self.card), **options},
         )
-        context = DriverContext(config=Config(camera=camera), clock=self.clock, shared={})
+        context = DriverContext(config=Config(camera=camera), clock=self.clock)
         self.readout = FolderReadout.create(context)
         self.readout.connect()
 
@@ -314,7 +314,7 @@ def test_the_copy_decodes_to_the_same_photo(bench: Bench) -> None:
     ],
 )
 def test_wrong_options_are_refused(camera: CameraConfig, message: str) -> None:
-    context = DriverContext(config=Config(camera=camera), clock=VirtualClock(), shared={})
+    context = DriverContext(config=Config(camera=camera), clock=VirtualClock())
     with pytest.raises(ConfigError, match=message):
         FolderReadout.create(context)
 
@@ -325,7 +325,6 @@ def test_who_waits_for_a_file_shows_that_he_lives(tmp_path: Path) -> None:
     context = DriverContext(
         config=Config(camera=camera),
         clock=clock,
-        shared={},
         alive=lambda: signs_ns.append(clock.now_ns()),
     )
     readout = FolderReadout.create(context)

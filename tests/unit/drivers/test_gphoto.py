@@ -62,7 +62,7 @@ class Bench:
             trigger=TriggerConfig(driver="gphoto2", lag_s=0.0, jitter_s=0.0),
         )
         self.clock = FastClock()
-        context = DriverContext(config=self.config, clock=self.clock, shared={})
+        context = DriverContext(config=self.config, clock=self.clock)
         self.shutter, self.readout = GphotoShutter.create(context), GphotoReadout.create(context)
         self.root = root
         write_cr2(root / "source.cr2", np.full((64, 96), 2000, np.uint16))
@@ -263,7 +263,6 @@ def test_who_waits_for_a_photo_shows_that_he_lives(bench: Bench, tmp_path: Path)
     context = DriverContext(
         config=bench.config,
         clock=bench.clock,
-        shared={},
         alive=lambda: signs_ns.append(VirtualClock.now_ns(bench.clock)),
     )
     readout = GphotoReadout.create(context)
@@ -296,6 +295,6 @@ def test_who_waits_for_a_photo_shows_that_he_lives(bench: Bench, tmp_path: Path)
 )
 def test_wrong_settings_are_refused(tables: dict[str, Any], message: str) -> None:
     config = Config(**{"rig": RigConfig(clock="real"), **tables})
-    context = DriverContext(config=config, clock=RealClock(), shared={})
+    context = DriverContext(config=config, clock=RealClock())
     with pytest.raises(ConfigError, match=message):
         GphotoReadout.create(context)

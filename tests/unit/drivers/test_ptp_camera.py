@@ -450,7 +450,7 @@ def test_the_doctor_lists_cameras_that_are_not_looked_for() -> None:
 
 def test_wrong_options_are_a_finding() -> None:
     config = Config(camera=CameraConfig(driver="ptp", options={"ubs": "virtual"}))
-    (finding,) = examine(DriverContext(config, VirtualClock(), {}))
+    (finding,) = examine(DriverContext(config, VirtualClock()))
     assert finding.state == "fault" and "ubs" in finding.found
 
 

@@ -13,11 +13,10 @@ from pathlib import Path
 import pytest
 
 from drivers.ptp import shutter as shutter_module
-from drivers.ptp.eos import BACKEND_KEY
 from drivers.ptp.shutter import PtpShutter
 from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, VirtualUsb
 from pdcd.bench.clock import RealClock, VirtualClock
-from pdcd.bench.devices import DriverContext
+from pdcd.bench.devices import DriverContext, Shared
 from pdcd.bench.tables import Config, TriggerConfig
 from pdcd.errors import DeviceLost
 from tests import remote_usb
@@ -139,7 +138,7 @@ def test_no_exposure_without_a_guardian(
 ) -> None:
     body = Body(VirtualClock(), PlainFilm(raw_of), BULB_BODY, Script())
     config = Config(trigger=TriggerConfig(driver="ptp"))
-    shared = {BACKEND_KEY: VirtualUsb(body)}
+    shared = Shared(usb_backend=VirtualUsb(body))
     shutter = PtpShutter.create(DriverContext(config, VirtualClock(), shared))
     monkeypatch.setattr(shutter_module, "GUARDIAN", command)
     with pytest.raises(DeviceLost, match=words):

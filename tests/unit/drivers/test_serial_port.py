@@ -44,7 +44,7 @@ def pty() -> Iterator[SimpleNamespace]:
 def make(port: str, **options: Any) -> SerialShutter:
     trigger = TriggerConfig(lag_s=0.001, jitter_s=0.0, options={"port": port, **options})
     config = Config(trigger=trigger, rig=RigConfig(clock="real"))
-    return SerialShutter.create(DriverContext(config=config, clock=RealClock(), shared={}))
+    return SerialShutter.create(DriverContext(config=config, clock=RealClock()))
 
 
 def heard(near: int, count: int) -> bytes:

@@ -23,7 +23,7 @@ def make(clock: Clock, *, port: str = "line://box", **options: Any) -> SerialShu
     trigger = TriggerConfig(driver="serial", options={"port": port, **options})
     rig = RigConfig(clock="virtual" if isinstance(clock, VirtualClock) else "real")
     config = Config(trigger=trigger, rig=rig)
-    return SerialShutter.create(DriverContext(config=config, clock=clock, shared={}))
+    return SerialShutter.create(DriverContext(config=config, clock=clock))
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ def test_who_waits_for_the_box_shows_that_he_lives(line: FakeLine) -> None:
     def alive() -> None:
         signs_ns.append(clock.now_ns())
 
-    context = DriverContext(config=Config(trigger=trigger), clock=clock, shared={}, alive=alive)
+    context = DriverContext(config=Config(trigger=trigger), clock=clock, alive=alive)
     box = SerialShutter.create(context)
     box.connect()
     line.cts = lambda: clock.now_ns() > line.edges[-1].t_ns + 8e9 and line.levels("rts")[-1]
@@ -305,7 +305,7 @@ def test_the_watchdog_leaves_an_exposure_in_time_alone(line: FakeLine, shutter: 
 def test_the_limit_is_the_longest_exposure_and_half_a_minute() -> None:
     trigger = TriggerConfig(options={"port": "loop://"})
     config = Config(trigger=trigger, limits=LimitsConfig(max_exposure_s=100.0))
-    box = SerialShutter.create(DriverContext(config=config, clock=VirtualClock(), shared={}))
+    box = SerialShutter.create(DriverContext(config=config, clock=VirtualClock()))
     assert box._limit_s == 130.0
 
 
@@ -341,7 +341,7 @@ def test_a_port_that_is_not_there(line: FakeLine) -> None:
 def test_wrong_options_are_refused(options: dict[str, Any], message: str) -> None:
     config = Config(trigger=TriggerConfig(options=options))
     with pytest.raises(ConfigError, match=message):
-        SerialShutter.create(DriverContext(config=config, clock=VirtualClock(), shared={}))
+        SerialShutter.create(DriverContext(config=config, clock=VirtualClock()))
 
 
 def test_an_unknown_kind_of_url_is_a_wrong_option() -> None:

@@ -201,7 +201,7 @@ def test_it_photographs_the_bench_as_the_mock_camera_does(tmp_path: Path) -> Non
     )
 
     def contexts() -> tuple[DriverContext, MockDisplay]:
-        context = DriverContext(config, VirtualClock(), {})
+        context = DriverContext(config, VirtualClock())
         display = MockDisplay.create(context)
         display.connect()
         display.load(frames)
@@ -237,8 +237,8 @@ def test_it_photographs_the_bench_as_the_mock_camera_does(tmp_path: Path) -> Non
 
 def test_a_bench_offers_what_its_sensor_and_lens_have(tmp_path: Path) -> None:
     config = bench_rig.config(tmp_path)
-    film = BenchFilm(DriverContext(config, VirtualClock(), {}))
-    settings = bench_backend_of(DriverContext(config, VirtualClock(), {})).body.settings
+    film = BenchFilm(DriverContext(config, VirtualClock()))
+    settings = bench_backend_of(DriverContext(config, VirtualClock())).body.settings
     assert set(settings.lists[0xD103]) <= {0x00, 0x48, 0x50, 0x58, 0x60, 0x68}
     assert 100 in film.isos
     assert 0x38 in settings.lists[0xD101]

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.frames.bitplanes import PLANES, pack_planes, unpack_planes
+from pdcd.frames.bitplanes import PLANES, pack_planes
 
 ORDERS = ("RGB", "RBG", "GRB", "GBR", "BRG", "BGR")
 
@@ -25,6 +25,12 @@ def test_one_plane_is_one_bit(order: str, plane: int) -> None:
     want = np.zeros((2, 3, 3), dtype=np.uint8)
     want[1, 2, {"R": 0, "G": 1, "B": 2}[order[plane // 8]]] = 2 ** (plane % 8)
     np.testing.assert_array_equal(picture, want)
+
+
+def unpack_planes(picture: NDArray[np.uint8], order: str) -> NDArray[np.bool_]:
+    """The 24 patterns of an RGB picture (..., 3) in the order they are shown, (24, ...) bool."""
+    channels = [picture[..., "RGB".index(order[plane // 8])] for plane in range(PLANES)]
+    return np.stack([(c >> plane % 8) % 2 == 1 for plane, c in enumerate(channels)])
 
 
 @settings(max_examples=30)

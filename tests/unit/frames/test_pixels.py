@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.frames.pixels import BLACK_PICTURE, FULL, Recorder, from_pictures, picture
+from pdcd.frames.pixels import BLACK_PICTURE, FULL, Recorder, picture
+from tests.panel_pixels import from_pictures
 
 
 def test_panels_are_cut_out_of_the_screen() -> None:
@@ -48,9 +49,3 @@ def test_pictures_that_differ_in_one_level_are_not_the_same() -> None:
 def test_a_screen_that_has_shrunk_is_refused() -> None:
     with pytest.raises(ConfigError, match="does not hold the panel"):
         picture(np.zeros((3, 7, 3), dtype=np.uint8), (4, 0, 4, 3))
-
-
-def test_both_panels_need_as_many_pictures() -> None:
-    picture = np.zeros((2, 2), dtype=np.uint8)
-    with pytest.raises(ConfigError, match="2 pictures of the projector and 1 of the mask"):
-        from_pictures([picture, picture], [picture])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pdcd.presenter import clocks, loop
 from pdcd.presenter.loop import Loop
-from pdcd.presenter.messages import HEAD_SIZE, LOG_COLUMNS, Head, Log
+from pdcd.presenter.messages import HEAD_SIZE, LOG_COLUMNS, Column, Head
 
 PERIOD_NS = 10_000_000
 
@@ -74,7 +74,8 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Screen, NDArray[
         head = np.zeros(HEAD_SIZE, dtype=np.int64)
         Loop(screen, screen.draw, opens, PERIOD_NS, lambda: stop(head), {}).run(log, head, 0)
         assert (
-            head[Head.MISSED] == np.maximum(np.diff(log[: head[Head.SHOWN], Log.MSC]) - 1, 0).sum()
+            head[Head.MISSED]
+            == np.maximum(np.diff(log[: head[Head.SHOWN], Column.MSC]) - 1, 0).sum()
         )
         return screen, log[: head[Head.SHOWN]]
 
@@ -86,14 +87,14 @@ GUARDED = [False, False] + [False, True, False] * 4 + [False]
 
 
 def lasted(log: NDArray[np.int64]) -> list[int]:
-    return [int(n) for n in np.diff(log[:, Log.MSC])]
+    return [int(n) for n in np.diff(log[:, Column.MSC])]
 
 
 def test_every_refresh_is_shown_once(run: Run) -> None:
     screen, log = run(GUARDED)
     assert lasted(log) == [1] * (len(GUARDED) - 1)
     assert list(screen.lit.values()) == list(range(len(GUARDED)))
-    np.testing.assert_array_equal(log[:, Log.NS], log[:, Log.MSC] * PERIOD_NS)
+    np.testing.assert_array_equal(log[:, Column.NS], log[:, Column.MSC] * PERIOD_NS)
 
 
 @pytest.mark.parametrize("late", [n for n in range(2, 15) if not GUARDED[n - 1]])

@@ -20,13 +20,14 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
 from pdcd.frames.patterns import levels_of
-from pdcd.frames.pixels import Shown, from_pictures
+from pdcd.frames.pixels import Shown
 from pdcd.frames.schedule import build_frames
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import Factors, bench_factors, collect
 from pdcd.scene.matrix import matrix_effects
 from pdcd.scene.scene import Scene
 from tests import bench_rig
+from tests.panel_pixels import from_pictures
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.mock.dng import write_dng
 from pdcd.errors import DecodeError
 from pdcd.sensor.profile import expose, load_profile
 from pdcd.sensor.raw import read_raw, rgb_variance, to_rgb
+from tests.dng_file import write_dng
 
 BLACK, WHITE = 512, 16383
 SIDES = st.integers(1, 30).map(lambda quads: 2 * quads)

@@ -15,11 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.mock.dng import write_dng
 from pdcd.errors import DecodeError
 from pdcd.sensor.raw import read_raw
 from pdcd.sensor.tiff import read_tags
 from tests.cr2 import LEFT_450D, SIZE_450D, TOP_450D, write_cr2
+from tests.dng_file import write_dng
 from tests.masked_dng import write_masked_dng
 
 Mosaic = NDArray[np.uint16]

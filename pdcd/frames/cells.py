@@ -13,12 +13,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.errors import ConfigError
 from pdcd.frames.frames import Frames
 
 Edges = NDArray[np.int32]
 
 SHIFT_BITS = 2
 """A sub-shift moves an axis by half a cell or not at all."""
+
+
+def check_fit(frames: Frames, size_px: tuple[int, int], *, mask: bool) -> None:
+    """Refuse frames with more cells along an axis than the panel has pixels. Raises ConfigError."""
+    width, height = size_px
+    rows, cols = frames.grid
+    if rows > height or cols > width:
+        raise ConfigError(
+            f"{rows} x {cols} cells do not fit {height} x {width} px",
+            device="mask" if mask else "projector",
+            hint="use a coarser grid",
+        )
 
 
 def axis_edges(size_px: int, cells: int, lattice_cells: int, *, shifted: bool, half: bool) -> Edges:

@@ -1,0 +1,45 @@
+"""What drivers of one rig share by their context."""
+
+from __future__ import annotations
+
+import pytest
+
+from pdcd.bench.clock import VirtualClock
+from pdcd.bench.devices import DriverContext
+from pdcd.bench.tables import Config
+from pdcd.errors import ConfigError
+
+
+class Camera:
+    """Used by two drivers."""
+
+
+class OtherCamera(Camera):
+    """Another class, so another instance."""
+
+
+def context() -> DriverContext:
+    return DriverContext(Config(), VirtualClock())
+
+
+def test_two_drivers_of_a_rig_get_one_camera() -> None:
+    rig = context()
+    camera = rig.the(Camera, Camera)
+    assert rig.the(Camera, lambda: pytest.fail("made twice")) is camera
+    assert rig.the(OtherCamera, OtherCamera) is not camera
+
+
+def test_two_rigs_share_nothing() -> None:
+    one, other = context(), context()
+    assert one.the(Camera, Camera) is not other.the(Camera, Camera)
+    assert one.shared is not other.shared
+
+
+def test_what_could_not_be_made_is_tried_again() -> None:
+    def fail() -> Camera:
+        raise ConfigError("no such camera")
+
+    rig = context()
+    with pytest.raises(ConfigError, match="no such camera"):
+        rig.the(Camera, fail)
+    assert isinstance(rig.the(Camera, Camera), Camera)
