@@ -18,6 +18,7 @@ from pdcd.pictures.develop import preview, write_png
 from pdcd.pictures.sigma import Barred
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Recipe, Shot
+from pdcd.runs.events import Converging
 
 PREVIEW = "preview/running.png"
 
@@ -44,19 +45,19 @@ class Convergence:
         last = next(s for s in reversed(recipe.shots) if s.part == shot.part)
         return shot.part > 0 and shot is last
 
-    def see(self, folder: Path, decoded: Decoded) -> dict[str, float | int | None]:
-        """Take in the pictures so far, write the preview, return the fields of the event."""
+    def see(self, folder: Path, decoded: Decoded) -> Converging:
+        """Take in the pictures so far, write the preview, return the event that tells of it."""
         self.known.update(decoded.shots)
         answer: Barred = next(iter(decoded.pictures.values()))
         self.reached = rms_sigma(answer)
         self.met = answer.kind == "measured" and self.reached <= self.target
         with disk_errors(str(folder)):
             write_png(folder / PREVIEW, preview(answer.image))
-        return {
-            "part": len(part_numbers(decoded.recipe)),
-            "rms_sigma": self.reached if np.isfinite(self.reached) else None,
-            "target": self.target,
-        }
+        return Converging(
+            part=len(part_numbers(decoded.recipe)),
+            rms_sigma=self.reached if np.isfinite(self.reached) else None,
+            target=self.target,
+        )
 
     @property
     def warning(self) -> str:

@@ -36,15 +36,17 @@ from pdcd.planning.truth import answer
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs import events
+from pdcd.runs.events import Emit, Event
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import git_commit, utc_now, versions
 from pdcd.runs.record import SCHEMA_VERSION, Manifest, RunRecord, ShotRecord
+from pdcd.runs.views import OwnerView, RigView
 from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import read_raw
 
 logger = logging.getLogger(__name__)
 
-Emit = Callable[[str, dict[str, Any]], None]
 FIRST_F_NUMBER = 8.0
 """Aperture of the first test exposure."""
 
@@ -76,8 +78,8 @@ class Run:
         request: CaptureRequest,
         grid: tuple[int, int],
         job: str,
-        owner: dict[str, Any],
-        description: dict[str, Any],
+        owner: OwnerView | None,
+        description: RigView,
     ) -> CaptureResult:
         """Plan, expose all shots, decode, archive. Raises PdcdError; the caller makes safe."""
         started, begun_s = utc_now(), time.perf_counter()
@@ -88,7 +90,7 @@ class Run:
         if request.until_error is not None:
             self.convergence = Convergence(request.until_error)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
-        self.notify("started", {"job": job, "goal": request.goal})
+        self.notify(events.Started(job=job, goal=request.goal))
         self._write_patterns(plan, request.seed)
         while len(self.shots) < len(plan.recipe.shots):
             plan = self._learn(plan, request, camera)
@@ -96,7 +98,7 @@ class Run:
             self._take(plan, shot, camera)
             if self._good_enough(plan, request, camera, shot):
                 break
-        self.notify("decoding", {"shots": len(self.shots)})
+        self.notify(events.Decoding(shots=len(self.shots)))
         record = self._record(plan, request, camera)
         decoded = decode(self.folder.path, record, self.look_for_cancel)
         write_pictures(self.folder.path, decoded)
@@ -104,13 +106,13 @@ class Run:
         deviations = decoded.deviations(self.look_for_cancel)
         summary = self._summary(plan, request.method, decoded)
         summary["wall_s"] = time.perf_counter() - begun_s
-        self.notify("archived", {"job": job})  # the last line of log.jsonl: hashes come after it
+        self.notify(events.Archived(job=job))  # the last line of log.jsonl: hashes come after it
         manifest = Manifest(
             schema=SCHEMA_VERSION,
             job=job,
             state="done",
             mock=self.rig.mock,
-            owner=owner,
+            owner={} if owner is None else msgspec.to_builtins(owner),
             started_utc=started,
             finished_utc=utc_now(),
             request=msgspec.to_builtins(request),
@@ -122,7 +124,7 @@ class Run:
             versions=versions(),
             git_commit=git_commit(),
             exif={name: shot.exif for name, shot in decoded.shots.items()},
-            drivers=description,
+            drivers=msgspec.to_builtins(description),
             config=msgspec.to_builtins(self.config),
             meter=tuple(self.meter),
             files=self.folder.hashes(),
@@ -172,9 +174,14 @@ class Run:
         }
         exists = self.folder.path.is_dir()
         if exists:
-            event = "cancelled" if cancelled else "failed"
+            end = {
+                "t_mono_ns": self.rig.clock.now_ns(),
+                "event": "cancelled" if cancelled else "failed",
+                **fields,
+                "safe": safe,
+            }
             try:
-                self.folder.log(event, self.rig.clock.now_ns(), {**fields, "safe": safe})
+                self.folder.log(end)
             except PdcdError as err:
                 logger.warning("cannot write log.jsonl error=%s", err)
         return CaptureResult(
@@ -185,10 +192,10 @@ class Run:
             files=self.folder.files(),
         )
 
-    def notify(self, event: str, fields: dict[str, Any]) -> None:
+    def notify(self, event: Event) -> None:
         """Tell the client and log.jsonl; then see whether the job is still wanted."""
-        self.folder.log(event, self.rig.clock.now_ns(), fields)
-        self._emit(event, fields)
+        self.folder.log(events.logged(event, self.rig.clock.now_ns()))
+        self._emit(event)
         self.look_for_cancel()
 
     def look_for_cancel(self) -> None:
@@ -202,7 +209,7 @@ class Run:
         scouts = scouted(plan, len(self.shots))
         if not scouts and not piloted(plan, len(self.shots)):
             return plan
-        self.notify("learning", {"photos": SCOUTS if scouts else plan.pilot})
+        self.notify(events.Learning(photos=SCOUTS if scouts else plan.pilot))
         record = self._record(plan, request, camera)
         learned = decode(self.folder.path, record, self.look_for_cancel).learned
         if learned is None or (scouts and learned.promising):
@@ -230,7 +237,7 @@ class Run:
             return False
         record = self._record(plan, request, camera)
         decoded = decode(self.folder.path, record, self.look_for_cancel, known=state.known)
-        self.notify("converging", state.see(self.folder.path, decoded))
+        self.notify(state.see(self.folder.path, decoded))
         if not state.met and shot is plan.recipe.shots[-1]:
             self.warnings.append(state.warning)
         return state.met
@@ -299,7 +306,7 @@ class Run:
                 cause = f"{int(done.log.missed.sum())} refreshes were missed; {harm}"
                 name = self.folder.set_aside(shot.name, number)
                 self.folder.write_frames(name, frames, done.log)
-            self.notify("discarded", {"shot": shot.name, "name": name, "cause": cause})
+            self.notify(events.Discarded(shot=shot.name, name=name, cause=cause))
             self.warnings.append(f"shot {shot.name}: exposure {number} was discarded: {cause}")
         raise SyncError(
             f"shot {shot.name} was spoilt {rig.retries + 1} times: {cause}",
@@ -328,8 +335,8 @@ class Run:
         pairs: int | None = None,
     ) -> Exposure:
         def progress(frame: int, frames: int, missed: int) -> None:
-            fields = {"shot": name, "frame": frame, "frames": frames, "missed": missed}
-            self._emit("progress", fields)
+            told = events.Progress(shot=name, frame=frame, frames=frames, missed=missed)
+            self._emit(told)
 
         return self.rig.expose(
             plan.frames(shot, pairs=pairs),

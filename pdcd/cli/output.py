@@ -11,11 +11,10 @@ from typing import Any
 import msgspec
 
 from pdcd.cli.exits import CANCELLED, DONE, exit_code
+from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.request import CaptureResult
-
-OnEvent = Callable[[dict[str, Any]], None]
-"""Takes the fields of one event of the socket; `type` says which."""
+from pdcd.runs.events import Converging, Decoded, Event, Progress, fields
 
 LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
@@ -102,11 +101,11 @@ def progress() -> Iterator[OnEvent]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
-        Progress,
         TaskProgressColumn,
         TextColumn,
         TimeRemainingColumn,
     )
+    from rich.progress import Progress as Bars
 
     columns = (
         TextColumn("{task.description}"),
@@ -114,19 +113,21 @@ def progress() -> Iterator[OnEvent]:
         TaskProgressColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("waiting", total=None)
+    with Bars(*columns, console=Console(stderr=True)) as bars:
+        task = bars.add_task("waiting", total=None)
+        stage: str | None = None
 
-        def show(event: dict[str, Any]) -> None:
-            if event["type"] == "progress":
-                bar.update(
-                    task,
-                    description=_words(event),
-                    completed=event["frame"],
-                    total=event["frames"],
-                )
-            else:
-                bar.update(task, description=_words(event))
+        def show(event: Event) -> None:
+            nonlocal stage
+            words = _words(event)
+            if not isinstance(event, (Progress, Decoded)):
+                bars.update(task, description=words)
+                return
+            done, total = _share(event)
+            if stage != _stage(event):  # the time left is that of this shot, or of this decoding
+                stage = _stage(event)
+                bars.reset(task, total=total)
+            bars.update(task, description=words, completed=done, total=total)
 
         yield show
 
@@ -136,26 +137,47 @@ class _Lines:
 
     def __init__(self) -> None:
         self._next_s = 0.0
+        self._stage: str | None = None
+        self._begun_s = 0.0
 
-    def __call__(self, event: dict[str, Any]) -> None:
-        if event["type"] == "progress":
-            now_s = time.monotonic()
-            if now_s < self._next_s:
-                return
-            self._next_s = now_s + LINE_INTERVAL_S
+    def __call__(self, event: Event) -> None:
+        if not isinstance(event, (Progress, Decoded)):
             tell(_words(event))
-        else:
-            tell(_words(event))
+            return
+        now_s = time.monotonic()
+        if self._stage != _stage(event):
+            self._stage, self._begun_s = _stage(event), now_s
+        if now_s < self._next_s:
+            return
+        self._next_s = now_s + LINE_INTERVAL_S
+        done, total = _share(event)
+        left_s = (now_s - self._begun_s) * (total - done) / done if done else 0.0
+        tell(_words(event) + (f", {left_s:.0f} s left" if left_s >= 1.0 else ""))
 
 
-def _words(event: dict[str, Any]) -> str:
+def _stage(event: Progress | Decoded) -> str:
+    """What it is the progress of: one shot, or the making of pictures."""
+    return f"shot {event.shot}" if isinstance(event, Progress) else "decoding"
+
+
+def _share(event: Progress | Decoded) -> tuple[float, float]:
+    """Work done, and all of it."""
+    if isinstance(event, Progress):
+        return event.frame, event.frames
+    return event.done, event.total
+
+
+def _words(event: Event) -> str:
     """Say where the job stands: the shot, if the event names one, and the step or the refreshes."""
-    step = str(event["type"]).replace("_", " ")
-    if event["type"] == "progress":
-        step = f"{event['frame']}/{event['frames']} refreshes"
-        if event["missed"]:
-            step += f", {event['missed']} missed"
-    if event["type"] == "converging":
-        error = "unknown" if event["rms_sigma"] is None else f"{100.0 * event['rms_sigma']:.2g} %"
-        return f"part {event['part']}: error {error}, wanted {100.0 * event['target']:g} %"
-    return f"{event['shot']}: {step}" if event.get("shot") else step
+    step = event.type.replace("_", " ")
+    if isinstance(event, Decoded):
+        return f"decoding: {100.0 * event.done / event.total:.0f} %"
+    if isinstance(event, Converging):
+        error = "unknown" if event.rms_sigma is None else f"{100.0 * event.rms_sigma:.2g} %"
+        return f"part {event.part}: error {error}, wanted {100.0 * event.target:g} %"
+    if isinstance(event, Progress):
+        step = f"{event.frame}/{event.frames} refreshes"
+        if event.missed:
+            step += f", {event.missed} missed"
+    shot = fields(event).get("shot")
+    return f"{shot}: {step}" if shot else step

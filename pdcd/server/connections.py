@@ -13,6 +13,7 @@ import socket
 from typing import Any, Protocol
 
 from pdcd.errors import BusyError, ConfigError, PdcdError, ProtocolError
+from pdcd.runs.events import THINNED, Event
 from pdcd.server.access import Access, Peer, peer_of
 from pdcd.server.clients import Client
 from pdcd.server.jobs import Job
@@ -102,17 +103,17 @@ class Server:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._server.wait_closed()
 
-    def publish(self, job: Job, event: dict[str, Any]) -> None:
+    def publish(self, job: Job, event: Event) -> None:
         """Send an event to those who listen. Never blocks."""
         try:
             line = encode_notification("event", event)
         except ProtocolError:
-            logger.exception("event not sent job=%s type=%s", job.name, event["type"])
+            logger.exception("event not sent job=%s type=%s", job.name, event.type)
             return
         for client in list(self._clients.values()):
             own = client.interest == "own" and job.owner.connection == client.number
             if own or client.interest == "all":
-                client.send(line, droppable=event["type"] == "progress")
+                client.send(line, droppable=isinstance(event, THINNED))
 
     async def _serve(
         self, service: Service, reader: asyncio.StreamReader, writer: asyncio.StreamWriter

@@ -14,12 +14,15 @@ from pdcd import __version__
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
 from pdcd.server.clients import Client
 from pdcd.server.jobs import EngineLike, Owner
 from pdcd.server.messages import (
+    Admitted,
     Agreed,
     ClockAnchor,
+    Described,
     Hello,
     JobList,
     JobParams,
@@ -27,7 +30,6 @@ from pdcd.server.messages import (
     RigState,
     Shown,
     ShowParams,
-    Started,
     StartParams,
     Status,
     SubscribeParams,
@@ -52,7 +54,7 @@ class Methods:
         worker: Worker,
         runner: Runner,
         *,
-        description: dict[str, Any],
+        description: RigView,
         state_dir: Path,
         connections: Callable[[], int],
     ) -> None:
@@ -131,12 +133,11 @@ class Methods:
             clock=_clock(),
         )
 
-    async def _describe(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
+    async def _describe(self, client: Client, params: msgspec.Struct) -> Described:
         # During a capture the last description must do: the engine's thread is taken.
         if self.state == "idle":
-            found = await self._worker.call(self._engine.describe)
-            self._description = messages.plain(found)
-        return {"rig": self._description, "schema": messages.schema()}
+            self._description = await self._worker.call(self._engine.describe)
+        return Described(self._description, messages.schema())
 
     async def _config_get(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
         return cast(dict[str, Any], messages.plain(self._config))
@@ -145,13 +146,13 @@ class Methods:
         self._refuse_if_taken()
         return await self._worker.call(self._engine.plan, self._confined(request))
 
-    async def _start(self, client: Client, params: StartParams) -> Started:
+    async def _start(self, client: Client, params: StartParams) -> Admitted:
         peer = client.peer
         owner = Owner(peer.uid, peer.pid, peer.user, client.number)
         job = self._runner.start(
             self._confined(params.request()), owner, detach=params.detach, queue=params.queue
         )
-        return Started(job=job.name, state=job.state)
+        return Admitted(job=job.name, state=job.state)
 
     async def _wait(self, client: Client, params: JobParams) -> CaptureResult:
         return await self._runner.wait(params.job)
@@ -167,10 +168,9 @@ class Methods:
         await self._worker.call(self._engine.show, params.pattern, params.index)
         return Shown(params.pattern, params.index)
 
-    async def _preview(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
+    async def _preview(self, client: Client, params: msgspec.Struct) -> Preview:
         self._refuse_if_taken()
-        found = await self._worker.call(self._engine.preview, self._worker.beat)
-        return cast(dict[str, Any], messages.plain(found))
+        return await self._worker.call(self._engine.preview, self._worker.beat)
 
     async def _subscribe(self, client: Client, params: SubscribeParams) -> Subscription:
         client.interest = params.jobs

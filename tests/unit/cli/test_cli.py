@@ -17,6 +17,7 @@ from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.events import Progress
 from tests.unit.cli.cli_stubs import (
     EVENTS,
     JOB,
@@ -153,7 +154,12 @@ def test_capture_prints_a_table_and_progress_apart(
         "folder            /runs/x",
     ]
     # The second progress event comes within the second and is left out.
-    assert printed.err.splitlines() == ["coded: armed", "coded: 12/24 refreshes", "decoding"]
+    assert printed.err.splitlines() == [
+        "coded: armed",
+        "coded: 12/24 refreshes",
+        "coded: of the future",
+        "decoding",
+    ]
 
 
 def test_progress_lines_come_again_after_a_second(
@@ -163,9 +169,10 @@ def test_progress_lines_come_again_after_a_second(
     monkeypatch.setattr("pdcd.cli.output.time.monotonic", lambda: now_s)
     with output.progress() as on_event:
         for now_s in (100.0, 100.9, 101.0, 101.5, 102.1):
-            on_event({**EVENTS[2], "frame": round(now_s * 10)})
+            on_event(Progress(shot="coded", frame=round(now_s * 10), frames=2400, missed=3))
     assert capsys.readouterr().err.splitlines() == [
-        f"coded: {frame}/24 refreshes, 3 missed" for frame in (1000, 1010, 1021)
+        f"coded: {frame}/2400 refreshes, 3 missed{left}"
+        for frame, left in ((1000, ""), (1010, ", 1 s left"), (1021, ", 3 s left"))
     ]
 
 
@@ -321,7 +328,7 @@ def test_wrong_request_exits_2_before_anything_starts(
 def test_reader_that_has_gone_is_no_error_message() -> None:
     reader, writer = os.pipe()
     os.close(reader)
-    code = "from pdcd.cli import main; raise SystemExit(main(['config', 'schema']))"
+    code = "from pdcd.cli.main import main; raise SystemExit(main(['config', 'schema']))"
     run = subprocess.run(
         [sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, check=False
     )
