@@ -19,6 +19,7 @@ from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.frames.balance import lit_weights
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.pictures.decode import Decoded, decode, write_pictures
+from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import SCOUTS
 from pdcd.planning.choose import choose, wants_choice
 from pdcd.planning.guided import piloted, plan_for, scouted, stopped, with_links
@@ -100,10 +101,11 @@ class Run:
                 break
         self.notify(events.Decoding(shots=len(self.shots)))
         record = self._record(plan, request, camera)
-        decoded = decode(self.folder.path, record, self.look_for_cancel)
+        watch = self._watch()
+        decoded = decode(self.folder.path, record, watch, report=True)
         write_pictures(self.folder.path, decoded)
         self._warn(decoded)
-        deviations = decoded.deviations(self.look_for_cancel)
+        deviations = decoded.deviations(watch)
         summary = self._summary(plan, request.method, decoded)
         summary["wall_s"] = time.perf_counter() - begun_s
         self.notify(events.Archived(job=job))  # the last line of log.jsonl: hashes come after it
@@ -203,6 +205,14 @@ class Run:
         if self._cancelled():
             raise Cancelled("the job was cancelled")
 
+    def _watch(self) -> Watch:
+        """Tells the client how far the decoding is, and sees whether the job is still wanted."""
+
+        def step(done: float, total: float) -> None:
+            self._emit(events.Decoded(done=done, total=total))
+
+        return Watch(self.look_for_cancel, step)
+
     def _learn(self, plan: Plan, request: CaptureRequest, camera: CameraInfo) -> Plan:
         """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
         linked cells apart in the codes that follow."""
@@ -211,7 +221,7 @@ class Run:
             return plan
         self.notify(events.Learning(photos=SCOUTS if scouts else plan.pilot))
         record = self._record(plan, request, camera)
-        learned = decode(self.folder.path, record, self.look_for_cancel).learned
+        learned = decode(self.folder.path, record, self._watch()).learned
         if learned is None or (scouts and learned.promising):
             return plan
         if scouts:
@@ -236,7 +246,7 @@ class Run:
         if state is None or not state.after(plan.recipe, shot):
             return False
         record = self._record(plan, request, camera)
-        decoded = decode(self.folder.path, record, self.look_for_cancel, known=state.known)
+        decoded = decode(self.folder.path, record, self._watch(), known=state.known)
         self.notify(state.see(self.folder.path, decoded))
         if not state.met and shot is plan.recipe.shots[-1]:
             self.warnings.append(state.warning)

@@ -14,7 +14,16 @@ from pdcd.cli.exits import CANCELLED, DONE, exit_code
 from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.request import CaptureResult
-from pdcd.runs.events import Converging, Decoded, Event, Progress, fields
+from pdcd.runs.events import (
+    Armed,
+    Converging,
+    Decoded,
+    Decoding,
+    Event,
+    Learning,
+    Progress,
+    fields,
+)
 
 LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
@@ -115,19 +124,13 @@ def progress() -> Iterator[OnEvent]:
     )
     with Bars(*columns, console=Console(stderr=True)) as bars:
         task = bars.add_task("waiting", total=None)
-        stage: str | None = None
+        stages = _Stages()
 
         def show(event: Event) -> None:
-            nonlocal stage
-            words = _words(event)
-            if not isinstance(event, (Progress, Decoded)):
-                bars.update(task, description=words)
-                return
-            done, total = _share(event)
-            if stage != _stage(event):  # the time left is that of this shot, or of this decoding
-                stage = _stage(event)
-                bars.reset(task, total=total)
-            bars.update(task, description=words, completed=done, total=total)
+            done, total = _share(event) or (None, None)
+            if stages.begins(event):  # so that the time left is that of this stage
+                bars.reset(task, total=total or 1.0)
+            bars.update(task, description=_words(event), completed=done, total=total)
 
         yield show
 
@@ -137,34 +140,49 @@ class _Lines:
 
     def __init__(self) -> None:
         self._next_s = 0.0
-        self._stage: str | None = None
         self._begun_s = 0.0
+        self._stages = _Stages()
 
     def __call__(self, event: Event) -> None:
-        if not isinstance(event, (Progress, Decoded)):
+        now_s = time.monotonic()
+        if self._stages.begins(event):
+            self._begun_s = now_s
+        share = _share(event)
+        if share is None:
             tell(_words(event))
             return
-        now_s = time.monotonic()
-        if self._stage != _stage(event):
-            self._stage, self._begun_s = _stage(event), now_s
         if now_s < self._next_s:
             return
         self._next_s = now_s + LINE_INTERVAL_S
-        done, total = _share(event)
+        done, total = share
         left_s = (now_s - self._begun_s) * (total - done) / done if done else 0.0
         tell(_words(event) + (f", {left_s:.0f} s left" if left_s >= 1.0 else ""))
 
 
-def _stage(event: Progress | Decoded) -> str:
-    """What it is the progress of: one shot, or the making of pictures."""
-    return f"shot {event.shot}" if isinstance(event, Progress) else "decoding"
+class _Stages:
+    """Of what there is progress: of one exposure after the other, and of making pictures."""
+
+    def __init__(self) -> None:
+        self._stage: str | None = None
+
+    def begins(self, event: Event) -> bool:
+        """Whether the event is the first of a stage."""
+        if isinstance(event, (Armed, Progress)):
+            stage = f"shot {event.shot}"
+        elif isinstance(event, (Learning, Decoding, Decoded)):
+            stage = "decoding"
+        else:
+            return False
+        new = stage != self._stage or isinstance(event, Armed)
+        self._stage = stage
+        return new
 
 
-def _share(event: Progress | Decoded) -> tuple[float, float]:
-    """Work done, and all of it."""
+def _share(event: Event) -> tuple[float, float] | None:
+    """Work done, and all of it, where the event tells."""
     if isinstance(event, Progress):
         return event.frame, event.frames
-    return event.done, event.total
+    return (event.done, event.total) if isinstance(event, Decoded) else None
 
 
 def _words(event: Event) -> str:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError, disk_errors
 from pdcd.frames.patterns import Patterns, none
+from pdcd.pictures import work
 from pdcd.pictures.combine import Exposed, Picture, pictures_of, realised_photo, scaled_photos
 from pdcd.pictures.develop import preview, warp, write_png, write_tiff
 from pdcd.pictures.learn import Learned, corrections, learn
@@ -25,6 +26,7 @@ from pdcd.pictures.sigma import Barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.smooth import smoothed
 from pdcd.pictures.software import software_sums
+from pdcd.pictures.watch import Watch
 from pdcd.probing.deviation import Deviation, deviation, weight_s
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.goals import MATRICES, PLANES, Goal
@@ -48,26 +50,31 @@ class Decoded:
     sums: dict[str, Exposed] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
 
-    def deviations(self, alive: Callable[[], None] = lambda: None) -> dict[str, Deviation]:
+    def deviations(self, watch: Watch | None = None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one."""
-        return {
-            p.name: deviation(realised_photo(p.shots, {**self.shots, **self.sums}), p.wanted, alive)
-            for p in self.recipe.photos
-        }
+        watch = Watch() if watch is None else watch
+        found = {}
+        for photo in self.recipe.photos:
+            realised = realised_photo(photo.shots, {**self.shots, **self.sums})
+            with watch.piece(work.comparing(photo), work.signs_of_comparing([photo])) as alive:
+                found[photo.name] = deviation(realised, photo.wanted, alive)
+        return found
 
 
 def decode(
     folder: Path,
     record: RunRecord,
-    alive: Callable[[], None] = lambda: None,
+    watch: Watch | None = None,
     *,
     known: Mapping[str, Exposed] | None = None,
+    report: bool = False,
 ) -> Decoded:
     """Read everything below `folder` and compute the pictures; nothing is written.
 
-    `alive` is called every few hundredths of a second, and may raise to end the work.
-    Shots that are `known` already, by name, are not read again.
+    `watch` is told how far it is, and may end the work. With `report` it is to expect
+    `Decoded.deviations` as well. Shots that are `known` already, by name, are not read again.
     """
+    watch = Watch() if watch is None else watch
     stored = read_patterns(folder)
     recipe = make_recipe(
         _goal(record, stored),
@@ -81,11 +88,13 @@ def decode(
     recipe = repeated(recipe, record.repeat)
     by_name = {shot.name: shot for shot in recipe.shots}
     shots = dict(known or {})
-    for shot in record.shots:
-        if shot.name not in shots:
-            pair = _pair(stored, by_name[shot.name])
+    recipe = taken_parts(recipe, {*shots, *(shot.name for shot in record.shots)})
+    unread = [shot for shot in record.shots if shot.name not in shots]
+    watch.expect(work.decoding(recipe, record, unread, report=report))
+    for shot in unread:
+        pair = _pair(stored, by_name[shot.name])
+        with watch.piece(work.reading(shot)) as alive:
             shots[shot.name] = _expose(folder, record, shot, pair, alive)
-    recipe = taken_parts(recipe, shots)
     learned = None
     if record.pilot:
         learned = learn(recipe, shots, _bits(stored, recipe, "pilot"), record.codes + record.pilot)
@@ -96,7 +105,7 @@ def decode(
     exposed = {**shots, **sums}
     if not all(name in exposed for photo in recipe.photos for _, name in photo.shots):
         return Decoded(recipe, shots, {}, learned)  # a run in the middle, which wants to learn
-    pictures = _barred(recipe, exposed, learned, record, alive)
+    pictures = _barred(recipe, exposed, learned, record, watch)
     if record.homography is not None:
         pictures = {name: _warped(p, record.homography) for name, p in pictures.items()}
     return Decoded(recipe, shots, pictures, learned, sums)
@@ -126,14 +135,14 @@ def write_pictures(folder: Path, decoded: Decoded) -> None:
             write_png(folder / "preview" / f"{name}.png", shown)
 
 
-def decode_folder(folder: Path) -> dict[str, Any]:
+def decode_folder(folder: Path, watch: Watch | None = None) -> dict[str, Any]:
     """Decode a finished run again and compare with the TIFFs it holds.
 
     Returns ``{"identical": bool, "files": [{"name", "identical"}, ...]}``. Raises DecodeError when
     the folder is not a finished run or its files are damaged.
     """
     manifest = read_manifest(folder)
-    decoded = decode(folder, manifest.run)
+    decoded = decode(folder, manifest.run, watch)
     with tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch:
         again = Path(scratch)
         for name in ("linear", "preview"):
@@ -250,7 +259,7 @@ def _barred(
     shots: dict[str, Exposed],
     learned: Learned | None,
     record: RunRecord,
-    alive: Callable[[], None],
+    watch: Watch,
 ) -> dict[str, Barred]:
     """All pictures with sensor and code error: of what the parts show, if there are enough."""
 
@@ -258,16 +267,25 @@ def _barred(
         added = _missing(part, shots, learned)
         scaled = scaled_photos(part, shots, added, normalise=record.normalise)
         if record.smooth and "coded" in scaled:
-            scaled["coded"] = smoothed(
-                part, shots, scaled["coded"], learned, normalise=record.normalise
-            )
+            signs = work.signs_of_smoothing(part, shots)
+            with watch.piece(work.smoothing(part, record), signs) as alive:
+                scaled["coded"] = smoothed(
+                    part,
+                    shots,
+                    scaled["coded"],
+                    learned,
+                    normalise=record.normalise,
+                    alive=alive,
+                )
         return scaled
 
     scaled = photos(recipe)
     whole = pictures_of(recipe, scaled)
     numbers = part_numbers(recipe)
     if len(numbers) < FEWEST_PARTS:
-        return modelled(recipe, shots, scaled, whole, alive)
+        units = sum(map(work.comparing, recipe.photos))
+        with watch.piece(units, work.signs_of_comparing(recipe.photos)) as alive:
+            return modelled(recipe, shots, scaled, whole, alive)
     parts = [pictures_of(recipe, photos(only_parts(recipe, {number}))) for number in numbers]
     return {name: measured(p, [part[name] for part in parts]) for name, p in whole.items()}
 

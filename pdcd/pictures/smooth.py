@@ -15,6 +15,7 @@ patterns: then little is learnt and little is done.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -53,7 +54,12 @@ CHUNK = 2**22
 
 
 def colour_correction(
-    left: Floats, right: Floats, weight: float | Floats, image: Floats, grid: tuple[int, int]
+    left: Floats,
+    right: Floats,
+    weight: float | Floats,
+    image: Floats,
+    grid: tuple[int, int],
+    alive: Callable[[], None] = lambda: None,
 ) -> Floats:
     """The same as `smooth_correction` for an image in colour: (N, C) float64.
 
@@ -62,14 +68,19 @@ def colour_correction(
     """
     light = np.maximum(image, 0.0)
     grey: Floats = light.mean(axis=1)
-    missing = smooth_correction(left, right, weight, grey, grid)
+    missing = smooth_correction(left, right, weight, grey, grid, alive)
     share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
     more: Floats = light * share[:, None]
     return more
 
 
 def smooth_correction(
-    left: Floats, right: Floats, weight: float | Floats, image: Floats, grid: tuple[int, int]
+    left: Floats,
+    right: Floats,
+    weight: float | Floats,
+    image: Floats,
+    grid: tuple[int, int],
+    alive: Callable[[], None] = lambda: None,
 ) -> Floats:
     """Return what to add to an indirect image for its smooth light: (N,) float64, in its unit.
 
@@ -85,6 +96,7 @@ def smooth_correction(
         left of it without their light, their row sums.
     grid : (rows, cols)
         Cells of the scene, N in all.
+    alive : called `signs_of_life` times, and may raise to end the work.
     """
     light = np.maximum(image, 0.0)
     if light.size < 2 or not light.any():
@@ -96,11 +108,21 @@ def smooth_correction(
     near, counted_near = _spread(kernel, grid), _spread(counted, grid)
     missing = np.stack(
         [
-            _missing(left, right, weight, light, _evenly, _evenly),
-            _missing(left, right, weight, light, near, counted_near),
+            _missing(left, right, weight, light, _evenly, _evenly, alive),
+            _missing(left, right, weight, light, near, counted_near, alive),
         ]
     )
     return np.asarray(_shares(light, missing, grid) @ missing)
+
+
+def signs_of_life(rows: int, cells: int) -> int:
+    """How often `alive` is called for factors of so many rows."""
+    return 2 * math.ceil(rows / _step(cells))
+
+
+def _step(cells: int) -> int:
+    """Rows of the factors transformed at once."""
+    return max(1, CHUNK // (4 * cells))
 
 
 def _missing(
@@ -110,6 +132,7 @@ def _missing(
     light: Floats,
     spread: Spread,
     counted: Spread,
+    alive: Callable[[], None],
 ) -> Floats:
     """What the codes miss of light that is all spread like that: (N,).
 
@@ -121,8 +144,9 @@ def _missing(
         seen = np.divide(light, arriving, out=np.zeros_like(light), where=arriving > 0.0)
         part = np.sqrt(part * seen)
     realised = np.zeros_like(light)
-    step = max(1, CHUNK // (4 * light.size))
+    step = _step(light.size)
     for start in range(0, left.shape[0], step):
+        alive()
         chunk = slice(start, start + step)
         realised += np.einsum("rn,rn->n", left[chunk], spread(right[chunk] * part))
     missing: Floats = part * (counted(part) - realised / weight)
@@ -222,11 +246,13 @@ def smoothed(
     learned: Learned | None,
     *,
     normalise: NormaliseName = "auto",
+    alive: Callable[[], None] = lambda: None,
 ) -> Picture:
     """An indirect picture corrected for its smooth light (`pdcd.pictures.smooth`).
 
     Sigma stays: the correction is a small part of the picture. `normalise` is what the picture was
-    made with (`pdcd.pictures.combine`).
+    made with (`pdcd.pictures.combine`). `alive` is called now and then, and may
+    raise to end the work.
     """
     photo = next(p for p in recipe.photos if p.name == "coded")
     realised = realised_photo(photo.shots, shots)
@@ -238,7 +264,8 @@ def smoothed(
     image = cells.reshape(-1, 3)
     if learned is not None:
         image = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
-    more = colour_correction(realised.left, realised.right, weight, image, recipe.goal.grid)
+    grid = recipe.goal.grid
+    more = colour_correction(realised.left, realised.right, weight, image, grid, alive)
     full = more.reshape(rows, cols, 3).repeat(quads[0], axis=0).repeat(quads[1], axis=1)
     return Picture(picture.image + full, picture.sigma)
 

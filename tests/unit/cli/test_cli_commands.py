@@ -261,7 +261,7 @@ def test_decode_fails_when_a_picture_differs(
     files = [{"name": "linear/white.tif", "identical": True},
              {"name": "linear/indirect.tif", "identical": False}]  # fmt: skip
     report = {"identical": False, "files": files}
-    monkeypatch.setattr("pdcd.pictures.decode.decode_folder", lambda folder: report)
+    monkeypatch.setattr("pdcd.pictures.decode.decode_folder", lambda *_: report)
     assert main(["decode", "x"]) == 5
     assert capsys.readouterr().out.splitlines() == [
         "identical  linear/white.tif",
