@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import socket
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
@@ -85,7 +85,7 @@ class Client:
     def call(
         self,
         method: str,
-        params: dict[str, Any] | None = None,
+        params: Mapping[str, object] | None = None,
         *,
         timeout_s: float | None = None,
         on_event: OnEvent | None = None,
@@ -182,7 +182,7 @@ class Client:
         request_id = self._send(method, {"job": job})
         return _typed(self._answer(request_id, None, only_this), CaptureResult)
 
-    def _send(self, method: str, params: dict[str, Any] | None) -> int:
+    def _send(self, method: str, params: Mapping[str, object] | None) -> int:
         self._next_id += 1
         message = {
             "jsonrpc": "2.0",

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 import msgspec
 
@@ -219,7 +218,7 @@ def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEven
 
 
 @contextmanager
-def signals_to(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
     """Send SIGINT and SIGTERM to `handler` for a while."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, handler) for number in numbers]

@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import msgspec
 
@@ -25,24 +24,27 @@ from pdcd.runs.events import (
     fields,
 )
 
+Value = float | int | str
+"""What the summary of a run holds."""
+
 LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
 
 
-def percent(share: float) -> str:
+def percent(share: Value) -> str:
     """Write a share as a percentage of three digits."""
-    return f"{100.0 * share:.3g} %"
+    return f"{100.0 * float(share):.3g} %"
 
 
-SUMMARY: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
+SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("codes", "codes", str),
     ("refreshes", "refreshes", str),
-    ("exposure_s", "exposure", lambda s: f"{s:.3f} s"),
+    ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
     ("missed_refreshes", "missed refreshes", str),
-    ("rms_sigma", "RMS sigma", lambda e: f"{100.0 * e:.3g} % of the picture"),
-    ("rms_error", "RMS error", lambda e: f"{100.0 * e:.3g} % against the scene's known truth"),
+    ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
+    ("rms_error", "RMS error", lambda e: f"{percent(e)} against the scene's known truth"),
     ("predicted_error", "predicted", percent),
-    ("wall_s", "wall time", lambda s: f"{s:.2f} s"),
+    ("wall_s", "wall time", lambda s: f"{float(s):.2f} s"),
 )
 """Lines of the table after a capture: key of the summary, label, how to write the value."""
 
@@ -58,7 +60,7 @@ def tell(text: str) -> None:
     sys.stderr.flush()
 
 
-def say_json(value: Any) -> None:
+def say_json(value: object) -> None:
     """Print a wire object on one line and hand it on at once."""
     say(msgspec.json.encode(value).decode())
     sys.stdout.flush()

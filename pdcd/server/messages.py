@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from pdcd.bench.tables import Config
 from pdcd.errors import KINDS, PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
@@ -213,7 +214,7 @@ class Method:
     """What a method takes and gives; `result` is used for the schema only."""
 
     params: type[msgspec.Struct]
-    result: Any
+    result: type[msgspec.Struct]
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
@@ -222,7 +223,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "ping": Method(NoParams, Pong),
         "rig.status": Method(NoParams, Status),
         "rig.describe": Method(NoParams, Described),
-        "config.get": Method(NoParams, dict[str, Any]),
+        "config.get": Method(NoParams, Config),
         "capture.plan": Method(CaptureRequest, PlanSummary),
         "capture.start": Method(StartParams, Admitted),
         "capture.wait": Method(JobParams, CaptureResult),
@@ -237,12 +238,12 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 """Every method of the socket, by name."""
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Any:
     """The value in JSON types; numpy's numbers become Python's. Raises TypeError otherwise."""
     return msgspec.to_builtins(value, enc_hook=_number)
 
 
-def _number(value: Any) -> int | float:
+def _number(value: object) -> int | float:
     if isinstance(value, Integral):
         return int(value)
     if isinstance(value, Real):
@@ -273,8 +274,8 @@ def schema() -> dict[str, Any]:
     Returns ``{"methods": {name: {"params", "result"}}, "notifications": {...}, "error", "kinds",
     "$defs"}``, where each leaf is a schema that refers into `$defs`.
     """
-    leaves: list[Any] = [t for m in METHODS.values() for t in (m.params, m.result)]
-    notifications: dict[str, Any] = {"hello": Hello, "event": events.Known}
+    leaves: list[object] = [t for m in METHODS.values() for t in (m.params, m.result)]
+    notifications: dict[str, object] = {"hello": Hello, "event": events.Known}
     leaves += [*notifications.values(), ErrorObject]
     schemas, definitions = msgspec.json.schema_components(leaves, ref_template="#/$defs/{name}")
     for kind in events.TYPES.values():

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import pytest
 
 from pdcd.runs.events import COMMON, TYPES
-from pdcd.server import clients, connections, messages
+from pdcd.server import callers, connections, messages
 from pdcd.server.messages import CODES, METHODS
 from tests.places import ROOT
 
@@ -187,10 +187,22 @@ def test_every_event_and_each_of_its_fields_is_in_the_table() -> None:
         assert f"`{name}`" in section("Events")
 
 
+def test_the_python_of_the_document_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with daemon("fake", tmp_path) as path:
+        exec(fenced("Events", "python"), {"socket": path, "__name__": "example"})
+    first, queued, *events, last = capsys.readouterr().out.splitlines()
+    job = queued.split()[0]
+    assert (first, queued.split()[1]) == ("idle", "queued")
+    assert any(re.fullmatch(rf"{job} progress \d+%", line) for line in events)
+    assert last == f"done ['{job}']"
+
+
 def test_the_limits_are_those_of_the_program() -> None:
     text = section("Limits")
     assert messages.MAX_LINE == 2**20 and "1 MiB" in text
     assert f"| {connections.OPEN_REQUESTS};" in text
-    assert f"| {clients.QUEUE_LINES};" in text
-    assert f"after {clients.STUCK_S:g} s" in text
+    assert f"| {callers.QUEUE_LINES};" in text
+    assert f"after {callers.STUCK_S:g} s" in text
     assert f"for up to {connections.LINGER_S:g} s" in section("Life of a job")

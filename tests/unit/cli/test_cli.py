@@ -74,11 +74,23 @@ def test_help_imports_nothing_heavy() -> None:
     assert "'argparse'" in modules
 
 
-def test_choices_are_those_of_a_request() -> None:
-    assert get_args(words.GoalName) == parser.GOALS
-    assert get_args(words.FamilyName) == parser.FAMILIES
-    assert get_args(words.WindowName) == parser.WINDOWS
-    assert get_args(words.BlackLevel) == parser.BLACK_LEVELS
+@pytest.mark.parametrize(
+    ("option", "names"),
+    [
+        ("--family", words.FamilyName),
+        ("--method", words.MethodName),
+        ("--schedule", words.GuardsName),
+        ("--window", words.WindowName),
+        ("--black-level", words.BlackLevel),
+        ("--normalise", words.NormaliseName),
+    ],
+)
+def test_every_word_of_a_request_can_be_typed(option: str, names: object) -> None:
+    commands = parser.build_parser()
+    for goal in get_args(words.GoalName):
+        for name in get_args(names):
+            args = commands.parse_args(["capture", goal, option, name])
+            assert args.goal == goal and name in vars(args).values()
 
 
 @pytest.mark.parametrize(
