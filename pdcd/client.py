@@ -10,25 +10,25 @@ from __future__ import annotations
 
 import socket
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from pdcd.errors import PdcdError, ProtocolError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
-from pdcd.server.messages import MAX_LINE, PROTOCOL
+from pdcd.runs.events import Event, read
+from pdcd.server.messages import MAX_LINE, PROTOCOL, Admitted, Hello, JobList, JobView, Status
 
-OnEvent = Callable[[dict[str, Any]], None]
-"""Takes the fields of one event: job, seq, type, t_mono_ns and those of its type."""
+T = TypeVar("T")
+
+OnEvent = Callable[[Event], None]
+"""Takes one event, a struct of `pdcd.runs.events`; `type` names its kind."""
 
 ENGINE_TIMEOUT_S = 60.0
 """Time allowed to an answer that needs the devices, in seconds."""
-
-ENDED = ("done", "failed", "cancelled")
-"""Types of the last event of a job, which are also its last states."""
 
 
 class Unreachable(ConnectionError):  # noqa: N818 - reads as the state it reports
@@ -51,7 +51,7 @@ class Client:
         self._next_id = 0
         self._rest = bytearray()
         self._lines: deque[bytes] = deque()
-        self._events: deque[dict[str, Any]] = deque()
+        self._events: deque[Event] = deque()
         self._sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self._sock.settimeout(timeout_s)
@@ -61,8 +61,8 @@ class Client:
                 raise _error_from(first["error"])
             if first.get("method") != "hello":
                 raise ProtocolError("the server did not say hello", hint="is this pdcd's socket?")
-            self.hello: dict[str, Any] = first["params"]
-            self._check_version()
+            _check_version(first["params"])
+            self.hello = _typed(first["params"], Hello)
         except BaseException:
             self._sock.close()
             raise
@@ -85,7 +85,7 @@ class Client:
     def call(
         self,
         method: str,
-        params: dict[str, Any] | None = None,
+        params: Mapping[str, object] | None = None,
         *,
         timeout_s: float | None = None,
         on_event: OnEvent | None = None,
@@ -115,14 +115,14 @@ class Client:
         if on_event is not None:
             self.call("events.subscribe", {"jobs": "own"})
         params = {**msgspec.to_builtins(request), "detach": detach, "queue": queue}
-        started = self.call("capture.start", params, on_event=on_event)
-        job = str(started["job"])
+        answer = self.call("capture.start", params, on_event=on_event)
+        started = _typed(answer, Admitted)
         if detach:
-            return CaptureResult(job=job, state=started["state"])
+            return CaptureResult(job=started.job, state=started.state)
         try:
-            return self._wait(job, on_event)
+            return self._wait(started.job, on_event)
         except KeyboardInterrupt:
-            return self._result("capture.cancel", job, on_event)
+            return self._result("capture.cancel", started.job, on_event)
 
     def wait(self, job: str, on_event: OnEvent | None = None) -> CaptureResult:
         """Wait for the end of any job; `on_event` gets the events of this job from now on."""
@@ -134,22 +134,20 @@ class Client:
         """End a job; returns when the panels are black and the shutter is closed."""
         return self._result("capture.cancel", job, None)
 
-    def status(self) -> dict[str, Any]:
+    def status(self) -> Status:
         """State of the rig, the running job and those that wait."""
-        answer: dict[str, Any] = self.call("rig.status")
-        return answer
+        return _typed(self.call("rig.status"), Status)
 
-    def list(self) -> list[dict[str, Any]]:
+    def list(self) -> list[JobView]:
         """The jobs that the daemon knows, oldest first."""
-        jobs: list[dict[str, Any]] = self.call("capture.list")["jobs"]
-        return jobs
+        return _typed(self.call("capture.list"), JobList).jobs
 
     def plan(self, request: CaptureRequest) -> PlanSummary:
         """What a capture would do."""
         answer = self.call("capture.plan", msgspec.to_builtins(request), timeout_s=ENGINE_TIMEOUT_S)
-        return msgspec.convert(answer, PlanSummary)
+        return _typed(answer, PlanSummary)
 
-    def events(self, jobs: str = "all") -> Iterator[dict[str, Any]]:
+    def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
         self.call("events.subscribe", {"jobs": jobs})
         while True:
@@ -160,7 +158,7 @@ class Client:
             except Unreachable:
                 return
             if message.get("method") == "event":
-                self._events.append(message["params"])
+                self._events.append(_event(message))
 
     def _connect(self) -> None:
         try:
@@ -171,28 +169,20 @@ class Client:
                 " (start one with pdcd serve, or name its socket with --socket)"
             ) from err
 
-    def _check_version(self) -> None:
-        major, minor = self.hello["protocol"]
-        if major != PROTOCOL[0] or minor < PROTOCOL[1]:
-            raise ProtocolError(
-                f"the server speaks protocol {major}.{minor}, not {PROTOCOL[0]}.{PROTOCOL[1]}",
-                hint="use the client that came with this server",
-            )
-
     def _wait(self, job: str, on_event: OnEvent | None) -> CaptureResult:
         return self._result("capture.wait", job, on_event)
 
     def _result(self, method: str, job: str, on_event: OnEvent | None) -> CaptureResult:
         """Ask for a job's result and wait for as long as it takes; events of this job only."""
 
-        def only_this(event: dict[str, Any]) -> None:
-            if on_event is not None and event.get("job") == job:
+        def only_this(event: Event) -> None:
+            if on_event is not None and event.job == job:
                 on_event(event)
 
         request_id = self._send(method, {"job": job})
-        return msgspec.convert(self._answer(request_id, None, only_this), CaptureResult)
+        return _typed(self._answer(request_id, None, only_this), CaptureResult)
 
-    def _send(self, method: str, params: dict[str, Any] | None) -> int:
+    def _send(self, method: str, params: Mapping[str, object] | None) -> int:
         self._next_id += 1
         message = {
             "jsonrpc": "2.0",
@@ -216,7 +206,7 @@ class Client:
         while True:
             message = self._receive(timeout_s)
             if message.get("method") == "event":
-                (self._events.append if on_event is None else on_event)(message["params"])
+                (self._events.append if on_event is None else on_event)(_event(message))
             elif "error" in message and message.get("id") in (request_id, None):
                 raise _error_from(message["error"])
             elif message.get("id") == request_id:
@@ -245,6 +235,31 @@ class Client:
         except msgspec.DecodeError as err:
             raise ProtocolError(f"the server sent what is no message: {err}") from err
         return message
+
+
+def _check_version(hello: dict[str, Any]) -> None:
+    """Raise ProtocolError when this client is not for that server."""
+    major, minor = hello["protocol"]
+    if major != PROTOCOL[0] or minor < PROTOCOL[1]:
+        raise ProtocolError(
+            f"the server speaks protocol {major}.{minor}, not {PROTOCOL[0]}.{PROTOCOL[1]}",
+            hint="use the client that came with this server",
+        )
+
+
+def _typed(value: Any, kind: type[T]) -> T:
+    """The value as that type. Raises ProtocolError when it is none."""
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as err:
+        raise ProtocolError(f"the server sent what is no {kind.__name__}: {err}") from err
+
+
+def _event(message: dict[str, Any]) -> Event:
+    try:
+        return read(message["params"])
+    except msgspec.ValidationError as err:
+        raise ProtocolError(f"the server sent what is no event: {err}") from err
 
 
 def _error_from(wire: dict[str, Any]) -> PdcdError:

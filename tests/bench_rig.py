@@ -109,4 +109,4 @@ def bench_of_rig(rig: Rig) -> Bench:
 
 def capture(engine: Engine, request: CaptureRequest, job: str = "job") -> CaptureResult:
     """Run one job with nobody listening."""
-    return engine.capture(request, job=job, owner={}, emit=lambda *_: None, cancelled=lambda: False)
+    return engine.capture(request, job=job, emit=lambda _: None, cancelled=lambda: False)

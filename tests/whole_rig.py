@@ -118,7 +118,7 @@ def _wait_until_ready(socket: Path, thread: threading.Thread, failed: list[PdcdE
     while thread.is_alive():
         try:
             with Client(socket) as client:
-                assert client.status()["state"] == "idle"
+                assert client.status().state == "idle"
                 return
         except Unreachable:
             assert time.monotonic() < give_up

@@ -25,6 +25,7 @@ from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import git_commit, utc_now, versions
 from pdcd.runs.record import SCHEMA_VERSION, Manifest, RunRecord, ShotRecord
+from pdcd.runs.views import RigView
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
@@ -128,7 +129,7 @@ def manifest_of(
     *,
     config: Config,
     mock: bool,
-    drivers: dict[str, Any],
+    rig: RigView,
     started_utc: str,
     summary: Summary,
     warnings: Sequence[str],
@@ -141,7 +142,7 @@ def manifest_of(
         job=job.name,
         state="done",
         mock=mock,
-        owner=job.owner,
+        owner={} if job.owner is None else msgspec.to_builtins(job.owner),
         started_utc=started_utc,
         finished_utc=utc_now(),
         request=msgspec.to_builtins(job.request),
@@ -153,7 +154,7 @@ def manifest_of(
         versions=versions(),
         git_commit=git_commit(),
         exif={name: shot.exif for name, shot in decoded.shots.items()},
-        drivers=drivers,
+        drivers=msgspec.to_builtins(rig),
         config=msgspec.to_builtins(config),
         meter=tuple(meter),
         files=files,
@@ -177,7 +178,8 @@ def failure_of(
     exists = folder.path.is_dir()
     if exists:
         try:
-            folder.log("cancelled" if cancelled else "failed", now_ns, {**fields, "safe": safe})
+            event = "cancelled" if cancelled else "failed"
+            folder.log({"t_mono_ns": now_ns, "event": event, **fields, "safe": safe})
         except PdcdError as err:
             logger.warning("cannot write log.jsonl error=%s", err)
     return CaptureResult(

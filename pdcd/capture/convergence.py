@@ -17,6 +17,7 @@ from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.develop import preview, write_png
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Recipe, Shot
+from pdcd.runs.events import Converging
 
 PREVIEW = "preview/running.png"
 
@@ -41,18 +42,18 @@ class Convergence:
         last = next(s for s in reversed(recipe.shots) if s.part == shot.part)
         return shot.part > 0 and shot is last
 
-    def see(self, folder: Path, decoded: Decoded) -> dict[str, float | int | None]:
-        """Look at the pictures so far, write the preview, return the fields of the event."""
+    def see(self, folder: Path, decoded: Decoded) -> Converging:
+        """Look at the pictures so far, write the preview, return the event that tells of it."""
         answer = decoded.answer
         self.reached = rms_sigma(answer)
         self.met = answer.kind == "measured" and self.reached <= self.target
         with disk_errors(str(folder)):
             write_png(folder / PREVIEW, preview(answer.image))
-        return {
-            "part": len(part_numbers(decoded.recipe)),
-            "rms_sigma": self.reached if np.isfinite(self.reached) else None,
-            "target": self.target,
-        }
+        return Converging(
+            part=len(part_numbers(decoded.recipe)),
+            rms_sigma=self.reached if np.isfinite(self.reached) else None,
+            target=self.target,
+        )
 
     @property
     def warning(self) -> str:

@@ -6,14 +6,12 @@ import hashlib
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import Config
 from pdcd.capture.account import failure_of
-from pdcd.capture.job import Emit, Job
+from pdcd.capture.job import Job
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.show import pattern_frames
@@ -23,7 +21,9 @@ from pdcd.planning.guards import asks_for_lag
 from pdcd.planning.guided import plan_for, summary
 from pdcd.planning.outlook import Setting
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.runs.events import Emit
 from pdcd.runs.folder import RunFolder, read_manifest
+from pdcd.runs.views import CameraView, DriverView, OwnerView, Preview, RigView
 from pdcd.sensor.profile import load_profile
 
 logger = logging.getLogger(__name__)
@@ -55,8 +55,8 @@ class Engine:
         """Rows and columns of code cells."""
         return self._rig.grid
 
-    def describe(self) -> dict[str, Any]:
-        """The rig in JSON-able values: drivers, panels, camera, scene."""
+    def describe(self) -> RigView:
+        """The rig: drivers, panels, camera, scene."""
         config, rig = self._config, self._rig
         drivers = {
             "display": config.display.driver,
@@ -65,21 +65,28 @@ class Engine:
         }
         camera = None
         if rig.camera_info is not None:
-            camera = asdict(rig.camera_info)
-            camera["responsivity_e"] = rig.camera_info.responsivity_e.tolist()
-        return {
-            "name": config.rig.name,
-            "mock": rig.mock,
-            "grid": list(self.grid),
-            "drivers": {
-                role: {"name": name, "maturity": rig.maturity[role]}
+            info = rig.camera_info
+            camera = CameraView(
+                model=info.model,
+                serial=info.serial,
+                profile=info.profile,
+                responsivity_e=tuple(info.responsivity_e.tolist()),
+                isos=info.isos,
+                f_numbers=info.f_numbers,
+            )
+        return RigView(
+            name=config.rig.name,
+            mock=rig.mock,
+            grid=self.grid,
+            drivers={
+                role: DriverView(name=name, maturity=rig.maturity[role])
                 for role, name in drivers.items()
             },
-            "display": None if rig.display_info is None else asdict(rig.display_info),
-            "shutter": rig.shutter_info,
-            "camera": camera,
-            "scene": None if rig.scene is None else rig.scene.name,
-        }
+            display=rig.display_info,
+            shutter=rig.shutter_info,
+            camera=camera,
+            scene=None if rig.scene is None else rig.scene.name,
+        )
 
     def plan(self, request: CaptureRequest) -> PlanSummary:
         """What a request would do. Raises ConfigError."""
@@ -99,8 +106,8 @@ class Engine:
             return
         self._rig.display.show(pattern_frames(pattern, index, self.grid, self._config))
 
-    def preview(self, alive: Callable[[], object] = lambda: None) -> dict[str, Any]:
-        """A short white photo as PNG below the state folder: its path, SHA-256 and shape.
+    def preview(self, alive: Callable[[], object] = lambda: None) -> Preview:
+        """A short white photo as PNG below the state folder.
 
         `alive()` is called at least ten times a second, from this thread.
         """
@@ -114,7 +121,6 @@ class Engine:
         result = self.capture(
             request,
             job=f"preview-{time.time_ns()}",
-            owner={},
             emit=lambda *_: None,
             cancelled=cancelled,
             parent=parent,
@@ -124,18 +130,19 @@ class Engine:
         folder = Path(result.folder)
         path = folder / "preview" / "white.png"
         cells = read_manifest(folder).run.cells
-        return {
-            "path": str(path),
-            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "shape": [*((0, 0) if cells is None else cells.frame), 3],
-        }
+        height, width = (0, 0) if cells is None else cells.frame
+        return Preview(
+            path=str(path),
+            sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            shape=(height, width, 3),
+        )
 
     def capture(
         self,
         request: CaptureRequest,
         *,
         job: str,
-        owner: dict[str, Any],
+        owner: OwnerView | None = None,
         emit: Emit,
         cancelled: Callable[[], bool],
         parent: Path | None = None,
@@ -143,7 +150,7 @@ class Engine:
         """Run one job to its end; never raises for what goes wrong in it.
 
         When it returns, panels are black and the shutter is closed, whatever the result says.
-        `emit(type, fields)` is told of every step; `cancelled()` is asked at every one of them.
+        `emit(event)` is told of every step; `cancelled()` is asked at every one of them.
         """
         if parent is None:
             parent = Path(request.out) if request.out else state_dir(self._config) / "captures"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from pdcd.bench.devices import Clock
 from pdcd.errors import Cancelled
+from pdcd.pictures.watch import Watch
 from pdcd.request import CaptureRequest
+from pdcd.runs.events import Decoded, Emit, Event, logged
 from pdcd.runs.folder import RunFolder
-
-Emit = Callable[[str, dict[str, Any]], None]
+from pdcd.runs.views import OwnerView
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Job:
 
     name: str
     request: CaptureRequest
-    owner: dict[str, Any]
+    owner: OwnerView | None
     emit: Emit
     cancelled: Callable[[], bool]
 
@@ -28,6 +28,14 @@ class Job:
         """Raise Cancelled when somebody asked for it."""
         if self.cancelled():
             raise Cancelled("the job was cancelled")
+
+    def watch(self) -> Watch:
+        """Tells the client how far the making of pictures is, and looks for a cancel."""
+
+        def step(done: float, total: float) -> None:
+            self.emit(Decoded(done=done, total=total))
+
+        return Watch(self.look_for_cancel, step)
 
 
 @dataclass(frozen=True)
@@ -39,10 +47,10 @@ class Journal:
     clock: Clock
     warnings: list[str]
 
-    def notify(self, event: str, fields: dict[str, Any]) -> None:
+    def notify(self, event: Event) -> None:
         """Tell the client and log.jsonl; then see whether the job is still wanted."""
-        self.folder.log(event, self.clock.now_ns(), fields)
-        self.job.emit(event, fields)
+        self.folder.log(logged(event, self.clock.now_ns()))
+        self.job.emit(event)
         self.job.look_for_cancel()
 
     def warn(self, text: str) -> None:

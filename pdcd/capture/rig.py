@@ -7,7 +7,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import (
@@ -25,6 +24,7 @@ from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import DEFAULT_GRID, Config
 from pdcd.errors import PdcdError, SyncError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
+from pdcd.runs.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.scene.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -32,7 +32,6 @@ logger = logging.getLogger(__name__)
 SAFE_TRIES = 3
 """How often a device that fails is asked to go black or to close before it is given up."""
 
-Notify = Callable[[str, dict[str, Any]], None]
 Progress = Callable[[int, int, int], None]
 
 
@@ -159,7 +158,7 @@ class Rig:
         folder: Path,
         name: str,
         *,
-        notify: Notify,
+        notify: Emit,
         progress: Progress,
         cancelled: Callable[[], bool],
     ) -> Exposure:
@@ -173,16 +172,16 @@ class Rig:
         self.display.load(frames)
         self.display.black()
         self.readout.arm(settings)
-        notify("armed", {"shot": name, "frames": len(frames)})
+        notify(Armed(shot=name, frames=len(frames)))
         open_ns = self.shutter.open()
-        notify("shutter_open", {"shot": name, "t_mono_ns": open_ns})
+        notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self.clock.sleep_until_ns(open_ns + settle_ns)
         try:
             log = self.display.play(progress, cancelled)
         except SyncError:
             # The camera hands out a file all the same; left there, it would pass for the next one.
             self.display.black()
-            notify("shutter_closed", {"shot": name, "t_mono_ns": self.shutter.close()})
+            notify(ShutterClosed(shot=name, t_mono_ns=self.shutter.close()))
             with disk_errors("camera"):
                 self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
             raise
@@ -190,7 +189,7 @@ class Rig:
         self.display.black()
         self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
         close_ns = self.shutter.close()
-        notify("shutter_closed", {"shot": name, "t_mono_ns": close_ns})
+        notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         with disk_errors("camera"):
             raw = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
         return Exposure(open_ns, close_ns, log, raw, settings)

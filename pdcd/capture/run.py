@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
@@ -22,9 +21,11 @@ from pdcd.planning.outlook import Setting
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
 from pdcd.request import CaptureResult
+from pdcd.runs import events
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import utc_now
 from pdcd.runs.record import RunRecord
+from pdcd.runs.views import RigView
 from pdcd.sensor.profile import SensorProfile
 
 
@@ -45,21 +46,21 @@ class Run:
         self._journal = Journal(job, folder, rig.clock, [])
         self._taker = ShotTaker(config, rig, self._camera, profile, self._journal)
 
-    def execute(self, drivers: dict[str, Any]) -> CaptureResult:
+    def execute(self, rig: RigView) -> CaptureResult:
         """Plan, expose all shots, decode, archive. Raises PdcdError; the caller makes safe.
 
-        `drivers` describes the rig for the manifest.
+        `rig` describes the bench for the manifest.
         """
         started, begun_s = utc_now(), time.perf_counter()
         job, folder = self._job, self._folder
         plan = self._plan()
         folder.create(min_free_bytes=self._config.limits.min_free_bytes)
-        self._journal.notify("started", {"job": job.name, "goal": job.request.goal})
+        self._journal.notify(events.Started(job=job.name, goal=job.request.goal))
         self._write_patterns(plan)
-        darkroom = Darkroom(folder.path, self._record(plan), job.look_for_cancel)
+        darkroom = Darkroom(folder.path, self._record(plan))
         plan = self._take_all(plan, darkroom)
-        self._journal.notify("decoding", {"shots": len(darkroom.record.shots)})
-        decoded = darkroom.decoded()
+        self._journal.notify(events.Decoding(shots=len(darkroom.record.shots)))
+        decoded = darkroom.decoded(job.watch())
         write_pictures(folder.path, decoded)
         mock = self._rig.mock
         for text in warnings_of(decoded, self._config, self._profile, mock=mock):
@@ -68,7 +69,7 @@ class Run:
         deviations = decoded.deviations(job.look_for_cancel)
         summary["wall_s"] = time.perf_counter() - begun_s
         # The last line of log.jsonl: hashes come after it.
-        self._journal.notify("archived", {"job": job.name})
+        self._journal.notify(events.Archived(job=job.name))
         manifest = manifest_of(
             job,
             plan,
@@ -77,7 +78,7 @@ class Run:
             deviations,
             config=self._config,
             mock=mock,
-            drivers=drivers,
+            rig=rig,
             started_utc=started,
             summary=summary,
             warnings=self._journal.warnings,
@@ -121,8 +122,8 @@ class Run:
         scouts = scouted(plan, taken)
         if not scouts and not piloted(plan, taken):
             return plan
-        self._journal.notify("learning", {"photos": SCOUTS if scouts else plan.how.pilot})
-        learned = darkroom.learned()
+        self._journal.notify(events.Learning(photos=SCOUTS if scouts else plan.how.pilot))
+        learned = darkroom.learned(self._job.watch())
         if learned is None or (scouts and learned.promising):
             return plan
         seed = self._job.request.seed
@@ -147,8 +148,9 @@ class Run:
         """Whether the parts taken so far reach the error asked for; tells how far they are."""
         if not convergence.after(plan.recipe, shot):
             return False
-        seen = convergence.see(self._folder.path, darkroom.decoded())
-        self._journal.notify("converging", seen)
+        self._journal.notify(
+            convergence.see(self._folder.path, darkroom.decoded(self._job.watch()))
+        )
         if not convergence.met and shot is plan.recipe.shots[-1]:
             self._journal.warn(convergence.warning)
         return convergence.met

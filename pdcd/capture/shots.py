@@ -23,6 +23,7 @@ from pdcd.planning.metering import (
 )
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
+from pdcd.runs import events
 from pdcd.runs.record import ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
@@ -117,8 +118,7 @@ class ShotTaker:
                 cause = f"{int(done.log.missed.sum())} refreshes were missed; {harm}"
                 name = folder.set_aside(shot.name, number)
                 folder.write_frames(name, frames, done.log)
-            told = {"shot": shot.name, "name": name, "cause": cause}
-            self.journal.notify("discarded", told)
+            self.journal.notify(events.Discarded(shot=shot.name, name=name, cause=cause))
             self.journal.warn(f"shot {shot.name}: exposure {number} was discarded: {cause}")
         raise SyncError(
             f"shot {shot.name} was spoilt {rig.retries + 1} times: {cause}",
@@ -139,8 +139,8 @@ class ShotTaker:
 
     def _expose(self, frames: Frames, name: str, settings: CameraSettings) -> Exposure:
         def progress(frame: int, of: int, missed: int) -> None:
-            fields = {"shot": name, "frame": frame, "frames": of, "missed": missed}
-            self.journal.job.emit("progress", fields)
+            told = events.Progress(shot=name, frame=frame, frames=of, missed=missed)
+            self.journal.job.emit(told)
 
         return self.rig.expose(
             frames,

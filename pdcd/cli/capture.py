@@ -11,17 +11,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 import msgspec
 
 from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import OnEvent, percent, progress, say_json, say_result, say_table
-from pdcd.client import Client, Unreachable
+from pdcd.cli.output import percent, progress, say_json, say_result, say_table
+from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
+from pdcd.runs.views import OwnerView
 
 FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
 """Options that name a file the daemon is to read."""
@@ -199,9 +199,6 @@ def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEven
 
     job = new_job_id()
 
-    def emit(kind: str, fields: dict[str, Any]) -> None:
-        on_event({"job": job, "type": kind, **fields})
-
     interrupted = threading.Event()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -214,14 +211,14 @@ def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEven
         try:
             engine.start()
             return engine.capture(
-                request, job=job, owner=_owner(), emit=emit, cancelled=interrupted.is_set
+                request, job=job, owner=_owner(), emit=on_event, cancelled=interrupted.is_set
             )
         finally:
             engine.stop()
 
 
 @contextmanager
-def signals_to(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
     """Send SIGINT and SIGTERM to `handler` for a while."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, handler) for number in numbers]
@@ -232,11 +229,11 @@ def signals_to(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None
             signal.signal(number, handled)
 
 
-def _owner() -> dict[str, Any]:
-    """Who asks, in the same fields that the daemon learns from the kernel."""
+def _owner() -> OwnerView:
+    """Who asks, as the daemon would learn it from the kernel."""
     uid = os.getuid()
     try:
         user = pwd.getpwuid(uid).pw_name
     except KeyError:  # containers run under users that no table names
         user = str(uid)
-    return {"uid": uid, "pid": os.getpid(), "user": user}
+    return OwnerView(uid=uid, pid=os.getpid(), user=user)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import progress, say, say_json, say_result, say_table
 from pdcd.client import Client
 from pdcd.errors import ConfigError
+from pdcd.runs.events import Event, fields, wire
+from pdcd.server.messages import JobList, JobView
 
 
 def status(args: argparse.Namespace) -> int:
@@ -19,15 +20,14 @@ def status(args: argparse.Namespace) -> int:
     if args.json:
         say_json(answer)
         return DONE
-    running = answer["running"]
     say_table(
         [
-            ["version", answer["version"]],
-            ["state", answer["state"]],
-            ["running", _job_words(running) if running else "nothing"],
-            *(["queued", _job_words(job)] for job in answer["queued"]),
-            ["connections", str(answer["connections"])],
-            ["up", f"{answer['uptime_s']:.0f} s"],
+            ["version", answer.version],
+            ["state", answer.state],
+            ["running", _job_words(answer.running) if answer.running else "nothing"],
+            *(["queued", _job_words(job)] for job in answer.queued),
+            ["connections", str(answer.connections)],
+            ["up", f"{answer.uptime_s:.0f} s"],
         ]
     )
     return DONE
@@ -38,11 +38,9 @@ def list_jobs(args: argparse.Namespace) -> int:
     with Client(daemon_socket(args)) as client:
         jobs = client.list()
     if args.json:
-        say_json({"jobs": jobs})
+        say_json(JobList(jobs))
         return DONE
-    rows = [
-        [j["job"], j["state"], j["goal"], j["owner"]["user"], j.get("folder") or ""] for j in jobs
-    ]
+    rows = [[j.job, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
     say_table([["job", "state", "goal", "user", "folder"], *rows])
     return DONE
 
@@ -67,24 +65,24 @@ def cancel(args: argparse.Namespace) -> int:
     with Client(daemon_socket(args)) as client:
         job = args.job
         if job is None:
-            running = client.status()["running"]
+            running = client.status().running
             if running is None:
                 raise ConfigError("nothing is running", hint="queued jobs are cancelled by name")
-            job = running["job"]
+            job = running.job
         result = client.cancel(job)
     # The job's end is the news here, not a failure of this command.
     say_result(result, as_json=args.json)
     return DONE
 
 
-def _say_event(event: dict[str, Any], *, as_json: bool) -> None:
+def _say_event(event: Event, *, as_json: bool) -> None:
     if as_json:
-        say_json(event)
+        say_json(wire(event))
         return
-    rest = {k: v for k, v in event.items() if k not in ("job", "seq", "type", "t_mono_ns")}
-    words = " ".join(f"{k}={v}" for k, v in rest.items() if isinstance(v, str | int | float))
-    say(f"{event['job']} {event['type']} {words}".rstrip())
+    told = fields(event).items()
+    words = " ".join(f"{k}={v}" for k, v in told if isinstance(v, str | int | float))
+    say(f"{event.job} {event.type} {words}".rstrip())
 
 
-def _job_words(job: dict[str, Any]) -> str:
-    return f"{job['job']} {job['goal']} by {job['owner']['user']}"
+def _job_words(job: JobView) -> str:
+    return f"{job.job} {job.goal} by {job.owner.user}"

@@ -6,35 +6,45 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import msgspec
 
 from pdcd.cli.exits import CANCELLED, DONE, exit_code
+from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.request import CaptureResult
+from pdcd.runs.events import (
+    Armed,
+    Converging,
+    Decoded,
+    Decoding,
+    Event,
+    Learning,
+    Progress,
+    fields,
+)
 
-OnEvent = Callable[[dict[str, Any]], None]
-"""Takes the fields of one event of the socket; `type` says which."""
+Value = float | int | str
+"""What the summary of a run holds."""
 
 LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
 
 
-def percent(share: float) -> str:
+def percent(share: Value) -> str:
     """Write a share as a percentage of three digits."""
-    return f"{100.0 * share:.3g} %"
+    return f"{100.0 * float(share):.3g} %"
 
 
-SUMMARY: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
+SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("codes", "codes", str),
     ("refreshes", "refreshes", str),
-    ("exposure_s", "exposure", lambda s: f"{s:.3f} s"),
+    ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
     ("missed_refreshes", "missed refreshes", str),
-    ("rms_sigma", "RMS sigma", lambda e: f"{100.0 * e:.3g} % of the picture"),
-    ("rms_error", "RMS error", lambda e: f"{100.0 * e:.3g} % against the scene's known truth"),
+    ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
+    ("rms_error", "RMS error", lambda e: f"{percent(e)} against the scene's known truth"),
     ("predicted_error", "predicted", percent),
-    ("wall_s", "wall time", lambda s: f"{s:.2f} s"),
+    ("wall_s", "wall time", lambda s: f"{float(s):.2f} s"),
 )
 """Lines of the table after a capture: key of the summary, label, how to write the value."""
 
@@ -50,7 +60,7 @@ def tell(text: str) -> None:
     sys.stderr.flush()
 
 
-def say_json(value: Any) -> None:
+def say_json(value: object) -> None:
     """Print a wire object on one line and hand it on at once."""
     say(msgspec.json.encode(value).decode())
     sys.stdout.flush()
@@ -102,11 +112,11 @@ def progress() -> Iterator[OnEvent]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
-        Progress,
         TaskProgressColumn,
         TextColumn,
         TimeRemainingColumn,
     )
+    from rich.progress import Progress as Bars
 
     columns = (
         TextColumn("{task.description}"),
@@ -114,19 +124,15 @@ def progress() -> Iterator[OnEvent]:
         TaskProgressColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("waiting", total=None)
+    with Bars(*columns, console=Console(stderr=True)) as bars:
+        task = bars.add_task("waiting", total=None)
+        stages = _Stages()
 
-        def show(event: dict[str, Any]) -> None:
-            if event["type"] == "progress":
-                bar.update(
-                    task,
-                    description=_words(event),
-                    completed=event["frame"],
-                    total=event["frames"],
-                )
-            else:
-                bar.update(task, description=_words(event))
+        def show(event: Event) -> None:
+            done, total = _share(event) or (None, None)
+            if stages.begins(event):  # so that the time left is that of this stage
+                bars.reset(task, total=total or 1.0)
+            bars.update(task, description=_words(event), completed=done, total=total)
 
         yield show
 
@@ -136,26 +142,62 @@ class _Lines:
 
     def __init__(self) -> None:
         self._next_s = 0.0
+        self._begun_s = 0.0
+        self._stages = _Stages()
 
-    def __call__(self, event: dict[str, Any]) -> None:
-        if event["type"] == "progress":
-            now_s = time.monotonic()
-            if now_s < self._next_s:
-                return
-            self._next_s = now_s + LINE_INTERVAL_S
+    def __call__(self, event: Event) -> None:
+        now_s = time.monotonic()
+        if self._stages.begins(event):
+            self._begun_s = now_s
+        share = _share(event)
+        if share is None:
             tell(_words(event))
+            return
+        if now_s < self._next_s:
+            return
+        self._next_s = now_s + LINE_INTERVAL_S
+        done, total = share
+        left_s = (now_s - self._begun_s) * (total - done) / done if done else 0.0
+        tell(_words(event) + (f", {left_s:.0f} s left" if left_s >= 1.0 else ""))
+
+
+class _Stages:
+    """Of what there is progress: of one exposure after the other, and of making pictures."""
+
+    def __init__(self) -> None:
+        self._stage: str | None = None
+
+    def begins(self, event: Event) -> bool:
+        """Whether the event is the first of a stage."""
+        if isinstance(event, (Armed, Progress)):
+            stage = f"shot {event.shot}"
+        elif isinstance(event, (Learning, Decoding, Decoded)):
+            stage = "decoding"
         else:
-            tell(_words(event))
+            return False
+        new = stage != self._stage or isinstance(event, Armed)
+        self._stage = stage
+        return new
 
 
-def _words(event: dict[str, Any]) -> str:
+def _share(event: Event) -> tuple[float, float] | None:
+    """Work done, and all of it, where the event tells."""
+    if isinstance(event, Progress):
+        return event.frame, event.frames
+    return (event.done, event.total) if isinstance(event, Decoded) else None
+
+
+def _words(event: Event) -> str:
     """Say where the job stands: the shot, if the event names one, and the step or the refreshes."""
-    step = str(event["type"]).replace("_", " ")
-    if event["type"] == "progress":
-        step = f"{event['frame']}/{event['frames']} refreshes"
-        if event["missed"]:
-            step += f", {event['missed']} missed"
-    if event["type"] == "converging":
-        error = "unknown" if event["rms_sigma"] is None else f"{100.0 * event['rms_sigma']:.2g} %"
-        return f"part {event['part']}: error {error}, wanted {100.0 * event['target']:g} %"
-    return f"{event['shot']}: {step}" if event.get("shot") else step
+    step = event.type.replace("_", " ")
+    if isinstance(event, Decoded):
+        return f"decoding: {100.0 * event.done / event.total:.0f} %"
+    if isinstance(event, Converging):
+        error = "unknown" if event.rms_sigma is None else f"{100.0 * event.rms_sigma:.2g} %"
+        return f"part {event.part}: error {error}, wanted {100.0 * event.target:g} %"
+    if isinstance(event, Progress):
+        step = f"{event.frame}/{event.frames} refreshes"
+        if event.missed:
+            step += f", {event.missed} missed"
+    shot = fields(event).get("shot")
+    return f"{shot}: {step}" if shot else step

@@ -4,41 +4,17 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Literal
+from typing import get_args
 
-# The names that `pdcd.request` defines; repeated, since importing them costs more than parsing.
-GOALS = (
-    "white",
-    "indirect",
-    "direct",
-    "fraction",
-    "illuminated",
-    "diagonal",
-    "off-diagonal",
-    "warped",
-    "two-samples",
-    "relit",
-    "long-range",
-    "short-range",
-    "blocked",
-    "descattered",
-    "filtered",
-    "split",
-)
-FAMILIES = (
-    "bernoulli",
-    "rademacher",
-    "balanced",
-    "hadamard",
-    "singer",
-    "isolation",
-    "confocal",
-)
-METHODS: tuple[Literal["coded", "multi-image", "nayar"], ...] = ("coded", "multi-image", "nayar")
-SCHEDULES = ("none", "both", "lag", "lead", "full", "auto")
-WINDOWS = ("auto", "whole", "quarter")
-BLACK_LEVELS = ("none", "mask", "ambient", "both")
-NORMALISE = ("auto", "scalar", "row")
+from pdcd import words
+
+GOALS: tuple[words.GoalName, ...] = get_args(words.GoalName)
+FAMILIES: tuple[words.FamilyName, ...] = get_args(words.FamilyName)
+METHODS: tuple[words.MethodName, ...] = get_args(words.MethodName)
+SCHEDULES: tuple[words.GuardsName, ...] = get_args(words.GuardsName)
+WINDOWS: tuple[words.WindowName, ...] = get_args(words.WindowName)
+BLACK_LEVELS: tuple[words.BlackLevel, ...] = get_args(words.BlackLevel)
+NORMALISE: tuple[words.NormaliseName, ...] = get_args(words.NormaliseName)
 
 EXIT_CODES = (
     "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "

@@ -10,7 +10,8 @@ import msgspec
 from pdcd import __version__
 from pdcd.bench.config import find, load, schema, show
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import say, say_json, say_table
+from pdcd.cli.output import progress, say, say_json, say_table
+from pdcd.runs.events import Decoded
 
 
 def serve(args: argparse.Namespace) -> int:
@@ -59,8 +60,11 @@ def config(args: argparse.Namespace) -> int:
 def decode(args: argparse.Namespace) -> int:
     """Decode a run again; fails when a picture differs from the one kept."""
     from pdcd.pictures.decode import decode_folder
+    from pdcd.pictures.watch import Watch
 
-    report = decode_folder(args.folder)
+    with progress() as show:
+        watch = Watch(step=lambda done, total: show(Decoded(done=done, total=total)))
+        report = decode_folder(args.folder, watch)
     if args.json:
         say_json(report)
     else:

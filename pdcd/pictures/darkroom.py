@@ -20,6 +20,7 @@ from pdcd.pictures.photos import corrected_photos
 from pdcd.pictures.sigma import Barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.software import software_sums, summed_matrices
+from pdcd.pictures.watch import Watch
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.arrays import target_with
@@ -33,6 +34,11 @@ from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import read_raw, rgb_variance, to_rgb
 
 Alive = Callable[[], None]
+
+REFRESH_BYTES = 2048
+"""Of a RAW file, read in the time that the matrix of one refresh takes; roughly."""
+MAKING = 2.0
+"""Work of making pictures, over that of the matrices of all their refreshes; roughly."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +57,10 @@ class Decoded:
         return self.pictures[self.recipe.answer_name]
 
     def deviations(self, alive: Alive = lambda: None) -> dict[str, Deviation]:
-        """For each photo, its realised probing matrix against the wanted one."""
+        """For each photo, its realised probing matrix against the wanted one.
+
+        `alive` is called now and then, and may raise to end the work.
+        """
         shots = {**self.shots, **self.sums}
         return {
             p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive)
@@ -62,13 +71,12 @@ class Decoded:
 class Darkroom:
     """Makes pictures of what lies in a run folder; nothing is written.
 
-    A RAW file and its refreshes are read once, when they are first needed. `alive` is called
-    every few hundredths of a second of work, and may raise to end it. All methods raise
-    DecodeError when a file is missing or damaged.
+    A RAW file and its refreshes are read once, when they are first needed. A `watch` is told how
+    far the work is, and may end it. All methods raise DecodeError for a lost or damaged file.
     """
 
-    def __init__(self, folder: Path, record: RunRecord, alive: Alive = lambda: None) -> None:
-        self._folder, self._alive = folder, alive
+    def __init__(self, folder: Path, record: RunRecord) -> None:
+        self._folder = folder
         self._table = FrameTable(folder)
         self._matrices: dict[str, Matrix] = {}
         self._exposed: dict[str, Exposed] = {}
@@ -92,12 +100,12 @@ class Darkroom:
         """One more shot was taken."""
         self._record = msgspec.structs.replace(self._record, shots=(*self._record.shots, shot))
 
-    def learned(self) -> Learned | None:
+    def learned(self, watch: Watch | None = None) -> Learned | None:
         """What the photos of a pilot tell so far; None for a run without one."""
         how = self._record.how
         if not how.pilot:
             return None
-        shots = self._shots()
+        shots = self._shots(watch or Watch())
         key = sum(name in shots for name in self._recipe.stack), how.codes
         if self._learned is None or self._learned[0] != key:
             bits = self._bits("pilot")
@@ -107,40 +115,50 @@ class Darkroom:
 
     def matrices(self) -> tuple[Recipe, dict[str, Shown]]:
         """What the panels did in every shot and sum, without a look at the RAW files."""
-        shots: dict[str, Shown] = {s.name: self._matrix(s) for s in self._record.shots}
+        shots: dict[str, Shown] = {s.name: self._matrix(s, Watch()) for s in self._record.shots}
         recipe = taken_parts(self._recipe, shots)
         sums = summed_matrices(recipe, shots, self._stack_bits()) if self._sums_up(shots) else {}
         return recipe, {**shots, **sums}
 
-    def decoded(self) -> Decoded:
+    def decoded(self, watch: Watch | None = None) -> Decoded:
         """The pictures that the shots taken so far make, all of the recipe's or of whole parts."""
-        shots = self._shots()
+        watch = watch or Watch()
+        making = MAKING * sum(shot.refreshes for shot in self._record.shots)
+        watch.expect(making)
+        shots = self._shots(watch)
         cells = self._cells()
         recipe = taken_parts(self._recipe, shots)
         sums: dict[str, Exposed] = {}
         if self._sums_up(shots):
             sums = software_sums(recipe, shots, self._stack_bits(), cells)
-        pictures = self._barred(recipe, {**shots, **sums}, cells)
+        with watch.piece(making) as alive:
+            pictures = self._barred(recipe, {**shots, **sums}, cells, alive)
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
         return Decoded(recipe, shots, pictures, sums)
 
     def _barred(
-        self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap
+        self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap, alive: Alive
     ) -> dict[str, Barred]:
         """All pictures with sensor and code error: of what the parts show, if there are enough."""
         record, learned = self._record, self.learned()
 
         def photos(part: Recipe) -> dict[str, Picture]:
             return corrected_photos(
-                part, shots, learned, cells, normalise=record.normalise, smooth=record.smooth
+                part,
+                shots,
+                learned,
+                cells,
+                normalise=record.normalise,
+                smooth=record.smooth,
+                alive=alive,
             )
 
         scaled = photos(recipe)
         whole = pictures_of(recipe, scaled)
         numbers = part_numbers(recipe)
         if len(numbers) < FEWEST_PARTS:
-            return modelled(recipe, shots, scaled, whole, cells, self._alive)
+            return modelled(recipe, shots, scaled, whole, cells, alive)
         parts = [pictures_of(recipe, photos(only_parts(recipe, {n}))) for n in numbers]
         return {name: measured(p, [part[name] for part in parts]) for name, p in whole.items()}
 
@@ -174,12 +192,12 @@ class Darkroom:
             return primal, dual
         return primal[shot.only : shot.only + 1], dual[shot.only : shot.only + 1]
 
-    def _matrix(self, shot: ShotRecord) -> Matrix:
+    def _matrix(self, shot: ShotRecord, alive: Alive) -> Matrix:
         if shot.name not in self._matrices:
             record = self._record
             pair = self._pair(self._planned[shot.name])
             frames, log = self._table.of(shot, pair, grid=record.grid)
-            self._alive()
+            alive()
             chunks = bench_factors(
                 frames,
                 log,
@@ -188,21 +206,23 @@ class Darkroom:
                 open_ns=shot.open_ns,
                 close_ns=shot.close_ns,
             )
-            realised = collect(_watched(chunks, self._alive))
+            realised = collect(_watched(chunks, alive))
             if _level(shot) != 1.0:
                 realised = shared(realised, _level(shot))
             self._matrices[shot.name] = Matrix(realised, shot.missed if shot.level is None else 0)
         return self._matrices[shot.name]
 
-    def _shots(self) -> dict[str, Exposed]:
-        for shot in self._record.shots:
-            if shot.name not in self._exposed:
-                self._exposed[shot.name] = self._develop(shot)
+    def _shots(self, watch: Watch) -> dict[str, Exposed]:
+        unread = [shot for shot in self._record.shots if shot.name not in self._exposed]
+        watch.expect(sum(map(_reading, unread)))
+        for shot in unread:
+            with watch.piece(_reading(shot)) as alive:
+                self._exposed[shot.name] = self._develop(shot, alive)
         return dict(self._exposed)
 
-    def _develop(self, shot: ShotRecord) -> Exposed:
+    def _develop(self, shot: ShotRecord, alive: Alive) -> Exposed:
         """Light of a shot in scene units times seconds, out of its RAW file."""
-        shown = self._matrix(shot)
+        shown = self._matrix(shot, alive)
         profile = self._record.profile
         raw = read_raw(
             self._folder / shot.raw,
@@ -239,6 +259,11 @@ class Darkroom:
         if self._record.cells is None:
             raise DecodeError("no photo was taken yet", hint="take at least one shot")
         return self._record.cells
+
+
+def _reading(shot: ShotRecord) -> float:
+    """Work of reading a shot, in refreshes."""
+    return shot.refreshes + shot.size_bytes / REFRESH_BYTES
 
 
 def _level(shot: ShotRecord) -> float:

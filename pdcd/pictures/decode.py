@@ -11,6 +11,7 @@ import numpy as np
 from pdcd.errors import disk_errors
 from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.develop import preview, write_png, write_tiff
+from pdcd.pictures.watch import Watch
 from pdcd.runs.folder import read_manifest, sha256_of
 
 
@@ -38,13 +39,13 @@ def write_pictures(folder: Path, decoded: Decoded) -> None:
             write_png(folder / "preview" / f"{name}.png", shown)
 
 
-def decode_folder(folder: Path) -> dict[str, Any]:
+def decode_folder(folder: Path, watch: Watch | None = None) -> dict[str, Any]:
     """Decode a finished run again and compare with the TIFFs it holds.
 
     Returns ``{"identical": bool, "files": [{"name", "identical"}, ...]}``. Raises DecodeError when
-    the folder is not a finished run or its files are damaged.
+    the folder is not a finished run or its files are damaged. `watch` is told how far it is.
     """
-    decoded = Darkroom(folder, read_manifest(folder).run).decoded()
+    decoded = Darkroom(folder, read_manifest(folder).run).decoded(watch)
     with tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch:
         again = Path(scratch)
         for name in ("linear", "preview"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from pdcd.pictures.combine import Exposed, Floats, Picture, realised_photo, scaled_photos
 from pdcd.pictures.learn import Learned, corrections
@@ -21,6 +21,7 @@ def corrected_photos(
     *,
     normalise: NormaliseName,
     smooth: bool,
+    alive: Callable[[], None] = lambda: None,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, the coded one corrected for what its codes get wrong.
 
@@ -29,12 +30,13 @@ def corrected_photos(
     recipe, shots, normalise : as of `pdcd.pictures.combine.scaled_photos`.
     learned : paths that a pilot found, whose error in the coded photo is known.
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`).
+    alive : called now and then, and may raise to end the work.
     """
     missing = _missing(recipe, shots, learned, cells)
     photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
     if smooth and "coded" in photos:
         photos["coded"] = smoothed(
-            recipe, shots, photos["coded"], learned, cells, normalise=normalise
+            recipe, shots, photos["coded"], learned, cells, normalise=normalise, alive=alive
         )
     return photos
 

@@ -54,7 +54,12 @@ CHUNK = 2**22
 
 
 def colour_correction(
-    left: Floats, right: Floats, weight: float | Floats, image: Floats, grid: tuple[int, int]
+    left: Floats,
+    right: Floats,
+    weight: float | Floats,
+    image: Floats,
+    grid: tuple[int, int],
+    alive: Callable[[], None] = lambda: None,
 ) -> Floats:
     """The same as `smooth_correction` for an image in colour: (N, C) float64.
 
@@ -63,14 +68,19 @@ def colour_correction(
     """
     light = np.maximum(image, 0.0)
     grey: Floats = light.mean(axis=1)
-    missing = smooth_correction(left, right, weight, grey, grid)
+    missing = smooth_correction(left, right, weight, grey, grid, alive)
     share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
     more: Floats = light * share[:, None]
     return more
 
 
 def smooth_correction(
-    left: Floats, right: Floats, weight: float | Floats, image: Floats, grid: tuple[int, int]
+    left: Floats,
+    right: Floats,
+    weight: float | Floats,
+    image: Floats,
+    grid: tuple[int, int],
+    alive: Callable[[], None] = lambda: None,
 ) -> Floats:
     """Return what to add to an indirect image for its smooth light: (N,) float64, in its unit.
 
@@ -86,6 +96,7 @@ def smooth_correction(
         left of it without their light, their row sums.
     grid : (rows, cols)
         Cells of the scene, N in all.
+    alive : called now and then, and may raise to end the work.
     """
     light = np.maximum(image, 0.0)
     if light.size < 2 or not light.any():
@@ -97,8 +108,8 @@ def smooth_correction(
     near, counted_near = _spread(kernel, grid), _spread(counted, grid)
     missing = np.stack(
         [
-            _missing(left, right, weight, light, _evenly, _evenly),
-            _missing(left, right, weight, light, near, counted_near),
+            _missing(left, right, weight, light, _evenly, _evenly, alive),
+            _missing(left, right, weight, light, near, counted_near, alive),
         ]
     )
     return np.asarray(_shares(light, missing, grid) @ missing)
@@ -111,6 +122,7 @@ def _missing(
     light: Floats,
     spread: Spread,
     counted: Spread,
+    alive: Callable[[], None],
 ) -> Floats:
     """What the codes miss of light that is all spread like that: (N,).
 
@@ -124,6 +136,7 @@ def _missing(
     realised = np.zeros_like(light)
     step = max(1, CHUNK // (4 * light.size))
     for start in range(0, left.shape[0], step):
+        alive()
         chunk = slice(start, start + step)
         realised += np.einsum("rn,rn->n", left[chunk], spread(right[chunk] * part))
     missing: Floats = part * (counted(part) - realised / weight)
@@ -224,11 +237,12 @@ def smoothed(
     cells: CellMap,
     *,
     normalise: NormaliseName = "auto",
+    alive: Callable[[], None] = lambda: None,
 ) -> Picture:
     """An indirect picture corrected for its smooth light (`pdcd.pictures.smooth`).
 
     Sigma stays: the correction is a small part of the picture. `normalise` is what the picture was
-    made with (`pdcd.pictures.combine`).
+    made with (`pdcd.pictures.combine`). `alive` as of `smooth_correction`.
     """
     photo = recipe.coded
     if photo is None:
@@ -238,7 +252,7 @@ def smoothed(
     image = cells.mean(picture.image)
     if learned is not None:
         image = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
-    more = colour_correction(realised.left, realised.right, weight, image, cells.grid)
+    more = colour_correction(realised.left, realised.right, weight, image, cells.grid, alive)
     return Picture(picture.image + cells.spread(more), picture.sigma)
 
 

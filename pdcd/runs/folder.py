@@ -64,9 +64,9 @@ class RunFolder:
             for name in ("raw", "linear", "preview"):
                 (self.path / name).mkdir()
 
-    def log(self, event: str, t_mono_ns: int, fields: Mapping[str, Any]) -> None:
-        """Append one line to log.jsonl."""
-        line = json.dumps({"t_mono_ns": t_mono_ns, "event": event, **fields})
+    def log(self, event: Mapping[str, Any]) -> None:
+        """Append one line to log.jsonl: `t_mono_ns`, `event` (its type) and what it says."""
+        line = json.dumps(event)
         with disk_errors(str(self.path)), (self.path / "log.jsonl").open("a") as file:
             file.write(line + "\n")
 

@@ -12,9 +12,12 @@ import logging
 import socket
 from typing import Any, Protocol
 
+import msgspec
+
 from pdcd.errors import BusyError, ConfigError, PdcdError, ProtocolError
+from pdcd.runs.events import THINNED, Event
 from pdcd.server.access import Access, Peer, peer_of
-from pdcd.server.clients import Client
+from pdcd.server.callers import Caller
 from pdcd.server.jobs import Job
 from pdcd.server.messages import Hello
 from pdcd.server.protocol import (
@@ -46,11 +49,11 @@ class Service(Protocol):
         """The first words to a new client."""
         ...
 
-    async def handle(self, client: Client, request: Request) -> Any:
+    async def handle(self, caller: Caller, request: Request) -> msgspec.Struct:
         """Do what is asked and return the result. Raises PdcdError."""
         ...
 
-    def gone(self, client: Client) -> None:
+    def gone(self, caller: Caller) -> None:
         """The client has left."""
         ...
 
@@ -65,7 +68,7 @@ class Server:
         self._sock = sock
         self._access = access
         self._limit = connections
-        self._clients: dict[int, Client] = {}
+        self._callers: dict[int, Caller] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
         self._accepted = 0
         self._server: asyncio.Server | None = None
@@ -73,7 +76,7 @@ class Server:
     @property
     def connections(self) -> int:
         """How many clients there are."""
-        return len(self._clients)
+        return len(self._callers)
 
     async def open(self, service: Service) -> None:
         """Begin to accept."""
@@ -93,8 +96,8 @@ class Server:
             self._sock.close()
             return
         self._server.close()
-        for client in self._clients.values():
-            client.finish()
+        for caller in self._callers.values():
+            caller.finish()
         if self._tasks:
             await asyncio.wait(self._tasks, timeout=1.0)
         for task in self._tasks:
@@ -102,17 +105,17 @@ class Server:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._server.wait_closed()
 
-    def publish(self, job: Job, event: dict[str, Any]) -> None:
+    def publish(self, job: Job, event: Event) -> None:
         """Send an event to those who listen. Never blocks."""
         try:
             line = encode_notification("event", event)
         except ProtocolError:
-            logger.exception("event not sent job=%s type=%s", job.name, event["type"])
+            logger.exception("event not sent job=%s type=%s", job.name, event.type)
             return
-        for client in list(self._clients.values()):
-            own = client.interest == "own" and job.owner.connection == client.number
-            if own or client.interest == "all":
-                client.send(line, droppable=event["type"] == "progress")
+        for caller in list(self._callers.values()):
+            own = caller.interest == "own" and job.owner.connection == caller.number
+            if own or caller.interest == "all":
+                caller.send(line, droppable=isinstance(event, THINNED))
 
     async def _serve(
         self, service: Service, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -122,45 +125,45 @@ class Server:
         self._tasks |= {task} if task else set()
         peer = peer_of(writer.get_extra_info("socket"))
         self._accepted += 1
-        client = Client(self._accepted, peer, writer)
+        caller = Caller(self._accepted, peer, writer)
         refusal = self._refusal(peer)
         logger.info(
             "accepted connection=%d pid=%d uid=%d gid=%d user=%s refused=%s",
-            *(client.number, peer.pid, peer.uid, peer.gid, peer.user, refusal is not None),
+            *(caller.number, peer.pid, peer.uid, peer.gid, peer.user, refusal is not None),
         )
         try:
             if refusal is not None:
-                client.send(encode_error(None, refusal))
-                client.finish()
-                await client.pump()
+                caller.send(encode_error(None, refusal))
+                caller.finish()
+                await caller.pump()
             else:
-                await self._converse(service, client, reader)
+                await self._converse(service, caller, reader)
         finally:
             # By now the kernel has all lines, or the client is cut off: nothing is left to flush.
             writer.transport.abort()
             with contextlib.suppress(OSError):
                 await writer.wait_closed()
-            logger.info("closed connection=%d", client.number)
+            logger.info("closed connection=%d", caller.number)
             self._tasks -= {task} if task else set()
 
     async def _converse(
-        self, service: Service, client: Client, reader: asyncio.StreamReader
+        self, service: Service, caller: Caller, reader: asyncio.StreamReader
     ) -> None:
         """Hello, then requests and answers until either side has had enough."""
-        self._clients[client.number] = client
-        client.send(encode_notification("hello", service.hello()))
+        self._callers[caller.number] = caller
+        caller.send(encode_notification("hello", service.hello()))
         open_requests: set[asyncio.Task[None]] = set()
-        pump = asyncio.create_task(client.pump())
-        read = asyncio.create_task(_read(service, client, reader, open_requests))
+        pump = asyncio.create_task(caller.pump())
+        read = asyncio.create_task(_read(service, caller, reader, open_requests))
         try:
             await asyncio.wait({pump, read}, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            del self._clients[client.number]
-            service.gone(client)
+            del self._callers[caller.number]
+            service.gone(caller)
             read.cancel()
             if open_requests and not pump.done():
                 await asyncio.wait(open_requests, timeout=LINGER_S)
-            client.finish()
+            caller.finish()
             for request in open_requests:
                 request.cancel()
             await asyncio.gather(read, pump, *open_requests, return_exceptions=True)
@@ -172,7 +175,7 @@ class Server:
                 f"user {peer.user} (uid {peer.uid}) may not use this rig",
                 hint="join the group of the socket, or be listed in [server] allow_uids",
             )
-        if len(self._clients) >= self._limit:
+        if len(self._callers) >= self._limit:
             return BusyError(
                 f"{self._limit} clients are connected already",
                 hint="close one, or raise [limits] connections",
@@ -182,7 +185,7 @@ class Server:
 
 async def _read(
     service: Service,
-    client: Client,
+    caller: Caller,
     reader: asyncio.StreamReader,
     open_requests: set[asyncio.Task[None]],
 ) -> None:
@@ -191,28 +194,28 @@ async def _read(
     try:
         while not machine.closed and (data := await reader.read(READ_BYTES)):
             for item in machine.receive(data):
-                await client.room()
+                await caller.room()
                 if isinstance(item, Fault):
-                    logger.info("fault connection=%d error=%s", client.number, item.error)
+                    logger.info("fault connection=%d error=%s", caller.number, item.error)
                     if item.line is not None:
-                        client.send(item.line)
+                        caller.send(item.line)
                 elif len(open_requests) >= OPEN_REQUESTS:
-                    _refuse_more(client, item)
+                    _refuse_more(caller, item)
                 else:
-                    task = asyncio.create_task(_answer(service, client, item))
+                    task = asyncio.create_task(_answer(service, caller, item))
                     open_requests.add(task)
                     task.add_done_callback(open_requests.discard)
                     # Its first steps come before the next line is looked at: what needs no
                     # waiting is done and answered in the order in which it was asked.
                     await asyncio.sleep(0)
     except ConnectionError:
-        logger.info("reset connection=%d", client.number)
+        logger.info("reset connection=%d", caller.number)
 
 
-async def _answer(service: Service, client: Client, request: Request) -> None:
+async def _answer(service: Service, caller: Caller, request: Request) -> None:
     """Do one request and queue its answer, if it wants one."""
     try:
-        result = await service.handle(client, request)
+        result = await service.handle(caller, request)
         line = b"" if request.id is None else encode_reply(request.id, result)
     except PdcdError as err:
         logger.info("refused method=%s error=%s", request.method, err)
@@ -223,13 +226,13 @@ async def _answer(service: Service, client: Client, request: Request) -> None:
         fault = PdcdError(f"{type(err).__name__}: {err}", hint="see the daemon's log")
         line = b"" if request.id is None else encode_error(request.id, fault)
     if line:
-        client.send(line)
+        caller.send(line)
 
 
-def _refuse_more(client: Client, request: Request) -> None:
+def _refuse_more(caller: Caller, request: Request) -> None:
     error = BusyError(
         f"{OPEN_REQUESTS} requests of this connection are unanswered",
         hint="wait for answers before asking more",
     )
     if request.id is not None:
-        client.send(encode_error(request.id, error))
+        caller.send(encode_error(request.id, error))

@@ -13,17 +13,16 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from pdcd.bench.folders import socket_path, state_dir
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
+from pdcd.runs.events import ENDS, THINNED, Decoded, Event, Progress
 from pdcd.server import log
 from pdcd.server.access import Access
 from pdcd.server.connections import Server
 from pdcd.server.jobs import EngineLike, Job
 from pdcd.server.listening import claimed
-from pdcd.server.messages import plain
 from pdcd.server.methods import Methods
 from pdcd.server.notify import Notifier, watchdog_s
 from pdcd.server.runner import Runner
@@ -106,7 +105,7 @@ async def _serve(
     """From a started engine to the end of the last job."""
     status = _Status(notifier)
 
-    def publish(job: Job, event: dict[str, Any]) -> None:
+    def publish(job: Job, event: Event) -> None:
         server.publish(job, event)
         status.follow(event)
 
@@ -116,7 +115,7 @@ async def _serve(
         engine,
         worker,
         runner,
-        description=plain(await worker.call(engine.describe)),
+        description=await worker.call(engine.describe),
         state_dir=state_dir(config),
         connections=lambda: server.connections,
     )
@@ -156,17 +155,18 @@ class _Status:
         self._notifier = notifier
         self._last_ns = 0
 
-    def follow(self, event: dict[str, Any]) -> None:
+    def follow(self, event: Event) -> None:
         """Take note of an event of any job."""
-        kind, job = event["type"], event["job"]
-        if kind == "progress":
+        if isinstance(event, THINNED):
             now_ns = time.monotonic_ns()
             if now_ns - self._last_ns < STATUS_INTERVAL_NS:
                 return
             self._last_ns = now_ns
-            text = f"capture {job} {event.get('frame')}/{event.get('frames')}"
-        elif kind in ("done", "failed", "cancelled"):
-            text = f"idle, last capture {job} {kind}"
-        else:
-            text = f"capture {job} {kind}"
+        text = f"capture {event.job} {event.type}"
+        if isinstance(event, Progress):
+            text = f"capture {event.job} {event.frame}/{event.frames}"
+        elif isinstance(event, Decoded):
+            text = f"capture {event.job} decoding {event.done / event.total:.0%}"
+        elif isinstance(event, ENDS):
+            text = f"idle, last capture {event.job} {event.type}"
         self._notifier.send(f"STATUS={text}")

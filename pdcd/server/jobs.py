@@ -16,18 +16,22 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, Protocol
+from typing import Protocol
+
+import msgspec
 
 from pdcd.errors import BusyError, Cancelled, ConfigError, PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
-from pdcd.server.messages import JobView, OwnerView, error_fields
+from pdcd.runs.events import Emit, Event
+from pdcd.runs.views import OwnerView, Preview, RigView
+from pdcd.server.messages import JobView, error_fields
 from pdcd.words import JobState
 
 ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
 """States that a job never leaves."""
 
 PROGRESS_INTERVAL_NS = 100_000_000
-"""Least time between two progress events of a job: at most ten a second."""
+"""Least time between two thinned events of a job: at most ten a second."""
 
 
 class EngineLike(Protocol):
@@ -44,8 +48,8 @@ class EngineLike(Protocol):
         """Panels black, shutter closed, devices released. Idempotent."""
         ...
 
-    def describe(self) -> dict[str, Any]:
-        """The rig as found, made of JSON types only."""
+    def describe(self) -> RigView:
+        """The rig as found."""
         ...
 
     def plan(self, request: CaptureRequest) -> PlanSummary:
@@ -57,16 +61,15 @@ class EngineLike(Protocol):
         request: CaptureRequest,
         *,
         job: str,
-        owner: dict[str, Any],
-        emit: Callable[[str, dict[str, Any]], None],
+        owner: OwnerView,
+        emit: Emit,
         cancelled: Callable[[], bool],
     ) -> CaptureResult:
         """Run one job to its end; a failure of the run is a result, not an exception.
 
         `cancelled()` is asked at least ten times a second, which also proves that the thread
-        lives; `emit(type, fields)` takes started, armed, shutter_open, progress (frame, frames,
-        missed, shot), shutter_closed, decoding and archived. On return the panels are black and
-        the shutter is closed.
+        lives; `emit` takes the events of `pdcd.runs.events`, all but `Queued` and the ends. On
+        return the panels are black and the shutter is closed.
         """
         ...
 
@@ -74,9 +77,8 @@ class EngineLike(Protocol):
         """Both panels show "black", "white", "checker", "grid" or pattern `index` of "code"."""
         ...
 
-    def preview(self, alive: Callable[[], object]) -> dict[str, Any]:
-        """Take a test photo; returns its path, sha256 and shape. `alive()` is called meanwhile, as
-        `cancelled` is in a capture."""
+    def preview(self, alive: Callable[[], object]) -> Preview:
+        """Take a test photo. `alive()` is called meanwhile, as `cancelled` is in a capture."""
         ...
 
 
@@ -108,11 +110,11 @@ class Job:
     cancel_flag: threading.Event = field(default_factory=threading.Event)
     _next_seq: int = 0
 
-    def event(self, kind: str, t_mono_ns: int, fields: dict[str, Any]) -> dict[str, Any]:
-        """The next event of this job, numbered."""
+    def numbered(self, event: Event, t_mono_ns: int) -> Event:
+        """The event as the next one of this job, whatever its common fields were."""
         seq = self._next_seq
         self._next_seq += 1
-        return {**fields, "job": self.name, "seq": seq, "type": kind, "t_mono_ns": t_mono_ns}
+        return msgspec.structs.replace(event, job=self.name, seq=seq, t_mono_ns=t_mono_ns)
 
     def view(self) -> JobView:
         """The job as clients see it."""
@@ -244,24 +246,24 @@ def failed_result(job: Job, error: Exception) -> CaptureResult:
 
 
 class Coalescer:
-    """Thins progress to one in `interval_ns`; of those held back the newest wins."""
+    """Thins events to one in `interval_ns`; of those held back the newest wins."""
 
     def __init__(self, interval_ns: int = PROGRESS_INTERVAL_NS) -> None:
         self._interval_ns = interval_ns
         self._last_ns: int | None = None
-        self._held: tuple[int, dict[str, Any]] | None = None
+        self._held: tuple[int, Event] | None = None
 
-    def offer(self, now_ns: int, fields: dict[str, Any]) -> dict[str, Any] | None:
-        """The fields if they may go out now; else they are held and None is returned."""
+    def offer(self, now_ns: int, event: Event) -> Event | None:
+        """The event if it may go out now; else it is held and None is returned."""
         if self._last_ns is not None and now_ns - self._last_ns < self._interval_ns:
-            self._held = (now_ns, fields)
+            self._held = (now_ns, event)
             return None
         self._last_ns = now_ns
         self._held = None
-        return fields
+        return event
 
-    def flush(self) -> tuple[int, dict[str, Any]] | None:
-        """Time and fields of what is held, to go out before any other event; None if nothing."""
+    def flush(self) -> tuple[int, Event] | None:
+        """Time and event of what is held, to go out before any other event; None if nothing."""
         held, self._held = self._held, None
         return held
 

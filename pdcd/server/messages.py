@@ -17,8 +17,11 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from pdcd.bench.tables import Config
 from pdcd.errors import KINDS, PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.runs import events
+from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.words import JobState
 
 PROTOCOL = (1, 0)
@@ -54,21 +57,6 @@ CODES: Mapping[str, int] = MappingProxyType(
 )
 """JSON-RPC code of each error kind."""
 
-EventType = Literal[
-    "queued",
-    "started",
-    "armed",
-    "shutter_open",
-    "progress",
-    "shutter_closed",
-    "discarded",
-    "converging",
-    "decoding",
-    "archived",
-    "done",
-    "failed",
-    "cancelled",
-]
 RigState = Literal["idle", "busy", "stopping"]
 Interest = Literal["all", "own", "none"]
 
@@ -136,19 +124,11 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
     clock: ClockAnchor
 
 
-class Started(msgspec.Struct, frozen=True, kw_only=True):
+class Admitted(msgspec.Struct, frozen=True, kw_only=True):
     """Answer of `capture.start`."""
 
     job: str
     state: JobState
-
-
-class OwnerView(msgspec.Struct, frozen=True, kw_only=True):
-    """Who started a job, as the kernel vouches for it (SO_PEERCRED)."""
-
-    uid: int
-    pid: int
-    user: str
 
 
 class JobView(msgspec.Struct, frozen=True, kw_only=True):
@@ -181,6 +161,13 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     clock: ClockAnchor
 
 
+class Described(msgspec.Struct, frozen=True):
+    """Answer of `rig.describe`: the rig, and the JSON Schema of every message (`schema`)."""
+
+    rig: RigView
+    schema: dict[str, Any]
+
+
 class Subscription(msgspec.Struct, frozen=True):
     """Answer of `events.subscribe` and `events.unsubscribe`: what is now delivered."""
 
@@ -206,28 +193,6 @@ class Agreed(msgspec.Struct, frozen=True):
     protocol: tuple[int, int]
 
 
-class Event(msgspec.Struct, kw_only=True):
-    """What every notification `event` carries; each type may add fields.
-
-    `seq` counts the events of one job from 0; a gap means that progress was dropped for a slow
-    client. `t_mono_ns` is when it happened, in ns of the clock that `hello` anchors.
-    """
-
-    job: str
-    seq: int
-    type: EventType
-    t_mono_ns: int
-
-
-class ProgressEvent(Event, kw_only=True):
-    """Type `progress`: refreshes shown of the shot, and refreshes that came late so far."""
-
-    frame: int
-    frames: int
-    missed: int
-    shot: str
-
-
 class ErrorData(msgspec.Struct, frozen=True, kw_only=True):
     """The part of an error that clients match on."""
 
@@ -249,7 +214,7 @@ class Method:
     """What a method takes and gives; `result` is used for the schema only."""
 
     params: type[msgspec.Struct]
-    result: Any
+    result: type[msgspec.Struct]
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
@@ -257,15 +222,15 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "hello": Method(HelloParams, Agreed),
         "ping": Method(NoParams, Pong),
         "rig.status": Method(NoParams, Status),
-        "rig.describe": Method(NoParams, dict[str, Any]),
-        "config.get": Method(NoParams, dict[str, Any]),
+        "rig.describe": Method(NoParams, Described),
+        "config.get": Method(NoParams, Config),
         "capture.plan": Method(CaptureRequest, PlanSummary),
-        "capture.start": Method(StartParams, Started),
+        "capture.start": Method(StartParams, Admitted),
         "capture.wait": Method(JobParams, CaptureResult),
         "capture.cancel": Method(JobParams, CaptureResult),
         "capture.list": Method(NoParams, JobList),
         "display.show": Method(ShowParams, Shown),
-        "preview.grab": Method(NoParams, dict[str, Any]),
+        "preview.grab": Method(NoParams, Preview),
         "events.subscribe": Method(SubscribeParams, Subscription),
         "events.unsubscribe": Method(NoParams, Subscription),
     }
@@ -273,12 +238,12 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 """Every method of the socket, by name."""
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> Any:
     """The value in JSON types; numpy's numbers become Python's. Raises TypeError otherwise."""
     return msgspec.to_builtins(value, enc_hook=_number)
 
 
-def _number(value: Any) -> int | float:
+def _number(value: object) -> int | float:
     if isinstance(value, Integral):
         return int(value)
     if isinstance(value, Real):
@@ -309,10 +274,16 @@ def schema() -> dict[str, Any]:
     Returns ``{"methods": {name: {"params", "result"}}, "notifications": {...}, "error", "kinds",
     "$defs"}``, where each leaf is a schema that refers into `$defs`.
     """
-    leaves: list[Any] = [t for m in METHODS.values() for t in (m.params, m.result)]
-    notifications = {"hello": Hello, "event": Event, "event.progress": ProgressEvent}
+    leaves: list[object] = [t for m in METHODS.values() for t in (m.params, m.result)]
+    notifications: dict[str, object] = {"hello": Hello, "event": events.Known}
     leaves += [*notifications.values(), ErrorObject]
     schemas, definitions = msgspec.json.schema_components(leaves, ref_template="#/$defs/{name}")
+    for kind in events.TYPES.values():
+        # The engine leaves the common fields out; what is sent has all.
+        sent = definitions[kind.__name__]
+        sent["required"] = list(sent["properties"])
+        for name in events.COMMON:
+            sent["properties"][name].pop("default", None)
     made = iter(schemas)
     return {
         "methods": {name: {"params": next(made), "result": next(made)} for name in METHODS},

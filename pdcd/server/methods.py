@@ -6,7 +6,7 @@ import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 
@@ -14,12 +14,15 @@ from pdcd import __version__
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
-from pdcd.server.clients import Client
+from pdcd.server.callers import Caller
 from pdcd.server.jobs import EngineLike, Owner
 from pdcd.server.messages import (
+    Admitted,
     Agreed,
     ClockAnchor,
+    Described,
     Hello,
     JobList,
     JobParams,
@@ -27,7 +30,6 @@ from pdcd.server.messages import (
     RigState,
     Shown,
     ShowParams,
-    Started,
     StartParams,
     Status,
     SubscribeParams,
@@ -52,7 +54,7 @@ class Methods:
         worker: Worker,
         runner: Runner,
         *,
-        description: dict[str, Any],
+        description: RigView,
         state_dir: Path,
         connections: Callable[[], int],
     ) -> None:
@@ -64,7 +66,7 @@ class Methods:
         self._connections = connections
         self._started_ns = time.monotonic_ns()
         self._description = description
-        self._table: dict[str, Callable[[Client, Any], Awaitable[Any]]] = {
+        self._table: dict[str, Callable[[Caller, Any], Awaitable[msgspec.Struct]]] = {
             "hello": self._hello,
             "ping": self._ping,
             "rig.status": self._status,
@@ -105,21 +107,21 @@ class Methods:
             clock=_clock(),
         )
 
-    async def handle(self, client: Client, request: Request) -> Any:
+    async def handle(self, caller: Caller, request: Request) -> msgspec.Struct:
         """Do what is asked and return the result. Raises PdcdError."""
-        return await self._table[request.method](client, request.params)
+        return await self._table[request.method](caller, request.params)
 
-    def gone(self, client: Client) -> None:
+    def gone(self, caller: Caller) -> None:
         """The client has left: its jobs end."""
-        self._runner.drop(client.number)
+        self._runner.drop(caller.number)
 
-    async def _hello(self, client: Client, params: msgspec.Struct) -> Agreed:
+    async def _hello(self, caller: Caller, params: msgspec.Struct) -> Agreed:
         return Agreed(messages.PROTOCOL)
 
-    async def _ping(self, client: Client, params: msgspec.Struct) -> Pong:
+    async def _ping(self, caller: Caller, params: msgspec.Struct) -> Pong:
         return Pong(_clock())
 
-    async def _status(self, client: Client, params: msgspec.Struct) -> Status:
+    async def _status(self, caller: Caller, params: msgspec.Struct) -> Status:
         table = self._runner.table
         return Status(
             version=__version__,
@@ -131,54 +133,52 @@ class Methods:
             clock=_clock(),
         )
 
-    async def _describe(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
+    async def _describe(self, caller: Caller, params: msgspec.Struct) -> Described:
         # During a capture the last description must do: the engine's thread is taken.
         if self.state == "idle":
-            found = await self._worker.call(self._engine.describe)
-            self._description = messages.plain(found)
-        return {"rig": self._description, "schema": messages.schema()}
+            self._description = await self._worker.call(self._engine.describe)
+        return Described(self._description, messages.schema())
 
-    async def _config_get(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
-        return cast(dict[str, Any], messages.plain(self._config))
+    async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
+        return self._config
 
-    async def _plan(self, client: Client, request: CaptureRequest) -> PlanSummary:
+    async def _plan(self, caller: Caller, request: CaptureRequest) -> PlanSummary:
         self._refuse_if_taken()
         return await self._worker.call(self._engine.plan, self._confined(request))
 
-    async def _start(self, client: Client, params: StartParams) -> Started:
-        peer = client.peer
-        owner = Owner(peer.uid, peer.pid, peer.user, client.number)
+    async def _start(self, caller: Caller, params: StartParams) -> Admitted:
+        peer = caller.peer
+        owner = Owner(peer.uid, peer.pid, peer.user, caller.number)
         job = self._runner.start(
             self._confined(params.request()), owner, detach=params.detach, queue=params.queue
         )
-        return Started(job=job.name, state=job.state)
+        return Admitted(job=job.name, state=job.state)
 
-    async def _wait(self, client: Client, params: JobParams) -> CaptureResult:
+    async def _wait(self, caller: Caller, params: JobParams) -> CaptureResult:
         return await self._runner.wait(params.job)
 
-    async def _cancel(self, client: Client, params: JobParams) -> CaptureResult:
+    async def _cancel(self, caller: Caller, params: JobParams) -> CaptureResult:
         return await self._runner.cancel(params.job)
 
-    async def _list(self, client: Client, params: msgspec.Struct) -> JobList:
+    async def _list(self, caller: Caller, params: msgspec.Struct) -> JobList:
         return JobList([job.view() for job in self._runner.table.all()])
 
-    async def _show(self, client: Client, params: ShowParams) -> Shown:
+    async def _show(self, caller: Caller, params: ShowParams) -> Shown:
         self._refuse_if_taken()
         await self._worker.call(self._engine.show, params.pattern, params.index)
         return Shown(params.pattern, params.index)
 
-    async def _preview(self, client: Client, params: msgspec.Struct) -> dict[str, Any]:
+    async def _preview(self, caller: Caller, params: msgspec.Struct) -> Preview:
         self._refuse_if_taken()
-        found = await self._worker.call(self._engine.preview, self._worker.beat)
-        return cast(dict[str, Any], messages.plain(found))
+        return await self._worker.call(self._engine.preview, self._worker.beat)
 
-    async def _subscribe(self, client: Client, params: SubscribeParams) -> Subscription:
-        client.interest = params.jobs
-        return Subscription(client.interest)
+    async def _subscribe(self, caller: Caller, params: SubscribeParams) -> Subscription:
+        caller.interest = params.jobs
+        return Subscription(caller.interest)
 
-    async def _unsubscribe(self, client: Client, params: msgspec.Struct) -> Subscription:
-        client.interest = "none"
-        return Subscription(client.interest)
+    async def _unsubscribe(self, caller: Caller, params: msgspec.Struct) -> Subscription:
+        caller.interest = "none"
+        return Subscription(caller.interest)
 
     def _refuse_if_taken(self) -> None:
         """Raise BusyError while a capture holds the rig: a short call would wait for all of it."""

@@ -202,7 +202,7 @@ def _short(text: str, limit: int = 200) -> str:
     return text if len(text) <= limit else text[:limit] + "..."
 
 
-def encode_line(message: Mapping[str, Any]) -> bytes:
+def encode_line(message: Mapping[str, object]) -> bytes:
     """One message as a line. Raises ProtocolError when it is longer than `MAX_LINE`."""
     line = msgspec.json.encode(message) + b"\n"
     if len(line) > MAX_LINE:
@@ -213,7 +213,7 @@ def encode_line(message: Mapping[str, Any]) -> bytes:
     return line
 
 
-def encode_reply(request_id: Id, result: Any) -> bytes:
+def encode_reply(request_id: Id, result: object) -> bytes:
     """The answer to a request. Raises ProtocolError when it does not fit into a line."""
     return encode_line({"jsonrpc": "2.0", "id": request_id, "result": result})
 
@@ -224,6 +224,6 @@ def encode_error(request_id: Id | None, error: PdcdError, code: int | None = Non
     return encode_line({"jsonrpc": "2.0", "id": request_id, "error": body})
 
 
-def encode_notification(method: str, params: Any) -> bytes:
+def encode_notification(method: str, params: object) -> bytes:
     """A message that asks for no answer: `hello` or `event`."""
     return encode_line({"jsonrpc": "2.0", "method": method, "params": params})

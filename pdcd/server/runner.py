@@ -6,19 +6,20 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
-from typing import Any
 
 import msgspec
 
 from pdcd.errors import PdcdError
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs import events
+from pdcd.runs.events import Event
 from pdcd.server.jobs import ENDED, Coalescer, EngineLike, Job, JobTable, Owner, failed_result
 from pdcd.server.messages import plain
 from pdcd.server.worker import Worker
 
 logger = logging.getLogger(__name__)
 
-Publish = Callable[[Job, dict[str, Any]], None]
+Publish = Callable[[Job, Event], None]
 """Takes an event of a job, in the loop's thread."""
 
 
@@ -91,7 +92,7 @@ class Runner:
         if job.state in ENDED:
             return  # cancelled in the very turn in which it was admitted
         ahead = list(self.table.queue).index(job) + 1 if job in self.table.queue else 0
-        self._tell(job, "queued", time.monotonic_ns(), {"ahead": ahead})
+        self._tell(job, time.monotonic_ns(), events.Queued(ahead=ahead))
         if job is self.table.running and self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._run(job))
 
@@ -112,35 +113,35 @@ class Runner:
 
     def _capture(self, job: Job, loop: asyncio.AbstractEventLoop) -> CaptureResult:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
-        progress = Coalescer()
+        thinned = Coalescer()
 
-        def tell(kind: str, t_ns: int, fields: dict[str, Any]) -> None:
-            loop.call_soon_threadsafe(self._tell, job, kind, t_ns, fields)
+        def tell(t_ns: int, event: Event) -> None:
+            loop.call_soon_threadsafe(self._tell, job, t_ns, event)
 
         def flush() -> None:
-            held = progress.flush()
+            held = thinned.flush()
             if held is not None:
-                tell("progress", *held)
+                tell(*held)
 
-        def emit(kind: str, fields: dict[str, Any]) -> None:
+        def emit(event: Event) -> None:
             self._worker.beat()
-            # A copy in JSON types: what is not one shall fail here, in the engine's own call.
-            fields = plain(fields)
+            # A copy by way of JSON types: what breaks the schema shall fail here, in the engine's
+            # own call.
+            event = events.read(plain(event))
             now_ns = time.monotonic_ns()
-            if kind != "progress":
+            if not isinstance(event, events.THINNED):
                 flush()
-                tell(kind, now_ns, fields)
-            elif progress.offer(now_ns, fields) is not None:
-                tell(kind, now_ns, fields)
+                tell(now_ns, event)
+            elif thinned.offer(now_ns, event) is not None:
+                tell(now_ns, event)
 
         def cancelled() -> bool:
             self._worker.beat()
             return job.cancel_flag.is_set()
 
-        owner = plain(job.owner.view())
         try:
             result = self._engine.capture(
-                job.request, job=job.name, owner=owner, emit=emit, cancelled=cancelled
+                job.request, job=job.name, owner=job.owner.view(), emit=emit, cancelled=cancelled
             )
         finally:
             flush()
@@ -156,7 +157,7 @@ class Runner:
     def _announce_end(self, job: Job, result: CaptureResult) -> None:
         logger.info("capture ended job=%s state=%s", job.name, result.state)
         self._ended.pop(job.name).set()
-        self._tell(job, result.state, time.monotonic_ns(), plain(result))
+        self._tell(job, time.monotonic_ns(), events.end_of(result))
 
-    def _tell(self, job: Job, kind: str, t_mono_ns: int, fields: dict[str, Any]) -> None:
-        self._publish(job, job.event(kind, t_mono_ns, fields))
+    def _tell(self, job: Job, t_mono_ns: int, event: Event) -> None:
+        self._publish(job, job.numbered(event, t_mono_ns))

@@ -104,8 +104,7 @@ def capture_with(engine: Engine, request: CaptureRequest, folder: Path, job: str
     result = engine.capture(
         request,
         job=job,
-        owner={},
-        emit=lambda *_: None,
+        emit=lambda _: None,
         cancelled=lambda: False,
         parent=folder,
     )

@@ -14,14 +14,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from pdcd.bench.tables import RigConfig, TriggerConfig
-from pdcd.client import ENDED, Client
+from pdcd.client import Client
 from pdcd.presenter.xgrab import RootGrabber
 from pdcd.request import CaptureRequest
+from pdcd.runs.events import ENDS, Cancelled, Done, Failed
 from tests import x11_rig
 from tests.e2e.server.test_daemon_real import connect, daemon, last_event, wait_for_codes
 from tests.xserver import QUARTER, XServer, run
@@ -134,9 +134,9 @@ def wait_until_gone(pid: int) -> None:
         os.close(watched)
 
 
-def end_of(client: Client, job: str) -> dict[str, Any]:
+def end_of(client: Client, job: str) -> Done | Failed | Cancelled:
     """The last event of a job."""
-    return next(e for e in client.events() if e["job"] == job and e["type"] in ENDED)
+    return next(e for e in client.events() if isinstance(e, ENDS) and e.job == job)
 
 
 def test_a_killed_daemon_leaves_black_panels_and_a_closed_shutter(
@@ -170,10 +170,11 @@ def test_a_killed_presenter_leaves_black_panels_a_closed_shutter_and_a_daemon(
             presenter = presenter_of(process.pid)
             lit_s.append(lit_after(lambda: os.kill(presenter, signal.SIGKILL), x_quarter))  # noqa: B023
             last = end_of(client, job)
-            assert last["type"] == "failed" and last["error"]["kind"] == "device_lost"
+            assert isinstance(last, Failed) and last.error is not None
+            assert last.error["kind"] == "device_lost"
             box.hears(b"0")
             assert not x11_rig.root_pixels(x_quarter).any()
-        assert process.poll() is None and client.status()["state"] == "idle"
+        assert process.poll() is None and client.status().state == "idle"
     assert_dark_in_time(lit_s)
 
 
@@ -185,7 +186,7 @@ def test_the_next_capture_after_a_killed_presenter_works(
     with served(tmp_path, x_quarter, trigger) as (process, socket), connect(socket) as client:
         job = wait_for_codes(client)
         os.kill(presenter_of(process.pid), signal.SIGKILL)
-        assert end_of(client, job)["type"] == "failed"
+        assert isinstance(end_of(client, job), Failed)
         result = client.capture(NEXT)
         assert result.state == "done", result.error
         assert process.poll() is None
@@ -201,10 +202,11 @@ def test_a_killed_x_server_fails_the_job_and_the_daemon_goes_on(tmp_path: Path, 
         box.hears(b"01")
         os.kill(server.pid, signal.SIGKILL)
         last = end_of(client, job)
-        assert last["type"] == "failed" and last["error"]["kind"] == "device_lost"
+        assert isinstance(last, Failed) and last.error is not None
+        assert last.error["kind"] == "device_lost"
         box.hears(b"0")
         assert last_event(tmp_path, job)["safe"] is False  # nobody can say what the panels show
         again = client.capture(NEXT)  # still no server to show it
         assert again.state == "failed"
         assert again.error is not None and again.error["kind"] == "device_lost"
-        assert process.poll() is None and client.status()["state"] == "idle"
+        assert process.poll() is None and client.status().state == "idle"

@@ -285,6 +285,6 @@ def test_show_and_preview(tmp_path: Path) -> None:
     signs: list[None] = []
     preview = engine.preview(lambda: signs.append(None))
     assert signs
-    assert preview["shape"] == [3, 4, 3]
-    assert cv2.imread(preview["path"]) is not None
+    assert preview.shape == (3, 4, 3)
+    assert cv2.imread(preview.path) is not None
     engine.stop()

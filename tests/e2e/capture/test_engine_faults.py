@@ -14,6 +14,7 @@ from pdcd.bench.tables import RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost, ExposureError
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.events import Event
 from pdcd.runs.folder import MANIFEST
 from tests import bench_rig
 
@@ -167,12 +168,10 @@ def test_cancel_at_every_stage(tmp_path: Path) -> None:
         engine.start()
         events: list[str] = []
 
-        def emit(kind: str, fields: dict[str, Any], seen: list[str] = events) -> None:
-            seen.append(kind)
+        def emit(event: Event, seen: list[str] = events) -> None:
+            seen.append(event.type)
 
-        result = engine.capture(
-            REQUEST, job="job", owner={}, emit=emit, cancelled=stops_after(polls)
-        )
+        result = engine.capture(REQUEST, job="job", emit=emit, cancelled=stops_after(polls))
         states.append(result.state)
         if result.state == "done":
             break
@@ -233,7 +232,7 @@ def test_too_little_space_is_refused_before_the_shutter_opens(tmp_path: Path) ->
     engine.start()
     events: list[str] = []
     result = engine.capture(
-        REQUEST, job="job", owner={}, emit=lambda e, _: events.append(e), cancelled=lambda: False
+        REQUEST, job="job", emit=lambda e: events.append(e.type), cancelled=lambda: False
     )
     assert result.error is not None and result.error["kind"] == "no_space"
     assert "shutter_open" not in events

@@ -23,6 +23,7 @@ from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.events import Progress
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 
@@ -95,7 +96,7 @@ def test_who_waits_for_a_camera_shows_that_he_lives(tmp_path: Path) -> None:
 
     engine.start()
     request = CaptureRequest(goal="white", codes=4)
-    engine.capture(request, job="job", owner={}, emit=lambda *_: None, cancelled=cancelled)
+    engine.capture(request, job="job", emit=lambda _: None, cancelled=cancelled)
     signs_ns.append(engine._rig.clock.now_ns())
     engine.stop()
     assert signs_ns[-1] - signs_ns[0] > 20e9
@@ -141,7 +142,7 @@ def test_a_signal_in_mid_exposure_lets_go_of_the_shutter(tmp_path: Path) -> None
             with connect(socket) as client:
                 client.call("capture.start", {"goal": "indirect", "codes": 512, "white": False})
                 client.call("events.subscribe", {"jobs": "all"})
-                next(e for e in client.events() if e["type"] == "progress" and e["frame"] > 0)
+                next(e for e in client.events() if isinstance(e, Progress) and e.frame > 0)
                 process.send_signal(signal.SIGTERM)
                 assert process.wait(timeout=20.0) == 0
         finally:

@@ -14,6 +14,7 @@ from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.events import Converging, Event
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.places import DATA
@@ -23,7 +24,7 @@ SCENES = (*MATRICES, "open-book", "wax-disk", "disco-ball", "milky-bottle")
 EASY, HARD = "milky-bottle", "disco-ball"
 SEEDS = (0, 1, 2)
 
-Events = list[tuple[str, dict[str, Any]]]
+Events = list[Event]
 
 
 def scene(name: str) -> SceneConfig:
@@ -47,8 +48,7 @@ def capture(
     result = engine.capture(
         request,
         job="job",
-        owner={},
-        emit=lambda kind, told: events.append((kind, told)),
+        emit=events.append,
         cancelled=lambda: False,
     )
     assert result.state == "done", result.error
@@ -140,10 +140,10 @@ def test_an_easy_scene_stops_early_and_a_hard_one_takes_all_parts(tmp_path: Path
         _, result, events = capture(
             tmp_path, name, codes=256, parts=16, family="balanced", until_error=0.015
         )
-        told = [fields for kind, fields in events if kind == "converging"]
+        told = [event for event in events if isinstance(event, Converging)]
         taken[name] = len(told)
-        assert [fields["part"] for fields in told] == list(range(1, len(told) + 1))
-        assert {fields["target"] for fields in told} == {0.015}
+        assert [event.part for event in told] == list(range(1, len(told) + 1))
+        assert {event.target for event in told} == {0.015}
         folder = Path(str(result.folder))
         manifest = read_manifest(folder)
         assert (folder / "preview" / "running.png").is_file()
@@ -151,13 +151,14 @@ def test_an_easy_scene_stops_early_and_a_hard_one_takes_all_parts(tmp_path: Path
         assert result.summary["parts"] == len(told)
         assert result.summary["codes"] == 16 * len(told)
         assert decode_folder(folder)["identical"]
-        last = told[-1]["rms_sigma"]
+        last = told[-1].rms_sigma
+        assert last is not None
         assert result.summary["rms_sigma"] == pytest.approx(last)
         assert (last <= 0.015) == (name == EASY)
         assert any("asked for" in w for w in manifest.warnings) == (name == HARD)
         logged = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
         assert [e["part"] for e in logged if e["event"] == "converging"] == [
-            fields["part"] for fields in told
+            event.part for event in told
         ]
     assert 4 <= taken[EASY] < 16
     assert taken[HARD] == 16
@@ -166,4 +167,4 @@ def test_an_easy_scene_stops_early_and_a_hard_one_takes_all_parts(tmp_path: Path
 def test_a_guess_stops_nothing(tmp_path: Path) -> None:
     """However low the target is set, the fourth part is the first that may be the last."""
     _, _, events = capture(tmp_path, EASY, codes=128, parts=8, until_error=0.9)
-    assert sum(kind == "converging" for kind, _ in events) == 4
+    assert sum(isinstance(event, Converging) for event in events) == 4

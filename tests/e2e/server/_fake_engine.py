@@ -13,17 +13,16 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from pdcd.bench.tables import Config, RigConfig, ServerConfig
 from pdcd.errors import DeviceLost
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
+from pdcd.runs.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
+from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.daemon import run
 from pdcd.words import JobState
-
-Emit = Callable[[str, dict[str, Any]], None]
 
 
 class FakeEngine:
@@ -33,7 +32,7 @@ class FakeEngine:
         self.config = config
         self.calls: list[str] = []
         self.threads: set[int] = set()
-        self.owners: list[dict[str, Any]] = []
+        self.owners: list[OwnerView] = []
         self.requests: list[CaptureRequest] = []
         self.shutter_open = False
 
@@ -49,9 +48,9 @@ class FakeEngine:
     def stop(self) -> None:
         self._note("stop")
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> RigView:
         self._note("describe")
-        return {"name": self.config.rig.name, "grid": [4, 6]}
+        return RigView(name=self.config.rig.name, mock=False, grid=(4, 6), drivers={})
 
     def plan(self, request: CaptureRequest) -> PlanSummary:
         self._note("plan")
@@ -80,7 +79,7 @@ class FakeEngine:
         request: CaptureRequest,
         *,
         job: str,
-        owner: dict[str, Any],
+        owner: OwnerView,
         emit: Emit,
         cancelled: Callable[[], bool],
     ) -> CaptureResult:
@@ -90,9 +89,9 @@ class FakeEngine:
         verb, _, value = request.note.partition(":")
         if verb == "raise":
             raise RuntimeError("a fault of the program")
-        emit("armed", {"shot": "s1"})
+        emit(Armed(shot="s1", frames=20))
         self.shutter_open = True
-        emit("shutter_open", {"shot": "s1"})
+        emit(ShutterOpen(shot="s1"))
         state: JobState = "done"
         error: dict[str, str | None] | None = None
         if verb == "freeze":
@@ -104,15 +103,14 @@ class FakeEngine:
         frame = 0
         while state == "done" and (verb == "slow" or frame < frames):
             frame += 1
-            told = {"frame": frame, "frames": max(frame, frames), "missed": 0, "shot": "s1"}
-            emit("progress", told)
+            emit(Progress(shot="s1", frame=frame, frames=max(frame, frames), missed=0))
             if cancelled():
                 state = "cancelled"
                 error = {"kind": "cancelled", "message": "cancelled", "device": None, "hint": None}
             if verb != "flood":
                 time.sleep(0.002)
         self.shutter_open = False
-        emit("shutter_closed", {"shot": "s1"})
+        emit(ShutterClosed(shot="s1"))
         self._note("closed")
         return CaptureResult(
             job=job,
@@ -126,9 +124,9 @@ class FakeEngine:
     def show(self, pattern: str, index: int) -> None:
         self._note(f"show {pattern} {index}")
 
-    def preview(self, alive: Callable[[], object]) -> dict[str, Any]:
+    def preview(self, alive: Callable[[], object]) -> Preview:
         self._note("preview")
-        return {"path": "/nowhere/preview.png", "sha256": "0" * 64, "shape": [4, 6, 3]}
+        return Preview(path="/nowhere/preview.png", sha256="0" * 64, shape=(4, 6, 3))
 
 
 def main() -> int:

@@ -18,6 +18,7 @@ from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, RigConfig
 from pdcd.client import Client, Unreachable
 from pdcd.request import CaptureRequest
+from pdcd.runs.events import Progress
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 
@@ -62,7 +63,7 @@ def wait_for_codes(client: Client) -> str:
     )
     client.call("events.subscribe", {"jobs": "all"})
     for event in client.events():
-        if event["type"] == "progress" and event["frame"] > 0:
+        if isinstance(event, Progress) and event.frame > 0:
             return job
     raise AssertionError("no progress")
 
@@ -99,7 +100,7 @@ def test_client_gone_mid_exposure_cancels_its_job(tmp_path: Path) -> None:
         event = last_event(tmp_path, job)
         assert event["event"] == "cancelled" and event["safe"] is True
         with connect(socket) as client:
-            assert client.status()["state"] == "idle"
+            assert client.status().state == "idle"
 
 
 def test_a_capture_over_the_socket_and_the_folder_it_names(tmp_path: Path) -> None:
@@ -108,7 +109,7 @@ def test_a_capture_over_the_socket_and_the_folder_it_names(tmp_path: Path) -> No
         with connect(socket) as client:
             result = client.capture(
                 CaptureRequest(goal="indirect", codes=64),
-                on_event=lambda e: events.append(e["type"]),
+                on_event=lambda e: events.append(e.type),
             )
         assert result.state == "done" and result.folder is not None
         assert read_manifest(Path(result.folder)).job == result.job

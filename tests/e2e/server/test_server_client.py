@@ -8,13 +8,13 @@ import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from pdcd.client import Client, Unreachable
 from pdcd.errors import BusyError, ConfigError, DeviceLost, PdcdError, ProtocolError
 from pdcd.request import CaptureRequest
+from pdcd.runs.events import Event
 from tests.e2e.server._server_harness import nothing_left, threaded_daemon
 
 WHITE = CaptureRequest(goal="white")
@@ -28,23 +28,23 @@ def _nothing_left() -> Iterator[None]:
 
 
 def test_a_capture_with_its_events(tmp_path: Path) -> None:
-    events: list[dict[str, Any]] = []
+    events: list[Event] = []
     with threaded_daemon(tmp_path) as running, Client(running.path) as client:
-        assert client.hello["server"] == "pdcd"
+        assert client.hello.server == "pdcd"
         result = client.capture(WHITE, on_event=events.append)
         assert result.state == "done" and result.files == ("raw/s1.dng",)
-        assert [e["seq"] for e in events] == list(range(len(events)))
-        assert (events[0]["type"], events[-1]["type"]) == ("queued", "done")
-        assert {e["job"] for e in events} == {result.job}
-        assert [job["job"] for job in client.list()] == [result.job]
+        assert [e.seq for e in events] == list(range(len(events)))
+        assert (events[0].type, events[-1].type) == ("queued", "done")
+        assert {e.job for e in events} == {result.job}
+        assert [job.job for job in client.list()] == [result.job]
         assert client.wait(result.job) == result
         assert client.cancel(result.job) == result
-        assert client.status()["state"] == "idle"
+        assert client.status().state == "idle"
         assert client.plan(CaptureRequest(goal="indirect", codes=16)).codes == 16
 
 
 def test_a_detached_capture_is_waited_for_from_elsewhere(tmp_path: Path) -> None:
-    events: list[dict[str, Any]] = []
+    events: list[Event] = []
     with threaded_daemon(tmp_path) as running:
         with Client(running.path) as client:
             started = client.capture(SLOW, detach=True)
@@ -55,8 +55,8 @@ def test_a_detached_capture_is_waited_for_from_elsewhere(tmp_path: Path) -> None
             timer.start()
             assert client.wait(started.job, on_event=events.append).state == "cancelled"
             timer.join()
-            assert {e["job"] for e in events} == {started.job}
-            assert events[-1]["type"] == "cancelled"
+            assert {e.job for e in events} == {started.job}
+            assert events[-1].type == "cancelled"
 
 
 def test_errors_come_back_as_the_same_errors(tmp_path: Path) -> None:
@@ -80,16 +80,16 @@ def test_an_interrupt_cancels_the_capture_and_yields_its_result(tmp_path: Path) 
     with threaded_daemon(tmp_path) as running, Client(running.path) as client:
         seen: list[str] = []
 
-        def interrupt(event: dict[str, Any]) -> None:
-            seen.append(event["type"])
-            if event["type"] == "shutter_open":
+        def interrupt(event: Event) -> None:
+            seen.append(event.type)
+            if event.type == "shutter_open":
                 # As by Ctrl-C: delivered to the main thread, which is this one.
                 os.kill(os.getpid(), signal.SIGINT)
 
         result = client.capture(SLOW, on_event=interrupt)
         assert result.state == "cancelled" and result.files == ("raw/s1.dng",)
         assert "shutter_closed" in seen
-        assert client.status()["state"] == "idle"
+        assert client.status().state == "idle"
 
 
 def test_events_come_until_the_connection_ends(tmp_path: Path) -> None:
@@ -98,13 +98,13 @@ def test_events_come_until_the_connection_ends(tmp_path: Path) -> None:
         job = client.capture(WHITE, detach=True).job
         seen: list[tuple[str, str]] = []
         for event in client.events():
-            seen.append((event["job"], event["type"]))
-            if event["type"] == "done":
+            seen.append((event.job, event.type))
+            if event.type == "done":
                 break
         assert seen[0] == (job, "queued") and seen[-1] == (job, "done")
         client.capture(SLOW, detach=True)
         for event in client.events():
-            if event["type"] == "shutter_open":
+            if event.type == "shutter_open":
                 client._sock.shutdown(socket.SHUT_RDWR)
 
 

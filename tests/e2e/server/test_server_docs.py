@@ -13,11 +13,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, get_args
+from typing import Any, BinaryIO
 
 import pytest
 
-from pdcd.server import clients, connections, messages
+from pdcd.runs.events import COMMON, TYPES
+from pdcd.server import callers, connections, messages
 from pdcd.server.messages import CODES, METHODS
 from tests.places import ROOT
 
@@ -26,7 +27,7 @@ DOCUMENT = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
 REAL = """
 import sys
 from pathlib import Path
-from pdcd.bench.config import Config, ServerConfig
+from pdcd.bench.tables import Config, ServerConfig
 from pdcd.capture.engine import Engine
 from pdcd.server.daemon import run
 config = Config(server=ServerConfig(state_dir=sys.argv[2]))
@@ -167,22 +168,41 @@ def test_the_script_of_the_document_runs(tmp_path: Path) -> None:
     assert re.fullmatch(r"\d{8}T\d{6}Z-[0-9a-f]{4} done \S+", second)
 
 
-def test_every_method_error_and_event_is_in_its_table() -> None:
+def test_every_method_and_error_is_in_its_table() -> None:
     rows = re.findall(r"^\| `([a-z.]+)` \|", section("Methods"), re.MULTILINE)
     assert rows == list(METHODS)
     kinds = re.findall(r"^\| `(\w+)` \| ([-0-9, ]+) \|", section("Errors"), re.MULTILINE)
     assert {kind for kind, _ in kinds} == set(CODES)
     for kind, codes in kinds:
         assert str(CODES[kind]) in codes.split(", ")
-    first = re.findall(r"^\| (`.*?`) \|", section("Events"), re.MULTILINE)
-    types = [word for row in first for word in re.findall(r"`(\w+)`", row)]
-    assert types == list(get_args(messages.EventType))
+
+
+def test_every_event_and_each_of_its_fields_is_in_the_table() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \|", section("Events"), re.MULTILINE)
+    told = {kind: set(re.findall(r"`(\w+)`", names)) for kind, names in rows}
+    assert list(told) == list(TYPES) and len(rows) == len(told)
+    for kind, names in told.items():
+        assert names == set(TYPES[kind].__struct_fields__) - COMMON, kind
+    for name in COMMON:
+        assert f"`{name}`" in section("Events")
+
+
+def test_the_python_of_the_document_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with daemon("fake", tmp_path) as path:
+        exec(fenced("Events", "python"), {"socket": path, "__name__": "example"})
+    first, queued, *events, last = capsys.readouterr().out.splitlines()
+    job = queued.split()[0]
+    assert (first, queued.split()[1]) == ("idle", "queued")
+    assert any(re.fullmatch(rf"{job} progress \d+%", line) for line in events)
+    assert last == f"done ['{job}']"
 
 
 def test_the_limits_are_those_of_the_program() -> None:
     text = section("Limits")
     assert messages.MAX_LINE == 2**20 and "1 MiB" in text
     assert f"| {connections.OPEN_REQUESTS};" in text
-    assert f"| {clients.QUEUE_LINES};" in text
-    assert f"after {clients.STUCK_S:g} s" in text
+    assert f"| {callers.QUEUE_LINES};" in text
+    assert f"after {callers.STUCK_S:g} s" in text
     assert f"for up to {connections.LINGER_S:g} s" in section("Life of a job")

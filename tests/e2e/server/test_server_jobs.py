@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from pdcd.runs.views import OwnerView
 from tests.e2e.server._server_harness import Daemon, Wire, daemon, nothing_left
 
 
@@ -53,7 +54,7 @@ def test_a_capture_from_start_to_result(tmp_path: Path) -> None:
             assert progress[-1]["frame"] == progress[-1]["frames"] == 20
             assert await wire.result("capture.wait", job=job) == result
             me = pwd.getpwuid(os.getuid()).pw_name
-            owner = {"uid": os.getuid(), "pid": os.getpid(), "user": me}
+            owner = OwnerView(uid=os.getuid(), pid=os.getpid(), user=me)
             assert running.engine.owners == [owner]
 
     asyncio.run(scenario())

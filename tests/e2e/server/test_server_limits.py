@@ -15,9 +15,9 @@ import pytest
 
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.server import clients
+from pdcd.server import callers
 from pdcd.server.access import Access, Peer, peer_of
-from pdcd.server.clients import QUEUE_LINES, Client
+from pdcd.server.callers import QUEUE_LINES, Caller
 from pdcd.server.connections import Server, Service
 from pdcd.server.daemon import serve
 from tests.e2e.server._fake_engine import FakeEngine
@@ -90,7 +90,7 @@ def deaf(path: Path) -> socket.socket:
 def test_a_client_that_does_not_read_is_cut_off_with_its_capture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(clients, "STUCK_S", 0.2)
+    monkeypatch.setattr(callers, "STUCK_S", 0.2)
 
     async def scenario() -> None:
         async with daemon(tmp_path) as running, running.wire() as other:
@@ -117,7 +117,7 @@ def test_a_client_that_does_not_read_does_not_hold_up_the_end(
                 before = asyncio.get_running_loop().time()
                 while running.engine.calls[-1] != "stop":
                     await asyncio.sleep(0.01)
-                assert asyncio.get_running_loop().time() - before < clients.STUCK_S
+                assert asyncio.get_running_loop().time() - before < callers.STUCK_S
 
     asyncio.run(scenario())
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
@@ -126,7 +126,7 @@ def test_a_client_that_does_not_read_does_not_hold_up_the_end(
 def test_a_full_queue_drops_progress_and_keeps_the_rest_in_order() -> None:
     async def scenario() -> None:
         writer = SlowWriter()
-        client = Client(1, ME, cast(asyncio.StreamWriter, writer))
+        client = Caller(1, ME, cast(asyncio.StreamWriter, writer))
         pump = asyncio.create_task(client.pump())
         client.send(b"first\n")
         await asyncio.sleep(0)
@@ -158,7 +158,7 @@ def test_a_full_queue_drops_progress_and_keeps_the_rest_in_order() -> None:
 def test_a_queue_full_of_what_must_not_be_dropped_ends_the_client() -> None:
     async def scenario() -> None:
         writer = SlowWriter()
-        client = Client(1, ME, cast(asyncio.StreamWriter, writer))
+        client = Caller(1, ME, cast(asyncio.StreamWriter, writer))
         for _ in range(QUEUE_LINES):
             client.send(b"done\n")
         assert not writer.aborted

@@ -124,11 +124,11 @@ def test_a_signal_in_mid_exposure_closes_the_shutter_and_exits_0(
             client.call("events.subscribe", {"jobs": "all"})
             job = client.capture(SLOW, detach=True).job
             events = client.events()
-            assert any(event["type"] == "shutter_open" for event in events)
+            assert any(event.type == "shutter_open" for event in events)
             manager.until(f"STATUS=capture {job} shutter_open")
             (told,) = end(child, number)
             *_, last = events
-        assert last["type"] == "cancelled" and last["job"] == job
+        assert last.type == "cancelled" and last.job == job
         heard = manager.waiting()
         assert "STOPPING=1" in heard and f"STATUS=idle, last capture {job} cancelled" in heard
         assert told["calls"] == ["start", "describe", "capture", "closed", "stop"]

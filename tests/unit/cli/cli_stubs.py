@@ -11,9 +11,12 @@ import pytest
 
 from pdcd import words
 from pdcd.bench.tables import Config
-from pdcd.cli import output
+from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
+from pdcd.runs.events import Armed, Emit, Event, read
+from pdcd.runs.views import OwnerView
+from pdcd.server.messages import ClockAnchor, JobView, Status
 
 JOB = "20260101T120301Z-7f3a"
 SUMMARY: dict[str, float | int | str | None] = {
@@ -41,23 +44,33 @@ PLAN = PlanSummary(
     light_share=0.25,
     raw_files=1,
 )
-EVENTS: list[dict[str, Any]] = [
-    {"job": JOB, "seq": 0, "type": "armed", "t_mono_ns": 1, "shot": "coded"},
+WIRE: list[dict[str, Any]] = [
+    {"job": JOB, "seq": 0, "type": "armed", "t_mono_ns": 1, "shot": "coded", "frames": 24},
     {"job": JOB, "seq": 1, "type": "progress", "t_mono_ns": 2, "shot": "coded", "frame": 12,
      "frames": 24, "missed": 0},
     {"job": JOB, "seq": 2, "type": "progress", "t_mono_ns": 3, "shot": "coded", "frame": 24,
      "frames": 24, "missed": 3},
-    {"job": JOB, "seq": 3, "type": "decoding", "t_mono_ns": 4},
+    {"job": JOB, "seq": 3, "type": "of the future", "t_mono_ns": 4, "shot": "coded"},
+    {"job": JOB, "seq": 4, "type": "decoding", "t_mono_ns": 5, "shots": 1},
 ]  # fmt: skip
-STATUS: dict[str, Any] = {
-    "version": "9.9",
-    "state": "busy",
-    "running": {"job": JOB, "goal": "indirect", "owner": {"uid": 5, "pid": 6, "user": "ada"}},
-    "queued": [],
-    "connections": 2,
-    "uptime_s": 61.4,
-    "new field": [1],
-}
+EVENTS = [read(fields) for fields in WIRE]
+JOB_VIEW = JobView(
+    job=JOB,
+    state="running",
+    goal="indirect",
+    owner=OwnerView(uid=5, pid=6, user="ada"),
+    detach=False,
+    created_utc="2026-01-01T12:03:01Z",
+)
+STATUS = Status(
+    version="9.9",
+    state="busy",
+    running=JOB_VIEW,
+    queued=[],
+    connections=2,
+    uptime_s=61.4,
+    clock=ClockAnchor(1, "2026-01-01T12:03:01Z"),
+)
 
 
 def ended(state: words.JobState, kind: str) -> CaptureResult:
@@ -75,7 +88,7 @@ class StubClient:
 
     result: CaptureResult = DONE
     error: BaseException | None = None
-    status_answer: dict[str, Any] = STATUS
+    status_answer: Status = STATUS
     asked: list[Any]
 
     def __init__(self, path: Path) -> None:
@@ -94,13 +107,13 @@ class StubClient:
         return self.result
 
     def capture(
-        self, wanted: CaptureRequest, *, detach: bool, queue: bool, on_event: output.OnEvent
+        self, wanted: CaptureRequest, *, detach: bool, queue: bool, on_event: OnEvent
     ) -> CaptureResult:
         for event in EVENTS:
             on_event(event)
         return self._answer(wanted, detach, queue)
 
-    def wait(self, job: str, on_event: output.OnEvent) -> CaptureResult:
+    def wait(self, job: str, on_event: OnEvent) -> CaptureResult:
         for event in EVENTS:
             on_event(event)
         return self._answer(job)
@@ -112,13 +125,13 @@ class StubClient:
         self._answer("plan", wanted)
         return PLAN
 
-    def status(self) -> dict[str, Any]:
+    def status(self) -> Status:
         return self.status_answer
 
-    def list(self) -> list[dict[str, Any]]:
-        return [{**STATUS["running"], "state": "running", "folder": None}]
+    def list(self) -> list[JobView]:
+        return [JOB_VIEW]
 
-    def events(self) -> Iterator[dict[str, Any]]:
+    def events(self) -> Iterator[Event]:
         return iter(EVENTS)
 
 
@@ -151,12 +164,12 @@ class StubEngine:
         wanted: CaptureRequest,
         *,
         job: str,
-        owner: dict[str, Any],
-        emit: Callable[[str, dict[str, Any]], None],
+        owner: OwnerView,
+        emit: Emit,
         cancelled: Callable[[], bool],
     ) -> CaptureResult:
         self.calls.append(("capture", wanted, job, owner))
-        emit("armed", {"shot": "coded"})
+        emit(Armed(shot="coded", frames=24))
         return type(self).run(cancelled)
 
 

@@ -17,6 +17,7 @@ from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.events import Decoded, Decoding, Progress
 from tests.unit.cli.cli_stubs import (
     EVENTS,
     JOB,
@@ -73,11 +74,23 @@ def test_help_imports_nothing_heavy() -> None:
     assert "'argparse'" in modules
 
 
-def test_choices_are_those_of_a_request() -> None:
-    assert get_args(words.GoalName) == parser.GOALS
-    assert get_args(words.FamilyName) == parser.FAMILIES
-    assert get_args(words.WindowName) == parser.WINDOWS
-    assert get_args(words.BlackLevel) == parser.BLACK_LEVELS
+@pytest.mark.parametrize(
+    ("option", "names"),
+    [
+        ("--family", words.FamilyName),
+        ("--method", words.MethodName),
+        ("--schedule", words.GuardsName),
+        ("--window", words.WindowName),
+        ("--black-level", words.BlackLevel),
+        ("--normalise", words.NormaliseName),
+    ],
+)
+def test_every_word_of_a_request_can_be_typed(option: str, names: object) -> None:
+    commands = parser.build_parser()
+    for goal in get_args(words.GoalName):
+        for name in get_args(names):
+            args = commands.parse_args(["capture", goal, option, name])
+            assert args.goal == goal and name in vars(args).values()
 
 
 @pytest.mark.parametrize(
@@ -153,7 +166,12 @@ def test_capture_prints_a_table_and_progress_apart(
         "folder            /runs/x",
     ]
     # The second progress event comes within the second and is left out.
-    assert printed.err.splitlines() == ["coded: armed", "coded: 12/24 refreshes", "decoding"]
+    assert printed.err.splitlines() == [
+        "coded: armed",
+        "coded: 12/24 refreshes",
+        "coded: of the future",
+        "decoding",
+    ]
 
 
 def test_progress_lines_come_again_after_a_second(
@@ -163,9 +181,10 @@ def test_progress_lines_come_again_after_a_second(
     monkeypatch.setattr("pdcd.cli.output.time.monotonic", lambda: now_s)
     with output.progress() as on_event:
         for now_s in (100.0, 100.9, 101.0, 101.5, 102.1):
-            on_event({**EVENTS[2], "frame": round(now_s * 10)})
+            on_event(Progress(shot="coded", frame=round(now_s * 10), frames=2400, missed=3))
     assert capsys.readouterr().err.splitlines() == [
-        f"coded: {frame}/24 refreshes, 3 missed" for frame in (1000, 1010, 1021)
+        f"coded: {frame}/2400 refreshes, 3 missed{left}"
+        for frame, left in ((1000, ""), (1010, ", 1 s left"), (1021, ", 3 s left"))
     ]
 
 
@@ -182,6 +201,43 @@ def test_progress_is_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> Non
         on_event(EVENTS[2])
     assert "coded: 24/24 refreshes, 3 missed" in screen.getvalue()
     assert "100%" in screen.getvalue()
+
+
+def test_decoding_gets_a_bar_and_a_time_left_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with output.progress() as on_event:
+        on_event(EVENTS[2])
+        at = len(screen.getvalue())
+        on_event(Decoding(shots=2))
+    assert "100%" not in screen.getvalue()[at:] and "0%" in screen.getvalue()[at:]
+    with output.progress() as on_event:
+        on_event(EVENTS[2])
+        on_event(Decoding(shots=2))
+        on_event(Decoded(done=3.0, total=12.0))
+    assert "decoding: 25 %" in screen.getvalue() and " 25%" in screen.getvalue()
+
+
+def test_decoding_in_a_pipe_is_a_line_a_second(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 100.0
+    monkeypatch.setattr("pdcd.cli.output.time.monotonic", lambda: now_s)
+    with output.progress() as on_event:
+        on_event(Decoding(shots=2))
+        for now_s in (100.5, 101.0, 102.0, 105.0):
+            on_event(Decoded(done=now_s - 100.0, total=5.0))
+    assert capsys.readouterr().err.splitlines() == [
+        "decoding",
+        "decoding: 10 %, 4 s left",
+        "decoding: 40 %, 3 s left",
+        "decoding: 100 %",
+    ]
 
 
 def test_capture_json_ends_with_the_result_unchanged(

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from pdcd import __version__
@@ -18,9 +19,9 @@ from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
 from pdcd.request import CaptureRequest, CaptureResult
 from tests.unit.cli.cli_stubs import (
-    EVENTS,
     JOB,
     STATUS,
+    WIRE,
     StubClient,
     StubEngine,
     ended,
@@ -59,9 +60,9 @@ def test_local_capture_starts_and_stops_the_rig(
     assert (start, stop) == ("start", "stop")
     assert made[1].rig.name == "mine"
     assert capture[1] == CaptureRequest(goal="indirect")
-    assert capture[3]["uid"] == os.getuid()
-    assert capture[3]["pid"] == os.getpid()
-    assert isinstance(capture[3]["user"], str)
+    assert capture[3].uid == os.getuid()
+    assert capture[3].pid == os.getpid()
+    assert isinstance(capture[3].user, str)
     printed = capsys.readouterr()
     assert last_object(printed.out)["job"] == JOB
     assert printed.err.splitlines() == ["coded: armed"]
@@ -180,7 +181,7 @@ def test_status(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) ->
     assert main(["status"]) == 0
     assert f"running      {JOB} indirect by ada" in capsys.readouterr().out
     assert main(["status", "--json"]) == 0
-    assert last_object(capsys.readouterr().out) == STATUS
+    assert last_object(capsys.readouterr().out) == msgspec.to_builtins(STATUS)
 
 
 def test_list(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
@@ -196,10 +197,10 @@ def test_watch_prints_events(daemon: type[StubClient], capsys: pytest.CaptureFix
         f"{JOB} progress shot=coded frame=12 frames=24 missed=0"
     )
     assert main(["watch", "--json"]) == 0
-    assert [json.loads(line) for line in capsys.readouterr().out.splitlines()] == EVENTS
+    assert [json.loads(line) for line in capsys.readouterr().out.splitlines()] == WIRE
     assert main(["watch", JOB, "--json"]) == 0
     *events, end = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert events == EVENTS
+    assert events == WIRE
     assert end["state"] == "done"
 
 
@@ -211,7 +212,7 @@ def test_cancel_ends_the_named_or_the_running_job(
     assert ("cancel", "mine") in daemon.asked
     assert main(["cancel"]) == 0
     assert ("cancel", JOB) in daemon.asked
-    daemon.status_answer = {**STATUS, "running": None}
+    daemon.status_answer = msgspec.structs.replace(STATUS, running=None)
     assert main(["cancel"]) == 2
     assert "nothing is running" in capsys.readouterr().err
 
@@ -260,7 +261,7 @@ def test_decode_fails_when_a_picture_differs(
     files = [{"name": "linear/white.tif", "identical": True},
              {"name": "linear/indirect.tif", "identical": False}]  # fmt: skip
     report = {"identical": False, "files": files}
-    monkeypatch.setattr("pdcd.pictures.decode.decode_folder", lambda folder: report)
+    monkeypatch.setattr("pdcd.pictures.decode.decode_folder", lambda *_: report)
     assert main(["decode", "x"]) == 5
     assert capsys.readouterr().out.splitlines() == [
         "identical  linear/white.tif",

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.events import Learning, Progress
 from pdcd.server.jobs import ENDED, Coalescer, Job, JobTable, Owner, failed_result
 
 WHITE = CaptureRequest(goal="white")
@@ -20,6 +21,10 @@ BERT = Owner(uid=1001, pid=12, user="bert", connection=2)
 
 def admit(table: JobTable, owner: Owner = ANNA, *, queue: bool = True, detach: bool = False) -> Job:
     return table.admit(WHITE, owner, queue=queue, detach=detach)
+
+
+def frame(number: int) -> Progress:
+    return Progress(shot="coded", frame=number, frames=1000, missed=0)
 
 
 def done(job: Job) -> CaptureResult:
@@ -113,9 +118,9 @@ def test_history_is_bounded_and_forgets_the_oldest() -> None:
 def test_events_are_numbered_by_job_and_cannot_be_relabelled() -> None:
     table = JobTable()
     first, second = admit(table), admit(table)
-    assert [first.event("armed", 5, {})["seq"] for _ in range(3)] == [0, 1, 2]
-    event = second.event("progress", 7, {"frame": 1, "job": "other", "seq": 99, "type": "done"})
-    assert event == {"job": second.name, "seq": 0, "type": "progress", "t_mono_ns": 7, "frame": 1}
+    assert [first.numbered(Learning(photos=8), 5).seq for _ in range(3)] == [0, 1, 2]
+    event = second.numbered(Learning(photos=8, job="other", seq=99, t_mono_ns=3), 7)
+    assert event == Learning(photos=8, job=second.name, seq=0, t_mono_ns=7)
 
 
 def test_the_view_shows_the_owner_but_not_the_connection() -> None:
@@ -136,19 +141,19 @@ def test_an_engine_that_raises_gives_a_failed_result() -> None:
 
 def test_progress_is_thinned_to_the_interval_and_the_newest_wins() -> None:
     thin = Coalescer(interval_ns=100)
-    passed = [t for t in range(0, 1000, 7) if thin.offer(t, {"frame": t}) is not None]
+    passed = [t for t in range(0, 1000, 7) if thin.offer(t, frame(t)) is not None]
     assert passed[0] == 0
     assert min(b - a for a, b in pairwise(passed)) >= 100
     assert len(passed) == 10
-    assert thin.flush() == (994, {"frame": 994})
+    assert thin.flush() == (994, frame(994))
     assert thin.flush() is None
 
 
 def test_nothing_is_held_after_progress_that_passed() -> None:
     thin = Coalescer(interval_ns=100)
-    thin.offer(0, {"frame": 0})
-    thin.offer(50, {"frame": 1})
-    assert thin.offer(100, {"frame": 2}) == {"frame": 2}
+    thin.offer(0, frame(0))
+    thin.offer(50, frame(1))
+    assert thin.offer(100, frame(2)) == frame(2)
     assert thin.flush() is None
 
 

@@ -1,4 +1,4 @@
-"""One connected client as the server sees it: who it is, and what it has yet to be told."""
+"""One who calls, as the server sees it: who it is, and what it has yet to be told."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pdcd.server.messages import Interest
 logger = logging.getLogger(__name__)
 
 QUEUE_LINES = 256
-"""Lines that wait for a slow client before progress is dropped, and then the client."""
+"""Lines that wait for a slow client before thinned events are dropped, and then the client."""
 
 STUCK_S = 5.0
 """How long a client may leave its socket full, in seconds."""
 
 
-class Client:
+class Caller:
     """One connection: who it is, what it listens to, and the lines it has yet to take."""
 
     def __init__(self, number: int, peer: Peer, writer: asyncio.StreamWriter) -> None:
@@ -29,11 +29,12 @@ class Client:
         self._lines: deque[tuple[bytes, bool]] = deque()
         self._changed = asyncio.Event()
         self._finishing = False
-        # An empty transport buffer, so that lines wait where progress can still be dropped.
+        # An empty transport buffer, so that lines wait where thinned events can still be dropped.
         writer.transport.set_write_buffer_limits(high=0)
 
     def send(self, line: bytes, *, droppable: bool = False) -> None:
-        """Put a line in the queue; never blocks. A full queue costs progress, then the client."""
+        """Put a line in the queue; never blocks. A full queue costs thinned events, then
+        the client."""
         if self._finishing:
             return
         if len(self._lines) >= QUEUE_LINES:

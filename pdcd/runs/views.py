@@ -1,0 +1,63 @@
+"""Who asks, and what a rig tells of itself: answers of the socket that run folders keep, too."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from pdcd.bench.devices import DisplayInfo
+
+
+class OwnerView(msgspec.Struct, frozen=True, kw_only=True):
+    """Who started a job, as the kernel vouches for it (SO_PEERCRED)."""
+
+    uid: int
+    pid: int
+    user: str
+
+
+class DriverView(msgspec.Struct, frozen=True, kw_only=True):
+    """A driver in use, and how far it can be trusted: broken, experimental, beta or stable."""
+
+    name: str
+    maturity: str
+
+
+class CameraView(msgspec.Struct, frozen=True, kw_only=True):
+    """The camera as found (`pdcd.bench.devices.CameraInfo`)."""
+
+    model: str
+    serial: str
+    profile: str
+    responsivity_e: tuple[float, ...]
+    """Electrons per scene unit per second for R, G, B, at f/1."""
+    isos: tuple[int, ...]
+    f_numbers: tuple[float, ...]
+
+
+class RigView(msgspec.Struct, frozen=True, kw_only=True):
+    """The bench as found; a device that is not open is null."""
+
+    name: str
+    mock: bool
+    """Whether the photos come from a virtual scene."""
+    grid: tuple[int, int]
+    """Rows and columns of code cells."""
+    drivers: dict[str, DriverView]
+    """By role: display, shutter, readout."""
+    display: DisplayInfo | None = None
+    shutter: dict[str, str] = {}
+    """What its driver says of it."""
+    camera: CameraView | None = None
+    scene: str | None = None
+
+
+class Preview(msgspec.Struct, frozen=True, kw_only=True):
+    """A quick photo on the daemon's disk."""
+
+    path: str
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+    shape: tuple[int, int, int]
+    """Rows, columns, channels."""
