@@ -53,8 +53,7 @@ def read_options(
         try:
             return kind(**values)
         except ValueError as err:  # of the struct's own check, which is about several keys
-            faults.append(str(err))
-            raise _wrong(faults, table, device, hint) from err
+            raise _wrong([str(err)], table, device, hint) from err
     raise _wrong(faults, table, device, hint)
 
 
