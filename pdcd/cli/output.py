@@ -129,10 +129,11 @@ def progress() -> Iterator[OnEvent]:
         stages = _Stages()
 
         def show(event: Event) -> None:
+            words = _words(event)
             done, total = _share(event) or (None, None)
             if stages.begins(event):  # so that the time left is that of this stage
-                bars.reset(task, total=total or 1.0)
-            bars.update(task, description=_words(event), completed=done, total=total)
+                bars.reset(task, total=total or 1.0, description=words)
+            bars.update(task, description=words, completed=done, total=total)
 
         yield show
 
