@@ -115,7 +115,13 @@ class Client:
         if on_event is not None:
             self.call("events.subscribe", {"jobs": "own"})
         params = {**msgspec.to_builtins(request), "detach": detach, "queue": queue}
-        started = self.call("capture.start", params, on_event=on_event)
+        request_id = self._send("capture.start", params)
+        try:
+            started = self._answer(request_id, self._timeout_s, on_event)
+        except KeyboardInterrupt:
+            # The job's first events may come before the answer that names it.
+            job = str(self._answer(request_id, self._timeout_s, on_event)["job"])
+            return self._result("capture.cancel", job, on_event)
         job = str(started["job"])
         if detach:
             return CaptureResult(job=job, state=started["state"])
