@@ -163,6 +163,18 @@ def test_tests_call_programs_by_what_was_found() -> None:
             assert found is None, f"{file}: {found and found.group()}"
 
 
+def test_interrupts_reach_the_tests_where_a_shell_would_have_them_ignored() -> None:
+    """As what a script starts in its background inherits it."""
+    code = "import os, signal, tests.conftest\nos.kill(os.getpid(), signal.SIGINT)"
+    done = subprocess.run(
+        ["/bin/sh", "-c", 'trap "" INT; exec "$0" "$@"', sys.executable, "-c", code],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert "KeyboardInterrupt" in done.stderr
+
+
 def test_setup_has_the_table_from_here() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tests.tools"], cwd=ROOT, capture_output=True, text=True, check=True
