@@ -115,8 +115,13 @@ class Client:
         if on_event is not None:
             self.call("events.subscribe", {"jobs": "own"})
         params = {**msgspec.to_builtins(request), "detach": detach, "queue": queue}
-        answer = self.call("capture.start", params, on_event=on_event)
-        started = _typed(answer, Admitted)
+        request_id = self._send("capture.start", params)
+        try:
+            started = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
+        except KeyboardInterrupt:
+            # The job's first events may come before the answer that names it.
+            late = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
+            return self._result("capture.cancel", late.job, on_event)
         if detach:
             return CaptureResult(job=started.job, state=started.state)
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -10,6 +11,11 @@ from tests.heard import Heard
 from tests.xserver import x_full, x_quarter
 
 __all__ = ["heard", "x_full", "x_quarter"]
+
+# A shell without job control starts what runs in its background with interrupts ignored, and that
+# is passed on: tests that interrupt themselves or a child would wait for ever.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)

@@ -20,6 +20,9 @@ from tests.xserver import XServer
 
 Pixels = NDArray[np.uint8]
 
+BUSY = 0.75
+"""Load for each core from which lost refreshes are the machine's own."""
+
 
 def hurry(server: XServer) -> None:
     """Let the server keep time beside whatever else this machine does, where that is permitted.
@@ -30,6 +33,11 @@ def hurry(server: XServer) -> None:
         os.sched_setscheduler(server.pid, os.SCHED_FIFO, os.sched_param(10))
 
 
+def busy() -> bool:
+    """Whether refreshes may well be lost to other work of this machine."""
+    return os.getloadavg()[0] > BUSY * (os.cpu_count() or 1)
+
+
 def options(server: XServer, **more: Any) -> dict[str, Any]:
     """[display.options] for a server of `tests.xserver`."""
     found = {
@@ -38,6 +46,7 @@ def options(server: XServer, **more: Any) -> dict[str, Any]:
         "display": server.display,
         "allow_software": True,
         "time_source": "present-msc",  # what "auto" finds here, after half a second
+        "hang_s": 20.0,  # a busy machine may keep a display process waiting for seconds
         **more,
     }
     if server.kind == "xvfb":

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import os
 import secrets
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -24,6 +23,8 @@ from pathlib import Path
 from select import select
 
 import pytest
+
+from tests import tools
 
 Size = tuple[int, int]
 """(width, height) in pixels."""
@@ -111,9 +112,8 @@ class XServer:
 
     def xrandr(self, *words: str) -> str:
         """Run xrandr here; returns what it printed."""
-        done = subprocess.run(
-            ["xrandr", "-d", self.display, *words], capture_output=True, text=True, timeout=START_S
-        )
+        command = [tools.program("xrandr"), "-d", self.display, *words]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=START_S)
         if done.returncode:
             raise RuntimeError(f"xrandr {' '.join(words)}: {done.stderr.strip()}")
         return done.stdout
@@ -195,18 +195,20 @@ def _launch(
             height=height,
         )
         (folder / "xorg.conf").write_text(text, encoding="utf-8")
-        # /usr/bin/Xorg may be a wrapper that asks for a console.
-        program = shutil.which("Xorg", path="/usr/lib/xorg") or shutil.which("Xorg")
+        why = tools.missing("xorg", "dummy", "xrandr")
+        program = tools.find("xorg").path
         words = ["-config", str(folder / "xorg.conf"), "-configdir", str(folder / "none")]
         words += ["-logfile", str(log), "-novtswitch", "-sharevts"]
     else:
-        program = shutil.which("Xvfb")
+        why = tools.missing("xvfb")
+        program = tools.find("xvfb").path
         words = ["-screen", "0", f"{width}x{height}x24"]
-    if program is None:
-        raise _StartError("not installed")
+    if why:
+        raise _StartError(why)
     mine, its = os.pipe()
     # The server must not outlive a test run that was killed.
-    leash = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
+    setpriv = tools.find("setpriv").path
+    leash = [setpriv, "--pdeathsig", "TERM"] if setpriv else []
     words += ["-displayfd", str(its), "-nolisten", "tcp", "-noreset", "-s", "0", *more]
     with (folder / "stderr").open("wb") as stderr:
         process = subprocess.Popen(

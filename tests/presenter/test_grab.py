@@ -6,8 +6,9 @@ that refresh's length at C and nothing elsewhere, and each fault changes it by a
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -20,7 +21,7 @@ from Xlib import X
 from drivers.mock.bench import Bench
 from pdcd.bench.tables import DisplayConfig, RigConfig, SceneConfig
 from pdcd.capture.rig import Rig
-from pdcd.errors import ConfigError
+from pdcd.errors import ConfigError, SyncError
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.schedule import build_frames
 from pdcd.presenter.xconnection import connect, disconnect
@@ -34,6 +35,7 @@ CELL = 20
 """Row 2, column 4: projector pixels 128..159 by 64..95, mask pixels 200..249 by 100..149."""
 PROJECTOR_PX, MASK_PX = QUARTER
 N = GRID[0] * GRID[1]
+TRIES = 5
 
 
 def one_code(lit: list[int], seen: list[int], grid: tuple[int, int] = GRID) -> Frames:
@@ -60,7 +62,7 @@ def rig_on(
         folder,
         server,
         grid=GRID,
-        more={"grab_px": [[0, 0], [PROJECTOR_PX[0], 0]], "hang_s": 20.0, **more},
+        more={"grab_px": [[0, 0], [PROJECTOR_PX[0], 0]], **more},
         scene=SceneConfig(kind="matrix", path=str(scene)),
         rig=RigConfig(clock="real", on_miss=on_miss),
     )
@@ -81,6 +83,19 @@ def expose(rig: Rig, frames: Frames) -> tuple[Bench, FrameLog]:
     rig._context.shared.played = (frames, log)
     rig.shutter.close()
     return bench, log
+
+
+def expose_evenly(rig: Rig, frames: Frames) -> tuple[Bench, FrameLog]:
+    """The first of a few exposures in which every code was seen as long; skips where a busy
+    machine took refreshes from them all."""
+    for _ in range(TRIES):
+        with suppress(SyncError):
+            return expose(rig, frames)
+        rig.shutter.close()
+    told = f"(load {os.getloadavg()[0]:.1f}): codes were unequal in all of {TRIES} exposures"
+    if x11_rig.busy():
+        pytest.skip(f"THE MACHINE IS BUSY {told}")
+    pytest.fail(f"refreshes were lost on a machine that is not busy {told}")
 
 
 def lit_s(log: FrameLog, row: int) -> float:
@@ -260,7 +275,11 @@ def test_swapped_panels(tmp_path: Path) -> None:
 def test_pictures_of_several_passes_join_as_their_logs_do(
     tmp_path: Path, x_quarter: XServer
 ) -> None:
-    """Policy balance: a stalled code gets the others a further pass, and the photo has both."""
+    """Policy balance: a stalled code gets the others a further pass, and the photo has both.
+
+    Codes that stay unequal, as where a busy machine loses refreshes of its own, are no photo: it is
+    taken again.
+    """
     rng = np.random.default_rng(8)
     patterns = [np.packbits(rng.random((4, N)) < 0.5, axis=1) for _ in range(2)]
     frames = build_frames(
@@ -269,7 +288,7 @@ def test_pictures_of_several_passes_join_as_their_logs_do(
     row = open_row(one_code([0], [0]))
     stalls: dict[str, Any] = {"stalls_ms": {str(row): 30.0}}
     with rig_on(tmp_path, x_quarter, rng.random((N, N)), "balance", **stalls) as rig:
-        bench, log = expose(rig, frames)
+        bench, log = expose_evenly(rig, frames)
         pixels = bench.photo()
         rig._context.shared.pixels = None
         np.testing.assert_allclose(pixels, bench.photo(), rtol=1e-12)

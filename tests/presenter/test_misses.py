@@ -31,8 +31,6 @@ TRIES = 5
 when it does."""
 SLACK = 12
 """A count of lost refreshes may be newer than that of shown ones by less than so many refreshes."""
-BUSY = 0.75
-"""Load for each core from which lost refreshes are the machine's own."""
 
 Play = Callable[[tuple[int, ...]], FrameLog]
 
@@ -80,9 +78,8 @@ def until_quiet(play: Play, lost_after: tuple[int, ...]) -> FrameLog:
         assert set(late.tolist()) >= set(wanted.tolist())  # on any machine
         if late.size == wanted.size and np.all(log.missed[late] == 1):
             return log
-    load = os.getloadavg()[0]
-    told = f"(load {load:.1f}): no pass without a refresh lost to it"
-    if load > BUSY * (os.cpu_count() or 1):
+    told = f"(load {os.getloadavg()[0]:.1f}): no pass without a refresh lost to it"
+    if x11_rig.busy():
         pytest.skip(f"THE MACHINE IS BUSY {told}")
     pytest.fail(f"refreshes were lost on a machine that is not busy {told}")
 

@@ -9,7 +9,6 @@ import hashlib
 import importlib.util
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -20,10 +19,11 @@ from typing import Any
 import pytest
 
 from tests.places import ROOT
+from tests.tools import needs, program
 
 CLIENT_S = 45.0
 
-cli = pytest.mark.skipif(shutil.which("gphoto2") is None, reason="no gphoto2 command: apt install")
+cli = needs("gphoto2")
 wheel = pytest.mark.skipif(
     importlib.util.find_spec("gphoto2") is None,
     reason="no gphoto2 wheel: pip install gphoto2",
@@ -70,7 +70,7 @@ def camera() -> Iterator[Camera]:
 def gphoto2(camera: Camera, folder: Path, *arguments: str) -> str:
     """Output of Debian's gphoto2 in an empty home."""
     done = subprocess.run(
-        ["gphoto2", "--camera", "PTP/IP Camera", "--port", camera.name, *arguments],
+        [program("gphoto2"), "--camera", "PTP/IP Camera", "--port", camera.name, *arguments],
         cwd=folder,
         env={**os.environ, "HOME": str(folder), "LANG": "C"},
         capture_output=True,

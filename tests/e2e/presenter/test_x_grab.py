@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from Xlib import X
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter.xconnection import connect, disconnect
 from pdcd.presenter.xgrab import Pixels, RootGrabber
+from tests.tools import needs, program
 from tests.xserver import QUARTER, XServer, run
 
 
@@ -78,16 +78,15 @@ def test_what_was_drawn_is_grabbed(grabber: RootGrabber, display: Any, server: X
     )
 
 
-@pytest.mark.skipif(
-    not (shutil.which("xwd") and shutil.which("convert")), reason="xwd or ImageMagick is missing"
-)
+@needs("xwd", "imagemagick")
 def test_xwd_and_imagemagick_read_the_same(
     grabber: RootGrabber, display: Any, server: XServer, tmp_path: Path
 ) -> None:
     draw(display, picture(*server.size_px))
     dump, raw = tmp_path / "root.xwd", tmp_path / "root.rgb"
-    subprocess.run(["xwd", "-root", "-silent", "-out", dump], env=server.env(), check=True)
-    subprocess.run(["convert", f"xwd:{dump}", "-depth", "8", f"rgb:{raw}"], check=True)
+    subprocess.run([program("xwd"), "-root", "-silent", "-out", dump], env=server.env(), check=True)
+    convert = [program("imagemagick"), f"xwd:{dump}", "-depth", "8", f"rgb:{raw}"]
+    subprocess.run(convert, check=True)
     theirs = np.fromfile(raw, dtype=np.uint8).reshape(grabber.grab().shape)
     np.testing.assert_array_equal(grabber.grab(), theirs)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import shutil
 
 import pytest
 
+from tests import tools
 from tests.xserver import XServer, run
 
 
@@ -48,6 +48,6 @@ def test_a_server_that_cannot_start_is_skipped_with_its_reason() -> None:
 
 
 def test_no_server_at_all_is_a_loud_skip(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "which", lambda *_, **__: None)
-    with pytest.raises(pytest.skip.Exception, match="xvfb: not installed"), run():
+    monkeypatch.setattr(tools, "find", lambda name: tools.Found("", f"no {name}"))
+    with pytest.raises(pytest.skip.Exception, match=r"Xvfb IS MISSING: no xvfb.*xvfb"), run():
         pass

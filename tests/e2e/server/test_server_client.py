@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,6 +18,7 @@ from pdcd.client import Client, Unreachable
 from pdcd.errors import BusyError, ConfigError, DeviceLost, PdcdError, ProtocolError
 from pdcd.request import CaptureRequest
 from pdcd.runs.events import Event
+from pdcd.server.messages import MAX_LINE, PROTOCOL
 from tests.e2e.server._server_harness import nothing_left, threaded_daemon
 
 WHITE = CaptureRequest(goal="white")
@@ -25,6 +29,20 @@ SLOW = CaptureRequest(goal="white", note="slow")
 def _nothing_left() -> Iterator[None]:
     with nothing_left():
         yield
+
+
+@contextmanager
+def scripted(path: Path, serve: Callable[[socket.socket], None]) -> Iterator[Path]:
+    """A socket where `serve` talks to the one client that comes, in a thread."""
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
+        thread = threading.Thread(target=lambda: serve(listener.accept()[0]))
+        thread.start()
+        try:
+            yield path
+        finally:
+            thread.join(10.0)
 
 
 def test_a_capture_with_its_events(tmp_path: Path) -> None:
@@ -92,6 +110,46 @@ def test_an_interrupt_cancels_the_capture_and_yields_its_result(tmp_path: Path) 
         assert client.status().state == "idle"
 
 
+def test_an_interrupt_before_the_answer_that_names_the_job_cancels_it_too(tmp_path: Path) -> None:
+    """The shutter may open before the answer to capture.start is out."""
+    asked: list[tuple[str, Any]] = []
+
+    def serve(connection: socket.socket) -> None:
+        clock = {"mono_ns": 0, "utc": ""}
+        hello = {"server": "pdcd", "version": "0", "protocol": PROTOCOL, "max_line": MAX_LINE}
+        hello |= {"drivers": {}, "state": "idle", "clock": clock}
+        event = {"job": "j", "seq": 0, "type": "shutter_open", "t_mono_ns": 1, "shot": "s1"}
+        answers: dict[str, Any] = {
+            "events.subscribe": {},
+            "capture.start": {"job": "j", "state": "running"},
+            "capture.cancel": {"job": "j", "state": "cancelled"},
+        }
+        with connection, connection.makefile("rwb") as lines:
+
+            def say(**message: Any) -> None:
+                lines.write(json.dumps({"jsonrpc": "2.0", **message}).encode() + b"\n")
+                lines.flush()
+
+            say(method="hello", params=hello)
+            for line in lines:
+                request = json.loads(line)
+                asked.append((request["method"], request["params"].get("job")))
+                if request["method"] == "capture.start":
+                    say(method="event", params=event)
+                say(id=request["id"], result=answers[request["method"]])
+
+    def interrupt(_: Event) -> None:
+        raise KeyboardInterrupt
+
+    with scripted(tmp_path / "s", serve) as path, Client(path) as client:
+        assert client.capture(WHITE, on_event=interrupt).state == "cancelled"
+    assert asked == [
+        ("events.subscribe", None),
+        ("capture.start", None),
+        ("capture.cancel", "j"),
+    ]
+
+
 def test_events_come_until_the_connection_ends(tmp_path: Path) -> None:
     with threaded_daemon(tmp_path) as running, Client(running.path) as client:
         client.call("events.subscribe", {"jobs": "all"})
@@ -133,21 +191,12 @@ def test_nobody_there_is_unreachable(tmp_path: Path) -> None:
 def test_a_server_that_is_not_ours_is_told_apart(
     tmp_path: Path, said: bytes, error: type[Exception]
 ) -> None:
-    path = tmp_path / "s"
-    with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(str(path))
-        listener.listen()
+    def serve(connection: socket.socket) -> None:
+        with connection:
+            connection.sendall(said)
 
-        def answer() -> None:
-            connection, _ = listener.accept()
-            with connection:
-                connection.sendall(said)
-
-        thread = threading.Thread(target=answer)
-        thread.start()
-        with pytest.raises(error):
-            Client(path)
-        thread.join()
+    with scripted(tmp_path / "s", serve) as path, pytest.raises(error):
+        Client(path)
 
 
 def test_a_silent_server_is_given_up(tmp_path: Path) -> None:

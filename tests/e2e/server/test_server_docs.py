@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import socket
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from pdcd.runs.events import COMMON, TYPES
 from pdcd.server import callers, connections, messages
 from pdcd.server.messages import CODES, METHODS
 from tests.places import ROOT
+from tests.tools import linked, needs, program
 
 DOCUMENT = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
 
@@ -149,15 +149,13 @@ def test_the_session_of_the_document_can_be_replayed(engine: str, tmp_path: Path
             same_shape(message["params"], by_type[message["params"]["type"]], "event")
 
 
-@pytest.mark.skipif(
-    not (shutil.which("bash") and shutil.which("socat") and shutil.which("jq")),
-    reason="bash, socat or jq is missing",
-)
+@needs("bash", "socat", "jq")
 def test_the_script_of_the_document_runs(tmp_path: Path) -> None:
+    programs = linked(tmp_path / "bin", "socat", "jq")
     with daemon("fake", tmp_path) as path:
         done = subprocess.run(
-            ["bash", "-eu", "-o", "pipefail", "-c", fenced("Try it", "bash")],
-            env={**os.environ, "SOCKET": str(path)},
+            [program("bash"), "-eu", "-o", "pipefail", "-c", fenced("Try it", "bash")],
+            env={**os.environ, "PATH": programs, "SOCKET": str(path)},
             capture_output=True,
             text=True,
             timeout=20,

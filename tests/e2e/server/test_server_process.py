@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -26,6 +25,7 @@ from pdcd.server.daemon import serve
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import PATIENCE_S, Wire, nothing_left
 from tests.places import ROOT
+from tests.tools import needs, program
 
 SLOW = CaptureRequest(goal="white", note="slow")
 
@@ -165,12 +165,11 @@ def test_exit_codes_tell_a_taken_socket_from_a_broken_rig(tmp_path: Path) -> Non
     assert not path.exists()
 
 
-@pytest.mark.skipif(
-    shutil.which("systemd-socket-activate") is None, reason="systemd-socket-activate is missing"
-)
+@needs("systemd-socket-activate")
 def test_a_passed_socket_is_served_and_left_in_place(tmp_path: Path) -> None:
     path = tmp_path / "s"
-    command = ["systemd-socket-activate", "-l", str(path), *fake_daemon(tmp_path)]
+    activate = program("systemd-socket-activate")
+    command = [activate, "-l", str(path), *fake_daemon(tmp_path)]
     with process(*command) as child:
         deadline = time.monotonic() + PATIENCE_S
         while not path.exists() and time.monotonic() < deadline:

@@ -12,14 +12,13 @@ from pathlib import Path
 import pytest
 
 from tests.places import ROOT
+from tests.tools import needs, program
 
 UNITS = ROOT / "systemd"
 PROGRAM = "/opt/pdcd/.venv/bin/pdcd"
 X_SERVER = "/usr/lib/xorg/Xorg"
 
-analyze = pytest.mark.skipif(
-    shutil.which("systemd-analyze") is None, reason="systemd-analyze is missing"
-)
+analyze = needs("systemd-analyze")
 
 
 def unit(name: str) -> dict[str, dict[str, list[str]]]:
@@ -40,8 +39,8 @@ def copies(tmp_path: Path) -> Path:
     """The units with a program that exists on this machine."""
     for name in ("pdcd.service", "pdcd.socket", "pdcd-x.service"):
         text = (UNITS / name).read_text(encoding="utf-8")
-        for program in (PROGRAM, X_SERVER):
-            text = text.replace(program, sys.executable)
+        for absent in (PROGRAM, X_SERVER):
+            text = text.replace(absent, sys.executable)
         (tmp_path / name).write_text(text, encoding="utf-8")
     shutil.copytree(UNITS / "pdcd.service.d", tmp_path / "pdcd.service.d")
     return tmp_path
@@ -49,7 +48,10 @@ def copies(tmp_path: Path) -> Path:
 
 def systemd_analyze(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        ["systemd-analyze", "--no-pager", *words], capture_output=True, text=True, timeout=30
+        [program("systemd-analyze"), "--no-pager", *words],
+        capture_output=True,
+        text=True,
+        timeout=30,
     )
 
 
@@ -87,10 +89,10 @@ def test_the_service_stays_as_tight_as_it_is(copies: Path) -> None:
     assert systemd_analyze(*words, "--threshold=1").returncode != 0
 
 
-@pytest.mark.skipif(shutil.which("systemd-sysusers") is None, reason="systemd-sysusers is missing")
+@needs("systemd-sysusers")
 def test_the_user_can_be_made() -> None:
     done = subprocess.run(
-        ["systemd-sysusers", "--dry-run", str(UNITS / "pdcd.sysusers.conf")],
+        [program("systemd-sysusers"), "--dry-run", str(UNITS / "pdcd.sysusers.conf")],
         capture_output=True,
         text=True,
         timeout=30,
@@ -104,7 +106,7 @@ def test_the_program_is_the_console_script_of_the_package() -> None:
     program, verb = command.split()
     assert (program, verb) == (PROGRAM, "serve")
     scripts = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    assert re.search(r'^pdcd = "pdcd\.cli:main"$', scripts, re.MULTILINE)
+    assert re.search(r'^pdcd = "pdcd\.cli\.main:main"$', scripts, re.MULTILINE)
 
 
 def test_what_the_daemon_counts_on_is_set() -> None:

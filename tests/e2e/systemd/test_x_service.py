@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import stat
 import subprocess
 from pathlib import Path
@@ -15,6 +14,7 @@ from pdcd.errors import DeviceLost
 from pdcd.presenter.outputs import find_pair, read_outputs
 from pdcd.presenter.xconnection import connect, disconnect
 from tests.places import ROOT
+from tests.tools import linked, needs, program
 from tests.xserver import FULL, run
 
 UNITS = ROOT / "systemd"
@@ -71,20 +71,20 @@ def test_the_options_of_the_unit_are_options_of_the_server() -> None:
         assert server.kind == "dummy"
 
 
-@pytest.mark.skipif(
-    not (shutil.which("xauth") and shutil.which("mcookie")), reason="xauth is missing"
-)
+@needs("xauth", "mcookie")
 # python-xlib leaves the socket of a refused connection to the garbage collector.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_the_cookie_lets_in_and_keeps_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "pdcd-x").mkdir()
     command = unit_line("ExecStartPre").replace("%t", str(tmp_path)).replace("$$", "$")
-    program, option, text = command.split(" ", 2)
-    subprocess.run([program, option, text.strip("'")], check=True, timeout=20)
+    shell, option, text = command.split(" ", 2)
+    environ = {**os.environ, "PATH": linked(tmp_path / "bin", "xauth", "mcookie")}
+    subprocess.run([shell, option, text.strip("'")], env=environ, check=True, timeout=20)
     cookie = tmp_path / "pdcd-x" / "auth"
     assert stat.S_IMODE(cookie.stat().st_mode) == 0o640
+    xauth = program("xauth")
     listed = subprocess.run(
-        ["xauth", "-f", cookie, "list"], capture_output=True, text=True, check=True, timeout=20
+        [xauth, "-f", cookie, "list"], capture_output=True, text=True, check=True, timeout=20
     )
     assert re.search(r":7 +MIT-MAGIC-COOKIE-1 +[0-9a-f]{32}$", listed.stdout.strip())
 
@@ -92,7 +92,7 @@ def test_the_cookie_lets_in_and_keeps_out(tmp_path: Path, monkeypatch: pytest.Mo
         # The same cookie under the number that this server found free.
         mine = tmp_path / "mine"
         key = listed.stdout.split()[-1]
-        subprocess.run(["xauth", "-q", "-f", mine, "add", server.display, ".", key], check=True)
+        subprocess.run([xauth, "-q", "-f", mine, "add", server.display, ".", key], check=True)
         monkeypatch.setenv("XAUTHORITY", str(mine))
         disconnect(connect(server.display))
         monkeypatch.setenv("XAUTHORITY", os.devnull)

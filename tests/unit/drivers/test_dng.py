@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from datetime import datetime
 from pathlib import Path
@@ -19,15 +18,8 @@ from numpy.typing import NDArray
 from drivers.mock.dng import MIN_SIDE
 from pdcd.errors import ConfigError
 from tests.dng_file import write_dng
+from tests.tools import needs, program
 
-needs_dcraw = pytest.mark.skipif(
-    shutil.which("dcraw") is None,
-    reason="dcraw IS MISSING: the DNG writer is not checked by it (install package dcraw)",
-)
-needs_exiftool = pytest.mark.skipif(
-    shutil.which("exiftool") is None,
-    reason="exiftool IS MISSING: the DNG tags are not checked (install libimage-exiftool-perl)",
-)
 SIDES = st.integers(1, 40).map(lambda quads: 2 * quads)
 
 
@@ -88,29 +80,29 @@ def test_libraw_reads_levels_pattern_and_exposure(tmp_path: Path) -> None:
         assert raw.camera_whitebalance[:3] == pytest.approx([2.0, 1.0, 1.25])
 
 
-@needs_dcraw
+@needs("dcraw")
 @pytest.mark.parametrize(("height", "width"), [(48, 64), (22, 30), (100, 24)])
 def test_dcraw_reads_the_same_mosaic(tmp_path: Path, height: int, width: int) -> None:
     path = tmp_path / "a.dng"
     mosaic = random_mosaic(height, width)
     write(path, mosaic)
-    pgm = subprocess.run(["dcraw", "-4", "-D", "-c", path], capture_output=True, check=True).stdout
+    command = [program("dcraw"), "-4", "-D", "-c", str(path)]
+    pgm = subprocess.run(command, capture_output=True, check=True).stdout
     magic, size, _, samples = pgm.split(b"\n", 3)
     assert magic == b"P5"
     assert size.split() == [str(width).encode(), str(height).encode()]
     assert np.array_equal(np.frombuffer(samples, ">u2").reshape(height, width), mosaic)
 
 
-@needs_exiftool
+@needs("exiftool")
 def test_exiftool_reads_the_tags_and_finds_no_fault(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     write(path, random_mosaic(48, 64), exposure_s=30 / 512, model="Caméra 1")
-    command = ["exiftool", "-j", "-n", "-validate", "-warning", "-a", str(path)]
+    command = [program("exiftool"), "-j", "-n", "-validate", "-warning", "-a", str(path)]
     (verdict,) = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     assert verdict["Validate"] in ("0 0 0", "OK"), verdict
-    (tags,) = json.loads(
-        subprocess.run(["exiftool", "-j", "-n", path], capture_output=True, check=True).stdout
-    )
+    command = [program("exiftool"), "-j", "-n", str(path)]
+    (tags,) = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     expected = {
         "ImageWidth": 64,
         "ImageHeight": 48,
@@ -127,13 +119,12 @@ def test_exiftool_reads_the_tags_and_finds_no_fault(tmp_path: Path) -> None:
     assert {name: tags.get(name) for name in expected} == expected
 
 
-@needs_exiftool
+@needs("exiftool")
 def test_an_unknown_aperture_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     write(path, random_mosaic(48, 64), f_number=None)
-    (tags,) = json.loads(
-        subprocess.run(["exiftool", "-j", "-n", path], capture_output=True, check=True).stdout
-    )
+    command = [program("exiftool"), "-j", "-n", str(path)]
+    (tags,) = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     assert "FNumber" not in tags
     assert tags["ExposureTime"] == 25.6
 

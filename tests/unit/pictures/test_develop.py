@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -16,11 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DecodeError, NoSpaceError, PdcdError
 from pdcd.pictures.develop import preview, read_tiff, warp, write_png, write_tiff
-
-needs_exiftool = pytest.mark.skipif(
-    shutil.which("exiftool") is None,
-    reason="exiftool IS MISSING: TIFF files are not checked (install libimage-exiftool-perl)",
-)
+from tests.tools import needs, program
 
 
 def test_grey_ramp_passes_unchanged() -> None:
@@ -86,12 +81,12 @@ def test_png_can_be_viewed_with_its_colours_in_order(tmp_path: Path) -> None:
     assert np.array_equal(np.rint(seen * 255.0), picture)
 
 
-@needs_exiftool
+@needs("exiftool")
 def test_tiff_holds_plain_rgb_floats(tmp_path: Path) -> None:
     path = tmp_path / "a.tiff"
     image = np.random.default_rng(2).standard_normal((48, 64, 3)).astype(np.float32)
     write_tiff(path, image)
-    command = ["exiftool", "-j", "-n", str(path)]
+    command = [program("exiftool"), "-j", "-n", str(path)]
     (tags,) = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     assert (tags["PhotometricInterpretation"], tags["Compression"]) == (2, 1)
     assert str(tags["BitsPerSample"]) == "32 32 32"

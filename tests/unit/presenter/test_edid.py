@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 
 from pdcd.presenter.edid import Edid, parse_edid
 from tests.edid_block import block
+from tests.tools import needs, program
 
 TEXT = st.text(st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=13)
 
@@ -60,12 +60,13 @@ def test_extensions_are_left_alone() -> None:
     assert parse_edid(block(name="a") + bytes(128)) == parse_edid(block(name="a"))
 
 
-@pytest.mark.skipif(shutil.which("edid-decode") is None, reason="edid-decode is missing")
+@needs("edid-decode")
 def test_edid_decode_reads_the_same(tmp_path: Path) -> None:
     data = block(vendor="SHP", product=0x1234, number=987654321, name="LM201U05", serial="MASK-7")
     file = tmp_path / "edid.bin"
     file.write_bytes(data)
-    done = subprocess.run(["edid-decode", str(file)], capture_output=True, text=True, timeout=20)
+    command = [program("edid-decode"), str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20)
     fields = dict(re.findall(r"^\s*([A-Za-z ]+): (.*?)\s*$", done.stdout, re.MULTILINE))
     found = parse_edid(data)
     assert found is not None

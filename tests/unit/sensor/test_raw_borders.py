@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import shutil
 import subprocess
 from datetime import datetime
 from pathlib import Path
@@ -21,15 +20,11 @@ from pdcd.sensor.tiff import read_tags
 from tests.cr2 import LEFT_450D, SIZE_450D, TOP_450D, write_cr2
 from tests.dng_file import write_dng
 from tests.masked_dng import write_masked_dng
+from tests.tools import needs, program
 
 Mosaic = NDArray[np.uint16]
 OFFSETS = np.array([[500.25, 510.5], [520.75, 531.0]])
 """Black of each place in the quad of the whole sensor."""
-
-needs_dcraw = pytest.mark.skipif(
-    shutil.which("dcraw") is None,
-    reason="dcraw IS MISSING: CR2 files are not checked by it (install package dcraw)",
-)
 
 
 def sensor(height: int, width: int, seed: int = 0) -> Mosaic:
@@ -175,10 +170,10 @@ def test_cr2_is_read_like_dng(cr2: tuple[Path, Mosaic]) -> None:
     }
 
 
-@needs_dcraw
+@needs("dcraw")
 def test_dcraw_decodes_the_same_samples_of_the_cr2(cr2: tuple[Path, Mosaic]) -> None:
     path, image = cr2
-    command = ["dcraw", "-4", "-D", "-t", "0", "-c", str(path)]
+    command = [program("dcraw"), "-4", "-D", "-t", "0", "-c", str(path)]
     pgm = subprocess.run(command, capture_output=True, check=True).stdout
     _, size, _, samples = pgm.split(b"\n", 3)
     assert size == b"4290 2856"

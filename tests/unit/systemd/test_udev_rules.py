@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 
 import pytest
 
 from tests.places import ROOT
+from tests.tools import needs, program
 
 RULES = ROOT / "systemd" / "70-pdcd.rules"
 _TERM = re.compile(
@@ -40,13 +40,8 @@ def test_access_is_for_the_group_and_the_seat_only() -> None:
     assert 60 < int(RULES.name.split("-")[0]) < 73
 
 
+@needs("udevadm verify")
 def test_udevadm_accepts_them() -> None:
-    udevadm = shutil.which("udevadm")
-    version = 0
-    if udevadm:
-        said = subprocess.run([udevadm, "--version"], capture_output=True, text=True).stdout
-        version = int(said.strip() or 0)
-    if version < 254 or udevadm is None:
-        pytest.skip("udevadm verify IS MISSING: it comes with systemd 254")
-    done = subprocess.run([udevadm, "verify", str(RULES)], capture_output=True, text=True)
+    command = [program("udevadm verify"), "verify", str(RULES)]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
