@@ -218,7 +218,7 @@ def _bits(
         p = max(1, round(p * count)) / count
         family = "bernoulli" if family in ("bernoulli", "rademacher") else "balanced"
     shape = lattice.shape if windowed(program) else lattice.grid
-    return make_codes(family, shape, count, dual="same", p=p, seed=seed).primal()
+    return make_codes(family, shape, count, dual="same", p=p, seed=seed).primal
 
 
 def compiled(program: Program, recipe: Recipe, lattice: Lattice, bits: NDArray[np.bool_]) -> Pair:

@@ -89,13 +89,13 @@ def test_more_codes_than_cells_make_the_probing_matrix_exact(lattice: tuple[int,
     first = next(n for n in range(max(cells + 1, 4), 2 * cells + 4) if is_order(n))
     for count in (first, 2 * first, 4 * first):
         codes = make_codes("hadamard", lattice, count, dual="complement", seed=count)
-        probing = codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
+        probing = codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
         assert np.array_equal(4 * probing, count * (1 - np.eye(cells)))
 
 
 def test_every_pair_of_cells_meets_in_none_a_quarter_or_half_of_the_codes() -> None:
     codes = make_codes("hadamard", (9, 14), 28, dual="complement", seed=6)
-    probing = codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
+    probing = codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
     assert set(np.unique(probing)) == {0, 7, 14}
     off_diagonal = probing[~np.eye(126, dtype=bool)]
     assert np.mean(off_diagonal == 7) > 1 - 1.1 / 27  # cells of equal colour are 1 in 27 pairs
@@ -103,7 +103,7 @@ def test_every_pair_of_cells_meets_in_none_a_quarter_or_half_of_the_codes() -> N
 
 def test_two_codes_use_the_one_column_with_both_signs() -> None:
     codes = make_codes("hadamard", (4, 6), 2, dual="complement", seed=0)
-    lit = codes.primal()
+    lit = codes.primal
     assert np.array_equal(lit[0], ~lit[1])
     assert abs(int(lit[0].sum()) - 12) <= 2
 
