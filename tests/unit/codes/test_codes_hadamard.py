@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import pytest
 
@@ -135,3 +137,35 @@ def test_shares_and_counts_without_columns_are_refused(count: int, p: float, hin
     with pytest.raises(ConfigError) as caught:
         make_codes("hadamard", (4, 4), count, dual="same", p=p)
     assert hint in str(caught.value.hint)
+
+
+@pytest.mark.parametrize(
+    ("family", "lattice", "count", "p", "digest"),
+    [
+        ("hadamard", (65, 65), 128, 0.5, "7dea658dbef260f3"),
+        ("hadamard", (48, 64), 8, 0.5, "adcb43f53d1d7836"),
+        ("hadamard", (33, 65), 64, 0.25, "cb9598b42a900c08"),
+        ("singer", (40, 50), 21, 0.2, "0cf0421a36f77abe"),
+    ],
+)
+def test_seeds_keep_their_codes(
+    family: str, lattice: tuple[int, int], count: int, p: float, digest: str
+) -> None:
+    """As they were when a cell looked at all others: up to 65 x 65 cells it still does."""
+    codes = make_codes(family, lattice, count, dual="same", p=p, seed=1)
+    assert hashlib.sha256(np.packbits(codes.primal).tobytes()).hexdigest().startswith(digest)
+
+
+@pytest.mark.parametrize("colours", [7, 127])
+def test_cells_of_one_colour_keep_apart_where_not_all_are_looked_at(colours: int) -> None:
+    lattice = (12, 200)
+    colour, sign = colour_lattice(lattice, colours, np.random.default_rng(3))
+    row, col = np.divmod(np.arange(colour.size), lattice[1])
+    distance = np.hypot(row[:, None] - row, col[:, None] - col)
+    same = (colour[:, None] == colour) & ~np.eye(colour.size, dtype=bool)
+    assert distance[same].min() > 0.65 * np.sqrt(colours)
+    total = np.bincount(colour, sign, colours)
+    assert np.abs(total).max() <= 8
+    quarters = np.bincount(4 * colour + col // 50, sign, 4 * colours)
+    size = np.bincount(4 * colour + col // 50, minlength=4 * colours)
+    assert np.mean(quarters**2) < 0.5 * np.mean(size)
