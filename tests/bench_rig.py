@@ -24,7 +24,7 @@ from pdcd.bench.tables import (
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import Codes
-from pdcd.frames.patterns import Patterns
+from pdcd.frames.patterns import Patterns, pack
 from pdcd.probing.wanted import Match, Uniform, Wanted
 from pdcd.request import CaptureRequest, CaptureResult
 
@@ -42,7 +42,7 @@ def transport(grid: tuple[int, int] = GRID, seed: int = 0) -> Floats:
 
 def pairs(codes: Codes) -> tuple[Patterns, Patterns]:
     """Patterns of projector and mask, as `build_frames` takes them."""
-    return codes.primal_bits, codes.dual_bits
+    return pack(codes.primal), pack(codes.dual)
 
 
 def uniform(grid: tuple[int, int], diagonal: float, off: float) -> Wanted:

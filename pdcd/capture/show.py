@@ -9,6 +9,7 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.frames.frames import WHITE, Frames
 from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import pack
 from pdcd.frames.schedule import build_frames
 from pdcd.planning.guards import choose_window
 
@@ -34,15 +35,15 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
         if not 0 <= index < schedule.codes:
             raise ConfigError(f"code {index} does not exist", hint=f"0 to {schedule.codes - 1}")
         codes = make_codes(schedule.family, grid, schedule.codes, dual="complement")
-        primal = codes.primal()[index].reshape(grid)
+        primal = codes.primal[index].reshape(grid)
     elif pattern != "white":
         raise ConfigError(f"unknown pattern {pattern!r}", hint=f"take black, {', '.join(PATTERNS)}")
     dual = primal if pattern == "grid" else ~primal
     which = WHITE if pattern == "white" else 0
     one = np.array([which], dtype=np.int32)
     return Frames(
-        primal_patterns=np.packbits(primal.reshape(1, -1), axis=1),
-        dual_patterns=np.packbits(dual.reshape(1, -1), axis=1),
+        primal_patterns=pack(primal.reshape(1, -1)),
+        dual_patterns=pack(dual.reshape(1, -1)),
         primal_index=one,
         dual_index=one,
         shift=np.zeros(1, dtype=np.uint8),
@@ -65,7 +66,7 @@ def loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames
     codes = make_codes(
         schedule.family, Lattice(grid, window).shape, schedule.codes, dual="complement"
     )
-    pairs = codes.primal_bits, codes.dual_bits
+    pairs = pack(codes.primal), pack(codes.dual)
     once = build_frames(pairs, grid, window=window, schedule="full", passes=1)
     passes = max(1, round(seconds * config.row_hz / len(once)))
     return build_frames(pairs, grid, window=window, schedule="full", passes=passes)

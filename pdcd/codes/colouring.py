@@ -9,6 +9,7 @@ Where single paths are known, a third rule adds them to what the distance alone 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,12 @@ LINKED = 60.0
 """Mean sum of squared links of a cell: ten times the sum of 1/d^4 over all cells around it. So what
 is known goes before what distance alone would fear, but if it is wrong it does not undo all of
 it."""
+REACH = 64
+"""Cells, up and down, left and right, over which a cell looks around at the least."""
+RINGS = 4.0
+"""Distances between cells of one colour, about the root of the number of colours, over which a cell
+looks around at the least. All colours are there that often; beyond, they crowd much alike, as the
+sum of 1/d^4 has little left, and their signs cancel in every region that has cancelled before."""
 _SPARE_BINS = 64
 """Enough that sums of cells without a colour do not wait for each other."""
 
@@ -33,6 +40,7 @@ def colour_lattice(
     scene can meet the same colour over a whole region. Cells with known links go first, the
     strongest linked before all, while there is still choice. Each cell takes the colour of least
     crowding sum(1/d^4) over the cells d away that bear it, then the sign against the sum(sign/d).
+    It looks `REACH` cells around, or `RINGS`, so that the time is linear in the cells.
 
     Parameters
     ----------
@@ -57,7 +65,7 @@ def colour_lattice(
     rows, cols = lattice
     cells = rows * cols
     known = _Links(links, cells)
-    order = _front(lattice, rng)
+    order, along = _front(lattice, rng)
     order = order[np.argsort(-known.weight[order], kind="stable")]
     sign = rng.choice(np.array([-1, 1], dtype=np.int8), cells)
     # No colour yet: bins of their own, that are never chosen. They are several, because adding to
@@ -66,25 +74,34 @@ def colour_lattice(
     colour = colours + np.arange(cells) % _SPARE_BINS
     colour[order[:colours]] = np.arange(min(colours, cells))
 
-    crowding, pull = _kernels(lattice)
-    placed_sign = np.zeros(cells)
-    placed_sign[order[:colours]] = sign[order[:colours]]
-    for cell in order[colours:]:
-        row, col = divmod(int(cell), cols)
-        window = np.s_[rows - 1 - row : 2 * rows - 1 - row, cols - 1 - col : 2 * cols - 1 - col]
-        crowd = np.bincount(colour, crowding[window].ravel(), bins)
+    table, signs = colour.reshape(lattice), np.zeros(lattice)
+    narrow = table.astype(np.min_scalar_type(bins))  # is searched in a fraction of the time
+    placed = signs.reshape(cells)
+    placed[order[:colours]] = sign[order[:colours]]
+    reach = min(_reach(colours), rows - 1), min(_reach(colours), cols - 1)
+    up, down, left, right = _behind(reach, None if known.weight.any() else along)
+    crowding, pull = _kernels(reach)
+    for cell in order[colours:].tolist():
+        row, col = divmod(cell, cols)
+        top, first = max(row - up, 0), max(col - left, 0)
+        window = table[top : row + down + 1, first : col + right + 1]
+        height, width = window.shape
+        above, before = reach[0] - row + top, reach[1] - col + first
+        kernel = slice(above, above + height), slice(before, before + width)
+        crowd = np.bincount(window.ravel(), crowding[kernel].ravel(), bins)
         other, strength = known.of(cell)
         if other.size:
             crowd += np.bincount(colour[other], strength**2, bins)
-        best = int(np.argmin(crowd[:colours]))
-        same = np.flatnonzero(colour == best)
-        around = float(placed_sign[same] @ pull[window][np.divmod(same, cols)])
+        best = int(crowd[:colours].argmin())
+        same = narrow[top : top + height, first : first + width] == best
+        r, c = np.divmod(same.ravel().nonzero()[0], width)
+        around = float(signs[top + r, first + c] @ pull[above + r, before + c])
         if other.size:
-            around += float((colour[other] == best) * placed_sign[other] @ strength)
+            around += float((colour[other] == best) * placed[other] @ strength)
         if around != 0.0:
             sign[cell] = -1 if around > 0.0 else 1
-        colour[cell] = best
-        placed_sign[cell] = sign[cell]
+        colour[cell] = narrow[row, col] = best
+        placed[cell] = sign[cell]
     return colour, sign
 
 
@@ -106,19 +123,24 @@ def phase_lattice(
     Returns
     -------
     (L,) int64
-        0 .. phases - 1: the one with the least sum(1/d) over cells of the same colour and phase.
+        0 .. phases - 1: the one with the least sum(1/d) over cells of the same colour and phase
+        that the front has passed since it was as far off as `colour_lattice` looks.
     """
-    cols = lattice[1]
-    placed: list[list[int]] = [[] for _ in range(int(colour.max()) + 1)]
     phase = rng.integers(phases, size=colour.size)
-    for cell in _front(lattice, rng):
-        same = np.array(placed[colour[cell]], dtype=np.int64)
-        row, col = np.divmod(same, cols)
-        pull = 1.0 / np.hypot(row - cell // cols, col - cell % cols)
-        around = np.bincount(phase[same], pull, phases)
-        first = phase[cell]
-        phase[cell] = (first + np.argmin(np.roll(around, -first))) % phases
-        placed[colour[cell]].append(int(cell))
+    order, (along_row, along_col) = _front(lattice, rng)
+    reach = _reach(int(colour.max()) + 1) + 1  # one more than that, for rounding
+    strip = reach * (abs(along_row) + abs(along_col))
+    order = order[np.argsort(colour[order], kind="stable")]
+    for same in np.split(order, np.flatnonzero(np.diff(colour[order])) + 1):
+        row, col = np.divmod(same, lattice[1])
+        passed = along_row * row + along_col * col
+        since = np.searchsorted(passed, passed - strip)
+        for number, (cell, start) in enumerate(zip(same.tolist(), since.tolist(), strict=True)):
+            near = slice(start, number)
+            pull = 1.0 / np.hypot(row[near] - row[number], col[near] - col[number])
+            around = np.bincount(phase[same[near]], pull, phases)
+            mine = phase[cell]
+            phase[cell] = (mine + np.argmin(np.roll(around, -mine))) % phases
     return phase
 
 
@@ -139,20 +161,48 @@ class _Links:
         return self._other[span], self._strength[span]
 
 
-def _front(lattice: tuple[int, int], rng: np.random.Generator) -> NDArray[np.int64]:
-    """Cells in the order in which a straight front of random direction passes them: (L,) int64."""
+def _front(
+    lattice: tuple[int, int], rng: np.random.Generator
+) -> tuple[NDArray[np.int64], tuple[float, float]]:
+    """Cells in the order in which a straight front of random direction passes them: (L,) int64.
+
+    Also that direction, (down, right), in no unit.
+    """
     row, col = np.indices(lattice)
     along_row, along_col = rng.random(2) - 0.5
-    return np.argsort((along_row * row + along_col * col).ravel(), kind="stable")
+    order = np.argsort((along_row * row + along_col * col).ravel(), kind="stable")
+    return order, (float(along_row), float(along_col))
 
 
-def _kernels(lattice: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """1/d^4 and 1/d of every offset between two cells, (2 rows - 1, 2 cols - 1) float64 each.
+def _behind(reach: tuple[int, int], along: tuple[float, float] | None) -> tuple[int, int, int, int]:
+    """How far up, down, left and right of a cell others can have a colour already.
+
+    A front that moves in the direction `along` has not passed what lies ahead of it; without one,
+    cells are coloured anywhere.
+    """
+    if along is None:
+        return reach[0], reach[0], reach[1], reach[1]
+    bounds = []
+    for axis in (0, 1):
+        ahead, aside = abs(along[axis]), abs(along[1 - axis])
+        tilted = 1 + math.floor(reach[1 - axis] * aside / ahead) if ahead > 0.0 else reach[axis]
+        short = min(reach[axis], tilted)
+        bounds += [reach[axis], short] if along[axis] > 0.0 else [short, reach[axis]]
+    return bounds[0], bounds[1], bounds[2], bounds[3]
+
+
+def _reach(colours: int) -> int:
+    """How many cells away others are looked at, up and down, left and right."""
+    return max(REACH, math.ceil(RINGS * math.sqrt(colours)))
+
+
+def _kernels(reach: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """1/d^4 and 1/d of offsets of up to `reach` cells, (2 reach + 1) float64 each way.
 
     The centre (offset 0) holds 0: a cell does not push itself.
     """
-    row = np.arange(1 - lattice[0], lattice[0], dtype=np.float64)
-    col = np.arange(1 - lattice[1], lattice[1], dtype=np.float64)
+    row = np.arange(-reach[0], reach[0] + 1, dtype=np.float64)
+    col = np.arange(-reach[1], reach[1] + 1, dtype=np.float64)
     squared = row[:, None] ** 2 + col**2
-    squared[lattice[0] - 1, lattice[1] - 1] = np.inf
+    squared[reach] = np.inf
     return 1.0 / squared**2, 1.0 / np.sqrt(squared)

@@ -29,36 +29,25 @@ FAMILIES: dict[str, Family] = {
 
 @dataclass(frozen=True, eq=False)
 class Codes:
-    """K primal/dual pairs over a lattice of L = rows x cols cells, bit-packed.
+    """K primal/dual pairs over a lattice of L = rows x cols cells, row by row.
 
-    primal_bits, dual_bits : (K, ceil(L/8)) uint8
-        Row-major cells, packed by `numpy.packbits` along axis 1; padding bits are 0.
-    weight : (K,) float64
-        Relative exposure weight of each code.
+    primal, dual : (K, L) bool
+        Cells that the projector lights, and at which the mask is open.
     lattice : (rows, cols)
         Cells of the patterns.
     family, p, seed :
         What the codes were made from; the same three and the same lattice give the same bits.
     """
 
-    primal_bits: NDArray[np.uint8]
-    dual_bits: NDArray[np.uint8]
-    weight: NDArray[np.float64]
+    primal: NDArray[np.bool_]
+    dual: NDArray[np.bool_]
     lattice: tuple[int, int]
     family: str
     p: float
     seed: int
 
     def __len__(self) -> int:
-        return int(self.primal_bits.shape[0])
-
-    def primal(self) -> NDArray[np.bool_]:
-        """Cells that the projector lights: (K, L) bool."""
-        return _unpack(self.primal_bits, self.lattice)
-
-    def dual(self) -> NDArray[np.bool_]:
-        """Cells at which the mask is open: (K, L) bool."""
-        return _unpack(self.dual_bits, self.lattice)
+        return len(self.primal)
 
 
 def make_codes(
@@ -116,16 +105,10 @@ def make_codes(
     rng = np.random.Generator(np.random.PCG64(seed))
     primal = FAMILIES[family]((rows, cols), count, p, rng)
     return Codes(
-        primal_bits=np.packbits(primal, axis=1),
-        dual_bits=np.packbits(primal if dual == "same" else ~primal, axis=1),
-        weight=np.ones(count),
+        primal=primal,
+        dual=primal if dual == "same" else ~primal,
         lattice=(rows, cols),
         family=family,
         p=p,
         seed=seed,
     )
-
-
-def _unpack(bits: NDArray[np.uint8], lattice: tuple[int, int]) -> NDArray[np.bool_]:
-    cells = lattice[0] * lattice[1]
-    return np.unpackbits(bits, axis=1, count=cells).view(np.bool_)

@@ -63,7 +63,7 @@ def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
                 f"a pilot of {count} codes looks for a map of at most {MOST_CELLS} cells",
                 hint=f"take a power of two from {POWERS[0]}, or a coarser grid",
             )
-        scouts = make_codes("hadamard", lattice, SCOUTS, dual="complement", seed=4 * seed).primal()
+        scouts = make_codes("hadamard", lattice, SCOUTS, dual="complement", seed=4 * seed).primal
         return np.concatenate([scouts, _varied(lattice, count - SCOUTS, seed)])
     quarter = count // 4
     if count % 4 or not is_order(quarter) or count < POWERS[0]:
@@ -79,7 +79,7 @@ def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
         ("balanced", rest),
     )
     parts = [
-        make_codes(family, lattice, part, dual="complement", seed=4 * seed + i).primal()
+        make_codes(family, lattice, part, dual="complement", seed=4 * seed + i).primal
         for i, (family, part) in enumerate(kinds)
     ]
     return np.concatenate(parts)

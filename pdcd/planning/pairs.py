@@ -102,7 +102,7 @@ def _bits(
         share = max(1, round(share * count)) / count
         family = "bernoulli" if family in ("bernoulli", "rademacher") else "balanced"
     shape = lattice.shape if windowed(program) else lattice.grid
-    return make_codes(family, shape, count, dual="same", p=share, seed=seed).primal()
+    return make_codes(family, shape, count, dual="same", p=share, seed=seed).primal
 
 
 def _compiled(program: Program, recipe: Recipe, lattice: Lattice, bits: Bools) -> Pair:

@@ -163,6 +163,8 @@ def shared(whole: Factors, level: float) -> Factors:
 def signed_sum(terms: Iterable[tuple[float, Factors]]) -> Factors:
     """Realised matrix of a sum and difference of photos (black-level shots, eq. 10)."""
     pairs = list(terms)
+    if [sign for sign, _ in pairs] == [1.0]:
+        return pairs[0][1]
     return Factors(
         np.concatenate([sign * f.left for sign, f in pairs]),
         np.concatenate([f.right for _, f in pairs]),

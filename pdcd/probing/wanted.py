@@ -4,11 +4,14 @@ Every row of Tables 1 and 2 of the paper is such a sum. n is a camera cell, m a 
 row-major over a grid of N cells. One convention for shifts everywhere: a shift w = (down, right)
 pairs camera cell n with projector cell m = n + w (Table 1, row 4); cells whose partner lies beyond
 the border have none.
+
+Direct light, the diagonal, is spoken of apart from all other paths everywhere. So what a part can
+sum up is `others`: the entries of a row but for its diagonal.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,24 +21,69 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Grid = tuple[int, int]
 
+BLOCK = 512
+"""Rows of a matrix without structure that are looked at together; bounds the memory."""
+
 
 class Part(Protocol):
-    """One part of a wanted matrix."""
+    """One part P of a wanted matrix. All but `Full` answer in O(N) for each image."""
 
     def rows(self, start: int, stop: int) -> Floats:
         """Rows start..stop-1, (stop - start, N)."""
         ...
 
+    def others(self, images: Floats) -> Floats:
+        """Return ``sum over m != n of P_nm x_rm``, (R, N), for images x (R, N)."""
+        ...
+
+    def entries(self, column: Indices) -> Floats:
+        """Return P_nm at m = column_n, (N,); 0 where that is -1."""
+        ...
+
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """Return ``sum over m != n of P_nm other_nm weights_m``, (N,), for weights (N,)."""
+        ...
+
+    def product(self) -> tuple[Floats, Floats] | None:
+        """Camera and projector side, (N,) each, of a part that is their product; else None."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
-class Uniform:
-    """The same weight for all pairs of N cells."""
+class Outer:
+    """``camera_n * projector_m``: a region, an illumination, a product of both."""
 
-    cells: int
+    camera: Floats
+    projector: Floats
 
     def rows(self, start: int, stop: int) -> Floats:
         """Rows start..stop-1."""
-        return np.ones((stop - start, self.cells))
+        return np.outer(self.camera[start:stop], self.projector)
+
+    def others(self, images: Floats) -> Floats:
+        """See `Part.others`."""
+        lit = images * self.projector
+        arriving = lit.sum(axis=1, keepdims=True) - lit
+        return np.asarray(self.camera * arriving)
+
+    def entries(self, column: Indices) -> Floats:
+        """See `Part.entries`."""
+        return np.where(column >= 0, self.camera * self.projector[column], 0.0)
+
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """See `Part.overlap`."""
+        return np.asarray(self.camera * other.others((self.projector * weights)[None])[0])
+
+    def product(self) -> tuple[Floats, Floats]:
+        """See `Part.product`."""
+        return self.camera, self.projector
+
+
+class Uniform(Outer):
+    """The same weight for all pairs of N cells."""
+
+    def __init__(self, cells: int) -> None:
+        super().__init__(np.ones(cells), np.ones(cells))
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +100,30 @@ class Match:
         out[there, some[there]] = 1.0
         return out
 
+    def others(self, images: Floats) -> Floats:
+        """See `Part.others`."""
+        out = np.zeros(images.shape)
+        there = np.flatnonzero(self._apart)
+        out[:, there] = images[:, self.partner[there]]
+        return out
+
+    def entries(self, column: Indices) -> Floats:
+        """See `Part.entries`."""
+        return np.where((column >= 0) & (column == self.partner), 1.0, 0.0)
+
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """See `Part.overlap`."""
+        return np.where(self._apart, other.entries(self.partner) * weights[self.partner], 0.0)
+
+    def product(self) -> None:
+        """See `Part.product`: it is none."""
+
+    @property
+    def _apart(self) -> NDArray[np.bool_]:
+        """Cells that have a partner other than themselves, (N,)."""
+        apart: NDArray[np.bool_] = self.partner != np.arange(self.partner.size)
+        return apart & (self.partner >= 0)
+
 
 @dataclass(frozen=True, eq=False)
 class Near:
@@ -67,28 +139,60 @@ class Near:
         right = np.abs(c[start:stop, None] - c[None, :])
         return np.asarray(np.maximum(down, right) <= self.radius, dtype=np.float64)
 
+    def others(self, images: Floats) -> Floats:
+        """See `Part.others`."""
+        boxes = _boxes(_boxes(images.reshape(-1, *self.grid), 1, self.radius), 2, self.radius)
+        return np.asarray(boxes.reshape(images.shape) - images)
 
-@dataclass(frozen=True, eq=False)
-class Outer:
-    """``camera_n * projector_m``: a region, an illumination, a product of both."""
+    def entries(self, column: Indices) -> Floats:
+        """See `Part.entries`."""
+        r, c = np.divmod(np.arange(column.size), self.grid[1])
+        other_r, other_c = np.divmod(column, self.grid[1])
+        near = np.maximum(np.abs(r - other_r), np.abs(c - other_c)) <= self.radius
+        return np.where((column >= 0) & near, 1.0, 0.0)
 
-    camera: Floats
-    projector: Floats
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """See `Part.overlap`."""
+        if isinstance(other, Near):
+            inner = self if self.radius <= other.radius else other
+            return np.asarray(inner.others(weights[None])[0])
+        return other.overlap(self, weights)
 
-    def rows(self, start: int, stop: int) -> Floats:
-        """Rows start..stop-1."""
-        return np.outer(self.camera[start:stop], self.projector)
+    def product(self) -> None:
+        """See `Part.product`: it is none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Full:
-    """Any matrix, (N, N)."""
+    """Any matrix, (N, N): everything about it is O(N^2)."""
 
     matrix: Floats
 
     def rows(self, start: int, stop: int) -> Floats:
         """Rows start..stop-1."""
         return self.matrix[start:stop]
+
+    def others(self, images: Floats) -> Floats:
+        """See `Part.others`."""
+        return np.asarray(images @ self.matrix.T - images * self.matrix.diagonal())
+
+    def entries(self, column: Indices) -> Floats:
+        """See `Part.entries`."""
+        return np.where(column >= 0, self.matrix[np.arange(column.size), column], 0.0)
+
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """See `Part.overlap`."""
+        cells = weights.size
+        total = np.empty(cells)
+        for start in range(0, cells, BLOCK):
+            stop = min(start + BLOCK, cells)
+            both = self.matrix[start:stop] * other.rows(start, stop)
+            both[np.arange(stop - start), np.arange(start, stop)] = 0.0
+            total[start:stop] = both @ weights
+        return total
+
+    def product(self) -> None:
+        """See `Part.product`: it is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +224,46 @@ class Wanted:
         """The whole matrix, (N, N): for small grids."""
         return self.rows(0, self.cells)
 
+    def diagonal(self) -> Floats:
+        """The weights of direct light, (N,)."""
+        total = np.zeros(self.cells)
+        for weight, part in self.parts:
+            total += weight * part.entries(np.arange(self.cells))
+        return total if self.light is None else total * self.light
+
+    def others(self, images: Floats) -> Floats:
+        """Return ``sum over m != n of W_nm x_rm``, (R, N), for images x (R, N)."""
+        lit = images if self.light is None else images * self.light
+        total = np.zeros(images.shape)
+        for weight, part in self.parts:
+            total += weight * part.others(lit)
+        return total
+
+    def squares(self) -> Floats:
+        """Return ``sum over m != n of W_nm^2``, (N,)."""
+        weights = np.ones(self.cells) if self.light is None else self.light**2
+        total = np.zeros(self.cells)
+        for i, (first, part) in enumerate(self.parts):
+            total += first**2 * part.overlap(part, weights)
+            for second, other in self.parts[:i]:
+                total += 2.0 * first * second * part.overlap(other, weights)
+        return total
+
+    def products(self) -> tuple[Floats, Floats]:
+        """Camera and projector sides, (r, N) each, of all parts that are products: they sum up to
+        ``camera.T @ projector``. What is left is `banded`."""
+        sides = [(weight, part.product()) for weight, part in self.parts]
+        camera = [weight * side[0] for weight, side in sides if side is not None]
+        projector = [side[1] for _, side in sides if side is not None]
+        light = 1.0 if self.light is None else self.light
+        shape = (len(camera), self.cells)
+        return np.reshape(camera, shape), np.reshape(projector, shape) * light
+
+    def banded(self) -> Wanted:
+        """The sum of all parts that are no products (`products`)."""
+        kept = tuple((weight, part) for weight, part in self.parts if part.product() is None)
+        return replace(self, parts=kept)
+
     def under(self, light: Floats | None) -> Wanted:
         """The same under an illumination of the projector (N,)."""
         return Wanted(self.grid, self.parts, light, self.by_direct)
@@ -148,3 +292,13 @@ def shifted(grid: Grid, shift: tuple[int, int]) -> Indices:
     r, c = r + shift[0], c + shift[1]
     inside = (r >= 0) & (r < grid[0]) & (c >= 0) & (c < grid[1])
     return np.where(inside, r * grid[1] + c, -1)
+
+
+def _boxes(images: Floats, axis: int, radius: int) -> Floats:
+    """Sums over all at most `radius` away along one axis, as differences of running sums."""
+    size = images.shape[axis]
+    before = np.zeros([n + (a == axis) for a, n in enumerate(images.shape)])
+    np.cumsum(images, axis=axis, out=before[(slice(None),) * axis + (slice(1, None),)])
+    here = np.arange(size)
+    last, first = np.minimum(here + radius + 1, size), np.maximum(here - radius, 0)
+    return before.take(last, axis=axis) - before.take(first, axis=axis)

@@ -9,6 +9,7 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import pack
 from pdcd.frames.schedule import build_frames
 from pdcd.probing.panel import Panel
 
@@ -63,7 +64,7 @@ def make_case(grid: tuple[int, int], count: int, window: str, panels: str) -> Ca
     lattice = Lattice(grid, window)
     codes = make_codes("hadamard", lattice.shape, count, dual="complement", seed=SEED)
     frames = build_frames(
-        (codes.primal_bits, codes.dual_bits), grid, window=window, schedule="full", passes=1
+        (pack(codes.primal), pack(codes.dual)), grid, window=window, schedule="full", passes=1
     )
     bench = BENCHES[panels]
     log = _log(len(frames), bench)

@@ -115,7 +115,7 @@ def _ideal_errors(counts: tuple[int, ...], seeds: int) -> Errors:
 def _probing(codes: Codes) -> tuple[Factors, float]:
     """Matrix that ideal panels give these codes, one second each, and its mean entry off the
     diagonal, which is the least-squares factor to the wanted matrix of ones."""
-    left, right = codes.dual().astype(np.float64), codes.primal().astype(np.float64)
+    left, right = codes.dual.astype(np.float64), codes.primal.astype(np.float64)
     coaxial: NDArray[np.float64] = (left * right).sum(axis=0)
     matrix = Factors(left, right, coaxial, left.sum(axis=0))
     cells = coaxial.size

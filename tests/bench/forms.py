@@ -72,7 +72,7 @@ def measure_form(subject: str) -> list[dict[str, Any]]:
     """
     own, grid = _effect(subject)
     codes = make_codes("hadamard", grid, COUNT, dual="complement", seed=1)
-    left, right = codes.dual().astype(np.float64), codes.primal().astype(np.float64)
+    left, right = codes.dual.astype(np.float64), codes.primal.astype(np.float64)
     found: list[dict[str, Any]] = []
     truth: Floats | None = None
     for name, effect, kept in _forms(own):

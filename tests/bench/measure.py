@@ -28,13 +28,18 @@ TIMEOUT_S = 300.0
 
 def alone(function: str, **keywords: Any) -> Any:
     """Result of "module:function" below `tests.bench`, called in a fresh interpreter."""
+    return alone_in(ROOT, function, TIMEOUT_S, **keywords)
+
+
+def alone_in(root: Path, function: str, timeout_s: float, **keywords: Any) -> Any:
+    """The same in another copy of the project, of any age. Raises TimeoutExpired."""
     done = subprocess.run(
         [sys.executable, "-m", "tests.bench.measure", function, json.dumps(keywords)],
-        cwd=ROOT,
+        cwd=root,
         capture_output=True,
         text=True,
         check=False,
-        timeout=TIMEOUT_S,
+        timeout=timeout_s,
     )
     if done.returncode != 0:
         raise RuntimeError(f"{function} {keywords} failed:\n{done.stderr}")

@@ -121,7 +121,7 @@ def equal_warps() -> Outcome:
 def twin_codes() -> Outcome:
     """A pilot in which two cells bear the same code: the fit is singular, its sum is not."""
     grid, twins, path = (4, 6), (3, 21), 0.8
-    bits = make_codes("balanced", grid, 64, dual="same", seed=9).primal().copy()
+    bits = make_codes("balanced", grid, 64, dual="same", seed=9).primal.copy()
     bits[:, twins[1]] = bits[:, twins[0]]
     transport = np.diag(np.full(24, 0.5))
     transport[12, twins[1]] = path

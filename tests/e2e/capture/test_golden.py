@@ -107,7 +107,7 @@ def test_path_traced_scene_with_instant_panels(name: str, tmp_path: Path) -> Non
     scene = type(bench_rig.matrix_scene(tmp_path))(kind="matrix", path=str(DATA / f"{name}.npz"))
     bench = expose(bench_rig.config(tmp_path, scene=scene), frames)
     assert bench.log is not None
-    mask, light = codes.dual().astype(float), codes.primal().astype(float)
+    mask, light = codes.dual.astype(float), codes.primal.astype(float)
     # The middle refresh of each code is the only one in which the mask is open.
     stamps = np.append(bench.log.dual_ns, bench.log.end_ns[1])
     shown_s = (np.diff(stamps) * 1e-9)[1::3]

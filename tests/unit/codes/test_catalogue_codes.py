@@ -29,13 +29,13 @@ SHARES = [1 / 2, 1 / 4, 1 / 8, 1 / 16]
 
 
 def random_bits(count: int, p: float, seed: int = 0) -> Any:
-    return make_codes("bernoulli", GRID, count, dual="same", p=p, seed=seed).primal() + 0.0
+    return make_codes("bernoulli", GRID, count, dual="same", p=p, seed=seed).primal + 0.0
 
 
 def test_c1_rademacher_codes_are_equiprobable_and_uncorrelated() -> None:
     """Mean 0 and covariance 1, each within five standard errors of R samples."""
     samples = 20_000
-    h = 2.0 * make_codes("rademacher", GRID, samples, dual="same").primal() - 1.0
+    h = 2.0 * make_codes("rademacher", GRID, samples, dual="same").primal - 1.0
     assert np.abs(h.mean(axis=0)).max() < 5.0 / np.sqrt(samples)
     covariance = h.T @ h / samples
     assert np.all(np.diag(covariance) == 1.0)
@@ -55,7 +55,7 @@ def test_c2_equal_codes_keep_direct_and_the_fraction_p_of_indirect(p: float) -> 
 def test_c3_complement_codes_keep_p_times_one_less_p_of_indirect_only() -> None:
     """Exact with balanced designs: K > N Hadamard codes times 4 give S."""
     bits = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
-    seen = photo(show(bits.primal(), bits.dual(), GRID), scene_of(T, GRID)) / 32
+    seen = photo(show(bits.primal, bits.dual, GRID), scene_of(T, GRID)) / 32
     np.testing.assert_allclose(4.0 * seen, S, rtol=1e-12)
 
 
@@ -82,7 +82,7 @@ def test_c4_codes_in_proportion_to_1_over_p_keep_direct_light_equally_bright(
     direct = []
     for p in SHARES:
         count = round(32 / p)
-        direct.append(make_codes(family, grid, count, dual="same", p=p, seed=2).primal().sum() / N)
+        direct.append(make_codes(family, grid, count, dual="same", p=p, seed=2).primal.sum() / N)
     np.testing.assert_allclose(np.array(direct) / direct[0], 1.0, atol=tolerance)
 
 
@@ -128,7 +128,7 @@ def test_c7_cells_survive_the_way_through_pixels(fine: int) -> None:
     codes = make_codes("bernoulli", grid, 4, dual="complement", seed=1)
     frames = build_frames(bench_rig.pairs(codes), grid, window="whole", schedule="none", passes=1)
     cell = oracles.cell_of(grid, fine)
-    for k, bits in enumerate(codes.primal()):
+    for k, bits in enumerate(codes.primal):
         drawn = oracles.pixel_targets(frames, k, fine, True, (0.0, 0.0))
         means = np.bincount(cell, weights=drawn) / fine**2
         np.testing.assert_array_equal(means, bits)
@@ -185,7 +185,7 @@ def test_r4_paths_within_a_cell_count_as_direct_and_all_others_the_same() -> Non
         same[n] = (np.floor(y + down) == own[0]) & (np.floor(x + right) == own[1])
     assert np.all(meets[same] == 0.0)
     assert np.all(meets[~same] == count / 4)
-    shown = show(codes.primal(), codes.dual(), grid, window="quarter")
+    shown = show(codes.primal, codes.dual, grid, window="quarter")
     own_means, _ = oracles.to_cells(meets, grid, fine)
     np.testing.assert_allclose(shown.dense() / catalogue_rig.REFRESH_S, own_means, rtol=1e-12)
 
@@ -214,5 +214,5 @@ def test_r6_skew_of_one_refresh_is_harmless_and_more_is_not() -> None:
     codes = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
     for refreshes, leaks in ((-1.0, False), (1.0, False), (1.2, True), (-1.2, True)):
         mask = Panel(skew_ns=round(refreshes * catalogue_rig.REFRESH_NS))
-        shown = show(codes.primal(), codes.dual(), GRID, mask=mask)
+        shown = show(codes.primal, codes.dual, GRID, mask=mask)
         assert bool(shown.coaxial.max() > 1e-9) is leaks

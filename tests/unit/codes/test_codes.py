@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pdcd.cli import parser
 from pdcd.codes.make import FAMILIES, Codes, make_codes
 from pdcd.errors import ConfigError
+from pdcd.frames.patterns import pack
 from pdcd.words import FamilyName
 
 Dual = Literal["complement", "same"]
@@ -21,7 +22,7 @@ LATTICES = [(1, 1), (1, 9), (7, 1), (5, 7), (11, 13)]
 
 def probing(codes: Codes) -> NDArray[np.int64]:
     """sum_k m_k i_k^T by integer arithmetic: (L, L)."""
-    return codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
+    return codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
 
 
 ANY_COUNT = [name for name in FAMILIES if name != "singer"]
@@ -41,7 +42,7 @@ def test_complement_codes_never_let_a_cell_see_itself(
     family: str, count: int, lattice: tuple[int, int]
 ) -> None:
     codes = make_codes(family, lattice, count, dual="complement", seed=3)
-    assert np.array_equal(codes.dual(), ~codes.primal())
+    assert np.array_equal(codes.dual, ~codes.primal)
     assert not np.diag(probing(codes)).any()
 
 
@@ -69,20 +70,20 @@ def test_same_codes_open_every_cell_equally_often(
     family: str, count: int, p: float, on: int, lattice: tuple[int, int]
 ) -> None:
     codes = make_codes(family, lattice, count, dual="same", p=p, seed=5)
-    assert np.array_equal(codes.dual(), codes.primal())
-    assert np.all(codes.primal().sum(axis=0) == on)
+    assert np.array_equal(codes.dual, codes.primal)
+    assert np.all(codes.primal.sum(axis=0) == on)
     assert np.all(np.diag(probing(codes)) == on)
 
 
 def test_bernoulli_lights_the_asked_share_of_cells() -> None:
-    lit = make_codes("bernoulli", (40, 50), 100, dual="same", p=0.2, seed=2).primal()
+    lit = make_codes("bernoulli", (40, 50), 100, dual="same", p=0.2, seed=2).primal
     assert abs(lit.mean() - 0.2) < 5 * np.sqrt(0.2 * 0.8 / lit.size)
 
 
 @pytest.mark.parametrize("family", ["bernoulli", "rademacher", "balanced"])
 def test_cells_are_independent_of_each_other(family: str) -> None:
     """Correlations between cells are those of unrelated sequences: squares average 1/(K-1)."""
-    sign = 2.0 * make_codes(family, (20, 20), 200, dual="same", seed=4).primal() - 1.0
+    sign = 2.0 * make_codes(family, (20, 20), 200, dual="same", seed=4).primal - 1.0
     correlation = np.corrcoef(sign.T)[np.triu_indices(400, 1)]
     assert abs(correlation.mean()) < 5 / np.sqrt(199 * correlation.size)
     assert np.isclose((correlation**2).mean() * 199, 1.0, atol=0.05)
@@ -93,9 +94,9 @@ def test_a_seed_always_gives_the_same_codes_and_another_seed_others(family: str)
     first, again, other = (
         make_codes(family, (12, 17), 32, dual="complement", seed=seed) for seed in (7, 7, 8)
     )
-    assert np.array_equal(first.primal_bits, again.primal_bits)
-    assert np.array_equal(first.dual_bits, again.dual_bits)
-    assert (first.primal() != other.primal()).mean() > 0.3
+    assert np.array_equal(first.primal, again.primal)
+    assert np.array_equal(first.dual, again.dual)
+    assert (first.primal != other.primal).mean() > 0.3
 
 
 @settings(deadline=None, derandomize=True, max_examples=50)
@@ -107,12 +108,13 @@ def test_a_seed_always_gives_the_same_codes_and_another_seed_others(family: str)
     dual=st.sampled_from(["complement", "same"]),
     seed=st.integers(0, 2**53 - 1),
 )
-def test_packed_bits_unpack_to_the_patterns(
+def test_packed_bits_are_the_patterns(
     family: str, rows: int, cols: int, count: int, dual: Dual, seed: int
 ) -> None:
     codes = make_codes(family, (rows, cols), count, dual=dual, seed=seed)
     cells = rows * cols
-    for bits, pattern in ((codes.primal_bits, codes.primal()), (codes.dual_bits, codes.dual())):
+    for pattern in (codes.primal, codes.dual):
+        bits = pack(pattern)
         assert bits.shape == (count, -(-cells // 8)) and bits.dtype == np.uint8
         assert pattern.shape == (count, cells) and pattern.dtype == np.bool_
         for cell in range(cells):  # first cell in the highest bit, read without numpy's unpacking
@@ -130,8 +132,6 @@ def test_codes_say_what_they_were_made_from() -> None:
         9,
         8,
     )
-    assert codes.weight.dtype == np.float64
-    assert np.array_equal(codes.weight, np.ones(8))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -25,7 +25,7 @@ def indirect_error(
     """RMS error of the indirect image over the RMS of the true one, weights normalised by mean."""
     codes = make_codes(family, grid, count, dual="complement", seed=seed)
     # float32 products of 0/1 entries are exact up to 2^24 codes, and fast.
-    probing = codes.dual().astype(np.float32).T @ codes.primal().astype(np.float32)
+    probing = codes.dual.astype(np.float32).T @ codes.primal.astype(np.float32)
     weight = probing.astype(np.float64) / count
     mean_weight = weight.sum() / (weight.size - len(weight))  # the diagonal adds nothing
     image = (weight / mean_weight * transport).sum(axis=1)
@@ -58,7 +58,7 @@ def one_shot_variance(family: str, count: int, shots: int) -> tuple[float, float
     estimates = np.empty(shots)
     for seed in range(shots):
         codes = make_codes(family, (3, 4), count, dual="complement", seed=seed)
-        estimates[seed] = 4.0 * (codes.dual()[:, 0] * (codes.primal() @ row)).mean()
+        estimates[seed] = 4.0 * (codes.dual[:, 0] * (codes.primal @ row)).mean()
     total = float(row.sum())
     # Both families have mean weight 1/4, so the estimate is unbiased: five standard errors.
     assert abs(estimates.mean() - total) < 5 * estimates.std() / np.sqrt(shots)

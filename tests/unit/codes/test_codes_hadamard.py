@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import pytest
 
@@ -89,13 +91,13 @@ def test_more_codes_than_cells_make_the_probing_matrix_exact(lattice: tuple[int,
     first = next(n for n in range(max(cells + 1, 4), 2 * cells + 4) if is_order(n))
     for count in (first, 2 * first, 4 * first):
         codes = make_codes("hadamard", lattice, count, dual="complement", seed=count)
-        probing = codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
+        probing = codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
         assert np.array_equal(4 * probing, count * (1 - np.eye(cells)))
 
 
 def test_every_pair_of_cells_meets_in_none_a_quarter_or_half_of_the_codes() -> None:
     codes = make_codes("hadamard", (9, 14), 28, dual="complement", seed=6)
-    probing = codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
+    probing = codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
     assert set(np.unique(probing)) == {0, 7, 14}
     off_diagonal = probing[~np.eye(126, dtype=bool)]
     assert np.mean(off_diagonal == 7) > 1 - 1.1 / 27  # cells of equal colour are 1 in 27 pairs
@@ -103,7 +105,7 @@ def test_every_pair_of_cells_meets_in_none_a_quarter_or_half_of_the_codes() -> N
 
 def test_two_codes_use_the_one_column_with_both_signs() -> None:
     codes = make_codes("hadamard", (4, 6), 2, dual="complement", seed=0)
-    lit = codes.primal()
+    lit = codes.primal
     assert np.array_equal(lit[0], ~lit[1])
     assert abs(int(lit[0].sum()) - 12) <= 2
 
@@ -135,3 +137,35 @@ def test_shares_and_counts_without_columns_are_refused(count: int, p: float, hin
     with pytest.raises(ConfigError) as caught:
         make_codes("hadamard", (4, 4), count, dual="same", p=p)
     assert hint in str(caught.value.hint)
+
+
+@pytest.mark.parametrize(
+    ("family", "lattice", "count", "p", "digest"),
+    [
+        ("hadamard", (65, 65), 128, 0.5, "7dea658dbef260f3"),
+        ("hadamard", (48, 64), 8, 0.5, "adcb43f53d1d7836"),
+        ("hadamard", (33, 65), 64, 0.25, "cb9598b42a900c08"),
+        ("singer", (40, 50), 21, 0.2, "0cf0421a36f77abe"),
+    ],
+)
+def test_seeds_keep_their_codes(
+    family: str, lattice: tuple[int, int], count: int, p: float, digest: str
+) -> None:
+    """As they were when a cell looked at all others: up to 65 x 65 cells it still does."""
+    codes = make_codes(family, lattice, count, dual="same", p=p, seed=1)
+    assert hashlib.sha256(np.packbits(codes.primal).tobytes()).hexdigest().startswith(digest)
+
+
+@pytest.mark.parametrize("colours", [7, 127])
+def test_cells_of_one_colour_keep_apart_where_not_all_are_looked_at(colours: int) -> None:
+    lattice = (12, 200)
+    colour, sign = colour_lattice(lattice, colours, np.random.default_rng(3))
+    row, col = np.divmod(np.arange(colour.size), lattice[1])
+    distance = np.hypot(row[:, None] - row, col[:, None] - col)
+    same = (colour[:, None] == colour) & ~np.eye(colour.size, dtype=bool)
+    assert distance[same].min() > 0.65 * np.sqrt(colours)
+    total = np.bincount(colour, sign, colours)
+    assert np.abs(total).max() <= 8
+    quarters = np.bincount(4 * colour + col // 50, sign, 4 * colours)
+    size = np.bincount(4 * colour + col // 50, minlength=4 * colours)
+    assert np.mean(quarters**2) < 0.5 * np.mean(size)

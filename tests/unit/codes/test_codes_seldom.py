@@ -26,7 +26,7 @@ ORDERS = [2, 3, 4, 5, 7, 8, 9, 11, 13, 16, 25, 31]
 
 def probing(codes: Codes) -> NDArray[np.int64]:
     """sum_k m_k i_k^T by integer arithmetic: (L, L)."""
-    return codes.dual().astype(np.int64).T @ codes.primal().astype(np.int64)
+    return codes.dual.astype(np.int64).T @ codes.primal.astype(np.int64)
 
 
 def off_diagonal(matrix: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -120,7 +120,7 @@ def test_singer_codes_of_more_cells_are_two_valued_and_exact_within_a_tile() -> 
 
 
 def test_each_set_of_singer_codes_gives_the_lines_out_anew() -> None:
-    twice = make_codes("singer", (17, 23), 42, dual="same", p=0.2, seed=2).primal()
+    twice = make_codes("singer", (17, 23), 42, dual="same", p=0.2, seed=2).primal
     first, second = (set_.astype(np.int64).T @ set_ for set_ in (twice[:21], twice[21:]))
     both = (first == 5) & (second == 5) & ~np.eye(17 * 23, dtype=bool)
     assert both.sum() < 0.2 * (first == 5).sum()
@@ -136,10 +136,8 @@ def test_singer_names_the_counts_that_fit() -> None:
 def fraction_error(name: str, family: str, count: int, p: float, share: float, seed: int) -> float:
     """RMS error of D + share S over its own RMS, photos scaled by their direct light."""
     scene = PRESETS[name]((24, 32), {})
-    lit = (
-        make_codes(family, scene.grid, count, dual="same", p=p, seed=seed)
-        .primal()
-        .astype(np.float64)
+    lit = make_codes(family, scene.grid, count, dual="same", p=p, seed=seed).primal.astype(
+        np.float64
     )
     times = lit.sum(axis=0)
     photo = scene.photo(lit, lit, times, times) / times.mean()

@@ -97,7 +97,7 @@ def test_the_model_finds_the_variance_of_random_codes(sources: int) -> None:
     grid, count = (24, 24), 64
     n = grid[0] * grid[1]
     rng = np.random.default_rng(sources)
-    codes = make_codes("bernoulli", grid, count, dual="complement", seed=5).primal()
+    codes = make_codes("bernoulli", grid, count, dual="complement", seed=5).primal
     left, right = (~codes).astype(np.float64), codes.astype(np.float64)
     weight = 0.25 * count
     realised = Factors(left, right, np.zeros(n), np.ones(n))

@@ -21,7 +21,7 @@ def photo(
 ) -> tuple[Floats, Floats, Floats, float]:
     """Image, mask side, projector side and weight of one indirect photo."""
     codes = make_codes(family, grid, count, dual="complement", seed=seed)
-    left, right = codes.dual().astype(np.float64), codes.primal().astype(np.float64)
+    left, right = codes.dual.astype(np.float64), codes.primal.astype(np.float64)
     cells = len(transport)
     weight = float((left.T @ right).sum() / (cells * (cells - 1)))
     return ((left.T @ right) / weight * transport).sum(axis=1), left, right, weight
@@ -90,10 +90,8 @@ def test_weights_of_single_cells_do_as_one_weight_where_they_are_equal() -> None
 def preset_errors(name: str, family: str, count: int, seed: int) -> tuple[float, float]:
     """The same for a preset of 48 x 64 cells, in all its colours."""
     scene = PRESETS[name]((48, 64), {})
-    lit = (
-        make_codes(family, scene.grid, count, dual="complement", seed=seed)
-        .primal()
-        .astype(np.float64)
+    lit = make_codes(family, scene.grid, count, dual="complement", seed=seed).primal.astype(
+        np.float64
     )
     left, cells = 1.0 - lit, lit.shape[1]
     weight = float(np.sum(left.sum(axis=1) * lit.sum(axis=1))) / (cells * (cells - 1))
@@ -165,7 +163,7 @@ def test_texture_is_not_taken_for_the_pattern_of_the_codes(count: int, seed: int
 
 
 def test_a_black_or_negative_image_needs_no_correction() -> None:
-    codes = make_codes("hadamard", (4, 5), 8, dual="complement").primal().astype(np.float64)
+    codes = make_codes("hadamard", (4, 5), 8, dual="complement").primal.astype(np.float64)
     for image in (np.zeros(20), np.full(20, -0.1)):
         assert not smooth_correction(1.0 - codes, codes, 2.0, image, (4, 5)).any()
 

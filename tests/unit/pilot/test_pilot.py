@@ -81,7 +81,7 @@ def shot_error(transport: Floats, codes: Bools, paths: Any = None) -> float:
 
 def plain_error(transport: Floats, family: str, count: int, seed: int) -> float:
     codes = make_codes(family, GRID, count, dual="complement", seed=seed)
-    return shot_error(transport, codes.primal())
+    return shot_error(transport, codes.primal)
 
 
 def piloted_error(transport: Floats, count: int, seed: int, sigma: float = 0.0) -> float:
@@ -170,7 +170,7 @@ def test_sensor_noise_leaves_most_of_the_gain() -> None:
 
 def test_the_correction_is_exact_when_the_paths_are() -> None:
     transport = scattered_paths(7)
-    codes = make_codes("bernoulli", GRID, 6, dual="complement", seed=1).primal()
+    codes = make_codes("bernoulli", GRID, 6, dual="complement", seed=1).primal
     rest = transport - np.diag(np.diag(transport))
     assert shot_error(transport, codes) > 0.1
     assert shot_error(transport, codes, scipy.sparse.csr_array(rest)) < 1e-12

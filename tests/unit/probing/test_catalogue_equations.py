@@ -35,7 +35,7 @@ DRAWS = 4000
 
 def signs(count: int, seed: int, family: str = "bernoulli", grid: tuple[int, int] = GRID) -> Any:
     """+-1 codes (K, N)."""
-    bits = make_codes(family, grid, count, dual="same", seed=seed).primal()
+    bits = make_codes(family, grid, count, dual="same", seed=seed).primal
     return np.where(bits, 1.0, -1.0)
 
 
@@ -81,7 +81,7 @@ def test_e2_probing_equation_holds_for_any_known_matrix() -> None:
 
 def test_e3_relit_scene_view_is_the_floodlit_photo_of_the_product() -> None:
     bits = make_codes("balanced", GRID, 16, dual="complement", seed=1)
-    coded = show(bits.primal(), bits.dual(), GRID)
+    coded = show(bits.primal, bits.dual, GRID)
     pi_hat = coded.dense() / catalogue_rig.REFRESH_S
     flood = show(np.ones((1, N)), np.ones((1, N)), GRID)
     virtual = photo(flood, scene_of(pi_hat * T, GRID))
@@ -92,10 +92,8 @@ def test_e3_relit_scene_view_is_the_floodlit_photo_of_the_product() -> None:
 def test_e4_rank_one_split_adds_up_to_the_matrix_that_is_reported(family: str, exact: bool) -> None:
     """Sum of m i^T against 1 - I over 4, in Frobenius norm and largest entry; 0 with K > N."""
     codes = make_codes(family, GRID, 32, dual="complement", seed=2)
-    split = sum(
-        np.outer(m, i) for m, i in zip(codes.dual() + 0.0, codes.primal() + 0.0, strict=True)
-    )
-    realised = show(codes.primal(), codes.dual(), GRID).dense() / catalogue_rig.REFRESH_S
+    split = sum(np.outer(m, i) for m, i in zip(codes.dual + 0.0, codes.primal + 0.0, strict=True))
+    realised = show(codes.primal, codes.dual, GRID).dense() / catalogue_rig.REFRESH_S
     np.testing.assert_allclose(realised, split, rtol=1e-12, atol=1e-12)
     error = split / 32 - 0.25 * (1.0 - np.eye(N))
     frobenius, largest = np.linalg.norm(error), np.abs(error).max()
@@ -109,8 +107,8 @@ def test_e4_rank_one_split_adds_up_to_the_matrix_that_is_reported(family: str, e
 @pytest.mark.parametrize("family", ["bernoulli", "balanced", "hadamard"])
 def test_e5_pipeline_is_the_sum_of_masked_photos(family: str) -> None:
     codes = make_codes(family, GRID, 32, dual="complement", seed=4)
-    one_by_one = sum(m * (T @ i) for m, i in zip(codes.dual(), codes.primal() + 0.0, strict=True))
-    at_once = photo(show(codes.primal(), codes.dual(), GRID), scene_of(T, GRID))
+    one_by_one = sum(m * (T @ i) for m, i in zip(codes.dual, codes.primal + 0.0, strict=True))
+    at_once = photo(show(codes.primal, codes.dual, GRID), scene_of(T, GRID))
     np.testing.assert_allclose(at_once, one_by_one, rtol=1e-12)
 
 

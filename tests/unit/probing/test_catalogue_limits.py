@@ -26,7 +26,7 @@ EPS, DELTA = 0.02, 0.01
 """What the black mask and the black projector let through."""
 
 CODES = make_codes("balanced", GRID, 16, dual="complement", seed=1)
-LIT, OPEN = CODES.primal() + 0.0, CODES.dual() + 0.0
+LIT, OPEN = CODES.primal + 0.0, CODES.dual + 0.0
 DRAWS = 4000
 
 
@@ -78,7 +78,7 @@ def test_l4_a_mask_of_300_to_1_spoils_indirect_light_by_percents(
     scene = np.full((N, N), 0.25 / (N - 1))
     np.fill_diagonal(scene, 1.0)
     codes = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
-    shown = show(codes.primal(), codes.dual(), GRID, guards=guards, mask=Panel(leak=eps))
+    shown = show(codes.primal, codes.dual, GRID, guards=guards, mask=Panel(leak=eps))
     seen = photo(shown, scene_of(scene, GRID)) / 32 * 4.0
     np.testing.assert_allclose(seen / 0.25 - 1.0, excess, rtol=1e-9)
 
@@ -114,7 +114,7 @@ def test_x4_light_from_many_cells_averages_away_and_from_one_does_not() -> None:
 def test_x5_equation_9_is_not_equation_6_times_the_matrix() -> None:
     """With orthogonal codes both limits are exact: row sums of Pi o T, and Pi diag(T)."""
     pi = np.random.default_rng(2).normal(size=(N, N))
-    h = 2.0 * make_codes("hadamard", GRID, 32, dual="same", seed=1).primal() - 1.0
+    h = 2.0 * make_codes("hadamard", GRID, 32, dual="same", seed=1).primal - 1.0
     ninth = np.mean((h @ pi.T) * (h @ T.T), axis=0)
     np.testing.assert_allclose(ninth, np.sum(pi * T, axis=1), atol=1e-12)
     sixth = pi @ np.mean(h * (h @ T.T), axis=0)
@@ -126,7 +126,7 @@ def test_x5_equation_9_is_not_equation_6_times_the_matrix() -> None:
 def test_x6_one_shot_photos_scatter_more_than_signed_ones(p: float) -> None:
     """i = m over p K: [((1-p)/p) (D + p S)^2 + (1-p) Q] / K, from cells open unequally often."""
     count = 16
-    bits = make_codes("bernoulli", (1, N), count * DRAWS, dual="same", p=p, seed=5).primal()
+    bits = make_codes("bernoulli", (1, N), count * DRAWS, dual="same", p=p, seed=5).primal
     i = (bits + 0.0).reshape(DRAWS, count, N)
     estimates = np.sum(i * (i @ T.T), axis=1) / (p * count)
     squares = np.sum(T**2, axis=1) - D**2
@@ -137,7 +137,7 @@ def test_x6_one_shot_photos_scatter_more_than_signed_ones(p: float) -> None:
 def test_x6_complement_codes_scatter_by_their_open_count() -> None:
     """m = 1 - i times 4, p = 1/2: (S^2 + 2 Q) / K."""
     count = 16
-    bits = make_codes("bernoulli", (1, N), count * DRAWS, dual="same", seed=6).primal()
+    bits = make_codes("bernoulli", (1, N), count * DRAWS, dual="same", seed=6).primal
     i = (bits + 0.0).reshape(DRAWS, count, N)
     estimates = 4.0 * np.mean((1.0 - i) * (i @ T.T), axis=1)
     squares = np.sum(T**2, axis=1) - D**2
@@ -147,7 +147,7 @@ def test_x6_complement_codes_scatter_by_their_open_count() -> None:
 
 def test_x8_difference_of_shifted_photos_has_weight_p_times_one_less_p() -> None:
     """(i, i) less (i, i shifted): 1 on the diagonal and -1 beside it, times 1/4, not times 1."""
-    bits = make_codes("hadamard", GRID, 32, dual="same", seed=2).primal()
+    bits = make_codes("hadamard", GRID, 32, dual="same", seed=2).primal
     matrices = []
     for partner in (None, (0, -1)):
         light, mask = Coded(partner, False).pairs(bits, Lattice(GRID))
@@ -164,7 +164,7 @@ def test_x8_difference_of_shifted_photos_has_weight_p_times_one_less_p() -> None
 def test_x9_direct_needs_photos_of_equal_weight() -> None:
     """White less indirect as taken is wrong; white less 4 times indirect is the diagonal."""
     codes = make_codes("hadamard", GRID, 32, dual="complement", seed=1)
-    indirect = photo(show(codes.primal(), codes.dual(), GRID), scene_of(T, GRID)) / 32
+    indirect = photo(show(codes.primal, codes.dual, GRID), scene_of(T, GRID)) / 32
     white = photo(show(np.ones((1, N)), np.ones((1, N)), GRID), scene_of(T, GRID))
     np.testing.assert_allclose(white - 4.0 * indirect, D, rtol=1e-11)
     assert np.all(np.abs(white - indirect - D) > 0.5 * S)

@@ -25,7 +25,7 @@ def transport(seed: int = 3) -> Floats:
 
 
 def codes(family: str, count: int, seed: int = 0) -> Bools:
-    return make_codes(family, GRID, count, dual="same", seed=seed).primal()
+    return make_codes(family, GRID, count, dual="same", seed=seed).primal
 
 
 def weighted(weights: Floats, bits: Bools, t: Floats) -> Floats:

@@ -110,7 +110,7 @@ def weight_of_near_neighbours(*, coins: bool, runs: int = 200) -> float:
     away = np.hypot(row - 6, col - 6).ravel()
     weights = []
     for seed in range(runs):
-        codes = make_codes("hadamard", shape, count, dual="complement", seed=seed).primal()
+        codes = make_codes("hadamard", shape, count, dual="complement", seed=seed).primal
         lit = coin_signs(codes, seed) if coins else codes
         assert np.all(lit.sum(axis=0) == count // 2)
         met = np.count_nonzero(~lit[:, [centre]] & lit, axis=0)

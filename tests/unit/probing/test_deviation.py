@@ -1,0 +1,192 @@
+"""Sums over rows of probing matrices, against the matrices themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.codes.make import make_codes
+from pdcd.probing.deviation import EXACT_CELLS, deviation, row_deviations, row_weights_s
+from pdcd.probing.realised import Factors, signed_sum
+from pdcd.probing.wanted import Full, Grid, Match, Near, Outer, Part, Uniform, Wanted, shifted
+from tests import bench_rig
+
+Floats = NDArray[np.float64]
+EPS = float(np.finfo(np.float64).eps)
+
+GRIDS = [(1, 1), (1, 7), (5, 1), (6, 8), (20, 30)]
+SUMS = [
+    "u",
+    "u same",
+    "warp shift",
+    "u near1",
+    "near1 near3",
+    "outer near3 warp",
+    "u outer",
+    "full",
+    "full near1 warp outer same u",
+]
+
+
+def part(name: str, grid: Grid, rng: np.random.Generator) -> Part:
+    n = grid[0] * grid[1]
+    match name:
+        case "u":
+            return Uniform(n)
+        case "same":
+            return Match(np.arange(n))
+        case "warp":
+            return Match(rng.integers(-1, n, n))
+        case "shift":
+            return Match(shifted(grid, (1, -1)))
+        case "near1" | "near3":
+            return Near(grid, int(name[-1]))
+        case "outer":
+            return Outer(rng.normal(size=n), rng.normal(size=n))
+    return Full(rng.normal(size=(n, n)))
+
+
+def some_sum(names: str, grid: Grid, *, lit: bool) -> Wanted:
+    """A sum of such parts with weights at random, under a light that is dark here and there."""
+    rng = np.random.default_rng(len(names))
+    light = rng.random(grid[0] * grid[1]) if lit else None
+    if light is not None:
+        light[light < 0.3] = 0.0
+    parts = tuple((float(rng.normal()), part(name, grid, rng)) for name in names.split())
+    return Wanted(grid, parts, light)
+
+
+def some_factors(cells: int, rank: int = 9, seed: int = 0) -> Factors:
+    rng = np.random.default_rng(seed)
+    left, right = rng.normal(size=(2, rank, cells))
+    return Factors(left, right, rng.random(cells), np.ones(cells))
+
+
+@pytest.mark.parametrize("lit", [False, True])
+@pytest.mark.parametrize("names", SUMS)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_parts_sum_up_as_their_matrices_do(grid: Grid, names: str, lit: bool) -> None:
+    wanted = some_sum(names, grid, lit=lit)
+    whole = wanted.dense()
+    off = whole - np.diag(whole.diagonal())
+    images = np.random.default_rng(1).normal(size=(3, wanted.cells))
+    np.testing.assert_array_equal(wanted.diagonal(), whole.diagonal())
+    np.testing.assert_allclose(wanted.others(images), images @ off.T, atol=1e-12)
+    np.testing.assert_allclose(wanted.squares(), (off**2).sum(axis=1), atol=1e-12)
+    camera, projector = wanted.products()
+    sides = camera.T @ projector + wanted.banded().dense()
+    np.testing.assert_allclose(sides, whole, atol=1e-12)
+
+
+@pytest.mark.parametrize("lit", [False, True])
+@pytest.mark.parametrize("names", SUMS)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_weights_and_deviations_are_those_of_the_matrices(
+    grid: Grid, names: str, lit: bool
+) -> None:
+    wanted, got = some_sum(names, grid, lit=lit), some_factors(grid[0] * grid[1])
+    whole, matrix = wanted.dense(), got.dense()
+    np.fill_diagonal(matrix, got.coaxial)
+    inner, norm = row_weights_s(got, wanted)
+    np.testing.assert_allclose(inner, (matrix * whole).sum(axis=1), atol=1e-11)
+    np.testing.assert_allclose(norm, (whole**2).sum(axis=1), atol=1e-11)
+    mean, square, diagonal = exact(got, wanted, 0.7)
+    found = row_deviations(got, wanted, 0.7)
+    np.testing.assert_allclose(found[0], mean, atol=1e-11)
+    np.testing.assert_allclose(found[1] + found[0] ** 2, square, atol=1e-11)
+    np.testing.assert_allclose(found[2], diagonal, atol=1e-11)
+
+
+def exact(got: Factors, wanted: Wanted, weight: float) -> tuple[Floats, Floats, Floats]:
+    """Mean and mean square off the diagonal, and the diagonal, by sums of 64 bits of mantissa."""
+    n = wanted.cells
+    error = got.left.T.astype(np.longdouble) @ got.right.astype(np.longdouble) / weight
+    error -= wanted.dense()
+    np.fill_diagonal(error, 0.0)
+    others = max(n - 1, 1)
+    mean, square = error.sum(axis=1) / others, (error**2).sum(axis=1) / others
+    diagonal = got.coaxial / weight - wanted.dense().diagonal()
+    return mean.astype(np.float64), square.astype(np.float64), diagonal
+
+
+def bound(got: Factors, wanted: Wanted, weight: float) -> Floats:
+    """What `row_deviations` promises of its mean squares, (N,)."""
+    camera, projector = wanted.products()
+    left = np.concatenate([got.left / weight, camera])
+    right = np.concatenate([got.right, projector])
+    size = np.abs(left).T @ np.sqrt((right**2).mean(axis=1)) + np.abs(wanted.dense()).max()
+    return np.asarray(32.0 * EPS * size**2)
+
+
+def coded(grid: Grid, count: int, leak: float = 0.0, unit: float = 1.0) -> Factors:
+    """Indirect codes on panels of which the dark cells leak, each shown for `unit` seconds."""
+    codes = make_codes("hadamard", grid, count, dual="complement", seed=count)
+    left = np.where(codes.dual, 1.0, leak)
+    right = np.where(codes.primal, 1.0, leak)
+    n = grid[0] * grid[1]
+    return Factors(unit * left, right, np.sum(unit * left * right, axis=0), np.full(n, unit))
+
+
+@pytest.mark.parametrize("names", ["u same", "u near1", "warp same", "outer shift"])
+@pytest.mark.parametrize("lit", [False, True])
+@pytest.mark.parametrize(
+    ("got", "grid"),
+    [
+        (coded((6, 8), 64), (6, 8)),
+        (coded((12, 16), 16), (12, 16)),
+        (coded((1, 40), 64, leak=0.01), (1, 40)),
+        (coded((12, 16), 32, leak=0.01, unit=1e-7), (12, 16)),
+        (coded((12, 16), 256, unit=1e6), (12, 16)),
+        (some_factors(48, rank=60), (6, 8)),
+        (
+            signed_sum(
+                [
+                    (1.0, coded((6, 8), 64, leak=0.1)),
+                    (-1.0, coded((6, 8), 64, leak=0.1)),
+                    (1.0, coded((6, 8), 32)),
+                ]
+            ),
+            (6, 8),
+        ),
+    ],
+)
+def test_mean_squares_keep_their_bound(got: Factors, grid: Grid, names: str, lit: bool) -> None:
+    wanted = some_sum(names, grid, lit=lit)
+    weight = float(got.left.mean() * got.right.mean()) * len(got.left) or 1.0
+    mean, square, _ = exact(got, wanted, weight)
+    found = row_deviations(got, wanted, weight)
+    assert (found[1] >= 0.0).all()
+    assert np.abs(found[0] - mean).max() <= np.sqrt(bound(got, wanted, weight)).max() * 1e-7
+    assert (np.abs(found[1] + found[0] ** 2 - square) <= bound(got, wanted, weight)).all()
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_codes_without_error_show_next_to_none(unit: float) -> None:
+    report = deviation(coded((20, 24), 512, unit=unit), bench_rig.uniform((20, 24), 0.0, 1.0))
+    assert report.off_max is not None and report.off_max < 1e-12
+    assert report.off_rms <= report.off_rms_worst < 1e-8
+    assert report.weight_s == pytest.approx(128 * unit)
+
+
+def test_the_largest_deviation_of_many_cells_is_bounded_only() -> None:
+    grid = (33, 32)
+    assert grid[0] * grid[1] > EXACT_CELLS
+    got, wanted = coded(grid, 16), bench_rig.uniform(grid, 0.0, 1.0)
+    report = deviation(got, wanted)
+    error = got.dense() / report.weight_s - wanted.dense()
+    square = (error**2).sum(axis=1) / (wanted.cells - 1)
+    assert report.off_max is None
+    assert report.off_rms == pytest.approx(np.sqrt(square.mean()), rel=1e-12)
+    assert report.off_rms_worst == pytest.approx(np.sqrt(square.max()), rel=1e-12)
+    assert np.abs(error).max() <= np.sqrt(wanted.cells - 1) * report.off_rms_worst
+
+
+@pytest.mark.parametrize("cells", [1, 2, 1025, 2049, 4097])
+def test_weights_of_uniform_goals_do_not_depend_on_blocks(cells: int) -> None:
+    """The pictures are divided by them: they are the same to the last bit."""
+    got = some_factors(cells, rank=130)
+    inner, _ = row_weights_s(got, bench_rig.uniform((1, cells), 0.0, 1.0))
+    sums = np.sum(got.left * got.right.sum(axis=1)[:, None], axis=0)
+    inside = np.sum(got.left * got.right, axis=0)
+    np.testing.assert_array_equal(inner, 0.0 * got.coaxial + 1.0 * (sums - inside))
