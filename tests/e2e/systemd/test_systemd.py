@@ -104,7 +104,7 @@ def test_the_program_is_the_console_script_of_the_package() -> None:
     program, verb = command.split()
     assert (program, verb) == (PROGRAM, "serve")
     scripts = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    assert re.search(r'^pdcd = "pdcd\.cli:main"$', scripts, re.MULTILINE)
+    assert re.search(r'^pdcd = "pdcd\.cli\.main:main"$', scripts, re.MULTILINE)
 
 
 def test_what_the_daemon_counts_on_is_set() -> None:
