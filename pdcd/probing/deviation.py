@@ -120,8 +120,8 @@ def row_deviations(
     -----
     Mean squares ``mean^2 + variance`` are exact to ``32 eps a^2`` with ``eps = 2.2e-16`` and ``a =
     sum_r |l_r| rms_r + max |W|``, of the joint factors and the RMS of each row of their right
-    sides. For codes, a is from 1 to 10. So an RMS of 1e-6 or more has at least three digits, and
-    codes without any error show one of some 1e-8, and never 0.
+    sides. For codes lit half of the time, a is about 3.5. So an RMS of 1e-5 or more has at least
+    three digits, and codes without any error may show one of 1e-7.
     """
     cells = wanted.cells
     diagonal = realised.coaxial / weight - wanted.diagonal()
