@@ -74,7 +74,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     request: dict[str, Any]
     plan: dict[str, Any]
     run: RunRecord
-    realised: dict[str, dict[str, float | None]]
+    realised: dict[str, dict[str, float]]
     """Deviation of each photo's realised probing matrix from the wanted one."""
     summary: dict[str, float | int | str | None]
     warnings: tuple[str, ...]
