@@ -31,11 +31,11 @@ EXACT_CELLS = 1024
 class Deviation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Realised against wanted, all relative to the weight 1 of the wanted matrix.
 
-    `weight_s` is the best common factor (least squares), in seconds of open mask and lit
-    projector. `diagonal_*` speak of direct light, point by point; `off_*` of all other paths
-    between cell averages: the RMS of all, that of the cell where it is largest, and the largest of
-    any single path. The last needs a look at all N^2 pairs, and is left out beyond `EXACT_CELLS`; no
-    path can be further off than ``sqrt(N - 1) * off_rms_worst``.
+    `weight_s` is the best common factor (least squares), in seconds of open mask and lit projector.
+    `diagonal_*` speak of direct light, point by point; `off_*` of all other paths between cell
+    averages: the RMS of all, that of the cell where it is largest, and the largest of any single
+    path. The last needs a look at all N^2 pairs, and is left out beyond `EXACT_CELLS`; no path can
+    be further off than ``sqrt(N - 1) * off_rms_worst``.
     """
 
     weight_s: float
