@@ -81,14 +81,18 @@ def colour_lattice(
     reach = min(_reach(colours), rows - 1), min(_reach(colours), cols - 1)
     up, down, left, right = _behind(reach, None if known.weight.any() else along)
     crowding, pull = _kernels(reach)
+    inside = crowding[reach[0] - up : reach[0] + down + 1, reach[1] - left : reach[1] + right + 1]
+    whole = inside.ravel()
     for cell in order[colours:].tolist():
         row, col = divmod(cell, cols)
         top, first = max(row - up, 0), max(col - left, 0)
         window = table[top : row + down + 1, first : col + right + 1]
         height, width = window.shape
         above, before = reach[0] - row + top, reach[1] - col + first
-        kernel = slice(above, above + height), slice(before, before + width)
-        crowd = np.bincount(window.ravel(), crowding[kernel].ravel(), bins)
+        crowds = whole  # but at the border, where part of it lies beyond
+        if (height, width) != inside.shape:
+            crowds = crowding[above : above + height, before : before + width].ravel()
+        crowd = np.bincount(window.ravel(), crowds, bins)
         other, strength = known.of(cell)
         if other.size:
             crowd += np.bincount(colour[other], strength**2, bins)
