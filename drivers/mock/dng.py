@@ -79,6 +79,26 @@ def dng_bytes(
             f"a DNG needs an (even, even) uint16 mosaic, not {mosaic.shape} {mosaic.dtype}",
             hint="give whole Bayer quads",
         )
+    frame = _framed(mosaic, black)
+    exif = _exif(iso, exposure_s, f_number, date)
+    image = _image(frame, mosaic.shape, black, white, model, date, as_shot_neutral)
+    header_bytes = 8
+    exif_offset = header_bytes + len(_directory(image, 0))
+    strip_offset = exif_offset + len(_directory(exif, 0))
+    image[273] = _numbers(_LONG, strip_offset)
+    image[34665] = _numbers(_LONG, exif_offset)
+    return b"".join(
+        (
+            struct.pack("<2sHI", b"II", 42, header_bytes),
+            _directory(image, header_bytes),
+            _directory(exif, exif_offset),
+            frame.data,
+        )
+    )
+
+
+def _framed(mosaic: NDArray[np.uint16], black: int) -> NDArray[np.uint16]:
+    """The mosaic with a black border where it is too small for LibRaw."""
     height, width = mosaic.shape
     frame_height, frame_width = height, width
     if min(height, width) < MIN_SIDE:
@@ -86,9 +106,13 @@ def dng_bytes(
         frame_height, frame_width = max(height + 2, MIN_SIDE), max(width + 2, MIN_SIDE)
     frame = np.full((frame_height, frame_width), black, dtype="<u2")
     frame[:height, :width] = mosaic
-    when = f"{date:%Y:%m:%d %H:%M:%S}"
+    return frame
 
-    exif: dict[int, _Field] = {
+
+def _exif(iso: int, exposure_s: float, f_number: float | None, date: datetime) -> dict[int, _Field]:
+    """Tags of the EXIF directory."""
+    when = _when(date)
+    tags: dict[int, _Field] = {
         33434: _numbers(_RATIONAL, *_ratio(exposure_s)),  # ExposureTime
         34855: _numbers(_SHORT, iso),  # PhotographicSensitivity
         36864: (_UNDEFINED, 4, b"0230"),  # ExifVersion
@@ -96,8 +120,23 @@ def dng_bytes(
         36868: _text(when),  # DateTimeDigitized
     }
     if f_number is not None:
-        exif[33437] = _numbers(_RATIONAL, *_ratio(f_number))  # FNumber
-    image: dict[int, _Field] = {
+        tags[33437] = _numbers(_RATIONAL, *_ratio(f_number))  # FNumber
+    return tags
+
+
+def _image(
+    frame: NDArray[np.uint16],
+    crop: tuple[int, ...],
+    black: int,
+    white: int,
+    model: str,
+    date: datetime,
+    as_shot_neutral: tuple[float, float, float],
+) -> dict[int, _Field]:
+    """Tags of the image directory; both offsets are set when its length is known."""
+    frame_height, frame_width = frame.shape
+    height, width = crop
+    return {
         254: _numbers(_LONG, 0),  # NewSubfileType: the full image
         256: _numbers(_LONG, frame_width),
         257: _numbers(_LONG, frame_height),
@@ -112,7 +151,7 @@ def dng_bytes(
         278: _numbers(_LONG, frame_height),  # RowsPerStrip
         279: _numbers(_LONG, frame.nbytes),  # StripByteCounts
         284: _numbers(_SHORT, 1),  # PlanarConfiguration
-        306: _text(when),  # DateTime
+        306: _text(_when(date)),  # DateTime
         33421: _numbers(_SHORT, 2, 2),  # CFARepeatPatternDim
         33422: _numbers(_BYTE, 0, 1, 1, 2),  # CFAPattern: RGGB
         34665: _numbers(_LONG, 0),  # ExifIFD, set below
@@ -129,19 +168,10 @@ def dng_bytes(
         50728: _numbers(_RATIONAL, *[n for value in as_shot_neutral for n in _ratio(value)]),
         50778: _numbers(_SHORT, _D65),  # CalibrationIlluminant1
     }
-    header_bytes = 8
-    exif_offset = header_bytes + len(_directory(image, 0))
-    strip_offset = exif_offset + len(_directory(exif, 0))
-    image[273] = _numbers(_LONG, strip_offset)
-    image[34665] = _numbers(_LONG, exif_offset)
-    return b"".join(
-        (
-            struct.pack("<2sHI", b"II", 42, header_bytes),
-            _directory(image, header_bytes),
-            _directory(exif, exif_offset),
-            frame.data,
-        )
-    )
+
+
+def _when(date: datetime) -> str:
+    return f"{date:%Y:%m:%d %H:%M:%S}"
 
 
 def _odd(shape: Sequence[int]) -> bool:

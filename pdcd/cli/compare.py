@@ -8,8 +8,8 @@ import msgspec
 
 from pdcd.cli.capture import request_of, take
 from pdcd.cli.exits import DONE
+from pdcd.cli.options import METHODS
 from pdcd.cli.output import say_json, say_result, say_table
-from pdcd.cli.parser import METHODS
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.words import MethodName

@@ -62,8 +62,7 @@ def colour_lattice(
     sign : (L,) int8
         +1 or -1.
     """
-    rows, cols = lattice
-    cells = rows * cols
+    cells = lattice[0] * lattice[1]
     known = _Links(links, cells)
     order, along = _front(lattice, rng)
     order = order[np.argsort(-known.weight[order], kind="stable")]
@@ -74,39 +73,79 @@ def colour_lattice(
     colour = colours + np.arange(cells) % _SPARE_BINS
     colour[order[:colours]] = np.arange(min(colours, cells))
 
-    table, signs = colour.reshape(lattice), np.zeros(lattice)
-    narrow = table.astype(np.min_scalar_type(bins))  # is searched in a fraction of the time
-    placed = signs.reshape(cells)
-    placed[order[:colours]] = sign[order[:colours]]
-    reach = min(_reach(colours), rows - 1), min(_reach(colours), cols - 1)
-    up, down, left, right = _behind(reach, None if known.weight.any() else along)
-    crowding, pull = _kernels(reach)
-    inside = crowding[reach[0] - up : reach[0] + down + 1, reach[1] - left : reach[1] + right + 1]
-    whole = inside.ravel()
+    front = _Front(lattice, bins, colour, known, along)
+    front.place(order[:colours], sign)
     for cell in order[colours:].tolist():
-        row, col = divmod(cell, cols)
-        top, first = max(row - up, 0), max(col - left, 0)
-        window = table[top : row + down + 1, first : col + right + 1]
-        height, width = window.shape
-        above, before = reach[0] - row + top, reach[1] - col + first
-        crowds = whole  # but at the border, where part of it lies beyond
-        if (height, width) != inside.shape:
-            crowds = crowding[above : above + height, before : before + width].ravel()
-        crowd = np.bincount(window.ravel(), crowds, bins)
-        other, strength = known.of(cell)
-        if other.size:
-            crowd += np.bincount(colour[other], strength**2, bins)
-        best = int(crowd[:colours].argmin())
-        same = narrow[top : top + height, first : first + width] == best
-        r, c = np.divmod(same.ravel().nonzero()[0], width)
-        around = float(signs[top + r, first + c] @ pull[above + r, before + c])
-        if other.size:
-            around += float((colour[other] == best) * placed[other] @ strength)
+        best, around = front.look(cell, colours)
         if around != 0.0:
             sign[cell] = -1 if around > 0.0 else 1
-        colour[cell] = narrow[row, col] = best
-        placed[cell] = sign[cell]
+        front.colour(cell, best, sign[cell])
     return colour, sign
+
+
+class _Front:
+    """What has been coloured so far, and a look at it from one cell.
+
+    `colour` (L,) is that of each cell, and is written to; below `bins`.
+    """
+
+    def __init__(
+        self,
+        lattice: tuple[int, int],
+        bins: int,
+        colour: NDArray[np.int64],
+        known: _Links,
+        along: tuple[float, float],
+    ) -> None:
+        rows, cols = lattice
+        self._bins, self._colour, self._known, self._cols = bins, colour, known, cols
+        self._table, self._signs = colour.reshape(lattice), np.zeros(lattice)
+        # Is searched in a fraction of the time.
+        self._narrow = self._table.astype(np.min_scalar_type(bins))
+        self._placed = self._signs.reshape(rows * cols)
+        reach = _reach(bins - _SPARE_BINS)
+        self._reach = min(reach, rows - 1), min(reach, cols - 1)
+        self._behind = _behind(self._reach, None if known.weight.any() else along)
+        self._crowding, self._pull = _kernels(self._reach)
+        up, down, left, right = self._behind
+        above, before = self._reach
+        self._inside = self._crowding[
+            above - up : above + down + 1, before - left : before + right + 1
+        ]
+        self._whole = self._inside.ravel()
+
+    def place(self, cells: NDArray[np.int64], sign: NDArray[np.int8]) -> None:
+        """These cells have a colour already, and the signs (L,)."""
+        self._placed[cells] = sign[cells]
+
+    def look(self, cell: int, colours: int) -> tuple[int, float]:
+        """The colour that crowds a cell least, and the sum of its signs around it."""
+        row, col = divmod(cell, self._cols)
+        up, down, left, right = self._behind
+        top, first = max(row - up, 0), max(col - left, 0)
+        window = self._table[top : row + down + 1, first : col + right + 1]
+        height, width = window.shape
+        above, before = self._reach[0] - row + top, self._reach[1] - col + first
+        crowds = self._whole  # but at the border, where part of it lies beyond
+        if (height, width) != self._inside.shape:
+            crowds = self._crowding[above : above + height, before : before + width].ravel()
+        crowd = np.bincount(window.ravel(), crowds, self._bins)
+        other, strength = self._known.of(cell)
+        if other.size:
+            crowd += np.bincount(self._colour[other], strength**2, self._bins)
+        best = int(crowd[:colours].argmin())
+        same = self._narrow[top : top + height, first : first + width] == best
+        r, c = np.divmod(same.ravel().nonzero()[0], width)
+        around = float(self._signs[top + r, first + c] @ self._pull[above + r, before + c])
+        if other.size:
+            around += float((self._colour[other] == best) * self._placed[other] @ strength)
+        return best, around
+
+    def colour(self, cell: int, colour: int, sign: int) -> None:
+        """Give a cell its colour and sign."""
+        row, col = divmod(cell, self._cols)
+        self._colour[cell] = self._narrow[row, col] = colour
+        self._placed[cell] = sign
 
 
 def phase_lattice(

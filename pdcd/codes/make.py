@@ -84,6 +84,24 @@ def make_codes(
     ConfigError
         An argument is out of range, or the family cannot serve this `count` and `p`.
     """
+    _check(family, lattice, count, dual, p, seed)
+    # The bit generator is named because default_rng may change it and old runs must replay.
+    rng = np.random.Generator(np.random.PCG64(seed))
+    primal = FAMILIES[family](lattice, count, p, rng)
+    return Codes(
+        primal=primal,
+        dual=primal if dual == "same" else ~primal,
+        lattice=lattice,
+        family=family,
+        p=p,
+        seed=seed,
+    )
+
+
+def _check(
+    family: str, lattice: tuple[int, int], count: int, dual: str, p: float, seed: int
+) -> None:
+    """Raise ConfigError for an argument that is out of range."""
     rows, cols = lattice
     if rows < 1 or cols < 1:
         raise ConfigError(
@@ -101,14 +119,3 @@ def make_codes(
         raise ConfigError(
             f"unknown code family {family!r}", hint=f"take one of {', '.join(FAMILIES)}"
         )
-    # The bit generator is named because default_rng may change it and old runs must replay.
-    rng = np.random.Generator(np.random.PCG64(seed))
-    primal = FAMILIES[family]((rows, cols), count, p, rng)
-    return Codes(
-        primal=primal,
-        dual=primal if dual == "same" else ~primal,
-        lattice=(rows, cols),
-        family=family,
-        p=p,
-        seed=seed,
-    )

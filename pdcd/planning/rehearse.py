@@ -10,7 +10,7 @@ test exposures for the aperture.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,21 +119,7 @@ def rehearse(
 
     learned = None
     if plan.how.pilot:
-        key = plan.how.pilot, plan.schedule
-        learned = None if known is None else known.get(key)
-        if learned is None:
-            pilot = [shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack]
-            take(pilot[:SCOUTS])
-            learned = _learned(plan, setting, rehearsed, seed)
-            if learned.promising:
-                take(pilot[SCOUTS:])
-                learned = _learned(plan, setting, rehearsed, seed)
-            if known is not None and learned.worth is None:  # which goes by the number of codes
-                known[key] = learned
-        if not learned.promising:
-            plan = stopped(plan, seed, setting.config.limits.max_exposure_s)
-        elif learned.pays:
-            plan = with_links(plan, learned.links, seed)
+        plan, learned = _by_pilot(plan, setting, rehearsed, take, seed, known)
     recipe = _bare(plan.recipe)
     take(recipe.shots)
     realised = {name: matrix for name, (_, matrix) in rehearsed.items()}
@@ -152,6 +138,31 @@ def rehearse(
         added=_added(plan, recipe, rehearsed, learned, normalise),
         truth=answer(scene, plan.recipe).reshape(*plan.grid, 3),
     )
+
+
+def _by_pilot(
+    plan: Plan,
+    setting: Setting,
+    rehearsed: dict[str, tuple[Floats, Factors]],
+    take: Callable[[Iterable[Shot]], None],
+    seed: int,
+    known: dict[tuple[int, str], Learned] | None,
+) -> tuple[Plan, Learned]:
+    """What a plan becomes by its pilot, and what that finds; as a run does it."""
+    key = plan.how.pilot, plan.schedule
+    learned = None if known is None else known.get(key)
+    if learned is None:
+        pilot = [shot for shot in plan.recipe.shots if shot.name in plan.recipe.stack]
+        take(pilot[:SCOUTS])
+        learned = _learned(plan, setting, rehearsed, seed)
+        if learned.promising:
+            take(pilot[SCOUTS:])
+            learned = _learned(plan, setting, rehearsed, seed)
+        if known is not None and learned.worth is None:  # which goes by the number of codes
+            known[key] = learned
+    if not learned.promising:
+        return stopped(plan, seed, setting.config.limits.max_exposure_s), learned
+    return (with_links(plan, learned.links, seed) if learned.pays else plan), learned
 
 
 def _bare(recipe: Recipe) -> Recipe:

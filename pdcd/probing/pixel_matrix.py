@@ -133,30 +133,13 @@ def pixel_factors(
 
     Raises ConfigError when pictures and log differ in number, or pictures and panels in size.
     """
-    if len(shown) != len(log):
-        raise ConfigError(
-            f"{len(shown)} pictures of the screen for {len(log)} refreshes",
-            device="display",
-            hint="every refresh of the frame log needs one",
-        )
-    for name, panel, pictures in (
-        ("projector", projector, shown.projector),
-        ("mask", mask, shown.mask),
-    ):
-        if pictures.size_px != panel.size_px:
-            raise ConfigError(
-                f"pictures of {pictures.size_px} pixels for a panel of {panel.size_px}",
-                device=name,
-                hint=f"mend size_px of [{name}]",
-            )
+    _check(shown, log, projector, mask)
     places = _Places(grid, projector.size_px, mask.size_px, offset_cells(projector, mask, grid))
     primal, dual = Panel.from_config(projector), Panel.from_config(mask)
-    p_rows, p_start_ns = span_starts(
-        shown.projector.index, log.primal_ns, int(log.end_ns[0]), primal, open_ns
-    )
-    d_rows, d_start_ns = span_starts(
-        shown.mask.index, log.dual_ns, int(log.end_ns[1]), dual, open_ns
-    )
+    ends_ns = int(log.end_ns[0]), int(log.end_ns[1])
+    lit, opened = shown.projector.index, shown.mask.index
+    p_rows, p_start_ns = span_starts(lit, log.primal_ns, ends_ns[0], primal, open_ns)
+    d_rows, d_start_ns = span_starts(opened, log.dual_ns, ends_ns[1], dual, open_ns)
     p_track = Trajectory(
         primal,
         p_start_ns,
@@ -187,6 +170,26 @@ def pixel_factors(
         yield _reduce(
             places, lights, rows[:, columns] @ masks, (opens[[span]][:, columns] @ masks)[0]
         )
+
+
+def _check(shown: Shown, log: FrameLog, projector: PanelConfig, mask: PanelConfig) -> None:
+    """Raise ConfigError when pictures and log differ in number, or pictures and panels in size."""
+    if len(shown) != len(log):
+        raise ConfigError(
+            f"{len(shown)} pictures of the screen for {len(log)} refreshes",
+            device="display",
+            hint="every refresh of the frame log needs one",
+        )
+    for name, panel, pictures in (
+        ("projector", projector, shown.projector),
+        ("mask", mask, shown.mask),
+    ):
+        if pictures.size_px != panel.size_px:
+            raise ConfigError(
+                f"pictures of {pictures.size_px} pixels for a panel of {panel.size_px}",
+                device=name,
+                hint=f"mend size_px of [{name}]",
+            )
 
 
 def _reduce(places: _Places, lights: Floats, masks: Floats, open_fine: Floats) -> Factors:

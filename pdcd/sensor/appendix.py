@@ -54,25 +54,27 @@ def appendix_pixel() -> Pixel:
     )
 
 
+def _ratio(
+    quantity: str,
+    printed: str,
+    procedure: Procedure,
+    of: Pixel,
+    read_noise_e: float,
+    *,
+    truncated: bool = False,
+    note: str = "",
+) -> PrintedRow:
+    """A signal-to-noise ratio, with the thermal noise of the paper and with shot noise."""
+    paper, shot = (procedure(of, read_noise_e, thermal).snr_db for thermal in THERMALS)
+    return PrintedRow(quantity, printed, paper, shot, truncated, note)
+
+
 def appendix_rows() -> tuple[PrintedRow, ...]:
     """Every number that the appendix computes, in its order, for the profile "mark2"."""
     mark2 = load_profile("mark2")
     base_e, quiet_e = mark2.row(50).read_noise_e, mark2.row(1600).read_noise_e
     pixel = appendix_pixel()
     dim = pixel.dimmed()
-
-    def ratio(
-        quantity: str,
-        printed: str,
-        procedure: Procedure,
-        of: Pixel,
-        read_noise_e: float,
-        *,
-        truncated: bool = False,
-        note: str = "",
-    ) -> PrintedRow:
-        paper, shot = (procedure(of, read_noise_e, thermal).snr_db for thermal in THERMALS)
-        return PrintedRow(quantity, printed, paper, shot, truncated, note)
 
     times = masked_sum(pixel, 1.0, "paper").additive_e
     return (
@@ -84,7 +86,7 @@ def appendix_rows() -> tuple[PrintedRow, ...]:
             note="truncated; the electrons come from the unrounded value",
         ),
         PrintedRow("electrons of the photo", "10611.57", pixel.signal_e),
-        ratio(
+        _ratio(
             "photo, ISO 50, dB",
             "19.9",
             primal_dual_photo,
@@ -96,12 +98,12 @@ def appendix_rows() -> tuple[PrintedRow, ...]:
         PrintedRow(
             "electrons of a mask-less photo", "41.45", short_photo(pixel, 0.0, "paper").signal_e
         ),
-        ratio("mask-less photo, ISO 50, dB", "1.22", short_photo, pixel, base_e),
-        ratio("mask-less photo, ISO 1600, dB", "7.4", short_photo, pixel, quiet_e),
+        _ratio("mask-less photo, ISO 50, dB", "1.22", short_photo, pixel, base_e),
+        _ratio("mask-less photo, ISO 1600, dB", "7.4", short_photo, pixel, quiet_e),
         PrintedRow("additive noise of the sum, times", "16", times),
         PrintedRow("additive noise, ISO 50, e-", "489.92", times * base_e),
         PrintedRow("additive noise, ISO 1600, e-", "62.4", times * quiet_e),
-        ratio(
+        _ratio(
             "masked sum, ISO 50, dB",
             "13.2",
             masked_sum,
@@ -110,7 +112,7 @@ def appendix_rows() -> tuple[PrintedRow, ...]:
             truncated=True,
             note="truncated; it rounds to 13.3",
         ),
-        ratio(
+        _ratio(
             "masked sum, ISO 1600, dB",
             "19.4",
             masked_sum,
@@ -118,6 +120,6 @@ def appendix_rows() -> tuple[PrintedRow, ...]:
             quiet_e,
             note="printed thermal term over all 30 s; the correct one over the summed 15 s",
         ),
-        ratio("photo, 1/10 light, ISO 1600, dB", "15.1", primal_dual_photo, dim, quiet_e),
-        ratio("masked sum, 1/10 light, ISO 1600, dB", "11.8", masked_sum, dim, quiet_e),
+        _ratio("photo, 1/10 light, ISO 1600, dB", "15.1", primal_dual_photo, dim, quiet_e),
+        _ratio("masked sum, 1/10 light, ISO 1600, dB", "11.8", masked_sum, dim, quiet_e),
     )

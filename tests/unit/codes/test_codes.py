@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdcd.cli import parser
+from pdcd.cli import options
 from pdcd.codes.make import FAMILIES, Codes, make_codes
 from pdcd.errors import ConfigError
 from pdcd.frames.patterns import pack
@@ -32,7 +32,7 @@ ANY_COUNT = [name for name in FAMILIES if name != "singer"]
 def test_families_are_those_that_requests_and_the_command_line_may_name() -> None:
     named = [name for name in get_args(FamilyName) if name not in ("isolation", "confocal")]
     assert list(FAMILIES) == named
-    assert list(get_args(FamilyName)) == list(parser.FAMILIES)
+    assert list(get_args(FamilyName)) == list(options.FAMILIES)
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
