@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests import remembered
 from tests.heard import Heard
 from tests.xserver import x_full, x_quarter
 
@@ -16,6 +17,8 @@ __all__ = ["heard", "x_full", "x_quarter"]
 # is passed on: tests that interrupt themselves or a child would wait for ever.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+remembered.begin()
 
 
 @pytest.fixture(autouse=True)

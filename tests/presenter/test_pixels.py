@@ -77,13 +77,16 @@ def only(frames: Frames, row: int) -> Frames:
     )
 
 
-@pytest.mark.parametrize("layout", ["span", "windows"])
-def test_full_size_panels_show_every_pixel_of_20_codes(
-    tmp_path: Path, x_full: XServer, layout: str
+@pytest.mark.parametrize(
+    ("layout", "window", "codes"), [("span", "whole", 20), ("windows", "quarter", 8)]
+)
+def test_full_size_panels_show_every_pixel(
+    tmp_path: Path, x_full: XServer, layout: str, window: str, codes: int
 ) -> None:
-    frames = random_frames((48, 64), "whole", 24)
+    """In every layout and window; the last four rows have blacks and whites in them."""
+    frames = random_frames((48, 64), window, codes)
     with shown(tmp_path, x_full, layout=layout) as display:
-        for row in range(24):
+        for row in range(codes):
             display.show(only(frames, row))
             assert mismatches(x_full, frames, row) == 0, row
         display.black()

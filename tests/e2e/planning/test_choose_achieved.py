@@ -87,7 +87,7 @@ def test_bad_panels_are_foreseen(tmp_path: Path) -> None:
             offset_px=(3.0, -4.0),
         ),
     }  # fmt: skip
-    request = CaptureRequest(goal="indirect", seconds=40.0, white=False, black_level="none")
+    request = CaptureRequest(goal="indirect", seconds=10.0, white=False, black_level="none")
     result = run(tmp_path, request, **tables)
     achieved, foreseen = number(result, "rms_error"), number(result, "predicted_error")
     assert foreseen > 0.05  # the panels are that bad

@@ -186,6 +186,17 @@ def test_the_shutter_closes_when_the_daemon_is_killed(
     again.disconnect()
 
 
+def test_the_guardian_hears_no_signal_but_the_last(pty: SimpleNamespace) -> None:
+    """Whoever ends a whole service means the daemon; its guardian has still to do its part."""
+    process, pid = daemon(pty.path, 600.0, "open")
+    assert heard(pty.near, 2) == b"01"
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        os.kill(pid, number)
+    finish(process)
+    assert heard(pty.near, 1) == b"0"
+    assert ended(pid)
+
+
 def test_the_shutter_closes_when_the_daemon_is_stuck(pty: SimpleNamespace) -> None:
     process, pid = daemon(pty.path, 0.05, "open")
     os.kill(process.pid, signal.SIGSTOP)

@@ -1,0 +1,80 @@
+"""Slow pure functions of the program, worked out once for equal arguments in a test process.
+
+Many tests photograph one of five scenes with the same codes. A scene is the same for the same grid
+and options; a colouring for the same lattice, colours and state of its generator, which is left as
+the function leaves it. Tests of the functions themselves call them where they are defined, and so
+do the processes that tests start.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.codes import hadamard, singer
+from pdcd.codes.colouring import colour_lattice
+from pdcd.scene.presets import PRESETS, Builder
+from pdcd.scene.scene import Scene
+
+SCENES, COLOURINGS = 24, 512
+"""How many are kept; a scene of 48 x 64 cells takes tens of megabytes."""
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+Colouring = tuple[NDArray[np.int64], NDArray[np.int8]]
+
+
+class Memory(Generic[Key, Value]):
+    """The values that were asked for last."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: OrderedDict[Key, Value] = OrderedDict()
+
+    def get(self, key: Key, make: Callable[[], Value]) -> Value:
+        """The value of this key, made where it is not known."""
+        value = self._kept.pop(key) if key in self._kept else make()
+        self._kept[key] = value
+        while len(self._kept) > self._most:
+            self._kept.popitem(last=False)
+        return value
+
+
+def scene_builder(build: Builder, memory: Memory[str, Scene], name: str) -> Builder:
+    """A builder that remembers; scenes are frozen, so one may be given to many."""
+
+    def remembered(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
+        key = repr((name, tuple(grid), sorted(options.items())))
+        return memory.get(key, lambda: build(grid, options))
+
+    return remembered
+
+
+def colouring(memory: Memory[str, tuple[Colouring, Any]]) -> Callable[..., Colouring]:
+    """`colour_lattice` that remembers; links are none of what it is asked with."""
+
+    def remembered(lattice: tuple[int, int], colours: int, rng: np.random.Generator) -> Colouring:
+        key = repr((tuple(lattice), colours, rng.bit_generator.state))
+
+        def make() -> tuple[Colouring, Any]:
+            made = colour_lattice(lattice, colours, rng)
+            return made, rng.bit_generator.state
+
+        (colour, sign), state = memory.get(key, make)
+        rng.bit_generator.state = state
+        return colour.copy(), sign.copy()
+
+    return remembered
+
+
+def begin() -> None:
+    """Let the program remember in this process."""
+    scenes: Memory[str, Scene] = Memory(SCENES)
+    for name, build in PRESETS.items():
+        PRESETS[name] = scene_builder(build, scenes, name)
+    for module in (hadamard, singer):
+        module.colour_lattice = colouring(Memory(COLOURINGS))  # type: ignore[attr-defined]

@@ -1,0 +1,220 @@
+"""A rig goes black and shut whatever its devices do, and opens and closes on settled panels."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.bench.devices import CameraSettings
+from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig
+from pdcd.capture.rig import Exposure, Rig
+from pdcd.codes.make import make_codes
+from pdcd.errors import DeviceLost, SyncError
+from pdcd.frames.frames import Frames
+from pdcd.frames.schedule import build_frames
+from tests import bench_rig
+
+SETTLE_S = 0.25
+SETTINGS = CameraSettings(iso=100, f_number=8.0)
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    config = bench_rig.config(
+        tmp_path,
+        rig=RigConfig(settle_s=SETTLE_S),
+        camera=CameraConfig(noise="none", fetch_timeout_s=12.5),
+        mask=PanelConfig(size_px=(1600, 1200), rise_s=0.001, fall_s=0.002),
+    )
+    rig = Rig(config)
+    rig.connect()
+    yield rig
+    rig.disconnect()
+
+
+def one_code() -> Frames:
+    codes = make_codes("hadamard", bench_rig.GRID, 4, dual="complement")
+    return build_frames(
+        bench_rig.pairs(codes), bench_rig.GRID, window="whole", schedule="full", passes=1
+    )
+
+
+class Failing:
+    """Raises at the first calls, then does what it stands for."""
+
+    def __init__(self, real: Callable[[], Any], error: Exception, times: int) -> None:
+        self.real, self.error, self.left = real, error, times
+        self.calls = 0
+
+    def __call__(self) -> Any:
+        self.calls += 1
+        if self.left:
+            self.left -= 1
+            raise self.error
+        return self.real()
+
+
+def failing(
+    monkeypatch: pytest.MonkeyPatch, device: Any, method: str, error: Exception, times: int
+) -> Failing:
+    made = Failing(getattr(device, method), error, times)
+    monkeypatch.setattr(device, method, made)
+    return made
+
+
+ANY = [DeviceLost("gone", device="display"), RuntimeError("a fault of the program"), OSError(5)]
+
+
+@pytest.mark.parametrize("error", ANY, ids=lambda e: type(e).__name__)
+def test_panels_that_never_go_black_do_not_keep_the_shutter_open(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, error: Exception
+) -> None:
+    """Any error at all, not only those of our own tree."""
+    rig.shutter.open()
+    black = failing(monkeypatch, rig.display, "black", error, 1000)
+    with caplog.at_level(logging.WARNING):
+        assert not rig.make_safe()
+    assert black.calls == 3
+    assert not bench_rig.bench_of_rig(rig).shutter_open
+    said = [record for record in caplog.records if record.levelno == logging.CRITICAL]
+    assert [record.args[0] for record in said if record.args] == ["display"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(("device", "method"), [("display", "black"), ("shutter", "close")])
+def test_a_device_that_fails_twice_is_asked_again(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, device: str, method: str
+) -> None:
+    bench = bench_rig.bench_of_rig(rig)
+    bench.panels_black = False
+    rig.shutter.open()
+    asked = failing(monkeypatch, getattr(rig, device), method, RuntimeError("busy"), 2)
+    assert rig.make_safe()
+    assert asked.calls == 3
+    assert bench.panels_black and not bench.shutter_open
+
+
+def test_panels_go_black_before_the_shutter_closes(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Black panels end the exposure at once; a shutter takes its time."""
+    calls: list[str] = []
+    monkeypatch.setattr(rig.display, "black", lambda: calls.append("black"))
+    monkeypatch.setattr(rig.shutter, "close", lambda: calls.append("close"))
+    assert rig.make_safe()
+    assert calls == ["black", "close"]
+    monkeypatch.undo()
+
+
+@pytest.mark.parametrize("error", [DeviceLost("gone", device="camera"), OSError(5, "unplugged")])
+@pytest.mark.parametrize("broken", ["readout", "shutter", "display"])
+def test_a_device_that_is_not_released_does_not_keep_the_others(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, broken: str, error: Exception
+) -> None:
+    released: list[str] = []
+    for name in ("readout", "shutter", "display"):
+        done = Failing(lambda n=name: released.append(n), error, int(name == broken))  # type: ignore[misc]
+        monkeypatch.setattr(getattr(rig, name), "disconnect", done)
+    rig.disconnect()
+    assert released == [n for n in ("readout", "shutter", "display") if n != broken]
+
+
+class Watched:
+    """What a rig's devices are told, and when."""
+
+    def __init__(self, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.calls: list[tuple[str, int, bool]] = []
+        self.fetched: list[Any] = []
+        bench = bench_rig.bench_of_rig(rig)
+        for role, method in (
+            ("display", "black"),
+            ("readout", "arm"),
+            ("shutter", "open"),
+            ("display", "play"),
+            ("shutter", "close"),
+            ("readout", "fetch"),
+        ):
+            real = getattr(getattr(rig, role), method)
+
+            def call(*args: Any, name: str = method, real: Callable[..., Any] = real) -> Any:
+                self.calls.append((name, rig.clock.now_ns(), bench.panels_black))
+                if name == "fetch":
+                    self.fetched.append(args)
+                return real(*args)
+
+            monkeypatch.setattr(getattr(rig, role), method, call)
+
+    @property
+    def names(self) -> list[str]:
+        """Calls in order, each once where it is repeated at once: `play` ends in black too."""
+        return [name for name, _ in groupby(name for name, _, _ in self.calls)]
+
+    def of(self, name: str) -> tuple[int, bool]:
+        """When it was first called, and whether the panels were black before."""
+        (when, black), *_ = ((ns, black) for called, ns, black in self.calls if called == name)
+        return when, black
+
+
+def expose(rig: Rig, folder: Path) -> Exposure:
+    return rig.expose(
+        one_code(),
+        SETTINGS,
+        folder,
+        "shot",
+        notify=lambda *_: None,
+        progress=lambda *_: None,
+        cancelled=lambda: False,
+    )
+
+
+def test_panels_that_show_something_go_black_before_the_camera_is_armed(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As after `pdcd show white`."""
+    rig.display.show(one_code())
+    assert not bench_rig.bench_of_rig(rig).panels_black
+    watched = Watched(rig, monkeypatch)
+    expose(rig, tmp_path)
+    assert watched.names == ["black", "arm", "open", "play", "black", "close", "fetch"]
+    for name in ("arm", "open", "play", "close"):
+        assert watched.of(name)[1], f"{name} on panels that are not black"
+
+
+def test_panels_settle_between_the_shutter_and_the_codes(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    watched = Watched(rig, monkeypatch)
+    done = expose(rig, tmp_path)
+    settle_ns = round(SETTLE_S * 1e9)
+    assert watched.of("play")[0] >= done.open_ns + settle_ns
+    assert watched.of("close")[0] >= int(done.log.end_ns.max()) + settle_ns
+    assert int(np.min(done.log.dual_ns)) >= done.open_ns + settle_ns
+    assert done.close_ns >= int(done.log.end_ns.max()) + settle_ns
+
+
+def test_a_file_is_waited_for_as_long_as_is_configured(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    watched = Watched(rig, monkeypatch)
+    expose(rig, tmp_path)
+    assert [timeout_s for *_, timeout_s in watched.fetched] == [12.5]
+
+
+def test_a_spoilt_exposure_goes_black_and_shut_before_its_file_is_fetched(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def play(*_: Any) -> Any:
+        bench_rig.bench_of_rig(rig).panels_black = False
+        raise SyncError("a refresh was lost", device="display")
+
+    monkeypatch.setattr(rig.display, "play", play)
+    watched = Watched(rig, monkeypatch)
+    with pytest.raises(SyncError):
+        expose(rig, tmp_path)
+    assert watched.names == ["black", "arm", "open", "play", "black", "close", "fetch"]
+    assert watched.of("close")[1] and watched.fetched[0][2] == 12.5

@@ -1,0 +1,82 @@
+"""A run that looks finished is on the disk: everything is made durable before it gets its name."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdcd.capture.engine import Engine
+from pdcd.errors import NoSpaceError, PdcdError, disk_errors
+from pdcd.pictures.develop import write_png
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import MANIFEST
+from tests import bench_rig
+
+Step = tuple[str, Path]
+
+
+@pytest.fixture
+def steps(monkeypatch: pytest.MonkeyPatch) -> list[Step]:
+    """What was made durable or renamed, in order; "name" tells of the new name."""
+    found: list[Step] = []
+    fsync, rename = os.fsync, Path.rename
+
+    def noted(handle: int) -> None:
+        found.append(("sync", Path(f"/proc/self/fd/{handle}").readlink()))
+        fsync(handle)
+
+    def renamed(path: Path, target: Path) -> Path:
+        found.append(("name", Path(target)))
+        return rename(path, target)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    monkeypatch.setattr(Path, "rename", renamed)
+    return found
+
+
+def test_files_before_the_manifest_folders_before_the_name(
+    tmp_path: Path, steps: list[Step]
+) -> None:
+    engine = Engine.from_config(bench_rig.config(tmp_path))
+    engine.start()
+    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=4))
+    engine.stop()
+    assert result.folder is not None, result.error
+    final = Path(result.folder).resolve()
+    partial = final.with_name(f"{final.name}.partial")
+    files = {partial / p.relative_to(final) for p in final.rglob("*") if p.is_file()}
+    folders = {partial / p.relative_to(final) for p in final.rglob("*") if p.is_dir()}
+
+    named = steps.index(("name", partial / MANIFEST))
+    finished = steps.index(("name", final))
+    before_manifest = {path for what, path in steps[:named] if what == "sync"}
+    assert files - {partial / MANIFEST} <= before_manifest
+    assert partial / f"{MANIFEST}.new" in before_manifest
+    after_manifest = {path for what, path in steps[named:finished] if what == "sync"}
+    assert folders | {partial} <= after_manifest
+    assert ("sync", final.parent) in steps[finished:]
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_quota_is_a_full_disk(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(NoSpaceError), disk_errors("camera"):
+        raise OSError(number, "full")
+
+    def full(*_: object) -> int:
+        raise OSError(number, "full")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(NoSpaceError):
+        write_png(tmp_path / "a.png", np.zeros((2, 2, 3), dtype=np.uint8))
+
+
+def test_any_other_refusal_is_not() -> None:
+    with pytest.raises(PdcdError) as told, disk_errors("camera"):
+        raise OSError(errno.EACCES, "Permission denied")
+    assert not isinstance(told.value, NoSpaceError)
