@@ -130,6 +130,7 @@ THINGS: Mapping[str, Thing] = {
     ),
     "bash": _versioned("bash", "bash", r"^GNU bash, version"),
     "socat": Tool("socat", "socat", ("socat",), ("-V",), r"^socat version \d"),
+    "git": _versioned("git", "git", r"^git version"),
     "jq": _versioned("jq", "jq", r"^jq-\d"),
     "setpriv": _versioned("setpriv", "util-linux", r"^setpriv from util-linux"),
 }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,7 +23,7 @@ from pdcd.recipes.parts import part_numbers
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import git_commit, utc_now, versions
-from pdcd.runs.record import SCHEMA_VERSION, Manifest, RunRecord, ShotRecord
+from pdcd.runs.record import SCHEMA_VERSION, Manifest, MeterRecord, RunRecord, ShotRecord
 from pdcd.runs.views import RigView
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
@@ -133,7 +132,7 @@ def manifest_of(
     started_utc: str,
     summary: Summary,
     warnings: Sequence[str],
-    meter: Sequence[dict[str, Any]],
+    meter: Sequence[MeterRecord],
     files: dict[str, str],
 ) -> Manifest:
     """The manifest of a finished run; `files` are the hashes of all that lies in its folder."""

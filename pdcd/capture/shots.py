@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from pdcd.planning.metering import (
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
 from pdcd.runs import events
-from pdcd.runs.record import ShotRecord
+from pdcd.runs.record import MeterRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import read_raw
@@ -42,7 +41,7 @@ class ShotTaker:
     camera: CameraInfo
     profile: SensorProfile
     journal: Journal
-    meter: list[dict[str, Any]] = field(default_factory=list)
+    meter: list[MeterRecord] = field(default_factory=list)
     """Test exposures so far."""
     apertures: dict[str, float] = field(default_factory=dict)
     """Metered f-number of each program, one for all its parts; white shots have none, so theirs is
@@ -190,7 +189,7 @@ class ShotTaker:
             raw = read_raw(done.raw.path, sha256=done.raw.sha256, saturation_dn=saturation_dn)
             peak = peak_share(raw.planes, raw.saturated, saturation_dn)
             file = str(done.raw.path.relative_to(self.journal.folder.path))
-            self.meter.append({"raw": file, "f_number": f_number, "peak": peak})
+            self.meter.append(MeterRecord(raw=file, f_number=f_number, peak=peak))
             cells = None
             if self.config.camera.homography is None:
                 cells = CellMap.block(plan.grid, raw.frame)

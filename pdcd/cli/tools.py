@@ -68,9 +68,9 @@ def decode(args: argparse.Namespace) -> int:
     if args.json:
         say_json(report)
     else:
-        for file in report["files"]:
-            say(f"{'identical' if file['identical'] else 'DIFFERS  '}  {file['name']}")
-    return DONE if report["identical"] else FAILED
+        for file in report.files:
+            say(f"{'identical' if file.identical else 'DIFFERS  '}  {file.name}")
+    return DONE if report.identical else FAILED
 
 
 def version(args: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,7 @@ class Exposed:
     variance: Floats
     saturated: NDArray[np.bool_]
     realised: Factors
-    exif: dict[str, Any]
+    exif: dict[str, object]
     missed: int = 0
 
 

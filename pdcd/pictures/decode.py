@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 
 from pdcd.errors import disk_errors
@@ -13,6 +13,21 @@ from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.develop import preview, write_png, write_tiff
 from pdcd.pictures.watch import Watch
 from pdcd.runs.folder import read_manifest, sha256_of
+
+
+class Compared(msgspec.Struct, frozen=True):
+    """One picture: its path in the run folder, and whether it came out the same, byte by byte."""
+
+    name: str
+    identical: bool
+
+
+class Comparison(msgspec.Struct, frozen=True):
+    """What came out when a run was decoded again."""
+
+    identical: bool
+    """Whether all pictures did."""
+    files: tuple[Compared, ...]
 
 
 def write_pictures(folder: Path, decoded: Decoded) -> None:
@@ -39,11 +54,11 @@ def write_pictures(folder: Path, decoded: Decoded) -> None:
             write_png(folder / "preview" / f"{name}.png", shown)
 
 
-def decode_folder(folder: Path, watch: Watch | None = None) -> dict[str, Any]:
+def decode_folder(folder: Path, watch: Watch | None = None) -> Comparison:
     """Decode a finished run again and compare with the TIFFs it holds.
 
-    Returns ``{"identical": bool, "files": [{"name", "identical"}, ...]}``. Raises DecodeError when
-    the folder is not a finished run or its files are damaged. `watch` is told how far it is.
+    `watch` is told how far it is. Raises DecodeError when the folder is not a finished run or its
+    files are damaged.
     """
     decoded = Darkroom(folder, read_manifest(folder).run).decoded(watch)
     with tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch:
@@ -55,5 +70,5 @@ def decode_folder(folder: Path, watch: Watch | None = None) -> dict[str, Any]:
         for path in sorted((again / "linear").iterdir()):
             kept = folder / "linear" / path.name
             same = kept.is_file() and sha256_of(kept) == sha256_of(path)
-            files.append({"name": f"linear/{path.name}", "identical": same})
-    return {"identical": all(f["identical"] for f in files), "files": files}
+            files.append(Compared(f"linear/{path.name}", same))
+    return Comparison(all(file.identical for file in files), tuple(files))

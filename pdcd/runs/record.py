@@ -41,6 +41,16 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     is divided by it, so that photos of several shots take the same share of each."""
 
 
+class MeterRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A test exposure that set an aperture."""
+
+    raw: str
+    """Path in the run folder."""
+    f_number: float
+    peak: float
+    """Its brightest sample, as a share of saturation."""
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Everything beside the RAW files, codes and frame log that the answer depends on."""
 
@@ -84,7 +94,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """What each shot's RAW file says of itself."""
     drivers: dict[str, Any]
     config: dict[str, Any]
-    meter: tuple[dict[str, Any], ...]
+    meter: tuple[MeterRecord, ...]
     """Test exposures that set the aperture."""
     files: dict[str, str]
     """SHA-256 of every other file of the folder."""

@@ -16,6 +16,7 @@ from tests.bench import plots
 from tests.bench.measure import REPEATS, alone_in
 from tests.bench.tables import Aim, Section, Table, grid_name, seconds
 from tests.places import ROOT
+from tests.tools import find
 
 BEFORE = "47b8d4c79855988312ae644ff6de8e55a17d6bbe"
 """Last commit at which a capture looked at every pair of cells."""
@@ -72,10 +73,10 @@ def _measure(root: Path, grid: Grid) -> dict[str, float] | None:
 @contextmanager
 def _checkout(commit: str) -> Iterator[Path | None]:
     """A folder with the project as it was at a commit; None where git does not have it."""
-    archive = subprocess.run(
-        ["git", "archive", "--format=tar", commit], cwd=ROOT, capture_output=True, check=False
-    )
-    if archive.returncode != 0:
+    git = find("git").path
+    command = [git or "git", "archive", "--format=tar", commit]
+    archive = subprocess.run(command, cwd=ROOT, capture_output=True, check=False) if git else None
+    if archive is None or archive.returncode != 0:
         yield None
         return
     with tempfile.TemporaryDirectory() as folder:

@@ -49,7 +49,7 @@ def run(folder: Path, config: Config | None = None, **fields: Any) -> tuple[Any,
     request = msgspec.convert({"white": False, **fields}, CaptureRequest)
     result = bench_rig.capture(engine, request)
     assert result.error is None and result.folder is not None, result.error
-    assert decode_folder(Path(result.folder))["identical"]
+    assert decode_folder(Path(result.folder)).identical
     with np.load(Path(result.folder) / "probe.npz") as data:
         return data["image"], data["sigma_sensor"], read_manifest(Path(result.folder))
 

@@ -117,10 +117,10 @@ def test_decode_reproduces_the_tiff_bit_for_bit(
     moved = tmp_path / "elsewhere"
     shutil.move(folder, moved)
     report = decode_folder(moved)
-    assert report["identical"] and len(report["files"]) == 3
+    assert report.identical and len(report.files) == 3
     tiff = moved / "linear" / "indirect.tif"
     tiff.write_bytes(tiff.read_bytes()[:-4] + b"\1\2\3\4")
-    assert not decode_folder(moved)["identical"]
+    assert not decode_folder(moved).identical
 
 
 def test_damaged_runs_do_not_decode(tmp_path: Path) -> None:

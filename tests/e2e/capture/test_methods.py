@@ -60,7 +60,7 @@ def test_multi_image_is_exact_with_more_codes_than_cells(goal: str, tmp_path: Pa
     assert relative(image, truth) < 1e-3
     assert result.summary["rms_error"] == pytest.approx(relative(image, truth), rel=1e-6)
     assert result.summary["shots"] == 64 and result.folder is not None
-    assert decode_folder(Path(result.folder))["identical"]
+    assert decode_folder(Path(result.folder)).identical
     for name, deviation in read_manifest(Path(result.folder)).realised.items():
         assert deviation["off_rms"] < 1e-6, name
 
@@ -72,7 +72,7 @@ def test_multi_image_survives_leaking_and_drifting_panels(tmp_path: Path) -> Non
     engine = engine_on(tmp_path, t, **panels)
     image, result = take(engine, goal="direct", method="multi-image", codes=64)
     assert relative(image, np.diag(t)) < 5e-3
-    assert result.folder is not None and decode_folder(Path(result.folder))["identical"]
+    assert result.folder is not None and decode_folder(Path(result.folder)).identical
 
 
 def test_sigma_of_multi_image_is_what_noise_does(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_nayar_is_exact_for_constant_indirect_light(tmp_path: Path) -> None:
     assert relative(image, np.full(N, N * glow)) < 1e-3
     image, _ = take(engine, goal="direct", method="nayar", codes=32)
     assert relative(image, np.diag(t) - glow) < 1e-3
-    assert decode_folder(Path(result.folder))["identical"]
+    assert decode_folder(Path(result.folder)).identical
 
 
 def test_nayar_loses_all_of_the_light_of_a_mirror(tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ def test_split_is_exact_for_a_permutation_and_smooth_light(
         assert np.abs(image - truth).max() < 2e-3 * scale, name
     assert summary["rms_error"] < 1e-3
     assert summary["shots"] == (4 if black_level == "none" else 8)
-    assert decode_folder(folder)["identical"]
+    assert decode_folder(folder).identical
 
 
 def test_split_under_an_illumination_keeps_its_share_of_the_light(tmp_path: Path) -> None:

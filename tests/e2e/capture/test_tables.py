@@ -136,7 +136,7 @@ def test_row_is_exact_with_more_codes_than_cells(row: str, tmp_path: Path) -> No
     # The program's own idea of the truth agrees with the loops above.
     own = summary["rms_error"] * np.sqrt(np.mean(truth**2))
     assert own == pytest.approx(np.sqrt(np.mean((image - truth) ** 2)), rel=1e-6)
-    assert decode_folder(folder)["identical"]
+    assert decode_folder(folder).identical
     for deviation in read_manifest(folder).realised.values():
         assert deviation["off_rms"] < 1e-6  # grey levels are stored in single precision
 

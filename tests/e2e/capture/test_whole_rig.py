@@ -54,8 +54,10 @@ def test_the_answer_is_that_of_the_mocks(tmp_path: Path, cable: TriggerConfig) -
         if cable is whole_rig.BLIND or found[name].dtype.kind != "f":
             np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
         else:
+            # Exact codes: what is left of their error is that of sums of squares, some 1e-9.
+            atol = 1e-8 if name == "sigma_code" else 1e-12
             np.testing.assert_allclose(
-                found[name], expected[name], rtol=1e-6, atol=1e-12, err_msg=name
+                found[name], expected[name], rtol=1e-6, atol=atol, err_msg=name
             )
 
 

@@ -76,7 +76,7 @@ def test_the_answer_is_that_of_the_mock_camera(tmp_path: Path, f_number: Any) ->
     assert result.folder is not None
     manifest = read_manifest(Path(result.folder))
     assert manifest.drivers["camera"]["model"] == "Canon EOS 450D"
-    names = {shot.raw for shot in manifest.run.shots} | {test["raw"] for test in manifest.meter}
+    names = {shot.raw for shot in manifest.run.shots} | {test.raw for test in manifest.meter}
     assert names <= set(manifest.files) and all(name.endswith(".cr2") for name in names)
     assert body.shutter.opened == len(names)
 

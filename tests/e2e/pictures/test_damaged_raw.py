@@ -30,7 +30,7 @@ def test_a_run_whose_raw_file_changed_is_not_decoded(tmp_path: Path) -> None:
     engine.stop()
     assert result.folder is not None, result.error
     folder = Path(result.folder)
-    assert decode_folder(folder)["identical"]
+    assert decode_folder(folder).identical
     raw = next(folder.glob("raw/coded*.dng"))
     size = raw.stat().st_size
     flip(raw)

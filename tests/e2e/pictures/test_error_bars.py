@@ -102,7 +102,7 @@ def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
     folder = Path(str(result.folder))
     raw = sorted(p.name for p in (folder / "raw").iterdir() if not p.name.startswith("meter"))
     assert raw == [f"coded-{part}.dng" for part in range(1, 5)]
-    assert decode_folder(folder)["identical"]
+    assert decode_folder(folder).identical
     found = probe(result)
     assert set(found) == {"image", "sigma", "sigma_sensor", "sigma_code", "sigma_kind"}
     assert str(found["sigma_kind"]) == "measured"
@@ -111,7 +111,7 @@ def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
     error = result.summary["rms_error"]
     assert isinstance(error, float) and error < 0.01
     meters = read_manifest(folder).meter
-    assert {m["raw"].split("-")[2] for m in meters} == {"1"}, "all parts have one aperture"
+    assert {m.raw.split("-")[2] for m in meters} == {"1"}, "all parts have one aperture"
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
 def test_other_goals_and_ways_take_parts(fields: dict[str, Any], tmp_path: Path) -> None:
     given = {"codes": 64, "parts": 4, "white": True, **fields}
     _, result, _ = capture(tmp_path, "corner", **given)
-    assert decode_folder(Path(str(result.folder)))["identical"]
+    assert decode_folder(Path(str(result.folder))).identical
     sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
     assert isinstance(sigma, float) and isinstance(error, float)
     assert 0.7 * error < sigma < 1.6 * error
@@ -150,7 +150,7 @@ def test_an_easy_scene_stops_early_and_a_hard_one_takes_all_parts(tmp_path: Path
         assert len([s for s in manifest.run.shots if s.name.startswith("coded")]) == len(told)
         assert result.summary["parts"] == len(told)
         assert result.summary["codes"] == 16 * len(told)
-        assert decode_folder(folder)["identical"]
+        assert decode_folder(folder).identical
         last = told[-1].rms_sigma
         assert last is not None
         assert result.summary["rms_sigma"] == pytest.approx(last)

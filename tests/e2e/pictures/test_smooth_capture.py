@@ -26,7 +26,7 @@ def test_milk_gets_closer_to_the_truth(tmp_path: Path) -> None:
         request = CaptureRequest(goal="indirect", codes=32, smooth=smooth)
         result = run(tmp_path / str(smooth), request)
         assert result.folder is not None, result.error
-        assert decode_folder(Path(result.folder))["identical"]
+        assert decode_folder(Path(result.folder)).identical
         errors.append(float(str(result.summary["rms_error"])))
     assert errors[1] < 0.8 * errors[0]
 

@@ -65,7 +65,7 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path, window: str) -> None:
     assert result.folder is not None
     done = Path(result.folder)
     assert len(list((done / "raw").glob("pilot-*.dng"))) == 64
-    assert decode_folder(done)["identical"]
+    assert decode_folder(done).identical
     assert read_manifest(done).plan["raw_files"] == 65
 
 
@@ -90,7 +90,7 @@ def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str)
     assert result.folder is not None
     done = Path(result.folder)
     manifest = read_manifest(done)
-    assert decode_folder(done)["identical"]
+    assert decode_folder(done).identical
     assert manifest.run.how.coded == 124 and manifest.plan["raw_files"] == SCOUTS + 1
     assert any("no sharp far paths" in warning for warning in manifest.warnings)
 
@@ -203,7 +203,7 @@ def test_8_codes_show_mirrors_as_well_as_128_coins(
     shown = [result.summary[name] for name in ("codes", "pilot", "shots", "family")]
     assert shown == [8, 8, 8, "hadamard"]
     assert result.folder is not None
-    assert decode_folder(Path(result.folder))["identical"]
+    assert decode_folder(Path(result.folder)).identical
 
 
 @pytest.mark.parametrize("scene", [MIRROR, VASE, DISCO])
@@ -214,7 +214,7 @@ def test_a_short_pilot_and_16_codes_show_mirrors_well(tmp_path: Path, scene: Sce
     assert result.state == "done", result.error
     assert float(str(result.summary["rms_error"])) < 0.025
     assert result.folder is not None
-    assert decode_folder(Path(result.folder))["identical"]
+    assert decode_folder(Path(result.folder)).identical
     assert read_manifest(Path(result.folder)).plan["raw_files"] == 17
 
 
@@ -232,7 +232,7 @@ def test_a_pilot_of_all_codes_leaves_them_where_it_sees_nothing(
     assert cost.stopped_raw_files == len(manifest.run.shots) == SCOUTS + 2
     assert cost.stopped_seconds == pytest.approx(manifest.plan["seconds"])
     assert float(str(result.summary["rms_error"])) < 0.05
-    assert decode_folder(Path(result.folder))["identical"]
+    assert decode_folder(Path(result.folder)).identical
 
 
 def test_a_pilot_of_all_codes_gives_direct_light_too(tmp_path: Path) -> None:

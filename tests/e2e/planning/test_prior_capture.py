@@ -76,7 +76,7 @@ def test_knowledge_of_sharp_paths_replaces_codes(scene: str, window: str, tmp_pa
     manifest = read_manifest(Path(known.folder))
     assert manifest.request["prior"] == scene
     assert str(manifest.plan["prior"]).split()[0] in ("file", "scene")
-    assert decode_folder(Path(known.folder))["identical"]
+    assert decode_folder(Path(known.folder)).identical
 
 
 def test_parts_and_repeats_follow_a_prior_too(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from pdcd.bench.tables import Config
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
+from pdcd.pictures.decode import Compared, Comparison
 from pdcd.request import CaptureRequest, CaptureResult
 from tests.unit.cli.cli_stubs import (
     JOB,
@@ -258,9 +259,8 @@ def test_config_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 def test_decode_fails_when_a_picture_differs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    files = [{"name": "linear/white.tif", "identical": True},
-             {"name": "linear/indirect.tif", "identical": False}]  # fmt: skip
-    report = {"identical": False, "files": files}
+    files = (Compared("linear/white.tif", True), Compared("linear/indirect.tif", False))
+    report = Comparison(False, files)
     monkeypatch.setattr("pdcd.pictures.decode.decode_folder", lambda *_: report)
     assert main(["decode", "x"]) == 5
     assert capsys.readouterr().out.splitlines() == [
@@ -268,7 +268,7 @@ def test_decode_fails_when_a_picture_differs(
         "DIFFERS    linear/indirect.tif",
     ]
     assert main(["decode", "x", "--json"]) == 5
-    assert last_object(capsys.readouterr().out) == report
+    assert last_object(capsys.readouterr().out) == json.loads(msgspec.json.encode(report))
 
 
 def test_serve_hands_over_configuration_and_socket(

@@ -85,6 +85,6 @@ def test_every_decoding_goes_on_to_its_end(
     told: list[tuple[float, float]] = []
     assert decode_folder(
         Path(str(result.folder)), Watch(step=lambda done, total: told.append((done, total)))
-    )["identical"]
+    ).identical
     assert told[-1][0] == pytest.approx(told[-1][1])
     assert len(told) > 4

@@ -31,7 +31,7 @@ def test_a_run_of_schema_1_decodes_bit_for_bit(tmp_path: Path, name: str) -> Non
     folder = unpacked(name, tmp_path)
     assert json.loads((folder / "capture.json").read_bytes())["schema"] == 1
     report = decode_folder(folder)
-    assert report["identical"] and report["files"]
+    assert report.identical and report.files
     answer = Darkroom(folder, read_manifest(folder).run).decoded().answer
     with np.load(folder / "probe.npz") as kept:
         np.testing.assert_array_equal(kept["image"], answer.image)
