@@ -99,14 +99,14 @@ class _Front:
     ) -> None:
         rows, cols = lattice
         self._bins, self._colour, self._known, self._cols = bins, colour, known, cols
-        self._table, self._signs = colour.reshape(lattice), np.zeros(lattice)
+        self._table, self._placed = colour.reshape(lattice), np.zeros(rows * cols)
         # Is searched in a fraction of the time.
         self._narrow = self._table.astype(np.min_scalar_type(bins))
-        self._placed = self._signs.reshape(rows * cols)
         reach = _reach(bins - _SPARE_BINS)
         self._reach = min(reach, rows - 1), min(reach, cols - 1)
         self._behind = _behind(self._reach, None if known.weight.any() else along)
         self._crowding, self._pull = _kernels(self._reach)
+        self._span = 2 * self._reach[1] + 1
         up, down, left, right = self._behind
         above, before = self._reach
         self._inside = self._crowding[
@@ -121,9 +121,9 @@ class _Front:
     def look(self, cell: int, colours: int) -> tuple[int, float]:
         """The colour that crowds a cell least, and the sum of its signs around it."""
         row, col = divmod(cell, self._cols)
-        up, down, left, right = self._behind
+        up, below, left, right = self._behind
         top, first = max(row - up, 0), max(col - left, 0)
-        window = self._table[top : row + down + 1, first : col + right + 1]
+        window = self._table[top : row + below + 1, first : col + right + 1]
         height, width = window.shape
         above, before = self._reach[0] - row + top, self._reach[1] - col + first
         crowds = self._whole  # but at the border, where part of it lies beyond
@@ -135,8 +135,11 @@ class _Front:
             crowd += np.bincount(self._colour[other], strength**2, self._bins)
         best = int(crowd[:colours].argmin())
         same = self._narrow[top : top + height, first : first + width] == best
-        r, c = np.divmod(same.ravel().nonzero()[0], width)
-        around = float(self._signs[top + r, first + c] @ self._pull[above + r, before + c])
+        inside = same.ravel().nonzero()[0]
+        down = inside // width
+        here = inside + down * (self._cols - width) + (top * self._cols + first)
+        there = inside + down * (self._span - width) + (above * self._span + before)
+        around = float(self._placed.take(here) @ self._pull.take(there))
         if other.size:
             around += float((self._colour[other] == best) * self._placed[other] @ strength)
         return best, around
