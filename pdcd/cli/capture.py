@@ -52,7 +52,7 @@ def take(
 ) -> CaptureResult:
     """Take a photo in this process or over the socket, as `args` say, with progress shown."""
     if args.local:
-        with progress() as on_event:
+        with progress("planning") as on_event:
             return _capture_here(args.config, request, on_event)
     path = daemon_socket(args)
     # A terminated command must end its job in good order, as an interrupted one does.

@@ -104,8 +104,11 @@ def _say_plainly(result: CaptureResult) -> None:
 
 
 @contextmanager
-def progress() -> Iterator[OnEvent]:
-    """Show events on stderr: a bar on a terminal, else lines at most one a second."""
+def progress(first: str = "waiting") -> Iterator[OnEvent]:
+    """Show events on stderr: a bar on a terminal, else lines at most one a second.
+
+    `first` is what is done before the first event.
+    """
     if not sys.stderr.isatty():
         yield _Lines()
         return
@@ -125,7 +128,7 @@ def progress() -> Iterator[OnEvent]:
         TimeRemainingColumn(),
     )
     with Bars(*columns, console=Console(stderr=True)) as bars:
-        task = bars.add_task("waiting", total=None)
+        task = bars.add_task(first, total=None)
         stages = _Stages()
 
         def show(event: Event) -> None:

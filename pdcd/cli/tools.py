@@ -62,7 +62,7 @@ def decode(args: argparse.Namespace) -> int:
     from pdcd.pictures.decode import decode_folder
     from pdcd.pictures.watch import Watch
 
-    with progress() as show:
+    with progress("reading") as show:
         watch = Watch(step=lambda done, total: show(Decoded(done=done, total=total)))
         report = decode_folder(args.folder, watch)
     if args.json:
