@@ -68,7 +68,8 @@ class Radiosity(Tinted):
     @cached_property
     def _weights(self) -> Any:
         """W as a sparse matrix (N, p)."""
-        return scipy.sparse.kron(self.down, self.across, format="csr")
+        down, across = scipy.sparse.coo_array(self.down), scipy.sparse.coo_array(self.across)
+        return scipy.sparse.kron(down, across, format="csr")
 
     def diagonal(self) -> Array:
         """See `Effect.diagonal`."""
