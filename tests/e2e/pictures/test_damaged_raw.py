@@ -20,6 +20,7 @@ def flip(path: Path) -> None:
     """Change one bit of the last sample; every reader takes the file for a sound one."""
     data = bytearray(path.read_bytes())
     data[-1] ^= 1
+    path.chmod(0o640)  # a finished run's are read-only
     path.write_bytes(data)
 
 

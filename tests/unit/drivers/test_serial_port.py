@@ -34,9 +34,17 @@ BOX = {"release": "command", "open_hex": "31", "close_hex": "30"}
 
 @pytest.fixture
 def pty() -> Iterator[SimpleNamespace]:
-    """Both ends of a pseudo-terminal: `near` is a file descriptor, `path` the port's name."""
+    """Both ends of a pseudo-terminal: `near` is a file descriptor, `path` the port's name.
+
+    `freed` does what the last close of a port does: it may be opened anew. This fixture holds its
+    far end open, so the kernel would keep all but root out once one had it for itself.
+    """
     near, far = os.openpty()
-    yield SimpleNamespace(near=near, path=os.ttyname(far))
+
+    def freed() -> None:
+        fcntl.ioctl(far, termios.TIOCNXCL)
+
+    yield SimpleNamespace(near=near, path=os.ttyname(far), freed=freed)
     for end in (near, far):
         os.close(end)
 
@@ -114,6 +122,7 @@ def test_a_second_daemon_is_kept_out(pty: SimpleNamespace) -> None:
     with pytest.raises(DeviceLost, match="another program holds it"):
         second.connect()
     first.disconnect()
+    pty.freed()
     second.connect()
     second.disconnect()
 
@@ -181,6 +190,7 @@ def test_the_shutter_closes_when_the_daemon_is_killed(
     assert heard(pty.near, 1) == b"0"
     assert ended(pid)
     finish(process)
+    pty.freed()
     again = make(pty.path, **BOX)  # nothing holds the port any more
     again.connect()
     again.disconnect()
@@ -246,6 +256,7 @@ def test_a_guardian_that_does_not_start_keeps_the_shutter_closed(
     monkeypatch.setattr(watchdog, "GUARDIAN", ("/none/python",))
     with pytest.raises(DeviceLost, match="cannot start the process that guards"):
         make(pty.path, **BOX).connect()
+    pty.freed()
     monkeypatch.setattr(watchdog, "GUARDIAN", ("/bin/false",))
     box = make(pty.path, **BOX)
     box.connect()
