@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from Xlib import X
 from Xlib.display import Display
@@ -20,6 +21,12 @@ from tests.xserver import XServer
 
 Pixels = NDArray[np.uint8]
 
+BLACK_WITHIN_S = 0.1
+"""How long panels may stay lit when what draws on them is killed."""
+WATCHED_S = 1.0
+"""How long the screen is looked at after a kill: light must not come back either."""
+TRIES = 3
+"""A machine that does other work too may hold back the server that removes the windows."""
 BUSY = 0.75
 """Load for each core from which lost refreshes are the machine's own."""
 
@@ -36,6 +43,22 @@ def hurry(server: XServer) -> None:
 def busy() -> bool:
     """Whether refreshes may well be lost to other work of this machine."""
     return os.getloadavg()[0] > BUSY * (os.cpu_count() or 1)
+
+
+def assert_dark_in_time(lit_s: list[float]) -> None:
+    """Fail where the quickest of a few kills left light too long; skip where the machine did."""
+    if min(lit_s) < BLACK_WITHIN_S:
+        return
+    told = ", ".join(f"{1e3 * t:.0f} ms" for t in lit_s)
+    if busy() and min(lit_s) < WATCHED_S / 2:
+        load = os.getloadavg()[0]
+        pytest.skip(f"THE MACHINE IS TOO BUSY (load {load:.1f}): panels were lit for {told}")
+    pytest.fail(f"panels were lit for {told} after the kill")
+
+
+def again(lit_s: list[float]) -> bool:
+    """Whether one more kill is to be tried."""
+    return len(lit_s) < TRIES and min(lit_s, default=1.0) >= BLACK_WITHIN_S
 
 
 def options(server: XServer, **more: Any) -> dict[str, Any]:
