@@ -53,6 +53,8 @@ from pdcd.presenter.xpresent import PresentEvents
 
 logger = logging.getLogger(__name__)
 
+PROBES = 3
+"""How often time sources are asked before none is said to deliver."""
 IDLE_S = 0.25
 """How often the process looks at its windows while it waits."""
 SOURCES = ("present-complete", "oml", "drm", "present-msc", "swap", "clock")
@@ -203,6 +205,7 @@ class Presenter:
     def _find_source(self, nominal_ns: float) -> tuple[Source, float]:
         """The best time source that delivers, and its period in ns.
 
+        Where none does, a machine that is busy for a moment may be why: they are asked again.
         Raises DeviceLost when the one asked for does not, ConfigError when there is none of it.
         """
         windows, events, counters = self._windows, self._events, self._counters
@@ -226,7 +229,8 @@ class Presenter:
             return ProcessorClock(windows.swap, windows.finish, nominal_ns)
 
         asked = self._options.time_source
-        for name in SOURCES if asked == "auto" else (asked,):
+        names = SOURCES if asked == "auto" else (asked,)
+        for name in names * PROBES:
             if asked == "auto" and name == "drm" and isinstance(counters, ConfigError):
                 continue
             source = make(name)
