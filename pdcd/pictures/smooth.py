@@ -217,13 +217,17 @@ def _padded(grid: tuple[int, int]) -> tuple[int, ...]:
 def _spread(kernel: Floats, grid: tuple[int, int]) -> Spread:
     """Sums over all other cells by a kernel of offsets, as a product of Fourier transforms."""
     rows, cols = grid
-    shape = kernel.shape
+    height, width = kernel.shape
     waves = scipy.fft.rfft2(kernel)
 
     def spread(light: Floats) -> Floats:
         images = light.reshape(*light.shape[:-1], rows, cols)
-        out = scipy.fft.irfft2(scipy.fft.rfft2(images, s=shape) * waves, s=shape)
-        near: Floats = np.ascontiguousarray(out[..., :rows, :cols]).reshape(light.shape)
+        # Axis by axis: rows of the padding are 0 before, and are not asked for after.
+        out = scipy.fft.fft(scipy.fft.rfft(images, n=width), n=height, axis=-2, overwrite_x=True)
+        out *= waves
+        out = scipy.fft.ifft(out, axis=-2, norm="forward", overwrite_x=True)[..., :rows, :]
+        found = scipy.fft.irfft(out, n=width, norm="forward", overwrite_x=True)[..., :cols]
+        near: Floats = (found * (1.0 / kernel.size)).reshape(light.shape)
         return near
 
     return spread
