@@ -1,5 +1,5 @@
 # make demo: one capture on the mock bench. make test: all tests. Both install what is missing.
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench soak clean
 
 demo:
 	@.ci/setup
@@ -21,6 +21,12 @@ lint:
 bench:
 	@.ci/setup dev
 	OMP_NUM_THREADS=1 .venv/bin/python -m tests.bench
+
+# A real daemon under attack for MINUTES; the table goes to docs/soak.md.
+MINUTES ?= 10
+soak:
+	@.ci/setup dev
+	OMP_NUM_THREADS=1 .venv/bin/python -m tests.soak --minutes $(MINUTES) --out docs/soak.md
 
 clean:
 	rm -rf .venv demo .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

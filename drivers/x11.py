@@ -32,10 +32,17 @@ class X11Display:
 
     maturity = "experimental"
 
-    def __init__(self, config: Config, request: Open, shared: Shared) -> None:
+    def __init__(
+        self,
+        config: Config,
+        request: Open,
+        shared: Shared,
+        alive: Callable[[], object] = lambda: None,
+    ) -> None:
         self._open = request
         self._config = config
         self._shared = shared
+        self._alive = alive
         self._planes = config.display.planes_per_refresh
         self._exposures = 0
         self._presenter: DisplayProcess | None = None
@@ -52,11 +59,11 @@ class X11Display:
                 device="display",
                 hint="leave grab_px out, or set planes_per_refresh = 1",
             )
-        return cls(config, request, context.shared)
+        return cls(config, request, context.shared, context.alive)
 
     def connect(self) -> DisplayInfo:
         """Start the display process; both panels are black on return."""
-        ready = self._alive().ready
+        ready = self._running().ready
         return DisplayInfo(
             self._open.projector.size_px,
             self._open.mask.size_px,
@@ -78,7 +85,7 @@ class X11Display:
         self._frames = None
         if self._planes > 1:
             check_binary(frames.primal_patterns, frames.dual_patterns)
-        self._alive().load(frames)
+        self._running().load(frames)
         self._frames = frames
 
     def black(self) -> None:
@@ -89,7 +96,7 @@ class X11Display:
     def show(self, frames: Frames) -> None:
         """Hold the first refresh."""
         self.load(frames)
-        self._alive().show(0)
+        self._running().show(0)
 
     def play(
         self, progress: Callable[[int, int, int], None], cancelled: Callable[[], bool]
@@ -152,10 +159,10 @@ class X11Display:
         sizes_px = self._config.projector.size_px, self._config.mask.size_px
         return Recorder(*sizes_px) if self._open.options.grab_px else None
 
-    def _alive(self) -> DisplayProcess:
+    def _running(self) -> DisplayProcess:
         if self._presenter is None or not self._presenter.alive:
             self.disconnect()
-            self._presenter = DisplayProcess(self._open)
+            self._presenter = DisplayProcess(self._open, self._alive)
         return self._presenter
 
 

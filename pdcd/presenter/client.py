@@ -39,7 +39,8 @@ from pdcd.presenter.xconnection import connect, disconnect
 
 START_S = 30.0
 """How long opening the panels may take: libraries, windows, and 30 frames for each time source."""
-LOAD_S = 60.0
+LOAD_S = 20.0
+"""Bound of handing over all patterns, which takes 0.1 s for 65536 codes."""
 LOOK_S = 0.05
 """Time between looks at progress and cancelling while rows are shown."""
 LEAD_IN = 2
@@ -50,9 +51,12 @@ Log = NDArray[np.int64]
 
 
 class DisplayProcess:
-    """One display process. Every method raises DeviceLost when it is gone, and then it is dead."""
+    """One display process. Every method raises DeviceLost when it is gone, and then it is dead.
 
-    def __init__(self, request: Open) -> None:
+    `alive()` is called at least ten times a second while its answer is waited for.
+    """
+
+    def __init__(self, request: Open, alive: Callable[[], object] = lambda: None) -> None:
         mine, its = pair()
         # A session of its own: the terminal's Ctrl-C and hang-up are not for it.
         self._process = subprocess.Popen(
@@ -62,6 +66,7 @@ class DisplayProcess:
             stdin=subprocess.DEVNULL,
         )
         its.close()
+        self._pulse = alive
         self._channel: Channel[Reply] = Channel(mine, Reply)
         self._poller = select.poll()
         self._poller.register(mine, select.POLLIN | select.POLLHUP)
@@ -154,7 +159,7 @@ class DisplayProcess:
         except BaseException:
             # Whoever was told of the progress failed, or a signal came: black now, not in the end.
             head[Head.STOP] = 1
-            if self._poller.poll(self._hang_s * 1000):
+            if self._answered(self._hang_s):
                 self._reply()
             raise
         if head[Head.STOP]:
@@ -226,7 +231,7 @@ class DisplayProcess:
 
     def _ask(self, message: Request, timeout_s: float) -> Reply:
         self._send(message)
-        if not self._poller.poll(timeout_s * 1000):
+        if not self._answered(timeout_s):
             self.kill()
             raise DeviceLost(
                 f"the display process did not answer within {timeout_s:g} s and was killed",
@@ -237,10 +242,19 @@ class DisplayProcess:
 
     def _ask_with(self, fd: int, message: Request, timeout_s: float) -> None:
         self._send(message, fd)
-        if not self._poller.poll(timeout_s * 1000):
+        if not self._answered(timeout_s):
             self.kill()
             raise DeviceLost("the display process takes no patterns", device="display")
         self._reply()
+
+    def _answered(self, within_s: float) -> bool:
+        """Whether there is an answer, or an end, within that time."""
+        until_s = time.monotonic() + within_s
+        while not self._poller.poll(LOOK_S * 1000):
+            self._pulse()
+            if time.monotonic() > until_s:
+                return False
+        return True
 
     def _send(self, message: Request, fd: int | None = None) -> None:
         try:

@@ -20,6 +20,7 @@ import pytest
 from drivers.x11 import X11Display
 from pdcd.bench.devices import Display
 from pdcd.bench.tables import Config, PanelConfig, RigConfig
+from pdcd.capture.rig import Rig
 from pdcd.capture.show import pattern_frames
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter.windows import Windows
@@ -180,6 +181,29 @@ def test_a_presenter_that_hangs_is_killed(tmp_path: Path, x_quarter: XServer) ->
         assert pid_of(display) != pid
     finally:
         display.disconnect()
+
+
+@pytest.mark.parametrize("call", ["load", "show"])
+def test_a_stopped_presenter_is_waited_for_with_signs_of_life(
+    tmp_path: Path, x_quarter: XServer, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """The watchdog would end the daemon otherwise."""
+    monkeypatch.setattr("pdcd.presenter.client.LOAD_S", 0.5)
+    rig = Rig(x11_rig.config(tmp_path, x_quarter, more={"hang_s": 0.5}))
+    beats: list[float] = []
+    rig.pulse.heard_by = lambda: beats.append(time.monotonic())
+    rig.display.connect()
+    try:
+        rig.display.load(frames())
+        assert isinstance(rig.display, X11Display)
+        os.kill(pid_of(rig.display), signal.SIGSTOP)
+        begun_s = time.monotonic()
+        with pytest.raises(DeviceLost, match=r"did not answer|takes no patterns"):
+            getattr(rig.display, call)(frames())
+        silences = np.diff([begun_s, *(b for b in beats if b > begun_s)])
+        assert len(silences) >= 4 and silences.max() < 0.4
+    finally:
+        rig.display.disconnect()
 
 
 def test_a_server_that_dies_is_a_lost_device(tmp_path: Path) -> None:

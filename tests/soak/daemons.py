@@ -1,0 +1,115 @@
+"""One life of a daemon on a bench, with an ear for its heart beat."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from types import TracebackType
+
+from pdcd.client import Client, Unreachable
+from tests.places import ROOT
+from tests.soak import processes
+from tests.soak.benches import Bench
+
+START_S = 60.0
+BEAT_S = 0.5
+"""How often the heart is to beat; the watchdog would wait for three times as long."""
+
+
+class Daemon:
+    """A process that serves, from ready to its end; a context manager that kills what is left."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.socket = bench.folder / "s"
+        self.gap_s = 0.0
+        """Longest silence of the heart beat so far."""
+        self.excused = False
+        """True while a device hangs: the thread that waits for it cannot beat."""
+        self._beat_s: float | None = None
+        self._ear = self._listen()
+        bench.freed()
+        (bench.folder / "fault.json").unlink(missing_ok=True)
+        self.log = (bench.folder / "log").open("ab")
+        command = [sys.executable, "-m", "tests.soak.daemon"]
+        self.process = subprocess.Popen(
+            [*command, str(bench.config), str(self.socket), str(bench.folder)],
+            stderr=self.log,
+            stdin=subprocess.DEVNULL,
+            cwd=ROOT,
+            env=os.environ | {
+                "NOTIFY_SOCKET": str(bench.folder / "notify"),
+                "WATCHDOG_USEC": str(round(3e6 * BEAT_S)),
+            },
+            start_new_session=True,
+        )  # fmt: skip
+        self.pid = self.process.pid
+        self._wait_until_ready()
+        self.started: set[int] = set()
+        self.look()
+
+    def __enter__(self) -> Daemon:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.look()
+        self.process.kill()
+        self.process.wait()
+        self._ear.close()
+        self.log.close()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self.process.poll() is None
+
+    def client(self) -> Client:
+        """A new connection, tried for as long as a busy daemon may need."""
+        give_up_s = time.monotonic() + START_S
+        while True:
+            try:
+                return Client(self.socket, timeout_s=20.0)
+            except (Unreachable, OSError):
+                if time.monotonic() > give_up_s or not self.alive:
+                    raise
+                time.sleep(0.02)
+
+    def look(self) -> None:
+        """Take note of the processes that there are, to see later that they are gone."""
+        self.started |= processes.family(self.pid).keys()
+
+    def _wait_until_ready(self) -> None:
+        try:
+            with self.client() as client:
+                client.status()
+        except Unreachable as err:
+            raise RuntimeError(f"the daemon did not start: see {self.log.name}") from err
+
+    def _listen(self) -> socket.socket:
+        path = self.bench.folder / "notify"
+        path.unlink(missing_ok=True)
+        ear = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        ear.bind(str(path))
+        threading.Thread(target=self._hear, args=(ear,), daemon=True).start()
+        return ear
+
+    def _hear(self, ear: socket.socket) -> None:
+        with suppress(OSError):  # it was closed
+            while data := ear.recv(4096):
+                if b"WATCHDOG=1" not in data:
+                    continue
+                now_s, last_s = time.monotonic(), self._beat_s
+                self._beat_s = now_s
+                if last_s is not None and not self.excused:
+                    self.gap_s = max(self.gap_s, now_s - last_s)
+                self.excused = False

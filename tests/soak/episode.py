@@ -1,0 +1,214 @@
+"""One life of a daemon in a soak: photo after photo, an attack on most, the promises after each."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from random import Random
+
+from pdcd.client import Unreachable
+from pdcd.errors import PdcdError
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.verify import verify
+from tests.soak import processes
+from tests.soak.attacks import ATTACKS, Attack
+from tests.soak.benches import Bench
+from tests.soak.daemons import Daemon
+from tests.soak.tally import Row, Tally
+
+DARK_S, CLOSED_S = 1.0, 1.0
+"""How long after the end of a job or of a process light may last on a machine that is this busy."""
+HANGS_S = 8.0
+"""The same where a process was stopped: it must first be found to hang."""
+GONE_S = 20.0
+"""How long processes may outlive a daemon that was killed: a guardian finishes its work first."""
+SILENT_S = 2.0
+"""Longest silence of the heart beat."""
+SPARE = {"descriptors": 4, "threads": 3, "processes": 1}
+"""How many more a daemon may hold in the end than after its first photo."""
+CALM = 0.4
+"""Share of photos that are left in peace."""
+
+
+class Photographer:
+    """One photo in a thread of its own: its result, or why there is none."""
+
+    def __init__(self, daemon: Daemon, request: CaptureRequest) -> None:
+        self.result: CaptureResult | None = None
+        self.why = ""
+        self._daemon, self._request = daemon, request
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            with self._daemon.client() as client:
+                self.result = client.capture(self._request, queue=True)
+        except (PdcdError, Unreachable, OSError) as err:
+            self.why = f"{type(err).__name__}: {err}"
+
+    def wait(self, within_s: float) -> bool:
+        """Whether it has come to an end."""
+        self._thread.join(within_s)
+        return not self._thread.is_alive()
+
+
+class Episode:
+    """Runs one daemon on a bench until a time, or until an attack ends it."""
+
+    def __init__(
+        self, bench: Bench, rng: Random, tally: Tally, wanted: list[CaptureRequest]
+    ) -> None:
+        self._bench, self._rng, self._tally, self._wanted = bench, rng, tally, wanted
+        self._attacks = [a for a in ATTACKS if self._fits(a)]
+
+    def _fits(self, attack: Attack) -> bool:
+        kinds = {"mock bench": "mocks", "camera on USB": "body"}
+        on_disk = attack.name.startswith("the disk")
+        fits = not attack.on or kinds.get(self._bench.name, "windows") in attack.on
+        return fits and (self._bench.mounted or not on_disk)
+
+    def live(self, until_s: float, photos: int) -> None:
+        """Take photos and attack, until a monotonic time or for so many photos."""
+        with Daemon(self._bench) as daemon:
+            before: dict[str, int] | None = None
+            first_mib = 0.0
+            taken = 0
+            while daemon.alive and time.monotonic() < until_s and taken < photos:
+                self._round(daemon)
+                taken += 1
+                if daemon.alive and taken == 5:
+                    before, first_mib = (
+                        processes.holdings(daemon.pid),
+                        processes.rss_mib(daemon.pid),
+                    )
+            if daemon.alive:
+                self._leaks(daemon, before)
+                if taken > 25:
+                    self._tally.growth.append(
+                        (taken - 5, processes.rss_mib(daemon.pid) - first_mib)
+                    )
+                self._ended_politely(daemon)
+            self._tally.beat_gap_s = max(self._tally.beat_gap_s, daemon.gap_s)
+            self._promise(daemon.gap_s <= SILENT_S, f"no heart beat for {daemon.gap_s:.1f} s")
+        left = processes.gone(daemon.started, GONE_S)
+        self._promise(not left, f"processes outlived their daemon: {left}")
+        self._folders()
+
+    def _round(self, daemon: Daemon) -> None:
+        """One photo, and perhaps an attack on it."""
+        photo = Photographer(daemon, self._rng.choice(self._wanted))
+        self._tally.captures += 1
+        attack = None if self._rng.random() < CALM else self._rng.choice(self._attacks)
+        row = Row() if attack is None else self._tally.row(attack.name)
+        if attack is not None:
+            time.sleep(self._rng.uniform(0.0, 0.6))
+            row.times += 1
+            self._tally.kills += attack.do(daemon, self._rng)
+        if attack is not None and attack.ends:
+            self._after_the_end(daemon, attack, row)
+        self._promise(photo.wait(60.0), f"{self._name(attack)}: a photo did not end within 60 s")
+        state = "failed" if photo.result is None else photo.result.state
+        row.ends[state] += 1
+        if attack is None or not attack.spoils:
+            self._promise(state == "done", f"{self._name(attack)}: a photo ended so: {_end(photo)}")
+        if photo.result is not None and photo.result.error is not None:
+            kind = photo.result.error["kind"]
+            told = "broken as it was told to" in str(photo.result.error)
+            self._promise(kind != "internal" or told, f"{self._name(attack)}: {_end(photo)}")
+        if attack is not None and not attack.ends:
+            attack.after(daemon)
+            self._made_safe(attack, row, daemon)
+        self._tally.rss_mib = max(self._tally.rss_mib, processes.rss_mib(daemon.pid))
+
+    def _after_the_end(self, daemon: Daemon, attack: Attack, row: Row) -> None:
+        self._made_safe(attack, row, daemon)
+        with suppress(Exception):
+            daemon.process.wait(30.0)
+        self._promise(not daemon.alive, f"{attack.name}: the daemon lives on")
+        if "SIGTERM" in attack.name:
+            code = daemon.process.returncode
+            self._promise(code == 0, f"{attack.name}: exit code {code}")
+
+    def _made_safe(self, attack: Attack, row: Row, daemon: Daemon) -> None:
+        """Panels black and shutter closed in time, seen from outside."""
+        if daemon.alive and not attack.ends:
+            self._idle(daemon)
+        more_s = HANGS_S if "STOP" in attack.name else 0.0
+        # A polite end goes through the whole of the rig's closing first.
+        more_s += 5.0 if "SIGTERM" in attack.name else 0.0
+        row.dark_s = max(row.dark_s, self._until(self._bench.lit, DARK_S + more_s, attack, "lit"))
+        row.closed_s = max(
+            row.closed_s, self._until(self._bench.is_open, CLOSED_S + more_s, attack, "open")
+        )
+
+    def _idle(self, daemon: Daemon) -> None:
+        """Wait until no job of any client is left."""
+        until_s = time.monotonic() + 30.0
+        with suppress(PdcdError, Unreachable, OSError), daemon.client() as client:
+            while client.status().state != "idle" and time.monotonic() < until_s:
+                time.sleep(0.02)
+            self._promise(time.monotonic() < until_s, "the rig is not free 30 s after a photo")
+
+    def _until(
+        self, still: Callable[[], bool] | None, limit_s: float, attack: Attack, what: str
+    ) -> float:
+        """Seconds until a look from outside finds the bench safe."""
+        if still is None:
+            return 0.0
+        begun_s = time.monotonic()
+        with suppress(OSError, ConnectionError):  # the X server itself was killed
+            while still() and time.monotonic() - begun_s < 3.0 * limit_s:
+                time.sleep(0.005)
+        took_s = time.monotonic() - begun_s
+        self._promise(took_s <= limit_s, f"{attack.name}: {what} for {took_s:.2f} s")
+        return took_s
+
+    def _leaks(self, daemon: Daemon, before: dict[str, int] | None) -> None:
+        """What the daemon holds now against what it held after its first photos."""
+        if before is None:
+            return
+        self._idle(daemon)
+        time.sleep(0.5)  # connections that were left are being taken down
+        now = processes.holdings(daemon.pid)
+        for name, count in now.items():
+            kept = count <= before[name] + SPARE[name]
+            self._promise(kept, f"{name} grew from {before[name]} to {count}")
+
+    def _ended_politely(self, daemon: Daemon) -> None:
+        daemon.look()
+        daemon.process.terminate()
+        with suppress(Exception):
+            daemon.process.wait(30.0)
+        code = daemon.process.returncode
+        self._promise(code == 0, f"SIGTERM to an idle daemon: exit code {code}")
+        self._promise(not daemon.socket.exists(), "the socket's file was left behind")
+
+    def _folders(self) -> None:
+        """Every folder that looks finished is; then all of them are removed, to have room."""
+        captures = self._bench.state / "captures"
+        for folder in captures.iterdir() if captures.is_dir() else ():
+            if (folder / "capture.json").exists() and folder.suffix != ".partial":
+                self._tally.folders += 1
+                try:
+                    found = verify(folder)
+                    self._promise(found.whole, f"{folder.name} is not whole: {found}")
+                except PdcdError as err:
+                    self._promise(False, f"{folder.name} is not sound: {err}")
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def _promise(self, kept: bool, what: str) -> None:
+        self._tally.promise(kept, f"{self._bench.name}: {what}")
+
+    @staticmethod
+    def _name(attack: Attack | None) -> str:
+        return "in peace" if attack is None else attack.name
+
+
+def _end(photo: Photographer) -> str:
+    if photo.result is None:
+        return photo.why
+    return f"{photo.result.state}, {photo.result.error}"

@@ -1,0 +1,68 @@
+"""A daemon and the processes it started, as the kernel shows them."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+
+ROLES = {"presenter": "pdcd.presenter", "guardian": "guard", "decoder": "pdcd.offload"}
+"""Part of the command line of each."""
+
+
+def family(pid: int) -> dict[int, str]:
+    """Command lines of a process and of all that descend from it, by number."""
+    parents: dict[int, int] = {}
+    words: dict[int, str] = {}
+    for entry in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended meanwhile
+            number = int(entry.name)
+            state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
+            if state != "Z":
+                parents[number] = int(parent)
+                words[number] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+    found = {pid} & words.keys()
+    while more := {n for n, parent in parents.items() if parent in found} - found:
+        found |= more
+    return {number: words[number] for number in found}
+
+
+def of_role(pid: int, role: str) -> list[int]:
+    """Numbers of the processes of a daemon that have a role of `ROLES`."""
+    return [n for n, line in family(pid).items() if n != pid and ROLES[role] in line]
+
+
+def gone(pids: set[int], within_s: float) -> set[int]:
+    """Those of some processes that are still there after a while, or the empty set sooner."""
+    until_s = time.monotonic() + within_s
+    while True:
+        left = {pid for pid in pids if _alive(pid)}
+        if not left or time.monotonic() > until_s:
+            return left
+        time.sleep(0.01)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def rss_mib(pid: int) -> float:
+    """Resident memory of a daemon and all it started, in MiB."""
+    total = 0
+    for number in family(pid):
+        with suppress(OSError, IndexError):
+            total += int(Path(f"/proc/{number}/statm").read_text().split()[1])
+    return total * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def holdings(pid: int) -> dict[str, int]:
+    """Open descriptors, threads and child processes of a daemon."""
+    return {
+        "descriptors": len(list(Path(f"/proc/{pid}/fd").iterdir())),
+        "threads": len(list(Path(f"/proc/{pid}/task").iterdir())),
+        "processes": len(family(pid)),
+    }
