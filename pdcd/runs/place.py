@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -22,6 +23,9 @@ UNFINISHED = ".partial"
 
 MAX_PARTS, MAX_PATH_BYTES = 64, 2048
 """Deepest folder, and longest path to it: what lies in a run must still have a path."""
+
+JOB_NAME = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]+")
+"""Folders of such names are runs; nobody else makes one and so takes the name of a run to come."""
 
 ASKED_WRONG = (
     errno.EACCES,
@@ -165,18 +169,15 @@ def _parts_below(root: Path, out: str) -> tuple[str, ...]:
 def _descended(at: int, parts: tuple[str, ...], *, make: bool) -> int:
     """Descriptor of where the parts lead to from the folder `at`, which is closed."""
     try:
-        # Encoded, too, as a name that is no text could not be told in an answer.
-        if len(parts) > MAX_PARTS or len("/".join(parts).encode()) > MAX_PATH_BYTES:
-            raise _refused("the folder's path is too long")
-        for name in parts:
-            if any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in name):
-                raise _refused(f"control characters in the folder's name {name!r}")
-            if name.endswith(UNFINISHED):
-                raise _inside_run(name)
+        _refuse_names(parts)
+        for number, name in enumerate(parts):
             _refuse_run(at)
             try:
                 below = os.open(name, WAY, dir_fd=at)
             except FileNotFoundError:
+                taken = next(filter(JOB_NAME.fullmatch, parts[number:]), None)
+                if taken is not None:
+                    raise _refused(f"{taken!r} is a name for runs") from None
                 if not make:
                     break
                 with suppress(FileExistsError):
@@ -188,6 +189,17 @@ def _descended(at: int, parts: tuple[str, ...], *, make: bool) -> int:
         os.close(at)
         raise
     return at
+
+
+def _refuse_names(parts: tuple[str, ...]) -> None:
+    """Raise RequestError for what no folder may be called, UnicodeError for what is no text."""
+    if len(parts) > MAX_PARTS or len("/".join(parts).encode()) > MAX_PATH_BYTES:
+        raise _refused("the folder's path is too long")
+    for name in parts:
+        if any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in name):
+            raise _refused(f"control characters in the folder's name {name!r}")
+        if name.endswith(UNFINISHED):
+            raise _inside_run(name)
 
 
 def _refuse_run(folder: int) -> None:

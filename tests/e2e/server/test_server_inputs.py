@@ -122,8 +122,9 @@ def test_results_stay_below_the_state_folder(tmp_path: Path) -> None:
             (state / "file").touch()
             (state / "loop").symlink_to("loop")
             wrong = ("/etc", str(outside), "..", "a/../../b", "way-out", "way-out/x", "way-in",
-                     "\0", "loop", "x" * 300, "a/" * 3000, "file", "file/x", "a\nb", "run", "run/raw",
-                     "run/raw/new", "run/new", "x.partial", "x.partial/new", "new.partial",
+                     "\0", "loop", "x" * 300, "a/" * 3000, "file", "file/x", "a\nb", "run",
+                     "run/raw", "run/raw/new", "run/new", "x.partial", "x.partial/new",
+                     "new.partial", "new/20261122T030042Z-cadb/x",
                      str(state / "run" / "raw"), f"{state}x")  # fmt: skip
             before = sorted(tmp_path.rglob("*"))
             for out in wrong:
