@@ -4,6 +4,7 @@
 
     PdcdError                kind            what happened
     ├── ConfigError          config          a setting, request or input file is wrong
+    ├── RequestError         request         a client asked for something that cannot be
     ├── ProtocolError        protocol        a message on the socket is malformed or unknown
     ├── BusyError            busy            another capture holds the rig
     ├── DriverUnavailable    driver_unavailable   a driver is unknown or cannot be loaded
@@ -47,6 +48,12 @@ class ConfigError(PdcdError):
     """A setting, a request or an input file is wrong or out of range."""
 
     kind = "config"
+
+
+class RequestError(PdcdError):
+    """A request asks for something that cannot be had: a value, a path or a file is wrong."""
+
+    kind = "request"
 
 
 class ProtocolError(PdcdError):

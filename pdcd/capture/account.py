@@ -23,7 +23,14 @@ from pdcd.recipes.parts import part_numbers
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import git_commit, utc_now, versions
-from pdcd.runs.record import SCHEMA_VERSION, Manifest, MeterRecord, RunRecord, ShotRecord
+from pdcd.runs.record import (
+    SCHEMA_VERSION,
+    FileRecord,
+    Manifest,
+    MeterRecord,
+    RunRecord,
+    ShotRecord,
+)
 from pdcd.runs.views import RigView
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
@@ -133,9 +140,9 @@ def manifest_of(
     summary: Summary,
     warnings: Sequence[str],
     meter: Sequence[MeterRecord],
-    files: dict[str, str],
+    files: dict[str, FileRecord],
 ) -> Manifest:
-    """The manifest of a finished run; `files` are the hashes of all that lies in its folder."""
+    """The manifest of a finished run; `files` is all that lies in its folder."""
     return Manifest(
         schema=SCHEMA_VERSION,
         job=job.name,
@@ -161,7 +168,7 @@ def manifest_of(
 
 
 def failure_of(
-    job: Job, folder: RunFolder, now_ns: int, error: PdcdError, *, safe: bool
+    job: Job, folder: RunFolder | None, now_ns: int, error: PdcdError, *, safe: bool
 ) -> CaptureResult:
     """The result of a job that did not finish; its folder keeps the name that says so.
 
@@ -174,8 +181,12 @@ def failure_of(
         "device": error.device,
         "hint": error.hint,
     }
-    exists = folder.path.is_dir()
-    if exists:
+    where = None if folder is None else folder.where
+    if folder is not None and where is not None:
+        # Nobody else could follow the path through our descriptor.
+        for key in ("message", "device"):
+            text = fields[key]
+            fields[key] = None if text is None else text.replace(str(folder.path), str(where))
         try:
             event = "cancelled" if cancelled else "failed"
             folder.log({"t_mono_ns": now_ns, "event": event, **fields, "safe": safe})
@@ -184,7 +195,7 @@ def failure_of(
     return CaptureResult(
         job=job.name,
         state="cancelled" if cancelled else "failed",
-        folder=str(folder.path) if exists else None,
+        folder=None if where is None else str(where),
         error=fields,
-        files=folder.files(),
+        files=() if folder is None else folder.files(),
     )

@@ -6,6 +6,7 @@ import hashlib
 import logging
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from pdcd.bench.folders import state_dir
@@ -23,6 +24,7 @@ from pdcd.planning.outlook import Setting
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Emit
 from pdcd.runs.folder import RunFolder, read_manifest
+from pdcd.runs.place import Place
 from pdcd.runs.views import CameraView, DriverView, OwnerView, Preview, RigView
 from pdcd.sensor.profile import load_profile
 
@@ -116,15 +118,15 @@ class Engine:
             alive()
             return False
 
-        parent = state_dir(self._config) / "preview"
         request = CaptureRequest(goal="white", codes=4, window="whole", guards=False)
-        result = self.capture(
-            request,
-            job=f"preview-{time.time_ns()}",
-            emit=lambda *_: None,
-            cancelled=cancelled,
-            parent=parent,
-        )
+        with Place.at(state_dir(self._config) / "preview") as parent:
+            result = self.capture(
+                request,
+                job=f"preview-{time.time_ns()}",
+                emit=lambda *_: None,
+                cancelled=cancelled,
+                parent=parent,
+            )
         if result.folder is None or result.state != "done":
             raise DeviceLost("the preview could not be taken", hint=str(result.error))
         folder = Path(result.folder)
@@ -145,27 +147,32 @@ class Engine:
         owner: OwnerView | None = None,
         emit: Emit,
         cancelled: Callable[[], bool],
-        parent: Path | None = None,
+        parent: Place | None = None,
     ) -> CaptureResult:
         """Run one job to its end; never raises for what goes wrong in it.
 
         When it returns, panels are black and the shutter is closed, whatever the result says.
-        `emit(event)` is told of every step; `cancelled()` is asked at every one of them.
+        `emit(event)` is told of every step; `cancelled()` is asked at every one of them. The run
+        goes into `parent`, which stays open; without, to where request and configuration say.
         """
-        if parent is None:
-            parent = Path(request.out) if request.out else state_dir(self._config) / "captures"
-        folder = RunFolder(parent.resolve(), job)
         ordered = Job(job, request, owner, emit, cancelled)
         self._rig.pulse.heard_by = cancelled
-        safe = False
-        try:
-            run = Run(self._config, self._rig, self._profile, folder, ordered)
-            return run.execute(self.describe())
-        except PdcdError as err:
-            failure = err
-        except Exception as err:
-            logger.exception("capture failed job=%s", job)
-            failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
-        finally:
-            safe = self._rig.make_safe()
-        return failure_of(ordered, folder, self._rig.clock.now_ns(), failure, safe=safe)
+        safe, folder = False, None
+        with ExitStack() as held:
+            try:
+                place = parent or held.enter_context(Place.at(self._out(request)))
+                folder = held.enter_context(RunFolder(place, job))
+                run = Run(self._config, self._rig, self._profile, folder, ordered)
+                return run.execute(self.describe())
+            except PdcdError as err:
+                failure = err
+            except Exception as err:
+                logger.exception("capture failed job=%s", job)
+                failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
+            finally:
+                safe = self._rig.make_safe()
+            return failure_of(ordered, folder, self._rig.clock.now_ns(), failure, safe=safe)
+
+    def _out(self, request: CaptureRequest) -> Path:
+        """The folder that runs go to when nobody holds one open."""
+        return Path(request.out) if request.out else state_dir(self._config) / "captures"

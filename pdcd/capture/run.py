@@ -23,6 +23,7 @@ from pdcd.recipes.recipe import Shot
 from pdcd.request import CaptureResult
 from pdcd.runs import events
 from pdcd.runs.folder import RunFolder
+from pdcd.runs.manifest import DIGEST, MANIFEST
 from pdcd.runs.provenance import utc_now
 from pdcd.runs.record import RunRecord
 from pdcd.runs.views import RigView
@@ -85,12 +86,12 @@ class Run:
             meter=self._taker.meter,
             files=folder.hashes(),
         )
-        files = (*folder.files(), "capture.json")
+        files = (*folder.files(), DIGEST, MANIFEST)
         return CaptureResult(
             job=job.name,
             state="done",
             manifest_sha256=folder.finish(manifest),
-            folder=str(folder.final),
+            folder=str(folder.where),
             files=files,
             summary=summary,
         )

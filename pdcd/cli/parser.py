@@ -129,6 +129,14 @@ def _run_commands(add: Add) -> None:
     decode = add("decode", "tools:decode", "decode a run folder again from its RAW files")
     decode.add_argument("folder", type=Path, metavar="FOLDER")
     json_option(decode)
+    verify = add("verify", "verify:verify_runs", "say whether runs are whole and unchanged")
+    verify.add_argument("folder", type=Path, nargs="+", metavar="FOLDER")
+    verify.add_argument(
+        "--manifest-sha256",
+        metavar="HEX",
+        help="what capture told of the run: shows a change that was made on purpose, too",
+    )
+    json_option(verify)
     row = add("row", "row:row", "show which paths a finished run kept for one cell")
     row.add_argument("folder", type=Path, metavar="FOLDER")
     row.add_argument(

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from pdcd.errors import disk_errors
+from pdcd.errors import ConfigError, DecodeError, PdcdError, disk_errors
 from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.develop import preview, write_png, write_tiff
 from pdcd.pictures.watch import Watch
-from pdcd.runs.folder import read_manifest, sha256_of
+from pdcd.runs.folder import sha256_of
+from pdcd.runs.verify import whole_manifest
 
 
 class Compared(msgspec.Struct, frozen=True):
@@ -54,14 +57,36 @@ def write_pictures(folder: Path, decoded: Decoded) -> None:
             write_png(folder / "preview" / f"{name}.png", shown)
 
 
+@contextmanager
+def record_errors(folder: Path) -> Iterator[None]:
+    """Turn whatever a forged record makes of the decoding into DecodeError.
+
+    Sound bytes may hold a record that no capture would write: shots that the goal does not have,
+    panels that do not fit the codes.
+    """
+    try:
+        yield
+    except ConfigError as err:
+        raise DecodeError(f"{folder}: its record is wrong: {err.message}", hint=err.hint) from err
+    except (PdcdError, OSError):  # the latter of the scratch folder; a run's own files are typed
+        raise
+    except Exception as err:
+        raise DecodeError(
+            f"{folder}: its record does not fit its files: {type(err).__name__}: {err}",
+            hint="if pdcd wrote this run, this is a fault of the program",
+        ) from err
+
+
 def decode_folder(folder: Path, watch: Watch | None = None) -> Comparison:
     """Decode a finished run again and compare with the TIFFs it holds.
 
-    `watch` is told how far it is. Raises DecodeError when the folder is not a finished run or its
-    files are damaged.
+    `watch` is told how far it is. Raises DecodeError when the folder is not a finished run, or when
+    anything of it has changed (`pdcd.runs.verify`); nothing is decoded then.
     """
-    decoded = Darkroom(folder, read_manifest(folder).run).decoded(watch)
-    with tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch:
+    watch = watch or Watch()
+    run = whole_manifest(folder, alive=watch).run
+    with record_errors(folder), tempfile.TemporaryDirectory(prefix="pdcd-decode-") as scratch:
+        decoded = Darkroom(folder, run).decoded(watch)
         again = Path(scratch)
         for name in ("linear", "preview"):
             (again / name).mkdir()

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from pdcd.errors import ConfigError
 from pdcd.pictures.combine import divided_by_row, realised_photo
 from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decode import record_errors
 from pdcd.pictures.develop import preview
 from pdcd.probing.deviation import row_weights_s, weight_s
-from pdcd.runs.folder import read_manifest
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.verify import whole_manifest
 
 Floats = NDArray[np.float64]
 
@@ -57,18 +59,19 @@ def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) ->
     Raises
     ------
     DecodeError
-        `folder` is no finished run, or is damaged.
+        `folder` is no finished run, or its manifest, codes or frame log have changed.
     ConfigError
         There is no such cell or photo.
     """
-    record = read_manifest(folder).run
+    record = whole_manifest(folder, ("codes.npz", FRAMES)).run
     rows, cols = record.grid
     if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
         raise ConfigError(
             f"there is no cell {cell[0]} {cell[1]} in a grid of {rows} x {cols}",
             hint=f"rows count from 0 to {rows - 1}, columns from 0 to {cols - 1}",
         )
-    recipe, shots = Darkroom(folder, record).matrices()
+    with record_errors(folder):
+        recipe, shots = Darkroom(folder, record).matrices()
     photos = {p.name: p for p in recipe.photos}
     name = recipe.main if photo is None else photo
     if name not in photos:

@@ -3,6 +3,7 @@
 ::
 
     <job>/capture.json    manifest; written last, so no manifest means unfinished
+    <job>/capture.json.sha256    its digest
     <job>/raw/            camera files, byte for byte, read-only
     <job>/codes.npz       what both panels showed: packed bits or levels, seed, generator
     <job>/frames.csv      one row per refresh of every shot: what was asked, what was shown, when
@@ -11,7 +12,8 @@
     <job>/preview/        8-bit PNG, for humans only
     <job>/log.jsonl       what happened
 
-While it is being filled the folder is called ``<job>.partial``; it is never deleted.
+While it is being filled the folder is called ``<job>.partial``; it is never deleted. All is written
+through descriptors (`pdcd.runs.place`): whatever becomes of the names meanwhile, it stays in there.
 """
 
 from __future__ import annotations
@@ -22,57 +24,105 @@ import os
 import shutil
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd import __version__
-from pdcd.errors import DecodeError, NoSpaceError, disk_errors
+from pdcd.errors import DecodeError, NoSpaceError, PdcdError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.patterns import Patterns
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.frame_table import append_frames
-from pdcd.runs.older import upgraded
-from pdcd.runs.record import Manifest
+from pdcd.runs.inside import hashed, opened, opened_file, path_of, printable, read_file
+from pdcd.runs.manifest import (
+    DIGEST,
+    MANIFEST,
+    MAX_MANIFEST_BYTES,
+    digest_line,
+    parsed,
+    written,
+)
+from pdcd.runs.place import UNFINISHED, Place
+from pdcd.runs.record import FileRecord, Manifest
 
-MANIFEST = "capture.json"
+__all__ = ["MANIFEST", "RunFolder", "read_manifest", "read_patterns", "sha256_of"]
 
 
 class RunFolder:
-    """One run's folder while it is being filled."""
+    """One run's folder while it is being filled, in a place that stays open as long as this."""
 
-    def __init__(self, parent: Path, job: str) -> None:
-        self.final = parent / job
-        self.path = parent / f"{job}.partial"
+    def __init__(self, parent: Place, job: str) -> None:
+        self._parent = parent
+        self._job = job
+        self._fd: int | None = None
 
     def create(self, *, min_free_bytes: int) -> None:
-        """Make the folder. Raises NoSpaceError when less than that would be left."""
-        with disk_errors(str(self.path.parent)):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            free = shutil.disk_usage(self.path.parent).free
+        """Make the folder.
+
+        Raises NoSpaceError when less than that would be left, RequestError when the place is gone,
+        was moved out of its bounds or into a run, and PdcdError when the disk fails.
+        """
+        parent, name = self._parent, self._job + UNFINISHED
+        with disk_errors(str(parent.real)):
+            parent.check()
+            free = shutil.disk_usage(parent.fd).free
             if free < min_free_bytes:
                 raise NoSpaceError(
                     f"only {free} bytes are free, {min_free_bytes} are kept in reserve",
-                    device=str(self.path.parent),
+                    device=str(parent.real),
                     hint="free some space, or lower limits.min_free_bytes",
                 )
-            self.path.mkdir()
-            for name in ("raw", "linear", "preview"):
-                (self.path / name).mkdir()
+            os.mkdir(name, dir_fd=parent.fd)
+            flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+            self._fd = os.open(name, flags, dir_fd=parent.fd)
+            for below in ("raw", "linear", "preview"):
+                (self.path / below).mkdir()
+
+    @property
+    def fd(self) -> int:
+        """Descriptor of the folder, to be passed to a process that works on it."""
+        if self._fd is None:
+            raise PdcdError("the run folder is not open")
+        return self._fd
+
+    @property
+    def path(self) -> Path:
+        """Path to the folder for use in this process; for people there is `where`."""
+        return path_of(self.fd)
+
+    @property
+    def where(self) -> Path | None:
+        """Where the folder is now; None while there is none."""
+        if self._fd is None or not os.fstat(self._fd).st_nlink:
+            return None
+        return self.path.readlink()
+
+    def close(self) -> None:
+        """Let go of the folder. Idempotent."""
+        if self._fd is not None:
+            os.close(self._fd)
+            self._fd = None
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
 
     def log(self, event: Mapping[str, Any]) -> None:
         """Append one line to log.jsonl: `t_mono_ns`, `event` (its type) and what it says."""
         line = json.dumps(event)
-        with disk_errors(str(self.path)), (self.path / "log.jsonl").open("a") as file:
+        with disk_errors(self._shown), (self.path / "log.jsonl").open("a") as file:
             file.write(line + "\n")
 
     def files(self) -> tuple[str, ...]:
         """Relative paths of all files so far, sorted."""
-        if not self.path.is_dir():
+        if self._fd is None:
             return ()
         found = (p for p in self.path.rglob("*") if p.is_file())
         return tuple(sorted(str(p.relative_to(self.path)) for p in found))
@@ -97,18 +147,18 @@ class RunFolder:
             arrays[f"{name}.primal"], arrays[f"{name}.dual"] = primal, dual
         for name, array in given.items():
             arrays[f"goal.{name}"] = array
-        with disk_errors(str(self.path)), (self.path / "codes.npz").open("wb") as file:
+        with disk_errors(self._shown), (self.path / "codes.npz").open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
     def write_frames(self, shot: str, frames: Frames, log: FrameLog) -> None:
         """Append the refreshes of a shot to frames.csv."""
-        with disk_errors(str(self.path)):
+        with disk_errors(self._shown):
             append_frames(self.path / FRAMES, shot, frames, log)
 
     def set_aside(self, shot: str, number: int) -> str:
         """Rename the RAW file of an exposure that is to be taken again; returns its new stem."""
         name = f"{shot}-discarded-{number}"
-        with disk_errors(str(self.path)):
+        with disk_errors(self._shown):
             for raw in (self.path / "raw").glob(f"{shot}.*"):
                 raw.rename(raw.with_name(f"{name}{raw.suffix}"))
         return name
@@ -116,14 +166,16 @@ class RunFolder:
     def finish(self, manifest: Manifest) -> str:
         """Write the manifest, make everything durable, give the folder its final name.
 
-        Returns the SHA-256 of the manifest.
+        Returns the SHA-256 of the manifest. Raises what `create` raises; the folder then has no
+        manifest.
         """
-        with disk_errors(str(self.path)):
+        data = written(manifest)
+        with disk_errors(self._shown):
+            (self.path / DIGEST).write_bytes(digest_line(data))
             for name in self.files():
                 if name.startswith("raw/"):
                     (self.path / name).chmod(0o440)
                 _sync(self.path / name)
-            data = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
             temporary = self.path / f"{MANIFEST}.new"
             temporary.write_bytes(data)
             _sync(temporary)
@@ -132,35 +184,74 @@ class RunFolder:
                 for folder in (*self.path.iterdir(), self.path):
                     if folder.is_dir():
                         _sync(folder)
-                self.path.rename(self.final)
-            except OSError:
+                self._name()
+            except BaseException:
                 # A folder that did not get its name must not look finished from inside either.
-                (self.path / MANIFEST).unlink(missing_ok=True)
+                for name in (MANIFEST, DIGEST):
+                    (self.path / name).unlink(missing_ok=True)
+                self._unname()
                 raise
-            _sync(self.final.parent)
         return hashlib.sha256(data).hexdigest()
 
-    def hashes(self) -> dict[str, str]:
-        """SHA-256 of every file so far."""
-        return {name: sha256_of(self.path / name) for name in self.files()}
+    def _name(self) -> None:
+        """Give the folder its final name, durably, and see that it is this folder which has it."""
+        at, unfinished, final = self._parent.fd, self._job + UNFINISHED, self._job
+        self._parent.check()
+        if not self._is(unfinished):
+            raise PdcdError("the run folder was moved", device=self._shown, hint="capture again")
+        with suppress(FileNotFoundError):
+            os.stat(final, dir_fd=at, follow_symlinks=False)
+            raise PdcdError("its name is taken", device=self._shown, hint="capture again")
+        os.rename(unfinished, final, src_dir_fd=at, dst_dir_fd=at)
+        os.fsync(at)
+        self._parent.check()
+        if not self._is(final):
+            raise PdcdError("the run folder was moved", device=self._shown, hint="capture again")
+
+    def _unname(self) -> None:
+        """Take the final name back where the folder has it already."""
+        at = self._parent.fd
+        with suppress(OSError):
+            if self._is(self._job):
+                os.rename(self._job, self._job + UNFINISHED, src_dir_fd=at, dst_dir_fd=at)
+
+    def _is(self, name: str) -> bool:
+        """Whether this folder has that name in its place."""
+        try:
+            found = os.stat(name, dir_fd=self._parent.fd, follow_symlinks=False)
+        except FileNotFoundError:
+            return False
+        return os.path.samestat(found, os.fstat(self.fd))
+
+    @property
+    def _shown(self) -> str:
+        return str(self.where or self._job)
+
+    def hashes(self) -> dict[str, FileRecord]:
+        """SHA-256 and size of every file so far."""
+        found: dict[str, FileRecord] = {}
+        for name in self.files():
+            with opened_file(self.fd, name) as descriptor:
+                found[name] = FileRecord(*hashed(descriptor))
+        return found
 
 
 def read_manifest(folder: Path) -> Manifest:
     """The manifest of a finished run, one of an earlier schema in the words of the present one.
 
     Raises DecodeError when there is none, when it is damaged, or of a schema not known here.
+    Whether it and the files are as they were is for `pdcd.runs.verify` to say.
     """
-    path = folder / MANIFEST
     try:
-        told = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
-        return msgspec.convert(upgraded(told), Manifest)
-    except OSError as err:
+        with opened(folder) as descriptor:
+            data = read_file(descriptor, MANIFEST, MAX_MANIFEST_BYTES)
+    except (OSError, ValueError, DecodeError) as err:
+        why = f": {err.message}" if isinstance(err, DecodeError) else ""
         raise DecodeError(
-            f"{folder} has no readable {MANIFEST}",
-            hint="give the folder of a finished run; one that ends in .partial is not",
+            f"{printable(str(folder))} has no readable {MANIFEST}{why}",
+            hint=f"give the folder of a finished run; one that ends in {UNFINISHED} is not",
         ) from err
-    except (msgspec.DecodeError, TypeError) as err:
-        raise DecodeError(f"{path} is damaged: {err}", hint="restore it from a copy") from err
+    return parsed(data)
 
 
 def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:

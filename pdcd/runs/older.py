@@ -14,21 +14,34 @@ HOW = ("pilot", "parts", "repeat", "method", "black_level", "white")
 
 
 def upgraded(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """A manifest, as JSON has it, in the present schema. Raises DecodeError for one of a schema
-    that this version does not know."""
+    """A manifest, as JSON has it, in the words of the present schema; `schema` still says which it
+    was. Raises DecodeError for one that this version does not know."""
     schema = manifest.get("schema")
-    if schema == SCHEMA_VERSION:
-        return dict(manifest)
-    if schema != 1:
+    if type(schema) is not int or not 1 <= schema <= SCHEMA_VERSION:
         raise DecodeError(
-            f"the manifest is of schema {schema!r}; this pdcd reads 1 to {SCHEMA_VERSION}",
+            f"the manifest is of schema {schema!r:.60}; this pdcd reads 1 to {SCHEMA_VERSION}",
             hint="decode the run with the version of pdcd that its manifest names",
         )
+    if schema == SCHEMA_VERSION:
+        return dict(manifest)
+    return _of_2(_of_1(manifest) if schema == 1 else manifest)
+
+
+def _of_2(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Schema 2 kept the SHA-256 of its files without their sizes, and had no digest beside it."""
+    files = manifest.get("files")
+    if not isinstance(files, dict):
+        raise DecodeError("the manifest names no files", hint="restore it from a copy")
+    kept = {name: {"sha256": digest, "size_bytes": None} for name, digest in files.items()}
+    return {**manifest, "files": kept}
+
+
+def _of_1(manifest: Mapping[str, Any]) -> dict[str, Any]:
     run = manifest.get("run")
     plan = manifest.get("plan")
     if not isinstance(run, dict) or not isinstance(plan, dict):
         raise DecodeError("the manifest has no run or no plan", hint="restore it from a copy")
-    return {**manifest, "schema": SCHEMA_VERSION, "run": _run_of_1(run, plan.get("family"))}
+    return {**manifest, "run": _run_of_1(run, plan.get("family"))}
 
 
 def _run_of_1(run: dict[str, Any], family: object) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import Meta
 
 from pdcd.bench.tables import Homography, PanelConfig
 from pdcd.request import Goal, How
@@ -12,31 +13,44 @@ from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Of the manifest; `pdcd.runs.older` reads those before."""
+
+Count = Annotated[int, Meta(ge=0, le=2**62)]
+Nanoseconds = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+Positive = Annotated[float, Meta(gt=0.0)]
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+
+
+class FileRecord(msgspec.Struct, frozen=True):
+    """A file of a run folder as it was when the run ended."""
+
+    sha256: Sha256
+    size_bytes: Count | None
+    """None in runs of schema 1 and 2, which did not keep it."""
 
 
 class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One exposure as it was taken. Times are ns of the rig's clock."""
 
     name: str
-    window: str
+    window: Annotated[str, Meta(pattern="^(whole|quarter)$")]
     """Window mode of its frames."""
     raw: str
     """Path in the run folder."""
-    sha256: str
-    size_bytes: int
-    iso: int
-    f_number: float
-    open_ns: int
-    close_ns: int
-    end_ns: tuple[int, int]
+    sha256: Sha256
+    size_bytes: Count
+    iso: Annotated[int, Meta(ge=1)]
+    f_number: Positive
+    open_ns: Nanoseconds
+    close_ns: Nanoseconds
+    end_ns: tuple[Nanoseconds, Nanoseconds]
     """When projector and mask went black after the last refresh."""
-    refreshes: int
-    missed: int
+    refreshes: Count
+    missed: Count
     source: str
     verified: bool
-    level: float | None = None
+    level: Positive | None = None
     """How often each code was shown over how often it was to be; None where codes differ. The shot
     is divided by it, so that photos of several shots take the same share of each."""
 
@@ -46,7 +60,7 @@ class MeterRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     raw: str
     """Path in the run folder."""
-    f_number: float
+    f_number: Positive
     peak: float
     """Its brightest sample, as a share of saturation."""
 
@@ -59,12 +73,12 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """As planned; a run that met its target earlier has fewer parts among its shots."""
     smooth: bool
     normalise: NormaliseName
-    grid: tuple[int, int]
+    grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
     cells: CellMap | None = None
     """Which pixels see which cell; None where no photo was taken yet."""
     projector: PanelConfig
     mask: PanelConfig
-    responsivity_e: tuple[float, float, float]
+    responsivity_e: tuple[Positive, Positive, Positive]
     profile: SensorProfile
     shots: tuple[ShotRecord, ...]
     homography: Homography | None
@@ -96,5 +110,5 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     config: dict[str, Any]
     meter: tuple[MeterRecord, ...]
     """Test exposures that set the aperture."""
-    files: dict[str, str]
-    """SHA-256 of every other file of the folder."""
+    files: dict[str, FileRecord]
+    """Every other file of the folder, but the manifest's digest."""

@@ -23,6 +23,7 @@ import msgspec
 from pdcd.errors import BusyError, Cancelled, ConfigError, PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.runs.events import Emit, Event
+from pdcd.runs.place import Place
 from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.messages import JobView, error_fields
 from pdcd.words import JobState
@@ -64,8 +65,10 @@ class EngineLike(Protocol):
         owner: OwnerView,
         emit: Emit,
         cancelled: Callable[[], bool],
+        parent: Place | None = None,
     ) -> CaptureResult:
-        """Run one job to its end; a failure of the run is a result, not an exception.
+        """Run one job to its end; a failure of the run is a result, not an exception. The run
+        folder is made in `parent`.
 
         `cancelled()` is asked at least ten times a second, which also proves that the thread
         lives; `emit` takes the events of `pdcd.runs.events`, all but `Queued` and the ends. On
@@ -105,6 +108,8 @@ class Job:
     owner: Owner
     detach: bool
     created_utc: str
+    place: Place | None = None
+    """Where its run is to go; held open until it has ended."""
     state: JobState = "queued"
     result: CaptureResult | None = None
     cancel_flag: threading.Event = field(default_factory=threading.Event)
@@ -142,11 +147,20 @@ class JobTable:
         self.stopping = False
         """True once no more jobs are taken."""
 
-    def admit(self, request: CaptureRequest, owner: Owner, *, detach: bool, queue: bool) -> Job:
+    def admit(
+        self,
+        request: CaptureRequest,
+        owner: Owner,
+        *,
+        detach: bool,
+        queue: bool,
+        place: Place | None = None,
+    ) -> Job:
         """Take a job: it runs at once (state running) if the rig is free, else waits its turn.
 
-        Raises BusyError when the rig is taken and `queue` is false, when the queue is full, or
-        when the daemon is stopping.
+        A job that was taken owns its `place`, and closes it when it has ended. Raises BusyError
+        when the rig is taken and `queue` is false, when the queue is full, or when the daemon is
+        stopping.
         """
         if self.stopping:
             raise BusyError("the daemon is stopping", hint="start the capture again in a moment")
@@ -157,7 +171,7 @@ class JobTable:
                 raise BusyError(
                     f"{len(self.queue)} jobs are waiting already", hint="wait until some have ended"
                 )
-        job = Job(self._new_name(), request, owner, detach, _utc_now())
+        job = Job(self._new_name(), request, owner, detach, _utc_now(), place)
         self._jobs[job.name] = job
         if self.running is None:
             self._run(job)
@@ -225,6 +239,8 @@ class JobTable:
     def _end(self, job: Job, result: CaptureResult) -> None:
         job.state = result.state
         job.result = result
+        if job.place is not None:
+            job.place.close()
         self._ended.append(job)
         if len(self._ended) > self._history:
             del self._jobs[self._ended.popleft().name]

@@ -12,8 +12,9 @@ import msgspec
 
 from pdcd import __version__
 from pdcd.bench.tables import Config
-from pdcd.errors import BusyError, ConfigError
+from pdcd.errors import BusyError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.runs.place import Place
 from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
 from pdcd.server.callers import Caller
@@ -144,14 +145,24 @@ class Methods:
 
     async def _plan(self, caller: Caller, request: CaptureRequest) -> PlanSummary:
         self._refuse_if_taken()
-        return await self._worker.call(self._engine.plan, self._confined(request))
+        with self._place(request.out, make=False):
+            pass
+        return await self._worker.call(self._engine.plan, request)
 
     async def _start(self, caller: Caller, params: StartParams) -> Admitted:
         peer = caller.peer
         owner = Owner(peer.uid, peer.pid, peer.user, caller.number)
-        job = self._runner.start(
-            self._confined(params.request()), owner, detach=params.detach, queue=params.queue
-        )
+        place = self._place(params.out)
+        try:
+            request = params.request()
+            if request.out is not None:
+                request = msgspec.structs.replace(request, out=str(place.real))
+            job = self._runner.start(
+                request, owner, detach=params.detach, queue=params.queue, place=place
+            )
+        except BaseException:
+            place.close()
+            raise
         return Admitted(job=job.name, state=job.state)
 
     async def _wait(self, caller: Caller, params: JobParams) -> CaptureResult:
@@ -187,26 +198,15 @@ class Methods:
         if self._runner.table.running is not None:
             raise self._runner.table.busy()
 
-    def _confined(self, request: CaptureRequest) -> CaptureRequest:
-        """The request with `out` made absolute. Raises ConfigError when it leaves the state folder.
+    def _place(self, out: str | None, *, make: bool = True) -> Place:
+        """The folder that a run is to go to, held open. Raises RequestError.
 
-        A relative path is taken from the state folder; symbolic links are followed first.
+        What a client names must lie below the state folder; where runs go otherwise is the
+        operator's.
         """
-        if request.out is None:
-            return request
-        try:
-            home = self._state_dir.resolve()
-            out = (home / request.out).resolve()
-        except (OSError, ValueError, RuntimeError) as err:
-            raise ConfigError(
-                f"out is not a usable path: {err}", hint="name a folder below the state folder"
-            ) from err
-        if not out.is_relative_to(home):
-            raise ConfigError(
-                f"out leaves the daemon's state folder: {out}",
-                hint=f"choose a folder below {home}, or run pdcd capture --local",
-            )
-        return msgspec.structs.replace(request, out=str(out))
+        if out is None and make:
+            return Place.at(self._state_dir / "captures")
+        return Place.below(self._state_dir, out or ".", make=make)
 
 
 def _clock() -> ClockAnchor:

@@ -13,6 +13,7 @@ from pdcd.errors import PdcdError
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs import events
 from pdcd.runs.events import Event
+from pdcd.runs.place import Place
 from pdcd.server.jobs import ENDED, Coalescer, EngineLike, Job, JobTable, Owner, failed_result
 from pdcd.server.messages import plain
 from pdcd.server.worker import Worker
@@ -38,10 +39,16 @@ class Runner:
         self._task: asyncio.Task[None] | None = None
 
     def start(
-        self, request: CaptureRequest, owner: Owner, *, detach: bool = False, queue: bool = False
+        self,
+        request: CaptureRequest,
+        owner: Owner,
+        *,
+        detach: bool = False,
+        queue: bool = False,
+        place: Place | None = None,
     ) -> Job:
         """Take a job and return at once. Raises BusyError as `JobTable.admit` does."""
-        job = self.table.admit(request, owner, detach=detach, queue=queue)
+        job = self.table.admit(request, owner, detach=detach, queue=queue, place=place)
         self._ended[job.name] = asyncio.Event()
         logger.info(
             "capture admitted job=%s state=%s goal=%s uid=%d user=%s detach=%s",
@@ -141,7 +148,12 @@ class Runner:
 
         try:
             result = self._engine.capture(
-                job.request, job=job.name, owner=job.owner.view(), emit=emit, cancelled=cancelled
+                job.request,
+                job=job.name,
+                owner=job.owner.view(),
+                emit=emit,
+                cancelled=cancelled,
+                parent=job.place,
             )
         finally:
             flush()

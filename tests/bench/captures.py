@@ -17,6 +17,7 @@ from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.place import Place
 from pdcd.scene.presets import PRESETS
 from pdcd.words import FamilyName
 from tests.bench.measure import REPEATS, peak_mib, timed
@@ -101,13 +102,14 @@ def opened(config: Config) -> Iterator[Engine]:
 
 
 def capture_with(engine: Engine, request: CaptureRequest, folder: Path, job: str) -> CaptureResult:
-    result = engine.capture(
-        request,
-        job=job,
-        emit=lambda _: None,
-        cancelled=lambda: False,
-        parent=folder,
-    )
+    with Place.at(folder) as parent:
+        result = engine.capture(
+            request,
+            job=job,
+            emit=lambda _: None,
+            cancelled=lambda: False,
+            parent=parent,
+        )
     if result.state != "done":
         raise RuntimeError(f"a capture failed: {result.error}")
     return result

@@ -20,7 +20,7 @@ from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
 from pdcd.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
-from tests import bench_rig
+from tests import bench_rig, tampered
 from tests.places import DATA
 
 CORNER = SceneConfig(kind="matrix", path=str(DATA / "corner_32x24.npz"))
@@ -82,16 +82,17 @@ def test_a_run_folder_holds_everything(tmp_path: Path) -> None:
     assert folder.parent == tmp_path / "runs"
     names = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
     expected = {
-        "capture.json", "codes.npz", "frames.csv", "probe.npz", "log.jsonl",
+        "capture.json", "capture.json.sha256", "codes.npz", "frames.csv", "probe.npz", "log.jsonl",
         "raw/white.dng", "raw/coded.dng", "raw/meter-white-1.dng", "raw/meter-coded-1.dng",
         "linear/white.tif", "linear/indirect.tif", "linear/direct.tif",
         "preview/white.png", "preview/indirect.png", "preview/direct.png",
     }  # fmt: skip
     assert expected <= names
     manifest = read_manifest(folder)
-    assert set(manifest.files) == names - {"capture.json"}
-    for name, digest in manifest.files.items():
-        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+    assert set(manifest.files) == names - {"capture.json", "capture.json.sha256"}
+    for name, kept in manifest.files.items():
+        data = (folder / name).read_bytes()
+        assert (hashlib.sha256(data).hexdigest(), len(data)) == (kept.sha256, kept.size_bytes)
     assert manifest.mock and manifest.state == "done"
     with (folder / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -120,6 +121,9 @@ def test_decode_reproduces_the_tiff_bit_for_bit(
     assert report.identical and len(report.files) == 3
     tiff = moved / "linear" / "indirect.tif"
     tiff.write_bytes(tiff.read_bytes()[:-4] + b"\1\2\3\4")
+    with pytest.raises(DecodeError, match=r"linear/indirect\.tif: .* SHA-256"):
+        decode_folder(moved)
+    tampered.relisted(moved)
     assert not decode_folder(moved).identical
 
 
@@ -134,7 +138,7 @@ def test_damaged_runs_do_not_decode(tmp_path: Path) -> None:
         with pytest.raises(DecodeError):
             decode_folder(broken)
         shutil.rmtree(broken)
-    with pytest.raises(DecodeError, match="no readable"):
+    with pytest.raises(DecodeError, match="no finished run"):
         decode_folder(tmp_path)
 
 
@@ -155,6 +159,9 @@ def test_a_damaged_frame_log_does_not_decode(tmp_path: Path, kind: str) -> None:
     path = folder / "frames.csv"
     path.chmod(0o644)
     path.write_bytes(b"\n".join(damage(path.read_bytes().splitlines())))
+    with pytest.raises(DecodeError, match=r"frames\.csv"):
+        decode_folder(folder)
+    tampered.relisted(folder)
     with pytest.raises(DecodeError, match=words):
         decode_folder(folder)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
@@ -212,14 +213,14 @@ def test_a_folder_that_cannot_get_its_name_does_not_look_finished(
 ) -> None:
     engine = Engine.from_config(bench_rig.config(tmp_path))
     engine.start()
-    real = Path.rename
+    real = os.rename
 
-    def refused(self: Path, target: Path) -> Path:
-        if self.name == "job.partial":
-            raise OSError(errno.EACCES, "Permission denied", str(self))
-        return real(self, target)
+    def refused(source: Any, target: Any, **given: int) -> None:
+        if source == "job.partial":
+            raise OSError(errno.EACCES, "Permission denied", source)
+        real(source, target, **given)
 
-    monkeypatch.setattr(Path, "rename", refused)
+    monkeypatch.setattr(os, "rename", refused)
     result = bench_rig.capture(engine, REQUEST, "job")
     monkeypatch.undo()
     assert result.state == "failed"

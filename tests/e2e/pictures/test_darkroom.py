@@ -20,7 +20,7 @@ from pdcd.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor import raw
 from pdcd.words import MethodName
-from tests import bench_rig
+from tests import bench_rig, tampered
 
 MIRROR = SceneConfig(kind="mirror-and-vase", grid=(12, 16))
 
@@ -112,5 +112,8 @@ def test_decode_of_a_damaged_frame_log_is_one_clear_line(
     folder = taken(tmp_path, CaptureRequest(goal="indirect", codes=8))
     table = folder / "frames.csv"
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-3]))
+    assert main(["decode", str(folder)]) == 5
+    assert "frames.csv: it has" in capsys.readouterr().err
+    tampered.relisted(folder)
     assert main(["decode", str(folder)]) == 5
     assert "refreshes of shot" in capsys.readouterr().err

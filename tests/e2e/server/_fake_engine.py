@@ -20,6 +20,7 @@ from pdcd.bench.tables import Config, RigConfig, ServerConfig
 from pdcd.errors import DeviceLost
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
 from pdcd.runs.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
+from pdcd.runs.place import Place
 from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.daemon import run
 from pdcd.words import JobState
@@ -82,6 +83,7 @@ class FakeEngine:
         owner: OwnerView,
         emit: Emit,
         cancelled: Callable[[], bool],
+        parent: Place | None = None,
     ) -> CaptureResult:
         self._note("capture")
         self.requests.append(request)

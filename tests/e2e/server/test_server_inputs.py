@@ -115,12 +115,29 @@ def test_results_stay_below_the_state_folder(tmp_path: Path) -> None:
             (state / "way-out").symlink_to(outside)
             (state / "inside").mkdir()
             (state / "way-in").symlink_to(state / "inside")
-            for out in ("/etc", str(outside), "..", "a/../../b", "way-out", "way-out/x", "\0"):
+            (state / "run").mkdir()
+            (state / "run" / "capture.json").touch()
+            (state / "run" / "raw").mkdir()
+            (state / "x.partial").mkdir()
+            (state / "file").touch()
+            (state / "loop").symlink_to("loop")
+            wrong = ("/etc", str(outside), "..", "a/../../b", "way-out", "way-out/x", "way-in",
+                     "\0", "loop", "x" * 300, "a/" * 3000, "file", "file/x", "a\nb", "run",
+                     "run/raw", "run/raw/new", "run/new", "x.partial", "x.partial/new",
+                     "new.partial", "new/20261122T030042Z-cadb/x",
+                     str(state / "run" / "raw"), f"{state}x")  # fmt: skip
+            before = sorted(tmp_path.rglob("*"))
+            for out in wrong:
                 for method in ("capture.start", "capture.plan"):
                     error = await wire.error(method, goal="white", out=out)
-                    assert error["data"]["kind"] == "config", out
+                    assert error["data"]["kind"] == "request" and error["code"] == -32602, out
+                    assert error["data"]["hint"], out
+            assert sorted(tmp_path.rglob("*")) == before
             assert "capture" not in running.engine.calls
-            for out, meant in (("new/one", "new/one"), ("way-in", "inside"), (".", "")):
+            await wire.result("capture.plan", goal="white", out="new/one")
+            assert sorted(tmp_path.rglob("*")) == before, "a plan makes nothing"
+            good = {"new/one": "new/one", "inside": "inside", ".": "", str(state / "two"): "two"}
+            for out, meant in good.items():
                 started = await wire.result("capture.start", goal="white", out=out)
                 await wire.result("capture.wait", job=started["job"])
                 assert running.engine.requests[-1].out == str((state / meant).resolve())

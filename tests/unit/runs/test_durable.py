@@ -13,7 +13,7 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import NoSpaceError, PdcdError, disk_errors
 from pdcd.pictures.develop import write_png
 from pdcd.request import CaptureRequest
-from pdcd.runs.folder import MANIFEST
+from pdcd.runs.manifest import DIGEST, MANIFEST
 from tests import bench_rig
 
 Step = tuple[str, Path]
@@ -23,18 +23,19 @@ Step = tuple[str, Path]
 def steps(monkeypatch: pytest.MonkeyPatch) -> list[Step]:
     """What was made durable or renamed, in order; "name" tells of the new name."""
     found: list[Step] = []
-    fsync, rename = os.fsync, Path.rename
+    fsync, rename = os.fsync, os.rename
 
     def noted(handle: int) -> None:
         found.append(("sync", Path(f"/proc/self/fd/{handle}").readlink()))
         fsync(handle)
 
-    def renamed(path: Path, target: Path) -> Path:
-        found.append(("name", Path(target)))
-        return rename(path, target)
+    def renamed(source: str | Path, target: str | Path, **at: int) -> None:
+        folder = Path(f"/proc/self/fd/{at['dst_dir_fd']}") if at else Path(target).parent
+        found.append(("name", folder.resolve() / Path(target).name))
+        rename(source, target, **at)
 
     monkeypatch.setattr(os, "fsync", noted)
-    monkeypatch.setattr(Path, "rename", renamed)
+    monkeypatch.setattr(os, "rename", renamed)
     return found
 
 
@@ -55,10 +56,10 @@ def test_files_before_the_manifest_folders_before_the_name(
     finished = steps.index(("name", final))
     before_manifest = {path for what, path in steps[:named] if what == "sync"}
     assert files - {partial / MANIFEST} <= before_manifest
-    assert partial / f"{MANIFEST}.new" in before_manifest
+    assert {partial / f"{MANIFEST}.new", partial / DIGEST} <= before_manifest
     after_manifest = {path for what, path in steps[named:finished] if what == "sync"}
     assert folders | {partial} <= after_manifest
-    assert ("sync", final.parent) in steps[finished:]
+    assert steps[finished + 1 :] == [("sync", final.parent)]
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])

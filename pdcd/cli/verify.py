@@ -1,0 +1,37 @@
+"""`pdcd verify`: are runs whole, and as they were when they ended?"""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+from pdcd.cli.exits import DONE, FAILED
+from pdcd.cli.output import say, say_json
+from pdcd.errors import ConfigError
+from pdcd.runs.verify import Verified, verify
+
+
+def verify_runs(args: argparse.Namespace) -> int:
+    """Look at every folder; fails when one of them is not whole and unchanged."""
+    sha256: str | None = args.manifest_sha256
+    if sha256 is not None and (len(args.folder) > 1 or not re.fullmatch("[0-9a-fA-F]{64}", sha256)):
+        raise ConfigError(
+            "--manifest-sha256 takes 64 hexadecimal digits, and goes with one folder",
+            hint="capture --json and capture.wait tell it as manifest_sha256",
+        )
+    found = [verify(folder, manifest_sha256=sha256) for folder in args.folder]
+    for run in found:
+        if args.json:
+            say_json(run)
+        else:
+            _say(run)
+    return DONE if all(run.whole for run in found) else FAILED
+
+
+def _say(run: Verified) -> None:
+    state = "whole  " if run.whole else "DAMAGED"
+    say(f"{state}  {run.folder}: {run.files} files, {run.size_bytes} bytes as they were")
+    for finding in run.findings:
+        say(f"  {finding.what:10}  {finding.path}: {finding.detail}")
+    for text in run.unchecked:
+        say(f"  not checked: {text}")

@@ -1,0 +1,68 @@
+"""The manifest as bytes: how it is written, read within limits, and vouched for by a digest.
+
+``capture.json.sha256`` lies beside it, one line as ``sha256sum`` writes it. Any change of either
+file is noticed, down to white space. It protects against accidents: who changes a run on purpose
+can write a new digest. Against that only a digest kept elsewhere helps (`manifest_sha256` of the
+job's result).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+import msgspec
+
+from pdcd.errors import ConfigError, DecodeError, PdcdError
+from pdcd.runs.older import upgraded
+from pdcd.runs.record import Manifest
+
+MANIFEST = "capture.json"
+DIGEST = "capture.json.sha256"
+
+MAX_MANIFEST_BYTES = 2**26
+"""Longest manifest; each exposure takes one to two thousand bytes."""
+
+
+def written(manifest: Manifest) -> bytes:
+    """The manifest as capture.json has it. Raises PdcdError when it could not be read again."""
+    data = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
+    if len(data) > MAX_MANIFEST_BYTES:
+        raise PdcdError(
+            f"the manifest would have {len(data)} bytes, more than {MAX_MANIFEST_BYTES}",
+            hint="take fewer exposures in one run",
+        )
+    return data
+
+
+def digest_line(data: bytes) -> bytes:
+    """What capture.json.sha256 holds for a manifest of these bytes."""
+    return f"{hashlib.sha256(data).hexdigest()}  {MANIFEST}\n".encode()
+
+
+def parsed(data: bytes) -> Manifest:
+    """The manifest out of the bytes of capture.json, in the words of the present schema.
+
+    Raises DecodeError, whatever the bytes are.
+    """
+    try:
+        told = msgspec.json.decode(data, type=dict[str, Any])
+        # Of two equal keys parsers take one or the other; a manifest has none.
+        json.loads(data, object_pairs_hook=_once)
+        return msgspec.convert(upgraded(told), Manifest)
+    except ConfigError as err:  # of a sensor profile
+        raise _damaged(err.message) from err
+    except (msgspec.MsgspecError, ValueError, TypeError, RecursionError, OverflowError) as err:
+        raise _damaged(str(err)) from err
+
+
+def _once(pairs: list[tuple[str, Any]]) -> None:
+    names = [name for name, _ in pairs]
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{twice!r} is there twice")
+
+
+def _damaged(why: str) -> DecodeError:
+    return DecodeError(f"{MANIFEST} is damaged: {why}", hint="restore it from a copy")

@@ -1,0 +1,272 @@
+"""Is a run folder whole and unchanged? Every byte of it is held against what the manifest says.
+
+The manifest itself is held against the digest beside it (`pdcd.runs.manifest`), its entries against
+their types and against each other, and the folder against its list of files. What lies in the
+folder is never trusted: see `pdcd.runs.inside`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Collection, Iterator
+from errno import ELOOP, ENOTDIR
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from pdcd.errors import DecodeError
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, printable, read_file
+from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, digest_line, parsed
+from pdcd.runs.record import FileRecord, Manifest
+
+NEEDED = ("codes.npz", FRAMES, "probe.npz", "log.jsonl")
+"""Files that every run has, beside the RAW files of its shots."""
+MAX_FINDINGS, MAX_WORDS = 1000, 300
+"""Most findings that are told of one folder, and most letters of each."""
+MAX_CELLS = 2**24
+"""Most code cells of a run: more than any panel has pixels."""
+MAX_UNSIZED_BYTES = 2**32
+"""Longest file that is read of a run that did not keep its size."""
+
+What = Literal["missing", "changed", "unknown", "manifest", "unreadable"]
+Alive = Callable[[], object]
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """Something that is not as it was: which file of the folder, what is wrong, and how.
+
+    missing: listed, but not there. changed: another content, or no regular file. unknown: there,
+    but not listed. manifest: what capture.json says is wrong. unreadable: the disk or the rights do
+    not let it be read.
+    """
+
+    path: str
+    what: What
+    detail: str
+
+
+class Verified(msgspec.Struct, frozen=True, kw_only=True):
+    """What was found in a run folder; `whole` when nothing was."""
+
+    folder: str
+    whole: bool
+    job: str | None
+    schema: int | None
+    manifest_sha256: str | None
+    """Of capture.json as it lies there; None where it cannot be read."""
+    files: int
+    """Files that are as the manifest says."""
+    size_bytes: int
+    """Of those, together."""
+    findings: tuple[Finding, ...]
+    unchecked: tuple[str, ...]
+    """What a run of an earlier schema did not keep, so that it cannot be checked; in words."""
+
+
+def verify(
+    folder: Path, *, manifest_sha256: str | None = None, alive: Alive = lambda: None
+) -> Verified:
+    """Look at all of a run folder. Raises nothing for what is wrong with it.
+
+    `manifest_sha256` is what the manifest is to have, where that is known from elsewhere. `alive`
+    is called now and then, and may raise to end the work.
+    """
+    check = _Check(alive)
+    check.look(folder, manifest_sha256, None)
+    found = check.found
+    return Verified(
+        folder=printable(str(folder)),
+        whole=not found,
+        job=None if check.read is None else check.read.job,
+        schema=None if check.read is None else check.read.schema,
+        manifest_sha256=check.sha256,
+        files=check.sound,
+        size_bytes=check.size_bytes,
+        findings=tuple(found),
+        unchecked=() if check.read is None else tuple(_unchecked(check.read.schema)),
+    )
+
+
+def whole_manifest(
+    folder: Path, names: Collection[str] | None = None, alive: Alive = lambda: None
+) -> Manifest:
+    """The manifest of a run of which nothing has changed, or none of the files of those names.
+
+    Raises DecodeError, which says what has.
+    """
+    check = _Check(alive)
+    check.look(folder, None, names)
+    if check.read is None or check.found:
+        first = check.found[0]
+        more = f", and {len(check.found) - 1} more" if len(check.found) > 1 else ""
+        raise DecodeError(
+            f"{printable(str(folder))} is not a whole and unchanged run: {first.path}: "
+            f"{first.detail}{more}",
+            hint="see pdcd verify; restore it from a copy",
+        )
+    return check.read
+
+
+class _Check:
+    """One walk through one folder."""
+
+    def __init__(self, alive: Alive) -> None:
+        self._alive = alive
+        self.read: Manifest | None = None
+        self.sha256: str | None = None
+        self.found: list[Finding] = []
+        self.sound = 0
+        self.size_bytes = 0
+
+    def find(self, name: str, what: What, detail: str) -> None:
+        """Note what is wrong with a file."""
+        if len(self.found) < MAX_FINDINGS:
+            # A forged manifest may have words of any length.
+            self.found.append(Finding(printable(name[:MAX_WORDS]), what, detail[:MAX_WORDS]))
+
+    def look(
+        self, folder: Path, expected_sha256: str | None, names: Collection[str] | None
+    ) -> None:
+        """Look at the manifest and at the files of those names, or at all that is there."""
+        try:
+            if folder.resolve().name.endswith(".partial"):
+                self.find(".", "manifest", "its name says that the run was not finished")
+            with opened(folder) as descriptor:
+                self.manifest(descriptor, expected)
+                self.files(descriptor, names)
+        except (OSError, ValueError, RuntimeError, DecodeError) as err:
+            self.find(".", "unreadable", _words(err))
+
+    def manifest(self, folder: int, expected_sha256: str | None) -> None:
+        """Read the manifest, hold it against its digest and against itself."""
+        try:
+            data = read_file(folder, MANIFEST, MAX_MANIFEST_BYTES)
+        except FileNotFoundError:
+            self.find(MANIFEST, "missing", "this is no finished run")
+            return
+        except (OSError, DecodeError) as err:
+            self.find(MANIFEST, _what(err), _words(err))
+            return
+        self.sha256 = hashlib.sha256(data).hexdigest()
+        if expected_sha256 is not None and expected_sha256.lower() != self.sha256:
+            self.find(MANIFEST, "manifest", f"its SHA-256 is {self.sha256}, not the one given")
+        kept = self._digest(folder, data)
+        try:
+            self.read = parsed(data)
+        except DecodeError as err:
+            self.find(MANIFEST, "manifest", err.message)
+            return
+        if not kept and self.read.schema >= 3:
+            self.find(DIGEST, "missing", "nothing vouches for the manifest")
+        if kept and self.read.schema < 3:
+            self.find(DIGEST, "unknown", f"runs of schema {self.read.schema} have none")
+        for what in _contradictions(self.read):
+            self.find(MANIFEST, "manifest", what)
+
+    def _digest(self, folder: int, data: bytes) -> bool:
+        """Whether there is a digest; notes where it is another."""
+        wanted = digest_line(data)
+        try:
+            if read_file(folder, DIGEST, len(wanted)) != wanted:
+                self.find(MANIFEST, "manifest", f"it does not have the SHA-256 that {DIGEST} holds")
+        except FileNotFoundError:
+            return False
+        except (OSError, DecodeError) as err:
+            self.find(DIGEST, _what(err), _words(err))
+        return True
+
+    def files(self, folder: int, names: Collection[str] | None = None) -> None:
+        """Hold the folder against the files that the manifest lists; of names given, only those."""
+        if self.read is None:
+            return
+        listed = self.read.files
+        if names is None:
+            self._compare(listed, listing(folder))
+        for name in sorted(listed) if names is None else names:
+            if name not in listed:
+                self.find(name, "manifest", "the manifest does not list it")
+            elif fault_of(name) is None:
+                self._file(folder, name, listed[name])
+
+    def _compare(self, listed: Collection[str], there: dict[str, str]) -> None:
+        """Name what is there and not listed."""
+        folders = {"raw", "linear", "preview"}
+        for name in listed:
+            folders.update(name[:at] for at, letter in enumerate(name) if letter == "/")
+        for name, kind in sorted(there.items()):
+            known = name in listed or name in (MANIFEST, DIGEST)
+            if not (known or (kind == "folder" and name in folders)):
+                self.find(name, "unknown", f"a {kind} that the manifest does not list")
+
+    def _file(self, folder: int, name: str, wanted: FileRecord) -> None:
+        try:
+            with opened_file(folder, name) as descriptor:
+                self._content(descriptor, name, wanted)
+        except FileNotFoundError:
+            self.find(name, "missing", "the manifest lists it")
+        except (OSError, DecodeError) as err:
+            self.find(name, _what(err), _words(err))
+
+    def _content(self, descriptor: int, name: str, wanted: FileRecord) -> None:
+        # Before the file is read: a wrong one may be of any length.
+        size = os.fstat(descriptor).st_size
+        if wanted.size_bytes is None and size > MAX_UNSIZED_BYTES:
+            self.find(name, "changed", f"it has {size} bytes, more than {MAX_UNSIZED_BYTES}")
+        elif wanted.size_bytes is not None and size != wanted.size_bytes:
+            self.find(name, "changed", f"it has {size} bytes, not {wanted.size_bytes}")
+        elif hashed(descriptor, self._alive)[0] != wanted.sha256:
+            self.find(name, "changed", "it does not have the SHA-256 that the manifest names")
+        else:
+            self.sound += 1
+            self.size_bytes += size
+        self._alive()
+
+
+def _contradictions(manifest: Manifest) -> Iterator[str]:
+    """What the manifest says that cannot be true, in words."""
+    run, files = manifest.run, manifest.files
+    if manifest.state != "done":
+        yield f"its state is {manifest.state!r}"
+    if run.grid[0] * run.grid[1] > MAX_CELLS:
+        yield f"a grid of {run.grid[0]} x {run.grid[1]} cells"
+    if run.cells is not None and run.cells.grid != run.grid:
+        yield "its map of cells is of another grid"
+    folded: dict[str, str] = {}
+    for name in files:
+        fault = "it vouches for itself" if name in (MANIFEST, DIGEST) else fault_of(name)
+        if fault is not None:
+            yield f"file {printable(name)!r}: {fault}"
+        other = folded.setdefault(name.casefold(), name)
+        if other != name:
+            yield f"{printable(name)!r} and {printable(other)!r} differ in case only"
+    shots = [shot.name for shot in run.shots]
+    if len(set(shots)) != len(shots):
+        yield "it has two shots of one name"
+    for name in (*NEEDED, *(test.raw for test in manifest.meter)):
+        if name not in files:
+            yield f"it does not list {printable(name)!r}"
+    for shot in run.shots:
+        if shot.raw not in files or files[shot.raw].sha256 != shot.sha256:
+            yield f"shot {printable(shot.name)!r} and the list of files name another RAW file"
+        if not shot.open_ns < shot.close_ns:
+            yield f"shot {printable(shot.name)!r} closed before it opened"
+
+
+def _unchecked(schema: int) -> Iterator[str]:
+    if schema < 3:
+        yield f"the manifest: a run of schema {schema} has no digest of it"
+
+
+def _what(err: Exception) -> What:
+    # A link or a file where a folder is to be is refused by the system itself.
+    changed = isinstance(err, DecodeError) or getattr(err, "errno", 0) in (ELOOP, ENOTDIR)
+    return "changed" if changed else "unreadable"
+
+
+def _words(err: Exception) -> str:
+    if isinstance(err, OSError):
+        return err.strerror or str(err)
+    return err.message if isinstance(err, DecodeError) else str(err)
