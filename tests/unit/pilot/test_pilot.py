@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -251,3 +252,15 @@ def test_photos_that_do_not_fit_are_refused() -> None:
         estimate_links(~(codes & False), np.ones((32, 16)), (4, 4))
     with pytest.raises(ConfigError, match="leaves nothing of 32"):
         worth(codes, np.ones((32, 16)), scipy.sparse.csr_array((16, 16)), 32)
+
+
+@pytest.mark.parametrize("count", [8, 16, 32, 64])
+def test_seeds_and_parts_of_a_pilot_have_codes_of_their_own(count: int) -> None:
+    first, second = (pilot_codes(GRID, count, seed) for seed in (1, 2))
+    quarter = 0 if count < 32 else count // 4
+    edges = [0, SCOUTS, SCOUTS + quarter, SCOUTS + 2 * quarter, count]
+    parts = [slice(a, b) for a, b in itertools.pairwise(edges) if a < b]
+    for part in parts:
+        assert not np.array_equal(first[part], second[part])
+    if quarter:
+        assert not np.array_equal(first[parts[1]], first[parts[2]])
