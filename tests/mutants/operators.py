@@ -5,23 +5,41 @@ from __future__ import annotations
 import ast
 import copy
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+
+Change = tuple[str, ast.AST]
+
+OPPOSITE: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or,
+    ast.Or: ast.And,
+}  # fmt: skip
+EDGE: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
+}  # fmt: skip
+OTHER_NAME = {
+    "min": "max", "max": "min", "any": "all", "all": "any", "ceil": "floor", "floor": "ceil",
+    "minimum": "maximum", "maximum": "minimum", "argmin": "argmax", "argmax": "argmin",
+}  # fmt: skip
+WORDS = re.compile(r"^(logger\.|warnings\.|print\(|parser\.add)")
+"""Statements that only say something."""
+TYPES = ("annotation", "returns", "decorator_list", "bases")
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One small wrong change of one file."""
+    """One small wrong change: in `path`, from byte `start` to `end`, `old` becomes `new`.
+
+    `function` is the qualified name of what it lies in, '' at the level of the module.
+    """
 
     path: str
-    """From the root of the tree."""
     function: str
-    """Qualified name of the function around it; '' at the level of the module."""
     operator: str
     line: int
-    """Of its begin, from 1."""
     start: int
-    """Of the text that is replaced, in bytes from the begin of the file."""
     end: int
     old: str
     new: str
@@ -29,8 +47,7 @@ class Mutant:
     @property
     def key(self) -> str:
         """What it changes, wherever the lines have moved to."""
-        one_line = re.compile(r"\s+")
-        old, new = (one_line.sub(" ", text).strip() for text in (self.old, self.new))
+        old, new = (" ".join(text.split()) for text in (self.old, self.new))
         return f"{self.path} :: {self.function} :: {old} => {new}"
 
     def applied(self, source: bytes) -> bytes:
@@ -38,159 +55,108 @@ class Mutant:
         return source[: self.start] + self.new.encode() + source[self.end :]
 
 
-Change = tuple[str, ast.AST]
-Operator = Callable[[ast.AST], Iterator[Change]]
-
-OPPOSITE: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
-}  # fmt: skip
-EDGE: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
-}  # fmt: skip
-SIGN: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
-}  # fmt: skip
-OTHER_NAME = {
-    "min": "max", "max": "min", "any": "all", "all": "any", "ceil": "floor", "floor": "ceil",
-    "minimum": "maximum", "maximum": "minimum", "argmin": "argmax", "argmax": "argmin",
-}  # fmt: skip
-
-
-def changed(node: ast.AST, **fields: object) -> ast.AST:
-    """A copy with other fields."""
+def _with(node: ast.AST, **fields: object) -> ast.AST:
     made = copy.deepcopy(node)
     for name, value in fields.items():
         setattr(made, name, value)
     return made
 
 
-def comparison(node: ast.AST) -> Iterator[Change]:
-    """Turned round, or moved by its edge."""
+def _without(things: list[ast.expr]) -> Iterator[list[ast.expr]]:
+    for place in range(len(things)):
+        yield things[:place] + things[place + 1 :]
+
+
+def _of_value(node: ast.AST) -> Iterator[Change]:
+    """Changes of comparisons, numbers, logic and sums."""
     if isinstance(node, ast.Compare):
         for place, op in enumerate(node.ops):
             for name, table in (("comparison swapped", OPPOSITE), ("edge moved", EDGE)):
                 if type(op) in table:
                     ops = [*node.ops[:place], table[type(op)](), *node.ops[place + 1 :]]
-                    yield name, changed(node, ops=ops)
-
-
-def constant(node: ast.AST) -> Iterator[Change]:
-    """Another number, or the other truth value."""
-    if isinstance(node, ast.Constant):
+                    yield name, _with(node, ops=ops)
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
         value = node.value
         if isinstance(value, bool):
             yield "constant changed", ast.Constant(not value)
-        elif isinstance(value, int):
-            yield "constant changed", ast.Constant(value + 1)
-            if value > 1:
-                yield "constant changed", ast.Constant(value - 1)
-        elif isinstance(value, float):
-            yield "constant changed", ast.Constant(value * 2.0 if value else 1.0)
-
-
-def logic(node: ast.AST) -> Iterator[Change]:
-    """And for or, or for and; a not dropped."""
+        else:
+            more = value + 1 if isinstance(value, int) else value * 2.0 or 1.0
+            yield "constant changed", ast.Constant(more)
     if isinstance(node, ast.BoolOp):
-        yield "and/or", changed(node, op=ast.Or() if isinstance(node.op, ast.And) else ast.And())
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-        yield "not dropped", node.operand
-
-
-def arithmetic(node: ast.AST) -> Iterator[Change]:
-    """Another sign, the inverse, or the other extreme."""
-    if isinstance(node, ast.BinOp) and type(node.op) in SIGN:
-        yield "sign flipped", changed(node, op=SIGN[type(node.op)]())
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        yield "sign flipped", node.operand
-    if isinstance(node, ast.Call):
-        name = node.func
-        if isinstance(name, ast.Name) and name.id in OTHER_NAME:
-            yield "other extreme", changed(node, func=ast.Name(OTHER_NAME[name.id]))
-        if isinstance(name, ast.Attribute) and name.attr in OTHER_NAME:
-            func = changed(name, attr=OTHER_NAME[name.attr])
-            yield "other extreme", changed(node, func=func)
-
-
-def boundary(node: ast.AST) -> Iterator[Change]:
-    """A slice or a range that ends one later."""
+        yield "and/or", _with(node, op=OPPOSITE[type(node.op)]())
+    if isinstance(node, ast.BinOp) and type(node.op) in OPPOSITE:
+        yield "sign flipped", _with(node, op=OPPOSITE[type(node.op)]())
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
+        name = "not dropped" if isinstance(node.op, ast.Not) else "sign flipped"
+        yield name, node.operand
     if isinstance(node, ast.Slice):
         for end in ("lower", "upper"):
             bound = getattr(node, end)
             if bound is not None and not isinstance(bound, ast.Constant):
                 later = ast.BinOp(bound, ast.Add(), ast.Constant(1))
-                yield "off by one", changed(node, **{end: later})
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range":
+                yield "off by one", _with(node, **{end: later})
+
+
+def _of_call(node: ast.Call) -> Iterator[Change]:
+    """Changes of what is called, and with what."""
+    func = node.func
+    name = getattr(func, "id", getattr(func, "attr", ""))
+    if name in OTHER_NAME:
+        field = "id" if isinstance(func, ast.Name) else "attr"
+        other = _with(func, **{field: OTHER_NAME[name]})
+        yield "other extreme", _with(node, func=other)
+    if name == "range":
         sooner = ast.BinOp(node.args[-1], ast.Sub(), ast.Constant(1))
-        yield "off by one", changed(node, args=[*node.args[:-1], sooner])
+        yield "off by one", _with(node, args=[*node.args[:-1], sooner])
+    for given in node.keywords:
+        if given.arg is not None:
+            rest = [other for other in node.keywords if other is not given]
+            yield "argument dropped", _with(node, keywords=rest)
+    if name == "suppress":
+        for args in _without(node.args):
+            yield "except narrowed", _with(node, args=args)
 
 
-def argument(node: ast.AST) -> Iterator[Change]:
-    """A keyword argument dropped."""
-    if isinstance(node, ast.Call):
-        for place, given in enumerate(node.keywords):
-            if given.arg is not None:
-                rest = node.keywords[:place] + node.keywords[place + 1 :]
-                yield "argument dropped", changed(node, keywords=rest)
-
-
-def statement(node: ast.AST) -> Iterator[Change]:
-    """A call, an assignment to a place, a raise or a jump that does not happen."""
+def _of_statement(node: ast.AST) -> Iterator[Change]:
+    """Statements that do not happen, other answers, and other errors caught."""
     lasting = (ast.Attribute, ast.Subscript)
     if (
-        isinstance(node, ast.Raise | ast.Continue | ast.Break | ast.Delete)
+        isinstance(node, ast.Raise | ast.Continue | ast.Break | ast.Delete | ast.AugAssign)
         or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call))
         or (isinstance(node, ast.Assign) and isinstance(node.targets[0], lasting))
-        or (isinstance(node, ast.AugAssign))
     ):
         yield "statement dropped", ast.Pass()
     if isinstance(node, ast.Return) and node.value is not None:
-        if not (isinstance(node.value, ast.Constant) and node.value.value is None):
-            yield "return value changed", changed(node, value=ast.Constant(None))
+        yield "return value changed", _with(node, value=ast.Constant(None))
+    if getattr(node, "caught", False):
+        if isinstance(node, ast.Tuple):
+            for elts in _without(node.elts):
+                yield "except narrowed", _with(node, elts=elts)
+        else:
+            yield "except narrowed", ast.Tuple([])
+        if ast.unparse(node) not in ("Exception", "BaseException"):
+            yield "except broadened", ast.Name("Exception")
 
 
-def caught(node: ast.AST) -> Iterator[Change]:
-    """An except (or a suppress) that takes less, or more."""
-    if isinstance(node, ast.Tuple) and getattr(node, "caught", False):
-        for place in range(len(node.elts)):
-            rest = node.elts[:place] + node.elts[place + 1 :]
-            yield "except narrowed", changed(node, elts=rest)
-    elif getattr(node, "caught", False):
-        yield "except narrowed", ast.Tuple([])
-    if getattr(node, "caught", False) and ast.unparse(node) not in ("Exception", "BaseException"):
-        yield "except broadened", ast.Name("Exception")
-    if isinstance(node, ast.Call) and ast.unparse(node.func) == "suppress":
-        for place in range(len(node.args)):
-            rest = node.args[:place] + node.args[place + 1 :]
-            yield "except narrowed", changed(node, args=rest)
+def _changes(node: ast.AST) -> Iterator[Change]:
+    yield from _of_value(node)
+    yield from _of_statement(node)
+    if isinstance(node, ast.Call):
+        yield from _of_call(node)
 
 
-OPERATORS: tuple[Operator, ...] = (
-    comparison, constant, logic, arithmetic, boundary, argument, statement, caught,
-)  # fmt: skip
-
-WORDS = re.compile(r"^(logger\.|log\.(debug|info|warn)|warnings\.|print\(|parser\.add|.*\.help)")
-
-
-def worked(node: ast.AST) -> list[ast.AST]:
-    """The children in which a change is one of what the program does.
-
-    Not of what it says (docstrings, log lines, messages of errors) nor of its types.
-    """
-    if isinstance(node, ast.JoinedStr) or (
-        isinstance(node, ast.ClassDef) and any("Protocol" in ast.unparse(b) for b in node.bases)
-    ):
+def _worked(node: ast.AST) -> list[ast.AST]:
+    """The children in which a change is one of what the program does, not of what it says
+    (docstrings, log lines, messages of errors) nor of its types."""
+    if isinstance(node, ast.JoinedStr | ast.Raise):
         return []
-    if isinstance(node, ast.Raise):
+    if isinstance(node, ast.ClassDef) and any("Protocol" in ast.unparse(b) for b in node.bases):
         return []
     if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
         return []
-    if isinstance(node, ast.Expr) and WORDS.match(ast.unparse(node)):
-        return []
-    types = ("annotation", "returns", "decorator_list", "type_params", "bases")
     found: list[ast.AST] = []
     for name, value in ast.iter_fields(node):
-        if name not in types:
+        if name not in TYPES:
             nodes = value if isinstance(value, list) else [value]
             found += [child for child in nodes if isinstance(child, ast.AST)]
     return found
@@ -208,26 +174,17 @@ def mutants(path: str, source: bytes) -> list[Mutant]:
             function = f"{function}.{node.name}".lstrip(".")
         if isinstance(node, ast.ExceptHandler) and node.type is not None:
             node.type.caught = True  # type: ignore[attr-defined]
-        words = isinstance(node, ast.Expr) and WORDS.match(ast.unparse(node))
-        if hasattr(node, "end_col_offset") and not words:
-            where: ast.expr = node  # type: ignore[assignment]
-            start = lines[where.lineno - 1] + where.col_offset
-            end = lines[(where.end_lineno or 0) - 1] + (where.end_col_offset or 0)
-            for operator in OPERATORS:
-                for name, made in operator(node):
-                    old = source[start:end].decode()
-                    new = ast.unparse(ast.fix_missing_locations(made))
-                    found.append(Mutant(path, function, name, where.lineno, start, end, old, new))
-        for child in worked(node):
+        if isinstance(node, ast.Expr) and WORDS.match(ast.unparse(node)):
+            return
+        for name, made in _changes(node):
+            at: ast.expr = node  # type: ignore[assignment]
+            start = lines[at.lineno - 1] + at.col_offset
+            end = lines[(at.end_lineno or 0) - 1] + (at.end_col_offset or 0)
+            old, new = source[start:end].decode(), ast.unparse(ast.fix_missing_locations(made))
+            if new != ast.unparse(node):
+                found.append(Mutant(path, function, name, at.lineno, start, end, old, new))
+        for child in _worked(node):
             walk(child, function)
 
     walk(ast.parse(source), "")
-    return [one for one in found if _compiles(one.applied(source))]
-
-
-def _compiles(source: bytes) -> bool:
-    try:
-        ast.parse(source)
-    except SyntaxError:
-        return False
-    return True
+    return found

@@ -61,7 +61,7 @@ class Bench:
         self._interpreter()
         # By its content, not its date: a changed file is compiled anew, and only that.
         words = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash"]
-        subprocess.run([*words, "pdcd", "drivers", "tests"], cwd=self.copy, check=True)
+        subprocess.run([*words, "pdcd", "drivers", "tests"], cwd=self.copy, check=False)
 
     def _interpreter(self) -> None:
         """An environment whose `pdcd` is the copy's, for programs that tests start, too."""
@@ -119,20 +119,19 @@ class Bench:
         words = ["-m", "pytest", "-q", "-x", "-n", "0", "--tb=no", "-p", "no:cacheprovider"]
         command = [str(self.copy / ".venv/bin/python"), *words, f"--basetemp={files}", tests]
         since_s = time.monotonic()
-        process = subprocess.Popen(
+        said, hung = "", False
+        with subprocess.Popen(
             command, cwd=self.copy, env=environ, stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
             start_new_session=True,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES,) * 2),
-        )  # fmt: skip
-        try:
-            said, _ = process.communicate(timeout=limit_s)
-            hung = False
-        except subprocess.TimeoutExpired:
-            said, hung = "", True
-        finally:
-            self._end_all()
-            process.wait()
+        ) as process:  # fmt: skip
+            try:
+                said, _ = process.communicate(timeout=limit_s)
+            except subprocess.TimeoutExpired:
+                hung = True
+            finally:
+                self._end_all()
         failed = re.search(r"^(?:FAILED|ERROR) (\S+::.*?)(?: - |$)", said, re.MULTILINE)
         # 5: no test was left, as where all of a file are skipped by name.
         passed = not hung and process.returncode in (0, 5)
