@@ -67,7 +67,7 @@ def tried(mutant: Mutant, benches: SimpleQueue[Bench], *, quick: bool) -> Told:
     seconds = time.monotonic() - since_s
     where = f"{mutant.path}:{mutant.line}"
     closed = must_fail_closed(mutant)
-    say(f"{'noticed' if test else 'LIVES':8}{where:44}{mutant.operator:22}{test}")
+    say(f"{'noticed' if test else 'LIVES':8}{where:44}{mutant.operator:22}{test or mutant.key}")
     return Told(where, mutant.operator, closed, test, seconds, mutant.key, change)
 
 

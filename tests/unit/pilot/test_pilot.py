@@ -208,6 +208,18 @@ def test_scouts_measure_how_sharp_light_is(seed: int, sigma: float) -> None:
     assert seen == pytest.approx(true, rel=0.1)
 
 
+def test_noise_that_is_told_of_is_neither_sharp_light_nor_an_error_of_codes() -> None:
+    """Smooth light in photos whose noise is a third of it."""
+    transport = np.eye(CELLS) + smooth(0.3)
+    sigma = 0.1
+    codes, photos = take_pilot(transport, 32, 0, sigma)
+    assert sharpness(codes[:SCOUTS], photos[:SCOUTS]) > 2 * SHARP
+    assert sharpness(codes[:SCOUTS], photos[:SCOUTS], sigma=sigma) < SHARP
+    nothing = scipy.sparse.csr_array((CELLS, CELLS))
+    blind, told = (worth(codes, photos, nothing, 128, sigma=s).alone for s in (0.0, sigma))
+    assert told < 0.5 * blind
+
+
 def test_scouts_tell_sharp_paths_from_smooth_light() -> None:
     smooth_scene = np.diag(np.linspace(0.5, 1.5, CELLS)) + smooth(0.3)
     for seed in range(3):
