@@ -20,7 +20,7 @@ MEMORY_BYTES = 8 << 30
 """Address space of a process of the tests."""
 
 SLACK, SPARE_S = 4.0, 30.0
-"""A test file may take that many times what it takes on the sound tree, and that much more."""
+"""Tests may take that many times what they take on the sound tree, and that much more."""
 
 FIRST_S = 600.0
 """Bound of a test file on the sound tree."""
@@ -31,7 +31,7 @@ MARK = "PDCD_MUTANT"
 
 @dataclass(frozen=True)
 class Answer:
-    """What the tests of one file said."""
+    """What some tests said."""
 
     passed: bool
     seconds: float
@@ -85,31 +85,36 @@ class Bench:
     def is_sound(self, file: str) -> bool:
         """Whether a test file passes without any change; measured once."""
         if file not in self.sound:
-            self.sound[file] = self._run(file, FIRST_S)
+            self.sound[file] = self._run([file], FIRST_S)
         return self.sound[file].passed
 
     def noticed(self, mutant: Mutant, files: list[str]) -> str:
-        """The test that notices a change, '' for none.
+        """The test that notices a change, '' for none; unit tests are asked first.
 
         A test that fails is run again, as one may fail for the load of the machine alone.
         """
         place = self.copy / mutant.path
         kept = place.read_bytes()
-        for file in (file for file in files if self.is_sound(file)):
-            limit_s = SLACK * self.sound[file].seconds + SPARE_S
+        unit = [file for file in files if file.startswith("tests/unit/")]
+        for stage in (unit, [file for file in files if file not in unit]):
+            usable = [file for file in stage if self.is_sound(file)]
+            if not usable:
+                continue
+            limit_s = SLACK * sum(self.sound[file].seconds for file in usable) + SPARE_S
             place.write_bytes(mutant.applied(kept))
             try:
-                first = self._run(file, limit_s)
+                first = self._run(usable, limit_s)
                 if first.hung:
-                    return f"{file} (time-out)"
-                if not first.passed and not self._run(first.test or file, limit_s).passed:
-                    return first.test or file
+                    return f"{usable[0]} or one of the next (time-out)"
+                again = [first.test] if first.test else usable
+                if not first.passed and not self._run(again, limit_s).passed:
+                    return first.test or usable[0]
             finally:
                 place.write_bytes(kept)
         return ""
 
-    def _run(self, tests: str, limit_s: float) -> Answer:
-        """Run a test file, or one test of it, up to its first failure."""
+    def _run(self, tests: list[str], limit_s: float) -> Answer:
+        """Run test files, or single tests of them, up to the first failure."""
         files = self.copy / "t"
         shutil.rmtree(files, ignore_errors=True)
         environ = {
@@ -117,7 +122,7 @@ class Bench:
             "TMPDIR": str(self.copy), MARK: str(self.copy),
         }  # fmt: skip
         words = ["-m", "pytest", "-q", "-x", "-n", "0", "--tb=no", "-p", "no:cacheprovider"]
-        command = [str(self.copy / ".venv/bin/python"), *words, f"--basetemp={files}", tests]
+        command = [str(self.copy / ".venv/bin/python"), *words, f"--basetemp={files}", *tests]
         since_s = time.monotonic()
         said, hung = "", False
         with subprocess.Popen(

@@ -199,3 +199,20 @@ def test_the_likeliest_light_of_a_partner_weighs_its_photos_against_what_is_usua
     degrees = len(photos) - 2
     wanted = -0.5 * degrees * np.log1p(misfit.min() / degrees)
     assert log == pytest.approx(wanted - 0.5 * np.log1p(seen @ seen * spread), abs=1e-6)
+
+
+def test_shapes_of_a_partner_lie_where_they_say_and_are_as_wide() -> None:
+    """Points between cells keep their place; patches fall off as normal distributions do."""
+    grid, centre = (11, 11), 5 * 11 + 5
+    row, col = np.divmod(np.arange(121), 11)
+    shapes = [shape.toarray()[centre] for shape in matching._shapes(grid)]
+    for shape, (down, right) in zip(shapes, matching._BETWEEN, strict=False):
+        assert shape.sum() == pytest.approx(1.0) and shape.min() >= 0.0
+        assert (shape @ row, shape @ col) == pytest.approx((5 + down, 5 + right))
+    patches = shapes[len(matching._BETWEEN) :]
+    for shape, width in zip(patches, matching._PATCHES, strict=True):
+        assert shape.sum() == pytest.approx(1.0)
+        for step in (1, 2):
+            fall = np.exp(-(step**2) / (2 * width**2))
+            for there in (centre + step, centre - step, centre + 11 * step, centre - 11 * step):
+                assert shape[there] / shape[centre] == pytest.approx(fall)
