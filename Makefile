@@ -1,5 +1,5 @@
 # make demo: one capture on the mock bench. make test: all tests. Both install what is missing.
-.PHONY: demo test lint bench soak clean
+.PHONY: demo test lint bench soak mutants clean
 
 demo:
 	@.ci/setup
@@ -28,5 +28,15 @@ soak:
 	@.ci/setup dev
 	OMP_NUM_THREADS=1 .venv/bin/python -m tests.soak --minutes $(MINUTES) --out docs/soak.md
 
+# Small wrong changes, one at a time: do the tests notice? ROOM is a room, or a folder of drivers.
+ROOM ?= all
+COUNT ?= 150
+SEED ?= 1
+JOBS ?= 2
+OUT ?= mutants
+mutants:
+	@.ci/setup dev
+	nice -n 10 .venv/bin/python -m tests.mutants --room $(ROOM) --count $(COUNT) --seed $(SEED) --jobs $(JOBS) --out $(OUT)
+
 clean:
-	rm -rf .venv demo .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv demo mutants .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

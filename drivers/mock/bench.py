@@ -4,7 +4,7 @@ Modelled: both panels' own refresh and phase, first-order response, black leak, 
 misregistration; sub-cell windows; ambient light; shutter lag and jitter. Not modelled: projector
 colour wheels and dithering, lens blur, vignetting and distortion, scan-out from top to bottom,
 panel pixels that do not divide a cell, motion. Panels are taken to have settled to black when the
-shutter opens.
+shutter opens; where they had less time than `rig.settle_s` for it, there is no photo.
 """
 
 from __future__ import annotations
@@ -34,7 +34,12 @@ class Bench:
     log: FrameLog | None = None
     open_ns: int | None = None
     close_ns: int | None = None
-    panels_black: bool = True
+    black_since_ns: int | None = -(2**62)
+    """When the panels last went black, at first long ago; None while they show something."""
+    whole: bool = False
+    """Whether all codes of this exposure were shown: what was given up is no photo in any case."""
+    unsettled: str = ""
+    """How the shutter of this exposure moved before the panels had settled; '' where it did not."""
     shutter_open: bool = field(default=False)
     shared: Shared = field(default_factory=Shared)
 
@@ -48,8 +53,30 @@ class Bench:
 
         return context.the(cls, make)
 
+    @property
+    def panels_black(self) -> bool:
+        """Whether both panels are told to be black."""
+        return self.black_since_ns is not None
+
+    def lit(self) -> None:
+        """The panels show something from now on."""
+        self.black_since_ns = None
+
+    def black(self, at_ns: int) -> None:
+        """Both panels are black from then on; they settle once, however often they are told."""
+        if self.black_since_ns is None:
+            self.black_since_ns = at_ns
+
+    def _check_settled(self, word: str, at_ns: int) -> None:
+        """Note a shutter that moves too soon. It moves all the same: closing may never fail."""
+        since_ns, settle_ns = self.black_since_ns, round(self.config.rig.settle_s * 1e9)
+        if since_ns is None or at_ns < since_ns + settle_ns:
+            self.unsettled = self.unsettled or f"the shutter {word} on panels that had not settled"
+
     def open_shutter(self, open_ns: int) -> None:
         """Light falls on the sensor from then on; what was shown before does not count."""
+        self.unsettled, self.whole = "", False
+        self._check_settled("opened", open_ns)
         self.open_ns, self.close_ns = open_ns, None
         self.frames = self.log = None
         self.shared.played = self.shared.pixels = None
@@ -57,14 +84,21 @@ class Bench:
 
     def close_shutter(self, close_ns: int) -> None:
         """The exposure ends then."""
+        if self.whole:
+            self._check_settled("closed", close_ns)
         self.close_ns = close_ns
         self.shutter_open = False
 
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure, (N, 3) float64 in scene units times seconds.
 
-        Raises ExposureError when no exposure has been completed.
+        Raises ExposureError when no exposure has been completed, or its shutter moved before the
+        panels had settled to black.
         """
+        if self.unsettled:
+            raise ExposureError(
+                self.unsettled, device="shutter", hint="wait for rig.settle_s on black panels"
+            )
         if self.open_ns is None or self.close_ns is None:
             raise ExposureError(
                 "there is no finished exposure", device="camera", hint="open and close the shutter"

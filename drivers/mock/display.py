@@ -86,12 +86,12 @@ class MockDisplay:
 
     def black(self) -> None:
         """Both panels black."""
-        self._bench.panels_black = True
+        self._bench.black(self._clock.now_ns())
 
     def show(self, frames: Frames) -> None:
         """Hold the first refresh."""
         self.load(frames)
-        self._bench.panels_black = False
+        self._bench.lit()
 
     def play(
         self, progress: Callable[[int, int, int], None], cancelled: Callable[[], bool]
@@ -106,9 +106,10 @@ class MockDisplay:
 
         def once(rows: NDArray[np.int32]) -> FrameLog:
             log = self._pass(rows)
-            self._bench.panels_black = False
+            self._bench.lit()
             try:
                 self._wait(log, progress, cancelled)
+                self._bench.black(int(log.end_ns.max()))
             finally:
                 self.black()
             self._bench.frames, self._bench.log = frames, log
@@ -117,7 +118,7 @@ class MockDisplay:
         log = play_all(
             once, frames, on_miss=rig.on_miss, rounds=rig.retries, row_hz=self._config.row_hz
         )
-        self._bench.log = log
+        self._bench.log, self._bench.whole = log, True
         return log
 
     def disconnect(self) -> None:

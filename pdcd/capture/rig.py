@@ -164,15 +164,17 @@ class Rig:
     ) -> Exposure:
         """Take one exposure of the frames and fetch its RAW file.
 
-        The shutter opens and closes on black panels, so its lag and jitter do not matter. When the
-        display gives up (SyncError), the file of the spoilt exposure is fetched before that is
-        raised.
+        The shutter opens and closes on panels that have settled to black, so its lag and jitter do
+        not matter, nor what the panels showed before. When the display gives up (SyncError), the
+        file of the spoilt exposure is fetched before that is raised.
         """
         settle_ns = round(self.config.rig.settle_s * 1e9)
         self.display.load(frames)
         self.display.black()
+        black_ns = self.clock.now_ns()
         self.readout.arm(settings)
         notify(Armed(shot=name, frames=len(frames)))
+        self.clock.sleep_until_ns(black_ns + settle_ns)
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self.clock.sleep_until_ns(open_ns + settle_ns)

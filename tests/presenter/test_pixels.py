@@ -78,7 +78,7 @@ def only(frames: Frames, row: int) -> Frames:
 
 
 @pytest.mark.parametrize(
-    ("layout", "window", "codes"), [("span", "whole", 20), ("windows", "quarter", 8)]
+    ("layout", "window", "codes"), [("span", "whole", 6), ("windows", "quarter", 5)]
 )
 def test_full_size_panels_show_every_pixel(
     tmp_path: Path, x_full: XServer, layout: str, window: str, codes: int

@@ -69,13 +69,15 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path, window: str) -> None:
     assert read_manifest(done).plan["raw_files"] == 65
 
 
-@pytest.mark.parametrize("noise", ["none", "full"])
-@pytest.mark.parametrize("kind", ["corner", "open-book", "wax-disk", "milky-bottle"])
+@pytest.mark.parametrize(
+    ("kind", "noise"),
+    [("corner", "full"), ("open-book", "none"), ("wax-disk", "full"), ("milky-bottle", "none")],
+)
 def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str) -> None:
     """Diffuse scenes: four photos, the other 60 codes where they would be without a pilot."""
     scene = CORNER if kind == "corner" else SceneConfig(kind=kind, grid=(24, 32))
     errors: dict[int, list[float]] = {0: [], 64: []}
-    for pilot, seed in itertools.product(errors, range(3)):
+    for pilot, seed in itertools.product(errors, range(2)):
         request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False, seed=seed)
         camera = CameraConfig(noise=noise, seed=seed)  # type: ignore[arg-type]
         result = run(tmp_path / f"{pilot}-{seed}", request, camera, scene)
@@ -193,24 +195,20 @@ def test_8_codes_show_mirrors_as_well_as_128_coins(
     tmp_path: Path, scene: SceneConfig, coins: float
 ) -> None:
     """All 8 in the pilot; `coins` is the error of 128 of them, mean of 5 seeds."""
-    errors = []
-    for seed in range(2):
-        request = CaptureRequest(goal="indirect", codes=8, pilot=8, white=False, seed=seed)
-        result = run(tmp_path / str(seed), request, scene=scene)
-        assert result.state == "done", result.error
-        errors.append(float(str(result.summary["rms_error"])))
-    assert np.mean(errors) < coins
+    request = CaptureRequest(goal="indirect", codes=8, pilot=8, white=False)
+    result = run(tmp_path, request, scene=scene)
+    assert result.state == "done", result.error
+    assert float(str(result.summary["rms_error"])) < coins
     shown = [result.summary[name] for name in ("codes", "pilot", "shots", "family")]
     assert shown == [8, 8, 8, "hadamard"]
     assert result.folder is not None
     assert decode_folder(Path(result.folder)).identical
 
 
-@pytest.mark.parametrize("scene", [MIRROR, VASE, DISCO])
-def test_a_short_pilot_and_16_codes_show_mirrors_well(tmp_path: Path, scene: SceneConfig) -> None:
+def test_a_short_pilot_and_16_codes_show_mirrors_well(tmp_path: Path) -> None:
     """Better than three times as many codes of a long pilot; without one 4 to 10 % are left."""
     request = CaptureRequest(goal="indirect", codes=32, pilot=16, white=False)
-    result = run(tmp_path, request, scene=scene)
+    result = run(tmp_path, request, scene=DISCO)
     assert result.state == "done", result.error
     assert float(str(result.summary["rms_error"])) < 0.025
     assert result.folder is not None

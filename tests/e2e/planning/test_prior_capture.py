@@ -61,8 +61,10 @@ def error(result: CaptureResult) -> float:
     return float(str(result.summary["rms_error"]))
 
 
-@pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("scene", [MIRROR_FILE, "scene:disco-ball", "scene:mirror-and-vase"])
+@pytest.mark.parametrize(
+    ("scene", "window"),
+    [(MIRROR_FILE, "whole"), ("scene:disco-ball", "whole"), ("scene:mirror-and-vase", "quarter")],
+)
 def test_knowledge_of_sharp_paths_replaces_codes(scene: str, window: str, tmp_path: Path) -> None:
     """With 32 codes and the scene known: 1/35 of the error of 128 coins on whole windows."""
     known = run(tmp_path / "known", scene, prior=scene, window=window)
@@ -105,7 +107,7 @@ def test_a_wrong_prior_does_little_harm() -> None:
     for prior, scene in known.items():
         assert scene.scene is not None
         transport = scene.scene.dense().mean(axis=0)
-        none = [make_codes("hadamard", GRID, 32, dual="same", seed=s).primal for s in range(5)]
+        none = [make_codes("hadamard", GRID, 32, dual="same", seed=s).primal for s in range(2)]
         plain = float(np.mean([photo_error(transport, codes) for codes in none]))
         for other, wrong in known.items():
             if other != prior:

@@ -15,7 +15,7 @@ from pdcd.bench.devices import CameraSettings
 from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.codes.make import make_codes
-from pdcd.errors import DeviceLost, SyncError
+from pdcd.errors import DeviceLost, ExposureError, SyncError
 from pdcd.frames.frames import Frames
 from pdcd.frames.schedule import build_frames
 from tests import bench_rig
@@ -91,7 +91,7 @@ def test_a_device_that_fails_twice_is_asked_again(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, device: str, method: str
 ) -> None:
     bench = bench_rig.bench_of_rig(rig)
-    bench.panels_black = False
+    bench.lit()
     rig.shutter.open()
     asked = failing(monkeypatch, getattr(rig, device), method, RuntimeError("busy"), 2)
     assert rig.make_safe()
@@ -197,6 +197,28 @@ def test_panels_settle_between_the_shutter_and_the_codes(
     assert done.close_ns >= int(done.log.end_ns.max()) + settle_ns
 
 
+@pytest.mark.parametrize("moves", ["opened", "closed"])
+def test_the_mock_bench_has_no_photo_where_the_shutter_moves_too_soon(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, moves: str
+) -> None:
+    """After `pdcd show white`, and after the codes."""
+    rig.display.show(one_code())
+    bench, sleep = bench_rig.bench_of_rig(rig), rig.clock.sleep_until_ns
+    settle_ns = round(SETTLE_S * 1e9)
+
+    def too_soon(at_ns: int) -> None:
+        black_ns = bench.black_since_ns
+        settles = black_ns is not None and at_ns == black_ns + settle_ns
+        asked = settles and bench.shutter_open == (moves == "closed")
+        sleep(at_ns - settle_ns // 2 if asked else at_ns)
+
+    monkeypatch.setattr(rig.clock, "sleep_until_ns", too_soon)
+    with pytest.raises(ExposureError, match=f"shutter {moves} on panels"):
+        expose(rig, tmp_path)
+    monkeypatch.undo()
+    expose(rig, tmp_path)
+
+
 def test_a_file_is_waited_for_as_long_as_is_configured(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -209,7 +231,7 @@ def test_a_spoilt_exposure_goes_black_and_shut_before_its_file_is_fetched(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def play(*_: Any) -> Any:
-        bench_rig.bench_of_rig(rig).panels_black = False
+        bench_rig.bench_of_rig(rig).lit()
         raise SyncError("a refresh was lost", device="display")
 
     monkeypatch.setattr(rig.display, "play", play)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,9 +24,13 @@ HZ = 60.0
 T_NS = 16_666_667
 
 
-def frames_of(count: int = 4, *, schedule: ScheduleName = "full", window: str = "whole") -> Frames:
+def frames_of(
+    count: int = 4, *, schedule: ScheduleName = "full", window: str = "whole", passes: int = 1
+) -> Frames:
     codes = make_codes("bernoulli", Lattice((3, 4), window).shape, count, dual="complement")
-    return build_frames(bench_rig.pairs(codes), (3, 4), window=window, schedule=schedule, passes=1)
+    return build_frames(
+        bench_rig.pairs(codes), (3, 4), window=window, schedule=schedule, passes=passes
+    )
 
 
 def log_of(
@@ -74,6 +79,14 @@ def test_a_code_that_was_lit_thrice_asks_twice_for_the_others() -> None:
     more = catch_up(frames_of(3), log_of(range(9), [1, 3, 1, 1, 1, 1, 1, 1, 1]), HZ)
     assert more is not None
     np.testing.assert_array_equal(more, [3, 4, 5, 6, 7, 8] * 2)
+
+
+def test_codes_planned_twice_and_lit_thrice_are_brought_to_four_times() -> None:
+    """Three is no multiple of the plan, and no code may be shown less than it was."""
+    lasts = [1, 2, *[1] * 10]
+    more = catch_up(frames_of(2, passes=2), log_of(range(12), lasts), HZ)
+    assert more is not None
+    np.testing.assert_array_equal(more, [0, 1, 2, 3, 4, 5, 3, 4, 5])
 
 
 def test_a_mask_that_stayed_black_asks_for_its_code_alone() -> None:
@@ -196,6 +209,18 @@ def test_passes_that_do_not_end_are_given_up() -> None:
         )  # fmt: skip
 
 
+def test_the_last_pass_that_is_allowed_is_played() -> None:
+    """The mask misses all codes at first: one more pass over all of them mends that."""
+    played = []
+
+    def play(rows: NDArray[np.int32]) -> FrameLog:
+        played.append(rows)
+        return log_of(rows.tolist(), dual=[0] * 12 if len(played) == 1 else None)
+
+    play_all(play, frames_of(), on_miss="balance", rounds=1, row_hz=HZ)
+    assert [len(rows) for rows in played] == [12, 12]
+
+
 def test_a_stall_of_seconds_is_not_made_up_for_by_hours() -> None:
     played = []
 
@@ -224,3 +249,9 @@ def test_joined_logs_have_a_black_row_between() -> None:
     np.testing.assert_array_equal(whole.primal_shown, [0, 1, 2, BLACK, 0, 1])
     np.testing.assert_array_equal(whole.asked[1], [0, 1, 2, BLACK, 0, 1])
     assert whole.dual_ns[3] == log_of([0, 1, 2]).end_ns[1]
+
+
+@pytest.mark.parametrize("verified", [(True, True), (True, False), (False, True)])
+def test_joined_logs_are_verified_where_all_are(verified: tuple[bool, bool]) -> None:
+    logs = [replace(log_of([0, 1, 2]), verified=one) for one in verified]
+    assert joined(logs).verified is all(verified)

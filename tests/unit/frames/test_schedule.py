@@ -79,7 +79,8 @@ def test_codes_of_another_lattice_are_refused() -> None:
 @pytest.mark.parametrize(
     ("asked", "cells", "got"),
     [("auto", 0.0, "whole"), ("auto", 0.2, "quarter"), ("whole", 0.2, "whole"),
-     ("quarter", 0.0, "quarter"), ("auto", 0.25, "quarter")],
+     ("quarter", 0.0, "quarter"), ("auto", 0.25, "quarter"), ("auto", 0.001, "whole"),
+     ("auto", 0.01, "quarter")],
 )  # fmt: skip
 def test_window_choice(asked: str, cells: float, got: str) -> None:
     assert choose_window(asked, cells) == got
@@ -96,6 +97,17 @@ def test_overlaps_partition_every_cell(window: str, offset: tuple[float, float])
     lattice = Lattice((3, 5), window, offset)
     assert sum(o.area for o in lattice.overlaps) == pytest.approx(1.0, rel=1e-14)
     np.testing.assert_allclose(lattice.spread.sum(axis=0), 1.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_an_open_mask_ends_at_its_border(window: str) -> None:
+    """Half a cell too far down, the last row of cells is half beyond the panel's cells."""
+    lattice = Lattice((3, 5), window, (0.5, 0.0))
+    seen = (lattice.dual_field_uniform(1.0).ravel() @ lattice.spread).reshape(3, 5)
+    inside = 1.0 if window == "whole" else 2.0  # quarter windows have a cell to spare
+    open_share = seen / seen[0, 0]
+    np.testing.assert_allclose(open_share[:2], 1.0)
+    np.testing.assert_allclose(open_share[2], 0.5 if inside == 1.0 else 1.0)
 
 
 def test_whole_cells_in_register_need_one_field() -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError, DecodeError
-from pdcd.pictures.combine import Exposed, combine
+from pdcd.pictures.combine import Exposed, Picture, combine, pictures_of
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import recipe_of
+from pdcd.recipes.recipe import Extremes, Rule
 from pdcd.request import Goal, How
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
@@ -94,3 +97,41 @@ def test_black_level_shots(level: str, names: list[str]) -> None:
 def test_weight_of_a_single_cell_without_indirect_light_is_its_open_time() -> None:
     one = Factors(np.eye(1), np.zeros((1, 1)), np.zeros(1), np.array([0.3]))
     assert weight_s(one, bench_rig.uniform((1, 1), 0.0, 1.0)) == 0.3
+
+
+def single(image: float, sigma: float) -> Picture:
+    return Picture(np.full((1, 2, 3), image), np.full((1, 2, 3), sigma))
+
+
+def pictures_by(rule: Rule, photos: dict[str, Picture]) -> Picture:
+    """What a rule makes of scaled photos."""
+    recipe = recipe_of(INDIRECT, How(white=False))
+    return pictures_of(replace(recipe, pictures={"it": rule}), photos)["it"]
+
+
+def test_errors_grow_with_the_factors_of_a_sum() -> None:
+    """Variances with their squares: 0.5 x 4 and -3 x 1 make sqrt(2^2 + 3^2)."""
+    got = pictures_by(((0.5, "a"), (-3.0, "b")), {"a": single(2.0, 4.0), "b": single(1.0, 1.0)})
+    np.testing.assert_allclose(got.image, -2.0)
+    np.testing.assert_allclose(got.sigma, np.sqrt(13.0))
+
+
+def test_extremes_are_unknown_where_any_photo_is_saturated() -> None:
+    """Also one that was neither the largest nor the smallest: it may have been brighter."""
+    photos = {"a": single(1.0, 0.1), "b": single(3.0, 0.1), "c": single(2.0, 0.1)}
+    photos["c"].sigma[0, 1] = np.inf
+    got = pictures_by(Extremes(1.0, -1.0, ("a", "b", "c")), photos)
+    np.testing.assert_allclose(got.image, 2.0)
+    np.testing.assert_allclose(got.sigma[0, 0], np.hypot(0.1, 0.1))
+    assert np.all(np.isinf(got.sigma[0, 1]))
+
+
+def test_cells_without_a_weight_of_their_own_are_divided_by_the_common_one() -> None:
+    """The mask over the last cell never opened: noise, by the weight of all, not by nothing."""
+    matrix = OFF * np.array([[2.0], [2.0], [0.0]])
+    shots = {"coded": exposed(matrix, 4.0)}
+    recipe = recipe_of(INDIRECT, How(white=False))
+    common = weight_s(shots["coded"].realised, recipe.photos[0].wanted)
+    image = combine(recipe, shots, CELLS, normalise="row")["indirect"].image
+    np.testing.assert_allclose(image[0, :2], 2.0)
+    np.testing.assert_allclose(image[0, 2], 4.0 / common)

@@ -7,11 +7,15 @@ import pytest
 import scipy.special
 
 from pdcd.codes.make import make_codes
-from pdcd.pictures.combine import Picture
+from pdcd.pictures.combine import Exposed, Picture, pictures_of, scaled_photos
 from pdcd.pictures.sigma import _inverse_trigamma, measured
-from pdcd.pictures.sigma_model import code_error
+from pdcd.pictures.sigma_model import code_error, modelled
 from pdcd.probing.deviation import row_deviations
 from pdcd.probing.realised import Factors
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
+from pdcd.request import Goal, How
+from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 
 SHAPE = (24, 32, 3)
@@ -130,3 +134,22 @@ def test_texture_that_a_white_photo_shows_is_no_error() -> None:
     beside = code_error(picture, fixed, spread, 768, white=paper)
     # Texture alone looks like light from few cells; without it nothing speaks against all of them.
     assert np.mean(alone**2) == pytest.approx(768 / 4 * np.mean(beside**2))
+
+
+def test_direct_light_left_by_the_codes_counts_by_its_square() -> None:
+    """Every cell is to see the others alone, and sees 0.3 of itself: an error of 0.3 of the light
+    that it has."""
+    shape = (1, 3)
+    matrix = np.ones((3, 3)) - 0.7 * np.eye(3)
+    realised = Factors(np.eye(3), matrix, np.full(3, 0.3), np.ones(3))
+    image = np.full((*shape, 3), 2.0)
+    shots = {"coded": Exposed(image, 0.0 * image, image[..., 0] < 0.0, realised, {})}
+    recipe = recipe_of(Target(Goal(name="indirect"), shape), How(white=False))
+    cells = CellMap.block(shape, shape)
+    photos = scaled_photos(recipe, shots, cells)
+    weight = float(image[0, 0, 0] / photos["coded"].image[0, 0, 0])
+    found = modelled(recipe, shots, photos, pictures_of(recipe, photos), cells)["indirect"]
+    light = float(photos["coded"].image[0, 0, 0])
+    mean, variance, diagonal = row_deviations(realised, recipe.photos[0].wanted, weight)
+    assert diagonal == pytest.approx(0.3 / weight) and variance.max() < 1e-15
+    np.testing.assert_allclose(found.code, light * np.hypot(mean[0], diagonal[0]), rtol=1e-6)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
+from pdcd.pilot import matching
 from pdcd.pilot.codes import MATCHED, SCOUTS, pilot_codes
 from pdcd.pilot.links import correction, match_links
-from pdcd.pilot.matching import MOST_CELLS, find_partners, weigh
+from pdcd.pilot.matching import BREAK_COST, FAR_COST, MOST_CELLS, find_partners, weigh
 from pdcd.recipes.alternatives import fitted_weights
 
 Floats = NDArray[np.float64]
@@ -161,3 +164,55 @@ def test_codes_of_a_short_pilot(count: int) -> None:
 def test_grids_too_fine_for_a_map_are_refused() -> None:
     with pytest.raises(ConfigError, match=f"at most {MOST_CELLS} cells"):
         pilot_codes((64, 65), 8, seed=0)
+
+
+def test_messages_along_a_row_are_those_of_all_ways_to_choose() -> None:
+    """On a chain of cells messages are exact: for each cell and partner the best of all choices of
+    the others, where partners of next cells may lie one cell apart for nothing, two for
+    `FAR_COST`, and anywhere for `BREAK_COST`."""
+    own = np.random.default_rng(4).normal(0.0, 3.0, (1, 3, 1, 9)).astype(np.float32)
+    heard = matching._messages(own)
+    best = np.full((3, 9), -np.inf)
+    for choice in itertools.product(range(9), repeat=3):
+        apart = np.abs(np.diff(choice))
+        cost = np.select([apart <= 1, apart <= 2], [0.0, FAR_COST], BREAK_COST).sum()
+        score = sum(own[0, cell, 0, at] for cell, at in enumerate(choice)) - cost
+        for cell, at in enumerate(choice):
+            best[cell, at] = max(best[cell, at], score)
+    got = (own + heard)[0, :, 0]
+    # Each step goes half of the way: what is left after so many is small, not nothing.
+    wrong = (got - got.max(axis=1, keepdims=True)) - (best - best.max(axis=1, keepdims=True))
+    assert np.abs(wrong).max() < 0.2 * np.ptp(best)
+    assert np.array_equal(got.argmax(axis=1), best.argmax(axis=1))
+
+
+def test_the_likeliest_light_of_a_partner_weighs_its_photos_against_what_is_usual() -> None:
+    """By trying all strengths: misfit to the photos, and distance from the usual in its spread."""
+    rng = np.random.default_rng(3)
+    seen, photos, usual, spread = rng.random(8), rng.random(8), 0.7, 0.04
+    light, log = matching._log_likelihood(
+        seen @ photos, seen @ seen, photos @ photos, usual, spread, len(photos)
+    )
+    tried = np.linspace(0.0, 3.0, 30_001)
+    misfit = np.sum((photos - tried[:, None] * seen) ** 2, axis=1) + (tried - usual) ** 2 / spread
+    assert light == pytest.approx(tried[misfit.argmin()], abs=2e-4)
+    degrees = len(photos) - 2
+    wanted = -0.5 * degrees * np.log1p(misfit.min() / degrees)
+    assert log == pytest.approx(wanted - 0.5 * np.log1p(seen @ seen * spread), abs=1e-6)
+
+
+def test_shapes_of_a_partner_lie_where_they_say_and_are_as_wide() -> None:
+    """Points between cells keep their place; patches fall off as normal distributions do."""
+    grid, centre = (11, 11), 5 * 11 + 5
+    row, col = np.divmod(np.arange(121), 11)
+    shapes = [shape.toarray()[centre] for shape in matching._shapes(grid)]
+    for shape, (down, right) in zip(shapes, matching._BETWEEN, strict=False):
+        assert shape.sum() == pytest.approx(1.0) and shape.min() >= 0.0
+        assert (shape @ row, shape @ col) == pytest.approx((5 + down, 5 + right))
+    patches = shapes[len(matching._BETWEEN) :]
+    for shape, width in zip(patches, matching._PATCHES, strict=True):
+        assert shape.sum() == pytest.approx(1.0)
+        for step in (1, 2):
+            fall = np.exp(-(step**2) / (2 * width**2))
+            for there in (centre + step, centre - step, centre + 11 * step, centre - 11 * step):
+                assert shape[there] / shape[centre] == pytest.approx(fall)

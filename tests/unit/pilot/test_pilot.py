@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -207,6 +208,18 @@ def test_scouts_measure_how_sharp_light_is(seed: int, sigma: float) -> None:
     assert seen == pytest.approx(true, rel=0.1)
 
 
+def test_noise_that_is_told_of_is_neither_sharp_light_nor_an_error_of_codes() -> None:
+    """Smooth light in photos whose noise is a third of it."""
+    transport = np.eye(CELLS) + smooth(0.3)
+    sigma = 0.1
+    codes, photos = take_pilot(transport, 32, 0, sigma)
+    assert sharpness(codes[:SCOUTS], photos[:SCOUTS]) > 2 * SHARP
+    assert sharpness(codes[:SCOUTS], photos[:SCOUTS], sigma=sigma) < SHARP
+    nothing = scipy.sparse.csr_array((CELLS, CELLS))
+    blind, told = (worth(codes, photos, nothing, 128, sigma=s).alone for s in (0.0, sigma))
+    assert told < 0.5 * blind
+
+
 def test_scouts_tell_sharp_paths_from_smooth_light() -> None:
     smooth_scene = np.diag(np.linspace(0.5, 1.5, CELLS)) + smooth(0.3)
     for seed in range(3):
@@ -251,3 +264,15 @@ def test_photos_that_do_not_fit_are_refused() -> None:
         estimate_links(~(codes & False), np.ones((32, 16)), (4, 4))
     with pytest.raises(ConfigError, match="leaves nothing of 32"):
         worth(codes, np.ones((32, 16)), scipy.sparse.csr_array((16, 16)), 32)
+
+
+@pytest.mark.parametrize("count", [8, 16, 32, 64])
+def test_seeds_and_parts_of_a_pilot_have_codes_of_their_own(count: int) -> None:
+    first, second = (pilot_codes(GRID, count, seed) for seed in (1, 2))
+    quarter = 0 if count < 32 else count // 4
+    edges = [0, SCOUTS, SCOUTS + quarter, SCOUTS + 2 * quarter, count]
+    parts = [slice(a, b) for a, b in itertools.pairwise(edges) if a < b]
+    for part in parts:
+        assert not np.array_equal(first[part], second[part])
+    if quarter:
+        assert not np.array_equal(first[parts[1]], first[parts[2]])

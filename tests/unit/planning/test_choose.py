@@ -60,11 +60,12 @@ def test_explicit_requests_are_left_alone() -> None:
 
 
 def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) -> None:
+    small = SceneConfig(kind="wax-disk", grid=(9, 12))
     with pytest.raises(ConfigError, match=r"0\.01 % cannot be had.*codes.*sensor") as caught:
-        plan(tmp_path, CaptureRequest(goal="indirect", error=1e-4))
+        plan(tmp_path, CaptureRequest(goal="indirect", error=1e-4), scene=small)
     words = str(caught.value.hint).split()
     reachable = float(words[2]) / 100.0
-    summary = plan(tmp_path, CaptureRequest(goal="indirect", error=reachable))
+    summary = plan(tmp_path, CaptureRequest(goal="indirect", error=reachable), scene=small)
     assert summary.prediction is not None and summary.prediction.bound <= reachable
 
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from drivers.x11 import frame_log
+from drivers.x11 import X11Display, frame_log
+from pdcd.bench.devices import Shared
+from pdcd.bench.tables import PanelConfig
 from pdcd.frames.frames import FrameLog
 from pdcd.presenter.clocks import SwapReturns
 from pdcd.presenter.messages import LOG_COLUMNS, Ready
+from tests import bench_rig
 
 PERIOD_NS = 16_667_000
 NS, MSC, FLIPPED = 0, 1, 5
@@ -61,3 +66,19 @@ def test_one_refresh_that_was_copied_is_no_proof() -> None:
 
 def test_lost_refreshes_belong_to_the_row_that_came_late() -> None:
     assert made("present-msc", [0] * 5, [5, 6, 9, 10, 12]).missed.tolist() == [0, 0, 2, 0]
+
+
+@pytest.mark.parametrize("measured_s", [None, 0.004])
+def test_the_lag_of_the_mask_counts_its_skew_against_the_projectors(
+    tmp_path: Path, measured_s: float | None
+) -> None:
+    """A mask of 5 ms beside a projector of 2 ms lags by 3 ms more than the swaps tell."""
+    size = (256, 192)
+    config = bench_rig.config(
+        tmp_path,
+        projector=PanelConfig(size_px=size, skew_s=0.002),
+        mask=PanelConfig(size_px=size, skew_s=0.005),
+    )
+    display = X11Display(config, None, Shared())  # type: ignore[arg-type]
+    lag_s = display._mask_lag_s(SimpleNamespace(lag_s=measured_s))  # type: ignore[arg-type]
+    assert lag_s == (None if measured_s is None else pytest.approx(0.007))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.probing.panel import Panel, Trajectory, decay_integral, offset_cells
+from pdcd.probing.panel import Panel, Trajectory, apart_s, decay_integral, offset_cells
 
 
 @pytest.mark.parametrize("duration", [1e-12, 1e-9, 1e-6, 1e-3])
@@ -78,3 +78,27 @@ def test_offset_in_cells_is_rows_then_columns() -> None:
     projector = PanelConfig(size_px=(1024, 768))
     mask = PanelConfig(size_px=(1600, 1200), offset_px=(8.0, -4.0))
     assert offset_cells(projector, mask, (48, 64)) == (-0.25, 0.5)
+
+
+def test_rates_are_those_of_both_edges() -> None:
+    np.testing.assert_allclose(Panel(0.001, 0.01).rates, [0.0, 1000.0, 100.0])
+    np.testing.assert_allclose(Panel(0.01, 0.01).rates, [0.0, 100.0])
+    np.testing.assert_array_equal(Panel().rates, [0.0])
+
+
+@pytest.mark.parametrize(
+    ("projector_hz", "mask_hz", "phase_s", "apart"),
+    [
+        (60.0, 60.0, 0.006, 0.006),
+        (60.0, 60.0, 0.012, 0.012 - 1 / 60),  # nearer to the vblank before
+        (60.0, 120.0, 0.006, 0.006),  # the slower panel sets the pace
+        (120.0, 60.0, 0.006, 0.006),
+    ],
+)
+def test_panels_are_apart_by_their_phase(
+    projector_hz: float, mask_hz: float, phase_s: float, apart: float
+) -> None:
+    size = (100, 100)
+    projector = PanelConfig(size_px=size, refresh_hz=projector_hz)
+    mask = PanelConfig(size_px=size, refresh_hz=mask_hz, phase_s=phase_s)
+    assert apart_s(projector, mask) == pytest.approx(apart, abs=1e-12)

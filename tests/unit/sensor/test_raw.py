@@ -139,6 +139,14 @@ def test_a_lower_saturation_level_can_be_given(tmp_path: Path) -> None:
     assert read_raw(path, saturation_dn=1e9).saturated.sum() == 0
 
 
+def test_the_white_level_counts_beside_a_higher_saturation_level(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    mosaic = np.full((24, 24), WHITE - 1, np.uint16)
+    mosaic[0, 0] = WHITE
+    write(path, mosaic)
+    assert read_raw(path, saturation_dn=1e9).saturated.sum() == 1
+
+
 def test_full_wells_of_the_mock_are_marked(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     mark2 = load_profile("mark2")

@@ -48,17 +48,19 @@ def darken(image: Mosaic, area: tuple[int, int, int, int], offsets: NDArray[np.f
             image[places & inside] = values
 
 
+@pytest.mark.parametrize("begin", [0, 1])
 @pytest.mark.parametrize("top", [8, 9])
 @pytest.mark.parametrize("left", [20, 21])
 def test_black_is_the_mean_of_the_masked_border_per_colour(
-    tmp_path: Path, top: int, left: int
+    tmp_path: Path, top: int, left: int, begin: int
 ) -> None:
     """Also where the picture begins in the middle of the sensor's quad: LibRaw leaves out a row."""
     path = tmp_path / "a.dng"
-    image = sensor(80, 100)
-    area = (0, 0, 80, 16)  # 80 x 16: each place of the quad has 320 samples, a multiple of 4
+    image = sensor(82, 100)
+    # 80 x 16: each place of the quad has 320 samples, a multiple of 4
+    area = (begin, begin, 80 + begin, 16 + begin)
     darken(image, area, OFFSETS)
-    write_masked_dng(path, image, active=(top, left, 80, 100), masked=area)
+    write_masked_dng(path, image, active=(top, left, 82, 100), masked=area)
     frame = read_raw(path)
     first = (top + top % 2, left + left % 2)
     visible = image[first[0] :, first[1] :].astype(np.float64)
@@ -87,12 +89,13 @@ def test_every_bayer_order_behind_an_odd_border(
     assert not frame.masked
 
 
-def test_hot_pixels_of_the_border_do_not_move_black(tmp_path: Path) -> None:
+@pytest.mark.parametrize("level", [16000, 560])
+def test_hot_and_warm_pixels_of_the_border_do_not_move_black(tmp_path: Path, level: int) -> None:
     path = tmp_path / "a.dng"
     image = sensor(80, 100)
     area = (0, 0, 80, 16)
     darken(image, area, OFFSETS)
-    image[10:14, 4:8] = 16000
+    image[10:14, 4:8] = level
     write_masked_dng(path, image, active=(0, 16, 80, 100), masked=area)
     assert np.abs(read_raw(path).black - OFFSETS.ravel()).max() < 0.02
 

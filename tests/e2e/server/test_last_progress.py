@@ -1,0 +1,35 @@
+"""How far a job came is told to the end, though progress is thinned."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.runs.events import Emit, Progress
+from tests.e2e.server._server_harness import daemon
+
+
+def test_progress_that_is_held_back_when_a_job_ends_comes_before_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            real = running.engine.capture
+
+            def capture(*args: Any, emit: Emit, **more: Any) -> Any:
+                result = real(*args, emit=emit, **more)
+                for frame in (21, 22):  # two at once: the second is held back
+                    emit(Progress(shot="s1", frame=frame, frames=22, missed=0))
+                return result
+
+            monkeypatch.setattr(running.engine, "capture", capture)
+            await wire.result("events.subscribe", jobs="own")
+            job = (await wire.result("capture.start", goal="white"))["job"]
+            await wire.event("done", job)
+            told = [event["frame"] for event in wire.events if event["type"] == "progress"]
+            assert told[-1] == 22
+
+    asyncio.run(scenario())
