@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
 from drivers.mock.dng import dng_bytes
+from drivers.mock.options import refuse_options
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, ExposureError
@@ -90,7 +91,8 @@ class MockReadout:
 
     @classmethod
     def create(cls, context: DriverContext) -> MockReadout:
-        """The camera of this rig's bench."""
+        """The camera of this rig's bench. Raises ConfigError where it is given options."""
+        refuse_options(context.config.camera.options, "camera.options", "camera")
         return cls(Bench.of(context), context.clock, context.config.camera)
 
     def connect(self) -> CameraInfo:

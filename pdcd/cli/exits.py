@@ -14,6 +14,14 @@ CANCELLED = 130
 """128 + SIGINT, as shells report an interrupted program."""
 
 
+_CODES = {
+    "config": USAGE,
+    "driver_unavailable": USAGE,  # a name that is unknown, or a package that is not installed
+    "busy": BUSY,
+    "cancelled": CANCELLED,
+}
+
+
 def exit_code(kind: str | None) -> int:
     """Exit code for an error of this `kind` (see `pdcd.errors`)."""
-    return {"config": USAGE, "busy": BUSY, "cancelled": CANCELLED}.get(kind or "", FAILED)
+    return _CODES.get(kind or "", FAILED)

@@ -12,6 +12,7 @@ from pdcd.cli.options import (
     method_option,
     request_options,
     rig_options,
+    share,
 )
 
 EXIT_CODES = (
@@ -53,6 +54,12 @@ def _photo_commands(add: Add) -> None:
     serve = add("serve", "tools:serve", "run the daemon in the foreground")
     rig_options(serve, socket="listen here")
     serve.add_argument("--state-dir", type=Path, metavar="DIR", help="keep runs below this folder")
+    serve.add_argument(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="log everything at a terminal, too, not warnings alone",
+    )
 
     capture = add("capture", "capture:capture", "take a photo and wait for it")
     request_options(capture)
@@ -210,9 +217,9 @@ def _snr_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--transmission",
-        type=float,
+        type=share,
         default=1.0,
         metavar="T",
-        help="light that the open mask lets through, in 0..1; default: 1",
+        help="light that the open mask lets through, as a share of 1 or in %%; default: 1",
     )
     json_option(parser)

@@ -276,16 +276,24 @@ def test_serve_hands_over_configuration_and_socket(
 ) -> None:
     served: list[Any] = []
 
-    def run(config: Config, *, socket: Path | None, engine_factory: Any) -> int:
-        served.extend([config.server.state_dir, socket, engine_factory])
+    def run(config: Config, *, socket: Path | None, engine_factory: Any, verbose: bool) -> int:
+        served.extend([config.server.state_dir, socket, engine_factory, verbose])
         return 5
 
     monkeypatch.setattr("pdcd.server.daemon.run", run)
     monkeypatch.chdir(tmp_path)
     assert main(["serve", "--socket", "/a.sock", "--state-dir", "runs"]) == 5
-    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.from_config]
-    assert main(["serve"]) == 5
-    assert served[3:5] == [None, None]
+    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.from_config, False]
+    assert main(["serve", "-v"]) == 5
+    assert served[4:] == [None, None, engine.from_config, True]
+
+
+def test_timing_on_the_mock_bench_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    """Not which keys the options of another driver lack."""
+    assert main(["timing"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("pdcd: display: the display is the mock bench's")
+    assert 'driver = "x11"' in line and "--config" in line
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
