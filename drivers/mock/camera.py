@@ -45,7 +45,8 @@ class BenchSensor:
         """
         bench = self._bench
         light = bench.photo()
-        exposure_s = ((bench.close_ns or 0) - (bench.open_ns or 0)) * 1e-9
+        open_ns, close_ns = bench.exposed_ns()
+        exposure_s = (close_ns - open_ns) * 1e-9
         electrons = self._mosaic(light * self.responsivity_e / f_number**2)
         rng = self._rng if self._config.noise == "full" else None
         data = dng_bytes(
@@ -59,7 +60,7 @@ class BenchSensor:
             date=datetime.now(UTC),
             as_shot_neutral=self._neutral(),
         )
-        bench.open_ns = bench.close_ns = None
+        bench.photo_taken()
         return data
 
     def _mosaic(self, cells: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -128,7 +128,8 @@ def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:
         charge += noise
         charge *= np.float32(1.0 / row.gain_e_per_dn)
         charge += np.float32(profile.black_dn + 0.5)  # the cast rounds down
-        return np.clip(charge, 0, profile.white_dn, out=charge).astype(np.uint16)
+        np.clip(charge, 0, profile.white_dn, out=charge)
+        return charge.astype(np.uint16)
 
     def make_raw(exposure: Exposure) -> bytes:
         seconds = (exposure.close_ns - exposure.open_ns) * 1e-9

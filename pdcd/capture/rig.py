@@ -173,6 +173,8 @@ class Rig:
         self.display.black()
         self.readout.arm(settings)
         notify(Armed(shot=name, frames=len(frames)))
+        shared = self._context.shared
+        shared.exposed_ns = shared.played = None
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self.clock.sleep_until_ns(open_ns + settle_ns)
@@ -181,14 +183,17 @@ class Rig:
         except SyncError:
             # The camera hands out a file all the same; left there, it would pass for the next one.
             self.display.black()
-            notify(ShutterClosed(shot=name, t_mono_ns=self.shutter.close()))
+            close_ns = self.shutter.close()
+            shared.exposed_ns = (open_ns, close_ns)
+            notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
             with disk_errors("camera"):
                 self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
             raise
-        self._context.shared.played = (frames, log)
+        shared.played = (frames, log)
         self.display.black()
         self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
         close_ns = self.shutter.close()
+        shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         with disk_errors("camera"):
             raw = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)

@@ -99,7 +99,15 @@ def _job_commands(add: Add) -> None:
     cancel = add("cancel", "jobs:cancel", "end a job: the one named, else the running one")
     cancel.add_argument("job", nargs="?", metavar="JOB")
     client_options(cancel)
-    client_options(add("list", "jobs:list_jobs", "list the jobs that the daemon remembers"))
+    listed = add("list", "jobs:list_jobs", "list jobs, and the runs that the daemon has on disk")
+    listed.add_argument(
+        "--newest",
+        type=int,
+        default=50,
+        metavar="N",
+        help="runs on disk to list, unfinished ones too; 0 to 1000, default: 50",
+    )
+    client_options(listed)
     wait = add("wait", "capture:wait", "wait for a job and report it as capture does")
     wait.add_argument("job", metavar="JOB")
     client_options(wait)

@@ -187,9 +187,16 @@ def test_status(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) ->
 
 def test_list(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
-    assert capsys.readouterr().out.splitlines()[1].split() == [JOB, "running", "indirect", "ada"]
-    assert main(["list", "--json"]) == 0
-    assert last_object(capsys.readouterr().out)["jobs"][0]["job"] == JOB
+    assert [line.split() for line in capsys.readouterr().out.splitlines()] == [
+        ["job", "state", "goal", "user", "folder"],
+        ["20251230T000000Z-dead", "damaged", "?", "?", "/runs/d"],
+        ["20251231T000000Z-beef", "done", "white", "bo", "/runs/b"],
+        [JOB, "running", "indirect", "ada"],  # once: its folder of now is no other run
+    ]
+    assert daemon.asked[1] == ("runs", 50)
+    assert main(["list", "--json", "--newest", "0"]) == 0
+    told = last_object(capsys.readouterr().out)
+    assert (told["jobs"][0]["job"], told["runs"]) == (JOB, [])
 
 
 def test_watch_prints_events(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
