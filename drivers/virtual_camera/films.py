@@ -129,7 +129,8 @@ def _lit_film(electrons_per_s: NDArray[np.float64], seed: int) -> PlainFilm:
         charge *= np.float32(1.0 / row.gain_e_per_dn)
         charge += np.float32(profile.black_dn + 0.5)  # the cast rounds down
         np.clip(charge, 0, profile.white_dn, out=charge)
-        return charge.astype(np.uint16)
+        found: NDArray[np.uint16] = charge.astype(np.uint16)
+        return found
 
     def make_raw(exposure: Exposure) -> bytes:
         seconds = (exposure.close_ns - exposure.open_ns) * 1e-9
