@@ -20,6 +20,7 @@ import msgspec
 from pdcd.errors import PdcdError, ProtocolError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Event, read
+from pdcd.runs.stored import StoredRun
 from pdcd.server.messages import MAX_LINE, PROTOCOL, Admitted, Hello, JobList, JobView, Status
 
 T = TypeVar("T")
@@ -146,6 +147,10 @@ class Client:
     def list(self) -> list[JobView]:
         """The jobs that the daemon knows, oldest first."""
         return _typed(self.call("capture.list"), JobList).jobs
+
+    def runs(self, newest: int = 100) -> tuple[StoredRun, ...]:
+        """The runs in the daemon's state folder, newest first, up to 1000 of them."""
+        return tuple(_typed(self.call("capture.list", {"runs": newest}), JobList).runs)
 
     def plan(self, request: CaptureRequest) -> PlanSummary:
         """What a capture would do."""

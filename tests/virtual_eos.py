@@ -23,6 +23,7 @@ from drivers.virtual_camera import (
     Script,
     VirtualUsb,
 )
+from drivers.virtual_camera.develop import Develop, at_once
 from pdcd.bench.clock import VirtualClock
 
 BULB = (0xD102, 0x0C)
@@ -35,10 +36,13 @@ def raw_of(exposure: Exposure) -> bytes:
 
 
 def virtual_usb(
-    script: Script | None = None, model: Model = BULB_BODY, film: Film | None = None
+    script: Script | None = None,
+    model: Model = BULB_BODY,
+    film: Film | None = None,
+    develop: Develop = at_once,
 ) -> VirtualUsb:
     """A backend with a camera on a virtual clock."""
-    return VirtualUsb(Body(VirtualClock(), film or PlainFilm(raw_of), model, script))
+    return VirtualUsb(Body(VirtualClock(), film or PlainFilm(raw_of), model, script, develop))
 
 
 class Client:

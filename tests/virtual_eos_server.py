@@ -9,9 +9,10 @@ import hashlib
 import json
 import sys
 
-from drivers.virtual_camera import Body, Exposure, PlainFilm, chart_film
+from drivers.virtual_camera import Exposure, PlainFilm, chart_film
+from drivers.virtual_camera.command import body_in_real_time
+from drivers.virtual_camera.develop import meanwhile
 from drivers.virtual_camera.ptpip import PtpIpServer
-from pdcd.bench.clock import RealClock
 
 
 def main() -> None:
@@ -23,11 +24,12 @@ def main() -> None:
         made.append(hashlib.sha256(data).hexdigest())
         return data
 
-    body = Body(RealClock(), PlainFilm(make_raw))
-    with PtpIpServer(body, 0) as server:
-        sys.stdout.write(f"{server.port}\n")
-        sys.stdout.flush()
-        sys.stdin.read()
+    with meanwhile() as develop:
+        body = body_in_real_time(PlainFilm(make_raw), develop)
+        with PtpIpServer(body, 0) as server:
+            sys.stdout.write(f"{server.port}\n")
+            sys.stdout.flush()
+            sys.stdin.read()
     seen = [(e.close_ns - e.open_ns) * 1e-9 for e in body.shutter.exposures]
     left = len(body.store.files)
     told = {"seconds": seen, "sha256": made, "left": left, "session": body.session_open}

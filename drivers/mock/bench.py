@@ -89,6 +89,27 @@ class Bench:
         self.close_ns = close_ns
         self.shutter_open = False
 
+    def exposed_ns(self) -> tuple[int, int]:
+        """When the last exposure began and ended: by the bench's own shutter, or by another.
+
+        Of another driver's shutter only the rig knows, and only by when it surely was open, and
+        closed; panels are black around that.
+
+        Raises ExposureError when no exposure has been completed, or its photo was taken already.
+        """
+        found = self.shared.exposed_ns
+        if self.open_ns is not None:
+            found = None if self.close_ns is None else (self.open_ns, self.close_ns)
+        if found is None:
+            raise ExposureError(
+                "there is no finished exposure", device="camera", hint="open and close the shutter"
+            )
+        return found
+
+    def photo_taken(self) -> None:
+        """The exposure is read out: there is nothing more on the sensor."""
+        self.open_ns = self.close_ns = self.shared.exposed_ns = None
+
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure, (N, 3) float64 in scene units times seconds.
 
@@ -99,16 +120,12 @@ class Bench:
             raise ExposureError(
                 self.unsettled, device="shutter", hint="wait for rig.settle_s on black panels"
             )
-        if self.open_ns is None or self.close_ns is None:
-            raise ExposureError(
-                "there is no finished exposure", device="camera", hint="open and close the shutter"
-            )
+        open_ns, close_ns = self.exposed_ns()
         config = self.config
         light = np.zeros((self.scene.cells, 3))
         frames, log = self.frames, self.log
         if frames is None or log is None:  # another display than the mock's: the rig knows
-            frames, log = self.shared.played or _nothing(self.scene.grid, self.open_ns)
-        open_ns, close_ns = self.open_ns, self.close_ns
+            frames, log = self.shared.played or _nothing(self.scene.grid, open_ns)
         shown = self.shared.pixels
         if shown is None:
             parts = bench_factors(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
 from drivers.mock.dng import dng_bytes
+from drivers.mock.options import refuse_options
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, ExposureError
@@ -44,7 +45,8 @@ class BenchSensor:
         """
         bench = self._bench
         light = bench.photo()
-        exposure_s = ((bench.close_ns or 0) - (bench.open_ns or 0)) * 1e-9
+        open_ns, close_ns = bench.exposed_ns()
+        exposure_s = (close_ns - open_ns) * 1e-9
         electrons = self._mosaic(light * self.responsivity_e / f_number**2)
         rng = self._rng if self._config.noise == "full" else None
         data = dng_bytes(
@@ -58,7 +60,7 @@ class BenchSensor:
             date=datetime.now(UTC),
             as_shot_neutral=self._neutral(),
         )
-        bench.open_ns = bench.close_ns = None
+        bench.photo_taken()
         return data
 
     def _mosaic(self, cells: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -90,7 +92,8 @@ class MockReadout:
 
     @classmethod
     def create(cls, context: DriverContext) -> MockReadout:
-        """The camera of this rig's bench."""
+        """The camera of this rig's bench. Raises ConfigError where it is given options."""
+        refuse_options(context.config.camera.options, "camera.options", "camera")
         return cls(Bench.of(context), context.clock, context.config.camera)
 
     def connect(self) -> CameraInfo:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
+from drivers.mock.options import refuse_options
 from pdcd.bench.devices import Clock, DisplayInfo, DriverContext
 from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
@@ -47,7 +48,8 @@ class MockDisplay:
 
     @classmethod
     def create(cls, context: DriverContext) -> MockDisplay:
-        """The panels of this rig's bench."""
+        """The panels of this rig's bench. Raises ConfigError where they are given options."""
+        refuse_options(context.config.display.options, "display.options", "display")
         return cls(Bench.of(context), context.clock, context.config)
 
     def connect(self) -> DisplayInfo:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from drivers.mock.bench import Bench
+from drivers.mock.options import refuse_options
 from pdcd.bench.devices import Clock, DriverContext
 from pdcd.bench.tables import TriggerConfig
 
@@ -38,8 +39,9 @@ class MockShutter:
 
     @classmethod
     def create(cls, context: DriverContext) -> MockShutter:
-        """The shutter of this rig's bench."""
+        """The shutter of this rig's bench. Raises ConfigError where it is given options."""
         config = context.config
+        refuse_options(config.trigger.options, "trigger.options", "shutter")
         return cls(Bench.of(context), context.clock, config.trigger, config.camera.seed)
 
     def connect(self) -> dict[str, str]:

@@ -7,13 +7,15 @@ pulse, or that toggle.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
+from drivers.serial_shutter.look import look
 from drivers.serial_shutter.options import Options, options_of
 from drivers.serial_shutter.port import Port
 from drivers.serial_shutter.watchdog import Alarm, Guardian, Watchdog
 from pdcd.bench.devices import Clock, DriverContext
+from pdcd.bench.findings import Finding
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost, ExposureError, PdcdError
 
@@ -62,6 +64,10 @@ class SerialShutter:
                 hint="set rig.clock = 'real'",
             )
         return cls(options, config, context.clock, context.alive)
+
+    def look(self) -> Iterator[Finding]:
+        """What `pdcd doctor trigger` can say before the port is opened."""
+        return look(self._options.port)
 
     def connect(self) -> dict[str, str]:
         """Open the port if it is not open; the shutter is closed on return.

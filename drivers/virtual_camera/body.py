@@ -28,6 +28,7 @@ from drivers.ptp.codes import EosEvent, ExposureMode, FocusMode, Operation, Prop
 from drivers.ptp.containers import WireError
 from drivers.ptp.datasets import parse_property_set
 from drivers.ptp.events import EosRecord, ObjectAdded, Plain, pack_events
+from drivers.virtual_camera.develop import Develop, at_once
 from drivers.virtual_camera.faults import Occasions, Script
 from drivers.virtual_camera.model import BULB_BODY, Model
 from drivers.virtual_camera.objects import reading
@@ -53,7 +54,12 @@ class Body:
     """One camera. Not safe for two threads at once: its transport sees to that."""
 
     def __init__(
-        self, clock: Clock, film: Film, model: Model = BULB_BODY, script: Script | None = None
+        self,
+        clock: Clock,
+        film: Film,
+        model: Model = BULB_BODY,
+        script: Script | None = None,
+        develop: Develop = at_once,
     ) -> None:
         self.model = model
         self.script = script or Script()
@@ -63,7 +69,7 @@ class Body:
         """How often the cable came back."""
         self.store = Store()
         self.settings = Properties(model, self.script)
-        self.shutter = Shutter(clock, film, self.script, self.store)
+        self.shutter = Shutter(clock, film, self.script, self.store, develop)
         self.ui_locked = False
         self.kept_on = 0
         """How often the client asked to be kept on."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers.virtual_camera.body import Body
+from drivers.virtual_camera.develop import Develop, meanwhile
 from drivers.virtual_camera.films import SENSOR_450D, chart_film, scene_film
 from drivers.virtual_camera.ptpip import PtpIpServer
+from drivers.virtual_camera.shutter import Film
 from pdcd.bench.clock import RealClock
 
 
@@ -19,7 +21,7 @@ def serve(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> 
     """
     shape = (128, 192) if small else SENSOR_450D
     film = chart_film(shape) if scene == "chart" else scene_film(scene, shape)
-    with PtpIpServer(Body(RealClock(), film), port) as server:
+    with meanwhile() as develop, PtpIpServer(body_in_real_time(film, develop), port) as server:
         say(f"virtual Canon EOS 450D on ptpip:{server.host}:{server.port}:{server.port}")
         say(
             'try: gphoto2 --camera "PTP/IP Camera" '
@@ -27,3 +29,8 @@ def serve(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> 
             "--set-config shutterspeed=bulb --capture-image-and-download -B 1"
         )
         server.wait()
+
+
+def body_in_real_time(film: Film, develop: Develop) -> Body:
+    """A 450D for clients that wait for their answers: files are made by `develop`."""
+    return Body(RealClock(), film, develop=develop)

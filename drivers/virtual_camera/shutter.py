@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import struct
 from collections import deque
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.ptp.codes import EosEvent, ObjectFormat
 from drivers.ptp.datasets import ObjectInfo
 from drivers.ptp.events import EosRecord, ObjectAdded, Plain
+from drivers.virtual_camera.develop import Develop, at_once
 from drivers.virtual_camera.faults import Script
 from drivers.virtual_camera.model import STORAGE
 from pdcd.bench.devices import Clock
+
+logger = logging.getLogger(__name__)
 
 ROOT = 0
 DCIM = 0x41000000
@@ -119,11 +124,20 @@ class Shutter:
     `opened` counts exposures ever begun: what a client that repeats itself would raise by two.
     """
 
-    def __init__(self, clock: Clock, film: Film, script: Script, store: Store) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        film: Film,
+        script: Script,
+        store: Store,
+        develop: Develop = at_once,
+    ) -> None:
         self._clock = clock
         self._film = film
         self._script = script
         self._store = store
+        self._develop = develop
+        self._making: Future[bytes] | None = None
         self._open_ns: int | None = None
         self._close_at_ns: int | None = None
         self._iso, self._on_card = 100, False
@@ -144,7 +158,8 @@ class Shutter:
     @property
     def busy(self) -> bool:
         """Whether an exposure, its dark frame or its file is under way."""
-        return self.is_open or self._clock.now_ns() < self._ready_ns
+        self._collect()
+        return self.is_open or self._making is not None or self._clock.now_ns() < self._ready_ns
 
     def open(
         self, iso: int, f_number: float | None, *, on_card: bool, for_s: float | None = None
@@ -164,6 +179,7 @@ class Shutter:
     def records(self) -> list[EosRecord]:
         """What there is to tell by now, each record once."""
         self._settle()
+        self._collect()
         now_ns = self._clock.now_ns()
         told = [record for due_ns, record in self._due if due_ns <= now_ns]
         self._due = [(due_ns, record) for due_ns, record in self._due if due_ns > now_ns]
@@ -177,6 +193,7 @@ class Shutter:
     @property
     def has_news(self) -> bool:
         """Whether a file waits to be told of."""
+        self._collect()
         now_ns = self._clock.now_ns()
         return any(due_ns <= now_ns for due_ns, _ in self._due)
 
@@ -192,9 +209,23 @@ class Shutter:
         close_ns = self._film.close(asked_ns)
         exposure = Exposure(open_ns, close_ns, self._iso, self._f_number)
         self.exposures.append(exposure)
-        data = self._film.make_raw(exposure)
+        self._making = self._develop(lambda: self._film.make_raw(exposure))
         dark_ns = (close_ns - open_ns) if self._script.long_exposure_nr else 0
         self._ready_ns = close_ns + dark_ns + READOUT_NS
+        self._collect()
+
+    def _collect(self) -> None:
+        """Take in the file of the last exposure, when it is made; it may be announced then."""
+        made = self._making
+        if made is None or not made.done():
+            return
+        self._making = None
+        try:
+            data = made.result()
+        # Of the film's own faults there is no end; the camera goes on, without that photo.
+        except Exception as err:
+            logger.error("no file was made error=%s: %s", type(err).__name__, err)
+            return
         kind = self._script.file
         if kind == "none":
             return

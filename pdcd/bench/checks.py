@@ -66,6 +66,18 @@ def cross_faults(config: Config) -> Iterator[Fault]:
         yield Fault(("server.allow_uids",), "server.allow_uids: user ids are not negative")
 
 
+def rate_fault(config: Config) -> Fault | None:
+    """What to say of two refresh rates that cannot keep step; None when they can."""
+    projector_hz, mask_hz = config.projector.refresh_hz, config.mask.refresh_hz
+    if abs(projector_hz - mask_hz) <= RATE_TOLERANCE * projector_hz:
+        return None
+    return Fault(
+        ("projector.refresh_hz", "mask.refresh_hz"),
+        f"mask.refresh_hz: {mask_hz} differs from projector.refresh_hz = {projector_hz}; both "
+        "panels need one rate to stay in lockstep",
+    )
+
+
 def _number_faults(value: Any, key: str) -> Iterator[Fault]:
     """Yield NaN, infinities and integers too large for JSON, however deep they lie."""
     if isinstance(value, dict):
@@ -82,16 +94,9 @@ def _number_faults(value: Any, key: str) -> Iterator[Fault]:
 
 def _panel_faults(config: Config) -> Iterator[Fault]:
     """Yield what keeps the two panels from running in lockstep."""
-    rates = {"projector": config.projector.refresh_hz, "mask": config.mask.refresh_hz}
     # Mock panels may slip: that is what they are for.
-    if config.display.driver != "mock" and (
-        abs(rates["projector"] - rates["mask"]) > RATE_TOLERANCE * rates["projector"]
-    ):
-        yield Fault(
-            ("projector.refresh_hz", "mask.refresh_hz"),
-            f"mask.refresh_hz: {rates['mask']} differs from projector.refresh_hz = "
-            f"{rates['projector']}; both panels need one rate to stay in lockstep",
-        )
+    if config.display.driver != "mock" and (fault := rate_fault(config)) is not None:
+        yield fault
     if any(config.projector.offset_px):
         yield Fault(
             ("projector.offset_px",),

@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, Readout, Shutter
@@ -19,6 +20,15 @@ from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError
 
 DEVICE = "shutter"
+
+
+@runtime_checkable
+class Looks(Protocol):
+    """A shutter that can say something of its device without opening it. A driver need not."""
+
+    def look(self) -> Iterator[Finding]:
+        """Yield findings; nothing moves. Raises PdcdError."""
+        ...
 
 
 def examine(config: Config, *, click: bool, seconds: float = 1.0) -> Iterator[Finding]:
@@ -35,6 +45,8 @@ def examine(config: Config, *, click: bool, seconds: float = 1.0) -> Iterator[Fi
         chosen = load_driver("shutter", config.trigger.driver)
         shutter: Shutter = chosen.create(context)
         yield Finding("driver", "good", f"{config.trigger.driver}, {chosen.maturity}")
+        if isinstance(shutter, Looks):
+            yield from shutter.look()
         readout: Readout | None = None
         if config.camera.driver == config.trigger.driver:
             readout = load_driver("readout", config.camera.driver).create(context)

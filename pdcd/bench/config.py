@@ -8,6 +8,7 @@ file is reported at once.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,6 +35,24 @@ def load(path: Path | str | None = None) -> Config:
     source = find(path)
     if source is None:
         return Config()
+    config, faults = read(source)
+    if faults:
+        raise faults_error(source, [fault.message for fault in faults])
+    return config
+
+
+def faults_error(source: Path | None, lines: Sequence[str]) -> ConfigError:
+    """The error that lists all faults of a file, one a line; None is the mock bench."""
+    count = f"{len(lines)} faults" if len(lines) > 1 else "1 fault"
+    listed = "\n  ".join(lines)
+    return ConfigError(f"{count} in {source or 'the mock bench'}:\n  {listed}")
+
+
+def read(source: Path) -> tuple[Config, list[Fault]]:
+    """Read one file: its configuration, and all its faults.
+
+    A key that is at fault stands at its default. Raises ConfigError for what is no TOML file.
+    """
     try:
         table = tomllib.loads(source.read_text(encoding="utf-8"))
     except OSError as err:
@@ -50,11 +69,7 @@ def load(path: Path | str | None = None) -> Config:
     known = {key for fault in faults for key in fault.keys}
     # A key that could not be read stands at its default; what follows from that is no news.
     faults += [fault for fault in cross_faults(config) if known.isdisjoint(fault.keys)]
-    if faults:
-        count = f"{len(faults)} faults" if len(faults) > 1 else "1 fault"
-        lines = "\n  ".join(fault.message for fault in faults)
-        raise ConfigError(f"{count} in {source}:\n  {lines}")
-    return config
+    return config, faults
 
 
 def find(path: Path | str | None = None) -> Path | None:

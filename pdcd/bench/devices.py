@@ -194,6 +194,10 @@ class Shared:
     played: tuple[Frames, FrameLog] | None = None
     """What the display last played, put here by the rig: a virtual camera makes its photo from it,
     whichever display it stands before. None once a shutter of the mock bench has opened."""
+    exposed_ns: tuple[int, int] | None = None
+    """When the last exposure surely began and ended, put here by the rig: a virtual camera behind
+    a shutter that is not its own goes by it. None while the shutter is open, and once its photo
+    was made."""
     pixels: Shown | None = None
     """The panels' own pixels of the same frames, from a display that looks at them: a virtual
     camera believes these rather than the frame log."""

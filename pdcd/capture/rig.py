@@ -175,6 +175,8 @@ class Rig:
         self.readout.arm(settings)
         notify(Armed(shot=name, frames=len(frames)))
         self.clock.sleep_until_ns(black_ns + settle_ns)
+        shared = self._context.shared
+        shared.exposed_ns = shared.played = None
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self.clock.sleep_until_ns(open_ns + settle_ns)
@@ -183,14 +185,17 @@ class Rig:
         except SyncError:
             # The camera hands out a file all the same; left there, it would pass for the next one.
             self.display.black()
-            notify(ShutterClosed(shot=name, t_mono_ns=self.shutter.close()))
+            close_ns = self.shutter.close()
+            shared.exposed_ns = (open_ns, close_ns)
+            notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
             with disk_errors("camera"):
                 self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
             raise
-        self._context.shared.played = (frames, log)
+        shared.played = (frames, log)
         self.display.black()
         self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
         close_ns = self.shutter.close()
+        shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         with disk_errors("camera"):
             raw = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)

@@ -59,5 +59,13 @@ def _report(findings: Iterable[Finding], *, as_json: bool) -> int:
     for finding in found:
         if finding.hint is not None:
             say(f"{finding.what}: {finding.hint}")
-    say("nothing to mend" if not faults else f"{faults} to mend")
+    say(_verdict(found, faults))
     return FAILED if faults else DONE
+
+
+def _verdict(found: list[Finding], faults: int) -> str:
+    """The last line: what nobody looked at is not called sound."""
+    if faults:
+        return f"{faults} to mend"
+    unknown = ", ".join(f.what for f in found if f.state == "unknown")
+    return f"nothing to mend so far; not tried: {unknown}" if unknown else "nothing to mend"

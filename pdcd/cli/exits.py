@@ -14,7 +14,15 @@ CANCELLED = 130
 """128 + SIGINT, as shells report an interrupted program."""
 
 
+_CODES = {
+    "config": USAGE,
+    "request": USAGE,
+    "driver_unavailable": USAGE,  # a name that is unknown, or a package that is not installed
+    "busy": BUSY,
+    "cancelled": CANCELLED,
+}
+
+
 def exit_code(kind: str | None) -> int:
     """Exit code for an error of this `kind` (see `pdcd.errors`)."""
-    codes = {"config": USAGE, "request": USAGE, "busy": BUSY, "cancelled": CANCELLED}
-    return codes.get(kind or "", FAILED)
+    return _CODES.get(kind or "", FAILED)

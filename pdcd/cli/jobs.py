@@ -34,13 +34,19 @@ def status(args: argparse.Namespace) -> int:
 
 
 def list_jobs(args: argparse.Namespace) -> int:
-    """Print the jobs that the daemon remembers, oldest first."""
+    """Print the jobs that the daemon remembers and the newest runs on its disk, oldest first."""
     with Client(daemon_socket(args)) as client:
-        jobs = client.list()
+        jobs, runs = client.list(), client.runs(args.newest) if args.newest else ()
     if args.json:
-        say_json(JobList(jobs))
+        say_json(JobList(jobs, list(runs)))
         return DONE
-    rows = [[j.job, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
+    known = {j.job for j in jobs}
+    rows = [
+        [r.job, r.state, r.goal or "?", r.user or "?", r.folder]
+        for r in reversed(runs)
+        if r.job not in known
+    ]
+    rows += [[j.job, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
     say_table([["job", "state", "goal", "user", "folder"], *rows])
     return DONE
 

@@ -18,7 +18,7 @@ NORMALISE: tuple[words.NormaliseName, ...] = get_args(words.NormaliseName)
 
 
 def share(text: str) -> float:
-    """Read "1%" or "0.01"."""
+    """Read "1%" or "0.01"; argparse reports the ValueError of anything else."""
     number = text.removesuffix("%")
     return float(number) / (100.0 if number != text else 1.0)
 
@@ -81,7 +81,10 @@ def request_options(parser: argparse.ArgumentParser) -> None:
     _goal_options(parser)
     parser.add_argument("--family", choices=FAMILIES, help="how the codes are made")
     parser.add_argument(
-        "--p", type=float, metavar="P", help="share of indirect light to keep (goal fraction)"
+        "--p",
+        type=share,
+        metavar="P",
+        help="share of indirect light to keep, 0.25 or 25%% (goal fraction)",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the codes; default 0")
     parser.add_argument(
@@ -142,12 +145,16 @@ def _wanted_options(parser: argparse.ArgumentParser) -> None:
     """Add what the planner goes by where it chooses codes and exposures itself."""
     parser.add_argument(
         "--error",
-        type=float,
+        type=share,
         metavar="E",
-        help="wanted RMS error, as a share of the picture's RMS; chooses codes and exposures",
+        help="wanted RMS error as a share of the picture's RMS, say 1%%; chooses codes and "
+        "exposures",
     )
     parser.add_argument(
-        "--confidence", type=float, metavar="C", help="with which to keep the error; default 0.95"
+        "--confidence",
+        type=share,
+        metavar="C",
+        help="how sure that error shall be kept; default 95%%",
     )
     parser.add_argument(
         "--seconds",

@@ -12,6 +12,7 @@ from pdcd.cli.options import (
     method_option,
     request_options,
     rig_options,
+    share,
 )
 
 EXIT_CODES = (
@@ -53,6 +54,12 @@ def _photo_commands(add: Add) -> None:
     serve = add("serve", "tools:serve", "run the daemon in the foreground")
     rig_options(serve, socket="listen here")
     serve.add_argument("--state-dir", type=Path, metavar="DIR", help="keep runs below this folder")
+    serve.add_argument(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="log everything at a terminal, too, not warnings alone",
+    )
 
     capture = add("capture", "capture:capture", "take a photo and wait for it")
     request_options(capture)
@@ -92,7 +99,15 @@ def _job_commands(add: Add) -> None:
     cancel = add("cancel", "jobs:cancel", "end a job: the one named, else the running one")
     cancel.add_argument("job", nargs="?", metavar="JOB")
     client_options(cancel)
-    client_options(add("list", "jobs:list_jobs", "list the jobs that the daemon remembers"))
+    listed = add("list", "jobs:list_jobs", "list jobs, and the runs that the daemon has on disk")
+    listed.add_argument(
+        "--newest",
+        type=int,
+        default=50,
+        metavar="N",
+        help="runs on disk to list, unfinished ones too; 0 to 1000, default: 50",
+    )
+    client_options(listed)
     wait = add("wait", "capture:wait", "wait for a job and report it as capture does")
     wait.add_argument("job", metavar="JOB")
     client_options(wait)
@@ -218,9 +233,9 @@ def _snr_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--transmission",
-        type=float,
+        type=share,
         default=1.0,
         metavar="T",
-        help="light that the open mask lets through, in 0..1; default: 1",
+        help="light that the open mask lets through, as a share of 1 or in %%; default: 1",
     )
     json_option(parser)

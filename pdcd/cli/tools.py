@@ -8,7 +8,8 @@ import json
 import msgspec
 
 from pdcd import __version__
-from pdcd.bench.config import find, load, schema, show
+from pdcd.bench.config import faults_error, find, load, read, schema, show
+from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import progress, say, say_json, say_table
 from pdcd.runs.events import Decoded
@@ -23,7 +24,9 @@ def serve(args: argparse.Namespace) -> int:
     if args.state_dir is not None:
         server = msgspec.structs.replace(settings.server, state_dir=str(args.state_dir.absolute()))
         settings = msgspec.structs.replace(settings, server=server)
-    return run(settings, socket=args.socket, engine_factory=Engine.from_config)
+    return run(
+        settings, socket=args.socket, engine_factory=Engine.from_config, verbose=args.verbose
+    )
 
 
 def drivers(args: argparse.Namespace) -> int:
@@ -44,16 +47,22 @@ def drivers(args: argparse.Namespace) -> int:
 
 
 def config(args: argparse.Namespace) -> int:
-    """Check the configuration, print it with all defaults, or print its JSON Schema."""
+    """Try the configuration without a device, or print it in full, or its JSON Schema."""
     if args.action == "schema":
         say(json.dumps(schema(), indent=2))
         return DONE
-    settings = load(args.config)
     if args.action == "show":
-        say(show(settings).rstrip())
-    else:
-        source = find(args.config)
-        say(f"sound: {source}" if source else "sound: no file, the mock bench")
+        say(show(load(args.config)).rstrip())
+        return DONE
+    from pdcd.capture.check import faults_in
+
+    source = find(args.config)
+    settings, faults = (Config(), []) if source is None else read(source)
+    lines = [fault.message for fault in faults]
+    lines += faults_in(settings, [key for fault in faults for key in fault.keys])
+    if lines:
+        raise faults_error(source, lines)
+    say(f"sound: {source}" if source else "sound: no file, the mock bench")
     return DONE
 
 

@@ -11,6 +11,13 @@ from pdcd.presenter.options import Options
 
 def options_of(config: Config) -> Options:
     """[display.options] of the driver x11. Raises ConfigError."""
+    if config.display.driver == "mock":
+        raise ConfigError(
+            "the display is the mock bench's, which has no panels to look at",
+            device="display",
+            hint='name two outputs in a configuration with [display] driver = "x11", and give it '
+            "with --config; docs/display.md shows how",
+        )
     return read_options(
         config.display.options,
         Options,

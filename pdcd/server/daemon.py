@@ -16,7 +16,7 @@ from pathlib import Path
 
 from pdcd.bench.folders import socket_path, state_dir
 from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError, PdcdError
+from pdcd.errors import ConfigError, DriverUnavailable, PdcdError
 from pdcd.runs.events import ENDS, THINNED, Decoded, Event, Progress
 from pdcd.server import log
 from pdcd.server.access import Access
@@ -39,14 +39,21 @@ STATUS_INTERVAL_NS = 1_000_000_000
 """Least time between two progress lines to the service manager."""
 
 
-def run(config: Config, *, socket: Path | None = None, engine_factory: EngineFactory) -> int:
+def run(
+    config: Config,
+    *,
+    socket: Path | None = None,
+    engine_factory: EngineFactory,
+    verbose: bool = False,
+) -> int:
     """Serve until SIGTERM or SIGINT; returns the exit code.
 
     `socket` overrides the path in the configuration; a socket passed by the service manager
-    overrides both. 0: ended on a signal; 2: the configuration is wrong, or another daemon
-    answers on the socket; 5: the rig could not be started.
+    overrides both. `verbose` logs everything at a terminal, too. 0: ended on a signal; 2: the
+    configuration is wrong, or another daemon answers on the socket; 5: the rig could not be
+    started.
     """
-    log.to_stderr()
+    log.to_stderr(verbose=verbose)
     return asyncio.run(_run(config, socket, engine_factory))
 
 
@@ -59,7 +66,7 @@ async def _run(config: Config, socket: Path | None, engine_factory: EngineFactor
         await serve(config, socket=socket, engine_factory=engine_factory, stop=stop)
     except PdcdError as err:
         logger.error("cannot serve: %s", err)
-        return EXIT_CONFIG if isinstance(err, ConfigError) else EXIT_FAILED
+        return EXIT_CONFIG if isinstance(err, ConfigError | DriverUnavailable) else EXIT_FAILED
     return EXIT_DONE
 
 
@@ -82,7 +89,7 @@ async def serve(
                 engine = await worker.call(engine_factory, config)
                 try:
                     await worker.call(engine.start)
-                    logger.info("ready socket=%s", sock.getsockname())
+                    logger.info("ready socket=%s", sock.getsockname(), extra=log.FOR_PEOPLE)
                     await _serve(config, engine, worker, server, notifier, stop)
                 finally:
                     # Also after a failed start, which may have connected one device of three.

@@ -25,9 +25,28 @@ class _JournalFormatter(logging.Formatter):
         return prefix + super().format(record).replace("\n", f"\n{prefix}")
 
 
-def to_stderr(level: int = logging.INFO) -> None:
-    """Send the log of this process to stderr, in the form that its reader wants."""
+FOR_PEOPLE = {"for_people": True}
+"""`extra` of the few lines below a warning that a person at a terminal wants, too."""
+
+
+class _Quiet(logging.Filter):
+    """Lets through warnings, errors, and lines marked by `FOR_PEOPLE`."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether the line is shown."""
+        return record.levelno >= logging.WARNING or getattr(record, "for_people", False)
+
+
+def to_stderr(level: int = logging.INFO, *, verbose: bool = False) -> None:
+    """Send the log of this process to stderr, in the form that its reader wants.
+
+    A terminal is often that of the commands, too, and of their progress bar: it gets warnings and
+    what is marked by `FOR_PEOPLE`, or everything with `verbose`. Journal, files and pipes get
+    everything.
+    """
     handler = logging.StreamHandler()
+    if not verbose and sys.stderr.isatty():
+        handler.addFilter(_Quiet())
     if _is_journal():
         handler.setFormatter(_JournalFormatter("%(name)s: %(message)s"))
     else:

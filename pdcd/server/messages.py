@@ -21,6 +21,7 @@ from pdcd.bench.tables import Config
 from pdcd.errors import KINDS, PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
+from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.words import JobState
 
@@ -93,6 +94,12 @@ class JobParams(_Params, frozen=True):
     job: Annotated[str, Meta(max_length=64)]
 
 
+class ListParams(_Params, frozen=True):
+    """`capture.list`: how many runs of the state folder to name, too."""
+
+    runs: Annotated[int, Meta(ge=0, le=1000)] = 0
+
+
 class ShowParams(_Params, frozen=True):
     """`display.show`: a test picture; `index` picks the code of the pattern "code"."""
 
@@ -145,9 +152,11 @@ class JobView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JobList(msgspec.Struct, frozen=True):
-    """Answer of `capture.list`: oldest first; finished jobs are kept up to a bound."""
+    """Answer of `capture.list`: jobs oldest first, finished ones up to a bound; and the runs of
+    the state folder that were asked for, newest first, those of the jobs among them."""
 
     jobs: list[JobView]
+    runs: list[StoredRun] = []
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):
@@ -229,7 +238,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "capture.start": Method(StartParams, Admitted),
         "capture.wait": Method(JobParams, CaptureResult),
         "capture.cancel": Method(JobParams, CaptureResult),
-        "capture.list": Method(NoParams, JobList),
+        "capture.list": Method(ListParams, JobList),
         "display.show": Method(ShowParams, Shown),
         "preview.grab": Method(NoParams, Preview),
         "events.subscribe": Method(SubscribeParams, Subscription),

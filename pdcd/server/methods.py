@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
@@ -15,6 +16,7 @@ from pdcd.bench.tables import Config
 from pdcd.errors import BusyError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.place import Place
+from pdcd.runs.stored import stored_runs
 from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
 from pdcd.server.callers import Caller
@@ -27,6 +29,7 @@ from pdcd.server.messages import (
     Hello,
     JobList,
     JobParams,
+    ListParams,
     Pong,
     RigState,
     Shown,
@@ -171,8 +174,11 @@ class Methods:
     async def _cancel(self, caller: Caller, params: JobParams) -> CaptureResult:
         return await self._runner.cancel(params.job)
 
-    async def _list(self, caller: Caller, params: msgspec.Struct) -> JobList:
-        return JobList([job.view() for job in self._runner.table.all()])
+    async def _list(self, caller: Caller, params: ListParams) -> JobList:
+        runs = []
+        if params.runs:  # a disk may be slow; the loop and the rig are not for waiting on it
+            runs = await asyncio.to_thread(stored_runs, self._state_dir, params.runs)
+        return JobList([job.view() for job in self._runner.table.all()], runs)
 
     async def _show(self, caller: Caller, params: ShowParams) -> Shown:
         self._refuse_if_taken()

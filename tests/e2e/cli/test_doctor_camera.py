@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import pty
 import signal
 from pathlib import Path
 from typing import Any
@@ -187,3 +189,52 @@ def test_the_line_is_not_left_pressed_when_nobody_reads_on() -> None:
         assert line.levels("rts")[-1] is True
         findings.close()  # type: ignore[attr-defined]
         assert line.levels("rts")[-1] is False
+
+
+def look(folder: Path, capfd: pytest.CaptureFixture[str], port: Path | str) -> tuple[int, Any]:
+    """Exit code and finding of a port that is looked at only."""
+    text = (
+        f"""[rig]\nclock = "real"\n[trigger]\ndriver = "serial"\noptions = {{port = "{port}"}}\n"""
+    )
+    code, found = ask(capfd, "trigger", "--config", config(folder, text))
+    return code, found["port"]
+
+
+def test_a_port_that_does_not_exist_is_to_be_mended_without_a_click(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    code, port = look(tmp_path, capfd, "/dev/pdcd-none")
+    assert code == 5 and port["state"] == "fault"
+    assert "/dev/pdcd-none: No such file" in port["found"] and "plugged in" in port["hint"]
+
+
+def test_a_port_that_is_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "port").touch()
+    code, port = look(tmp_path, capfd, tmp_path / "port")
+    assert code == 5 and "is no device" in port["found"]
+
+
+def test_a_port_that_is_there_is_not_opened(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = pty.openpty()
+    (tmp_path / "trigger").symlink_to(os.ttyname(theirs))
+    try:
+        code, port = look(tmp_path, capfd, tmp_path / "trigger")
+        assert code == 0 and port["state"] == "good"
+        assert port["found"] == f"{tmp_path / 'trigger'}, which is {os.ttyname(theirs)}"
+        monkeypatch.setattr(os, "access", lambda *_: False)  # root may always
+        code, port = look(tmp_path, capfd, os.ttyname(theirs))
+        assert code == 5 and "may not be read" in port["found"] and "group" in port["hint"]
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def test_what_was_not_tried_is_not_called_sound(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with fake_line("box", VirtualClock()):
+        path = config(tmp_path, '[trigger]\ndriver = "serial"\noptions = {port = "line://box"}\n')
+        assert main(["doctor", "trigger", "--config", path]) == 0
+    assert capfd.readouterr().out.endswith("nothing to mend so far; not tried: port, click\n")

@@ -15,6 +15,7 @@ from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
 from pdcd.runs.events import Armed, Emit, Event, read
+from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import OwnerView
 from pdcd.server.messages import ClockAnchor, JobView, Status
 
@@ -62,6 +63,11 @@ JOB_VIEW = JobView(
     detach=False,
     created_utc="2026-01-01T12:03:01Z",
 )
+RUNS = [
+    StoredRun(job=JOB, state="unfinished", folder=f"/runs/{JOB}.partial"),
+    StoredRun(job="20251231T000000Z-beef", state="done", folder="/runs/b", goal="white", user="bo"),
+    StoredRun(job="20251230T000000Z-dead", state="damaged", folder="/runs/d"),
+]
 STATUS = Status(
     version="9.9",
     state="busy",
@@ -130,6 +136,10 @@ class StubClient:
 
     def list(self) -> list[JobView]:
         return [JOB_VIEW]
+
+    def runs(self, newest: int) -> tuple[StoredRun, ...]:
+        self.asked.append(("runs", newest))
+        return tuple(RUNS)
 
     def events(self) -> Iterator[Event]:
         return iter(EVENTS)

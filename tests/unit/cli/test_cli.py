@@ -15,7 +15,15 @@ from pdcd import words
 from pdcd.cli import output, parser
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
-from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
+from pdcd.errors import (
+    BusyError,
+    Cancelled,
+    ConfigError,
+    DeviceLost,
+    DriverUnavailable,
+    PdcdError,
+    SyncError,
+)
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Decoded, Decoding, Progress
 from tests.unit.cli.cli_stubs import (
@@ -96,6 +104,7 @@ def test_every_word_of_a_request_can_be_typed(option: str, names: object) -> Non
 @pytest.mark.parametrize(
     "line",
     ["", "fly", "capture", "capture sideways", "capture indirect --codes many", "wait", "decode",
+     "capture indirect --error 1%%", "capture indirect --error much",
      "capture indirect --family best", "capture indirect --loc", "config", "config mend"],
 )  # fmt: skip
 def test_wrong_usage_exits_2(line: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -289,6 +298,8 @@ def test_end_of_the_job_gives_the_exit_code(
     [
         (BusyError("the rig is taken", hint="by ada"), 4, "busy", "the rig is taken (by ada)"),
         (ConfigError("no such goal"), 2, "config", "no such goal"),
+        (DriverUnavailable("no driver is called 'x'", device="display"), 2, "driver_unavailable",
+         "display: no driver is called 'x'"),
         (SyncError("3 late", device="mask"), 5, "sync", "mask: 3 late"),
         (DeviceLost("gone", device="camera"), 5, "device_lost", "camera: gone"),
         (Cancelled("ended"), 130, "cancelled", "ended"),
@@ -372,6 +383,26 @@ def test_wrong_request_exits_2_before_anything_starts(
     assert main(["capture", "indirect", *options.split()]) == 2
     assert capsys.readouterr().err.startswith(f"pdcd: {says}")
     assert daemon.asked == engine.calls == []
+
+
+@pytest.mark.parametrize("text", ["60%", "0.6", "60.0%", ".6"])
+@pytest.mark.parametrize("option", ["error", "confidence", "until_error", "p"])
+def test_every_share_may_be_a_percentage(
+    daemon: type[StubClient], tmp_path: Path, option: str, text: str
+) -> None:
+    assert main(["capture", "indirect", f"--{option.replace('_', '-')}", text]) == 0
+    _, (wanted, *_), _ = daemon.asked
+    assert getattr(wanted, option) == pytest.approx(0.6)
+
+
+def test_the_share_of_light_through_a_mask_may_be_a_percentage(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    outputs = []
+    for text in ("50%", "0.5", "0.25"):
+        assert main(["snr", "--json", "--transmission", text]) == 0
+        outputs.append(capsys.readouterr().out)
+    assert outputs[0] == outputs[1] != outputs[2]
 
 
 def test_reader_that_has_gone_is_no_error_message() -> None:

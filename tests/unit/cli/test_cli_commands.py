@@ -187,9 +187,16 @@ def test_status(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) ->
 
 def test_list(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
-    assert capsys.readouterr().out.splitlines()[1].split() == [JOB, "running", "indirect", "ada"]
-    assert main(["list", "--json"]) == 0
-    assert last_object(capsys.readouterr().out)["jobs"][0]["job"] == JOB
+    assert [line.split() for line in capsys.readouterr().out.splitlines()] == [
+        ["job", "state", "goal", "user", "folder"],
+        ["20251230T000000Z-dead", "damaged", "?", "?", "/runs/d"],
+        ["20251231T000000Z-beef", "done", "white", "bo", "/runs/b"],
+        [JOB, "running", "indirect", "ada"],  # once: its folder of now is no other run
+    ]
+    assert daemon.asked[1] == ("runs", 50)
+    assert main(["list", "--json", "--newest", "0"]) == 0
+    told = last_object(capsys.readouterr().out)
+    assert (told["jobs"][0]["job"], told["runs"]) == (JOB, [])
 
 
 def test_watch_prints_events(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
@@ -276,16 +283,24 @@ def test_serve_hands_over_configuration_and_socket(
 ) -> None:
     served: list[Any] = []
 
-    def run(config: Config, *, socket: Path | None, engine_factory: Any) -> int:
-        served.extend([config.server.state_dir, socket, engine_factory])
+    def run(config: Config, *, socket: Path | None, engine_factory: Any, verbose: bool) -> int:
+        served.extend([config.server.state_dir, socket, engine_factory, verbose])
         return 5
 
     monkeypatch.setattr("pdcd.server.daemon.run", run)
     monkeypatch.chdir(tmp_path)
     assert main(["serve", "--socket", "/a.sock", "--state-dir", "runs"]) == 5
-    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.from_config]
-    assert main(["serve"]) == 5
-    assert served[3:5] == [None, None]
+    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.from_config, False]
+    assert main(["serve", "-v"]) == 5
+    assert served[4:] == [None, None, engine.from_config, True]
+
+
+def test_timing_on_the_mock_bench_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    """Not which keys the options of another driver lack."""
+    assert main(["timing"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("pdcd: display: the display is the mock bench's")
+    assert 'driver = "x11"' in line and "--config" in line
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

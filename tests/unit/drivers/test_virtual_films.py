@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from drivers.virtual_camera.films import PlainFilm, scene_film
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.scene.build import build_scene
+from pdcd.sensor.profile import load_profile, variance_dn2
 from pdcd.sensor.raw import RawFrame, read_raw
 
 SECOND = Exposure(0, 1_000_000_000, iso=100, f_number=8.0)
@@ -40,6 +42,18 @@ def test_two_stops_down_is_a_quarter_of_the_light() -> None:
     bright = photo(chart_film((64, 320))).planes.mean()
     dark = photo(chart_film((64, 320)), Exposure(0, 10**9, iso=100, f_number=16.0)).planes.mean()
     assert dark == pytest.approx(bright / 4.0, rel=0.02)
+
+
+def test_noise_is_that_of_the_sensor_model() -> None:
+    """The camera draws it in a faster way of its own: mean and spread must be the model's."""
+    profile = load_profile("450d")
+    film, shape = chart_film((64, 640)), (4, 16, 16, 20)  # plane, row, step, column
+    first, second = (photo(film).planes[:, 8:24].reshape(shape).astype(float) for _ in range(2))
+    spread = (first - second).std(axis=(0, 1, 3)) / math.sqrt(2.0)
+    light_e = 20_000.0 * 2.0 ** (-0.5 * (15 - np.arange(16)))
+    signal_dn = light_e / profile.row(100).gain_e_per_dn
+    model = np.sqrt(variance_dn2(signal_dn, profile, 100, 1.0))
+    np.testing.assert_allclose(spread, model, rtol=0.1)  # 1280 samples: 2 %, and 5 sigmas of it
 
 
 def test_a_scene_looks_as_it_does_in_white_light() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import pty
 import socket
 import subprocess
 import sys
@@ -81,6 +82,27 @@ def test_the_watchdog_is_for_this_process_only(
 )
 def test_sockets_are_taken_only_when_meant_for_us(environ: dict[str, str], expected: int) -> None:
     assert listen_fds(environ) == expected
+
+
+@pytest.mark.parametrize(("verbose", "says"), [(False, "pr"), (True, "ipr")])
+def test_a_terminal_gets_warnings_and_readiness_unless_told_otherwise(
+    verbose: bool, says: str
+) -> None:
+    """The terminal may be that of `pdcd capture`, whose bar a line of each capture would break."""
+    script = (
+        f"import logging; from pdcd.server import log; log.to_stderr(verbose={verbose});"
+        "x = logging.getLogger('x'); x.info('INFORMED'); x.warning('PROBLEM');"
+        "x.info('READY', extra=log.FOR_PEOPLE)"
+    )
+    ours, theirs = pty.openpty()
+    try:
+        subprocess.run([sys.executable, "-c", script], stderr=theirs, check=True)
+        shown = os.read(ours, 65536).decode()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    words = {"i": "INFORMED", "p": "PROBLEM", "r": "READY"}
+    assert {key for key, word in words.items() if word in shown} == set(says)
 
 
 @pytest.mark.parametrize("journal", [True, False])

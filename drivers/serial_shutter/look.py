@@ -1,0 +1,58 @@
+"""What can be said of a serial port without opening it: to open one is to move its lines."""
+
+from __future__ import annotations
+
+import grp
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from pdcd.bench.findings import Finding
+
+PATTERNS = ("ttyUSB*", "ttyACM*", "ttyS[0-9]*", "serial/by-id/*")
+"""Below /dev: ports that may be meant where the configured one is not there."""
+_SHOWN = 6
+
+
+def look(port: str) -> Iterator[Finding]:
+    """Yield one finding: whether the port is there, is a serial device, and may be opened by us.
+
+    A port of pyserial's URLs (``rfc2217://...``) is not looked for. Opens nothing.
+    """
+    if "://" in port:
+        yield Finding("port", "unknown", f"{port}: only --click asks it", None)
+        return
+    try:
+        found = Path(port).stat()
+    except (OSError, ValueError) as err:
+        yield Finding("port", "fault", f"{port}: {_why(err)}", _others())
+        return
+    if not stat.S_ISCHR(found.st_mode):
+        yield Finding("port", "fault", f"{port} is no device", _others())
+    elif not os.access(port, os.R_OK | os.W_OK):
+        hint = f"add the user to the group {_group(found.st_gid)}, which owns the port"
+        yield Finding("port", "fault", f"{port} may not be read and written by this user", hint)
+    else:
+        real = os.path.realpath(port)
+        yield Finding("port", "good", port if real == port else f"{port}, which is {real}")
+
+
+def _why(err: OSError | ValueError) -> str:
+    return (err.strerror if isinstance(err, OSError) else None) or str(err)
+
+
+def _others() -> str:
+    """Name what there is instead."""
+    found = sorted(str(path) for pattern in PATTERNS for path in Path("/dev").glob(pattern))
+    if not found:
+        return "is it plugged in? this machine has no serial port at all"
+    more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+    return f"is it plugged in? there are {', '.join(found[:_SHOWN])}{more}"
+
+
+def _group(gid: int) -> str:
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)

@@ -1,0 +1,33 @@
+"""When the virtual camera makes its files: at once, or in a thread while clients are answered.
+
+A file of the 450D's size takes seconds to make, and minutes on a busy machine, while a client on
+the network gives up on an answer after 2.5 s. So a camera in real time makes it meanwhile, and
+tells of it when it is there, as a real one does. One that keeps a virtual clock makes it at once:
+nobody waits there, and what happens must not depend on threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+
+Develop = Callable[[Callable[[], bytes]], "Future[bytes]"]
+"""Takes what makes a file; returns what holds the file, now or later."""
+
+
+def at_once(make: Callable[[], bytes]) -> Future[bytes]:
+    """Make the file before anything else happens. Raises what `make` raises."""
+    made: Future[bytes] = Future()
+    made.set_result(make())
+    return made
+
+
+@contextmanager
+def meanwhile() -> Iterator[Develop]:
+    """Make files in one thread, in turn; the end waits for the one that is being made."""
+    pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="virtual-camera-file")
+    try:
+        yield pool.submit
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,137 @@
+"""What `pdcd config check` tries of a configuration; no device is touched.
+
+Tried are: the three drivers, by name and by their options; the scene; the sensor profile and its
+ISO; both refresh rates; and a plan of what a capture takes unless it is told otherwise. Whether the
+devices are there is the doctors' business.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from functools import partial
+
+import msgspec
+
+from pdcd.bench.checks import rate_fault
+from pdcd.bench.clock import RealClock, VirtualClock
+from pdcd.bench.devices import DriverContext
+from pdcd.bench.registry import Role, load_driver
+from pdcd.bench.tables import DEFAULT_GRID, CameraConfig, Config, SceneConfig
+from pdcd.errors import PdcdError
+from pdcd.planning.guided import plan_for
+from pdcd.request import CaptureRequest
+from pdcd.scene.build import build_scene
+from pdcd.sensor.profile import load_profile
+
+TABLES: dict[Role, str] = {"display": "display", "shutter": "trigger", "readout": "camera"}
+"""Table of the file that names the driver of each role."""
+
+
+def faults_in(config: Config, known: Collection[str] = ()) -> list[str]:
+    """Every fault that trying shows, each on a line that begins with what it is about.
+
+    `known` are keys (dotted) that are known to be wrong and stand at their defaults: what rests on
+    one of them is not tried.
+    """
+    return _Check(config, known).all()
+
+
+class _Check:
+    def __init__(self, config: Config, known: Collection[str]) -> None:
+        self._config = config
+        self._known = [key for key in known if _stands_at_default(config, key)]
+        self._lines: list[str] = []
+        self._grid: tuple[int, int] | None = None
+        self._profile_read = False
+
+    def all(self) -> list[str]:
+        """Try everything once."""
+        config = self._config
+        self._try("scene.kind", self._scene, "scene")
+        self._try("camera.profile", self._profile, "camera.profile")
+        context = self._context()
+        for role, table in TABLES.items():
+            create = partial(_create, role, getattr(config, table).driver, context)
+            self._try(f"{table}.driver", create, f"{table}.driver", f"{table}.options")
+        rates = ("projector.refresh_hz", "mask.refresh_hz")
+        if self._sound(rates) and (fault := rate_fault(config)) is not None:
+            more = "; the mock bench runs all the same, and shows what comes of it"
+            self._say(fault.message + more * (config.display.driver == "mock"))
+        self._try("schedule", self._plan, "schedule", "rig", "limits")
+        return self._lines
+
+    def _try(self, key: str, action: Callable[[], object], *rests_on: str) -> None:
+        """Do something that may fail; its fault begins with the key unless it names one itself."""
+        if not self._sound(rests_on):
+            return
+        try:
+            action()
+        except PdcdError as err:
+            lines = [line.strip() for line in err.message.splitlines()]
+            if err.hint:
+                lines[-1] += f" ({err.hint})"
+            for line in lines:
+                self._say(line if line.startswith("[") else f"{key}: {line}")
+        # The driver of another package may fail in any way: a fault of the file that names it.
+        except Exception as err:
+            self._say(f"{key}: {type(err).__name__}: {err}")
+
+    def _sound(self, rests_on: Collection[str]) -> bool:
+        """Whether nothing is known to be wrong with these keys, or below these tables."""
+        return not any(
+            key == rest or key.startswith((f"{rest}.", f"{rest}["))
+            for key in self._known
+            for rest in rests_on
+        )
+
+    def _say(self, line: str) -> None:
+        if line not in self._lines:
+            self._lines.append(line)
+
+    def _scene(self) -> None:
+        self._grid = build_scene(self._config.scene).grid
+
+    def _context(self) -> DriverContext:
+        """What drivers are created with: of a wrong scene they shall not speak again."""
+        config = self._config
+        if self._grid is None:
+            config = msgspec.structs.replace(config, scene=SceneConfig())
+        if not self._profile_read:
+            camera = msgspec.structs.replace(config.camera, profile=CameraConfig().profile)
+            config = msgspec.structs.replace(config, camera=camera)
+        if not self._sound(("rig.clock",)):
+            rig = msgspec.structs.replace(config.rig, clock="real")
+            config = msgspec.structs.replace(config, rig=rig)
+        virtual = config.rig.clock == "virtual"
+        return DriverContext(config=config, clock=VirtualClock() if virtual else RealClock())
+
+    def _profile(self) -> None:
+        camera = self._config.camera
+        profile = load_profile(camera.profile)
+        self._profile_read = True
+        if camera.iso is not None:
+            self._try("camera.iso", partial(profile.row, camera.iso), "camera.iso")
+
+    def _plan(self) -> None:
+        scene = self._config.scene
+        if self._grid is None and scene.kind == "matrix":
+            return  # how many cells there are stands in the file
+        grid = self._grid or scene.grid or DEFAULT_GRID
+        plan_for(CaptureRequest(goal="indirect"), self._config, grid)
+
+
+def _stands_at_default(config: Config, key: str) -> bool:
+    """Whether a faulty key is one of the tables; one that is merely unknown changes nothing."""
+    found: object = config
+    for name in key.split("[")[0].split("."):
+        if isinstance(found, dict):
+            return True
+        if not hasattr(found, name):
+            return False
+        found = getattr(found, name)
+    return True
+
+
+def _create(role: Role, name: str, context: DriverContext) -> None:
+    """What the rig does at its start, up to the moment when devices are opened."""
+    load_driver(role, name).create(context)

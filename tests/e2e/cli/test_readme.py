@@ -1,0 +1,107 @@
+"""The Python examples of the README run as they stand; a daemon that starts anew knows its runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from pdcd.client import Client, Unreachable
+from pdcd.request import CaptureRequest
+from tests.places import ROOT
+
+PATIENCE_S = 30.0
+EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+
+
+@pytest.fixture
+def environ(tmp_path: Path) -> dict[str, str]:
+    """A user's, with empty folders."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("XDG_", "PDCD"))}
+    places = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    return {**kept, **places}
+
+
+@contextmanager
+def daemon(environ: dict[str, str]) -> Iterator[Path]:
+    """`pdcd serve` of that user; yields its socket, and its log must be empty of warnings."""
+    socket = Path(environ["XDG_RUNTIME_DIR"]) / "pdcd.sock"
+    command = [sys.executable, "-m", "pdcd", "serve"]
+    with subprocess.Popen(command, env=environ, stderr=subprocess.DEVNULL) as process:
+        give_up_s = time.monotonic() + PATIENCE_S
+        try:
+            while True:
+                try:
+                    Client(socket).close()
+                    break
+                except Unreachable:
+                    assert process.poll() is None and time.monotonic() < give_up_s
+                    time.sleep(0.02)
+            yield socket
+        finally:
+            process.terminate()
+
+
+def run(environ: dict[str, str], *command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *command],
+        env=environ,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+
+
+def test_the_examples_and_a_daemon_that_starts_anew(environ: dict[str, str]) -> None:
+    photo, follow = EXAMPLES
+    with daemon(environ) as socket:
+        done = run(environ, "-c", photo)
+        assert done.returncode == 0, done.stderr
+        first, *events, last = done.stdout.splitlines()
+        assert first.endswith("s of exposures")
+        assert events[0] == "queued" and events[-1] == "done" and "shutter_open" in events
+        folder, shape = re.match(r"(\S+) (\(.*\)) 0\.0\d+$", last).groups()  # type: ignore[union-attr]
+        assert shape == "(48, 64, 3)" and (Path(folder) / "capture.json").is_file()
+
+        command = [sys.executable, "-c", follow]
+        with subprocess.Popen(command, env=environ, stdout=subprocess.PIPE, text=True) as follower:
+            with Client(socket) as client:
+                give_up_s = time.monotonic() + PATIENCE_S
+                while client.status().connections < 2:  # the follower's is the second
+                    assert follower.poll() is None and time.monotonic() < give_up_s
+                    time.sleep(0.02)
+                jobs = []
+                while follower.poll() is None:  # it hears only what comes after it has subscribed
+                    jobs.append(client.capture(CaptureRequest(goal="white", codes=4)).job)
+            assert follower.stdout is not None
+            told = follower.stdout.read().splitlines()
+        name, end = told[-1].split()
+        assert follower.returncode == 0 and name in jobs and end == "done"
+
+    (Path(folder).parent / "20200101T000000Z-0001.partial").mkdir()
+    with daemon(environ):
+        listed = run(environ, "-m", "pdcd", "list").stdout.splitlines()
+        head, cut, oldest, *_ = (line.split() for line in listed)
+        assert head == ["job", "state", "goal", "user", "folder"]
+        assert cut[:4] == ["20200101T000000Z-0001", "unfinished", "?", "?"]
+        assert oldest[1:3] == ["done", "indirect"] and oldest[4] == folder
+        alone = run(environ, "-m", "pdcd", "list", "--newest", "0").stdout.splitlines()
+        assert len(alone) == 1
+
+
+def test_every_word_that_the_readme_explains_elsewhere_is_there() -> None:
+    """A page of words that lacks those of the first page is of no use."""
+    words = (ROOT / "docs" / "words.md").read_text().lower()
+    named = ("hadamard", "orders", "quad", "signed codes", "lattice", "rms", "sigma", "cell",
+             "guard", "pass", "shot", "pilot", "prior", "transport matrix", "window", "refresh",
+             "sub-shift", "mock", "recorder", "bulb")  # fmt: skip
+    assert [word for word in named if f"{word}" not in words] == []
+    assert "docs/words.md" in (ROOT / "README.md").read_text()
