@@ -144,7 +144,18 @@ class Methods:
 
     async def _plan(self, caller: Caller, request: CaptureRequest) -> PlanSummary:
         self._refuse_if_taken()
-        return await self._worker.call(self._engine.plan, self._confined(request))
+        table = self._runner.table
+
+        def cancelled() -> bool:
+            self._worker.beat()
+            return table.stopping
+
+        return await self._worker.call(
+            self._engine.plan,
+            self._confined(request),
+            emit=lambda event: None,
+            cancelled=cancelled,
+        )
 
     async def _start(self, caller: Caller, params: StartParams) -> Admitted:
         peer = caller.peer

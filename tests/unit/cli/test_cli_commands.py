@@ -283,7 +283,7 @@ def test_serve_hands_over_configuration_and_socket(
     monkeypatch.setattr("pdcd.server.daemon.run", run)
     monkeypatch.chdir(tmp_path)
     assert main(["serve", "--socket", "/a.sock", "--state-dir", "runs"]) == 5
-    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.from_config]
+    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.with_child]
     assert main(["serve"]) == 5
     assert served[3:5] == [None, None]
 
