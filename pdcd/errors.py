@@ -12,6 +12,7 @@
     ├── SyncError            sync            the panels missed refreshes
     ├── ExposureError        exposure        the shutter or the exposure went wrong
     ├── DecodeError          decode          a RAW file or a run folder cannot be read
+    ├── PlanError            plan            planning died, hung, or ran out of memory
     ├── NoSpaceError         no_space        the disk is full, or would be
     └── Cancelled            cancelled       the user, the client or a signal ended the job
 
@@ -96,6 +97,12 @@ class DecodeError(PdcdError):
     """A RAW file or a run folder is damaged, incomplete or of an unknown form."""
 
     kind = "decode"
+
+
+class PlanError(PdcdError):
+    """Planning did not come to an end: its process died or hung, or memory ran out."""
+
+    kind = "plan"
 
 
 class NoSpaceError(PdcdError):

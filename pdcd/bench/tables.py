@@ -164,6 +164,10 @@ class LimitsConfig(_Table, frozen=True):
     max_exposure_s: Positive = 600.0
     min_free_bytes: Annotated[int, Meta(ge=0)] = 256 * 1024 * 1024
     connections: Annotated[int, Meta(ge=1)] = 16
+    work_bytes: Annotated[int, Meta(ge=2**28)] = 4 * 2**30
+    """Memory of the process that plans and decodes; a job that wants more fails."""
+    work_silent_s: Positive = 120.0
+    """How long that process may give no sign of life before it is killed, and its job fails."""
 
 
 class ServerConfig(_Table, frozen=True):

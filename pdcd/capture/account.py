@@ -1,26 +1,19 @@
-"""What is said of a job when it has ended: its record, summary, warnings and manifest."""
+"""What is said of a job when it has ended: its summary, warnings and manifest."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.capture.convergence import rms_sigma
 from pdcd.capture.job import Job
 from pdcd.errors import Cancelled, PdcdError
-from pdcd.pictures.darkroom import Decoded
-from pdcd.planning.guided import summary as plan_summary
+from pdcd.offload.answers import Developed
 from pdcd.planning.plan import Plan
-from pdcd.planning.truth import answer
-from pdcd.probing.deviation import Deviation
-from pdcd.recipes.parts import part_numbers
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.request import CaptureResult, PlanSummary
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import git_commit, utc_now, versions
 from pdcd.runs.record import (
@@ -28,12 +21,8 @@ from pdcd.runs.record import (
     FileRecord,
     Manifest,
     MeterRecord,
-    RunRecord,
-    ShotRecord,
 )
 from pdcd.runs.views import RigView
-from pdcd.scene.scene import Scene
-from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 
 logger = logging.getLogger(__name__)
@@ -41,39 +30,11 @@ logger = logging.getLogger(__name__)
 Summary = dict[str, float | int | str | None]
 
 
-def record_of(
-    plan: Plan,
-    request: CaptureRequest,
-    config: Config,
-    camera: CameraInfo,
-    profile: SensorProfile,
-    shots: Sequence[ShotRecord] = (),
-    cells: CellMap | None = None,
-) -> RunRecord:
-    """What a run by this plan has to remember of itself, with the shots taken so far."""
-    red, green, blue = (float(r) for r in camera.responsivity_e)
-    return RunRecord(
-        goal=plan.recipe.target.goal,
-        how=plan.how,
-        smooth=plan.smooth,
-        normalise=request.normalise or config.schedule.normalise,
-        grid=plan.grid,
-        cells=cells,
-        projector=config.projector,
-        mask=config.mask,
-        responsivity_e=(red, green, blue),
-        profile=profile,
-        shots=tuple(shots),
-        homography=config.camera.homography,
-    )
-
-
 def warnings_of(
-    decoded: Decoded, config: Config, profile: SensorProfile, *, mock: bool
+    developed: Developed, config: Config, profile: SensorProfile, *, mock: bool
 ) -> Iterator[str]:
     """What the user must know of a finished run beside what happened in its shots."""
-    for name, shot in decoded.shots.items():
-        blown = int(shot.saturated.sum())
+    for name, blown in developed.saturated.items():
         if blown:
             yield f"shot {name}: {blown} pixels are saturated"
     if config.camera.responsivity_e is None and not mock:
@@ -85,12 +46,11 @@ def warnings_of(
         yield f"sensor profile {profile.name} is an estimate"
 
 
-def summary_of(plan: Plan, record: RunRecord, decoded: Decoded, scene: Scene | None) -> Summary:
-    """A finished run in figures; `scene` is what stood there, where that is known."""
-    picture, how = decoded.answer, plan.how
-    sigma = rms_sigma(picture)
-    known = picture.sigma[np.isfinite(picture.sigma)]
-    parts = max(len(part_numbers(decoded.recipe)), 1)
+def summary_of(plan: Plan, developed: Developed) -> Summary:
+    """A finished run in figures."""
+    how, record = plan.how, developed.record
+    parts = max(developed.parts, 1)
+    sigma = developed.rms_sigma
     return {
         "goal": record.goal.name,
         "method": how.method,
@@ -105,33 +65,17 @@ def summary_of(plan: Plan, record: RunRecord, decoded: Decoded, scene: Scene | N
         "exposure_s": sum((s.close_ns - s.open_ns) * 1e-9 for s in record.shots),
         "missed_refreshes": sum(s.missed for s in record.shots),
         "rms_sigma": sigma if np.isfinite(sigma) else None,
-        "sigma_kind": picture.kind,
-        "rms_error": _rms_error(plan, record, picture.image, scene),
-        "sigma_mean": float(known.mean()) if known.size else None,
+        "sigma_kind": developed.sigma_kind,
+        "rms_error": developed.rms_error,
+        "sigma_mean": developed.sigma_mean,
         "predicted_error": None if plan.prediction is None else plan.prediction.error,
     }
 
 
-def _rms_error(
-    plan: Plan, record: RunRecord, image: NDArray[np.float64], scene: Scene | None
-) -> float | None:
-    """RMS error of an image over the RMS of the truth; None where that is not known.
-
-    A picture that was warped has no cell left to compare with.
-    """
-    if scene is None or record.homography is not None or record.cells is None:
-        return None
-    truth = record.cells.spread(answer(scene, plan.recipe))
-    scale = float(np.sqrt(np.mean(truth**2)))
-    return float(np.sqrt(np.mean((image - truth) ** 2))) / scale if scale else None
-
-
 def manifest_of(
     job: Job,
-    plan: Plan,
-    record: RunRecord,
-    decoded: Decoded,
-    deviations: Mapping[str, Deviation],
+    plan: PlanSummary,
+    developed: Developed,
     *,
     config: Config,
     mock: bool,
@@ -152,14 +96,14 @@ def manifest_of(
         started_utc=started_utc,
         finished_utc=utc_now(),
         request=msgspec.to_builtins(job.request),
-        plan=msgspec.to_builtins(plan_summary(plan, config.limits.max_exposure_s)),
-        run=record,
-        realised={name: msgspec.to_builtins(d) for name, d in deviations.items()},
+        plan=msgspec.to_builtins(plan),
+        run=developed.record,
+        realised={name: msgspec.to_builtins(d) for name, d in developed.deviations.items()},
         summary=summary,
         warnings=tuple(warnings),
         versions=versions(),
         git_commit=git_commit(),
-        exif={name: shot.exif for name, shot in decoded.shots.items()},
+        exif=developed.exif,
         drivers=msgspec.to_builtins(rig),
         config=msgspec.to_builtins(config),
         meter=tuple(meter),

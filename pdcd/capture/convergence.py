@@ -7,26 +7,12 @@ they are. Only a spread of parts may end a run: with fewer than `FEWEST_PARTS` s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from pdcd.errors import disk_errors
-from pdcd.pictures.combine import Picture
-from pdcd.pictures.darkroom import Decoded
-from pdcd.pictures.develop import preview, write_png
-from pdcd.recipes.parts import part_numbers
+from pdcd.offload.answers import Seen
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.events import Converging
-
-PREVIEW = "preview/running.png"
-
-
-def rms_sigma(picture: Picture) -> float:
-    """RMS sigma over RMS image, where sigma is finite; infinite where that is nowhere or dark."""
-    known = np.isfinite(picture.sigma)
-    light = float(np.sum(picture.image[known] ** 2))
-    return float(np.sqrt(np.sum(picture.sigma[known] ** 2) / light)) if light > 0.0 else np.inf
 
 
 @dataclass
@@ -42,15 +28,12 @@ class Convergence:
         last = next(s for s in reversed(recipe.shots) if s.part == shot.part)
         return shot.part > 0 and shot is last
 
-    def see(self, folder: Path, decoded: Decoded) -> Converging:
-        """Look at the pictures so far, write the preview, return the event that tells of it."""
-        answer = decoded.answer
-        self.reached = rms_sigma(answer)
-        self.met = answer.kind == "measured" and self.reached <= self.target
-        with disk_errors(str(folder)):
-            write_png(folder / PREVIEW, preview(answer.image))
+    def see(self, seen: Seen) -> Converging:
+        """Take note of the pictures so far; returns the event that tells of them."""
+        self.reached = seen.rms_sigma
+        self.met = seen.sigma_kind == "measured" and self.reached <= self.target
         return Converging(
-            part=len(part_numbers(decoded.recipe)),
+            part=seen.parts,
             rms_sigma=self.reached if np.isfinite(self.reached) else None,
             target=self.target,
         )

@@ -12,15 +12,16 @@ from pathlib import Path
 from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import Config
 from pdcd.capture.account import failure_of
-from pdcd.capture.job import Job
+from pdcd.capture.job import Job, planning
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.show import pattern_frames
-from pdcd.errors import DeviceLost, PdcdError
-from pdcd.planning.choose import choose, wants_choice
+from pdcd.errors import Cancelled, DeviceLost, PdcdError
+from pdcd.offload.desk import Desk, Facts
+from pdcd.offload.hands import Hands, Here
+from pdcd.offload.keeper import Child
+from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
-from pdcd.planning.guided import plan_for, summary
-from pdcd.planning.outlook import Setting
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Emit
 from pdcd.runs.folder import RunFolder, read_manifest
@@ -34,23 +35,37 @@ logger = logging.getLogger(__name__)
 class Engine:
     """One rig and all that can be done with it. Not for use from two threads at once."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, hands: Callable[[Facts], Hands] = Here) -> None:
         self._config = config
         self._rig = Rig(config)
         self._profile = load_profile(config.camera.profile)
+        self._hands = hands(Facts(config, self._profile, self.grid, self._rig.scene))
 
     @classmethod
     def from_config(cls, config: Config) -> Engine:
-        """The engine of a configuration. Raises DriverUnavailable and ConfigError."""
+        """The engine of a configuration, which plans and decodes in this process.
+
+        Raises DriverUnavailable and ConfigError.
+        """
         return cls(config)
+
+    @classmethod
+    def with_child(cls, config: Config) -> Engine:
+        """The same with a process of its own to plan and decode in, which may die without harm to
+        this one. To be used in one thread, which lives as long as the engine is wanted."""
+        return cls(config, Child)
 
     def start(self) -> None:
         """Open the rig. On return panels are black, the shutter is closed, the camera answers."""
+        self._hands.start()  # which takes a while to get warm, as devices do
         self._rig.connect()
 
     def stop(self) -> None:
         """Make safe and release the rig. Idempotent."""
-        self._rig.disconnect()
+        try:
+            self._rig.disconnect()
+        finally:
+            self._hands.stop()
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -90,16 +105,26 @@ class Engine:
             scene=None if rig.scene is None else rig.scene.name,
         )
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
-        """What a request would do. Raises ConfigError."""
-        if not wants_choice(request):
-            lag_s = self._rig.mask_lag_s() if asks_for_lag(request, self._config) else None
-            plan = plan_for(request, self._config, self.grid, lag_s)
-            return summary(plan, self._config.limits.max_exposure_s)
-        camera, lag_s = self._rig.look_at_camera(), self._rig.mask_lag_s()
-        setting = Setting(self._config, camera, self._profile, lag_s)
-        plan = choose(request, setting, self.grid, self._rig.scene).plan
-        return summary(plan, self._config.limits.max_exposure_s)
+    def plan(
+        self,
+        request: CaptureRequest,
+        *,
+        emit: Emit = lambda _: None,
+        cancelled: Callable[[], bool] = lambda: False,
+    ) -> PlanSummary:
+        """What a request would do. `emit` is told how far the plan is, `cancelled()` is asked as
+        for a capture. Raises ConfigError, PlanError, Cancelled."""
+
+        def look_for_cancel() -> None:
+            if cancelled():
+                raise Cancelled("the plan was cancelled")
+
+        choice = wants_choice(request)
+        camera = self._rig.look_at_camera() if choice else None
+        asked = choice or asks_for_lag(request, self._config)
+        lag_s = self._rig.mask_lag_s() if asked else None
+        watch = planning(emit, look_for_cancel)
+        return self._hands.do(watch, Desk.plan, request, camera, lag_s).summary
 
     def show(self, pattern: str, index: int = 0) -> None:
         """Hold a pattern on both panels: black, white, checker, grid, or one code by its number."""
@@ -162,7 +187,7 @@ class Engine:
             try:
                 place = parent or held.enter_context(Place.at(self._out(request)))
                 folder = held.enter_context(RunFolder(place, job))
-                run = Run(self._config, self._rig, self._profile, folder, ordered)
+                run = Run(self._config, self._rig, self._profile, self._hands, folder, ordered)
                 return run.execute(self.describe())
             except PdcdError as err:
                 failure = err

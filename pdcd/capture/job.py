@@ -9,7 +9,7 @@ from pdcd.bench.devices import Clock
 from pdcd.errors import Cancelled
 from pdcd.pictures.watch import Watch
 from pdcd.request import CaptureRequest
-from pdcd.runs.events import Decoded, Emit, Event, logged
+from pdcd.runs.events import Decoded, Emit, Event, Planning, logged
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.views import OwnerView
 
@@ -36,6 +36,20 @@ class Job:
             self.emit(Decoded(done=done, total=total))
 
         return Watch(self.look_for_cancel, step)
+
+    def planning(self) -> Watch:
+        """The same for planning."""
+        return planning(self.emit, self.look_for_cancel)
+
+
+def planning(emit: Emit, look_for_cancel: Callable[[], None]) -> Watch:
+    """Tells how far a plan is; `look_for_cancel` may raise to end it."""
+
+    def step(done: float, total: float) -> None:
+        emit(Planning(stage=watch.stage, done=done, total=total))
+
+    watch = Watch(look_for_cancel, step)
+    return watch
 
 
 @dataclass(frozen=True)

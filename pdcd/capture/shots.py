@@ -13,20 +13,14 @@ from pdcd.capture.rig import Exposure, Rig
 from pdcd.errors import ConfigError, SyncError
 from pdcd.frames.balance import lit_weights
 from pdcd.frames.frames import FrameLog, Frames
-from pdcd.planning.metering import (
-    MAX_TESTS,
-    expected_share,
-    metered_pairs,
-    next_aperture,
-    peak_share,
-)
+from pdcd.offload.desk import Desk
+from pdcd.offload.hands import Hands
+from pdcd.planning.metering import MAX_TESTS, next_aperture
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
 from pdcd.runs import events
 from pdcd.runs.record import MeterRecord, ShotRecord
-from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
-from pdcd.sensor.raw import read_raw
 
 FIRST_F_NUMBER = 8.0
 """Aperture of the first test exposure."""
@@ -40,6 +34,7 @@ class ShotTaker:
     rig: Rig
     camera: CameraInfo
     profile: SensorProfile
+    hands: Hands
     journal: Journal
     meter: list[MeterRecord] = field(default_factory=list)
     """Test exposures so far."""
@@ -179,22 +174,18 @@ class ShotTaker:
     def _metered(self, plan: Plan, shot: Shot) -> float:
         iso = self._iso(plan)
         saturation_dn = self.profile.saturation_dn(iso)
-        pairs, ratio = metered_pairs(plan, shot)
+        watch = self.journal.job.watch()
+        pairs = self.hands.do(watch, Desk.meter_pairs, shot.name)
         apertures = self.camera.f_numbers
         f_number = min(apertures, key=lambda f: abs(f - FIRST_F_NUMBER))
         for test in range(1, MAX_TESTS + 1):
             name = f"meter-{shot.name}-{test}"
             settings = CameraSettings(iso, f_number)
             done = self._expose(plan.frames(shot, pairs=pairs), name, settings)
-            raw = read_raw(done.raw.path, sha256=done.raw.sha256, saturation_dn=saturation_dn)
-            peak = peak_share(raw.planes, raw.saturated, saturation_dn)
             file = str(done.raw.path.relative_to(self.journal.folder.path))
-            self.meter.append(MeterRecord(raw=file, f_number=f_number, peak=peak))
-            cells = None
-            if self.config.camera.homography is None:
-                cells = CellMap.block(plan.grid, raw.frame)
-            expected = expected_share(raw.planes, ratio, saturation_dn, cells)
-            f_number, settled = next_aperture(apertures, f_number, peak, expected)
+            seen = self.hands.do(watch, Desk.metered, file, done.raw.sha256, saturation_dn)
+            self.meter.append(MeterRecord(raw=file, f_number=f_number, peak=seen.peak))
+            f_number, settled = next_aperture(apertures, f_number, seen.peak, seen.expected)
             if settled:
                 return f_number
         self.journal.warn(f"metering of {shot.name} did not settle; took f/{f_number:g}")

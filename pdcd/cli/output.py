@@ -20,6 +20,7 @@ from pdcd.runs.events import (
     Decoding,
     Event,
     Learning,
+    Planning,
     Progress,
     fields,
 )
@@ -166,7 +167,7 @@ class _Lines:
 
 
 class _Stages:
-    """Of what there is progress: of one exposure after the other, and of making pictures."""
+    """Of what there is progress: of the plan, of each exposure, of making pictures."""
 
     def __init__(self) -> None:
         self._stage: str | None = None
@@ -175,6 +176,8 @@ class _Stages:
         """Whether the event is the first of a stage."""
         if isinstance(event, (Armed, Progress)):
             stage = f"shot {event.shot}"
+        elif isinstance(event, Planning):
+            stage = "planning"
         elif isinstance(event, (Learning, Decoding, Decoded)):
             stage = "decoding"
         else:
@@ -188,7 +191,7 @@ def _share(event: Event) -> tuple[float, float] | None:
     """Work done, and all of it, where the event tells."""
     if isinstance(event, Progress):
         return event.frame, event.frames
-    return (event.done, event.total) if isinstance(event, Decoded) else None
+    return (event.done, event.total) if isinstance(event, (Decoded, Planning)) else None
 
 
 def _words(event: Event) -> str:
@@ -196,6 +199,8 @@ def _words(event: Event) -> str:
     step = event.type.replace("_", " ")
     if isinstance(event, Decoded):
         return f"decoding: {100.0 * event.done / event.total:.0f} %"
+    if isinstance(event, Planning):
+        return f"planning {event.stage}: {100.0 * event.done / event.total:.0f} %"
     if isinstance(event, Converging):
         error = "unknown" if event.rms_sigma is None else f"{100.0 * event.rms_sigma:.2g} %"
         return f"part {event.part}: error {error}, wanted {100.0 * event.target:g} %"

@@ -24,9 +24,7 @@ def serve(args: argparse.Namespace) -> int:
     if args.state_dir is not None:
         server = msgspec.structs.replace(settings.server, state_dir=str(args.state_dir.absolute()))
         settings = msgspec.structs.replace(settings, server=server)
-    return run(
-        settings, socket=args.socket, engine_factory=Engine.from_config, verbose=args.verbose
-    )
+    return run(settings, socket=args.socket, engine_factory=Engine.with_child, verbose=args.verbose)
 
 
 def drivers(args: argparse.Namespace) -> int:

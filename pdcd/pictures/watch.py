@@ -15,7 +15,8 @@ class Watch:
 
     Work is counted in units of whatever the computation likes, as long as each takes about the same
     time. It says first what is to be expected, then what of it is done. `alive` hears every sign of
-    life, `step` how much is done, of how much; either may raise, which ends the work.
+    life, `step` how much is done, of how much; either may raise, which ends the work. `stage` says
+    in a few words what is worked on, where the computation says so.
     """
 
     def __init__(
@@ -27,6 +28,7 @@ class Watch:
         self._step = step
         self._done = 0.0
         self._total = 0.0
+        self.stage = ""
 
     def __call__(self) -> None:
         """Give a sign of life."""

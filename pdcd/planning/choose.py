@@ -9,7 +9,7 @@ total time; a given time is spent on the smallest error.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
@@ -21,6 +21,7 @@ from pdcd.codes.hadamard import hadamard_fits
 from pdcd.codes.singer import line_count
 from pdcd.errors import ConfigError
 from pdcd.pictures.learn import Learned
+from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_share
 from pdcd.pilot.matching import MOST_CELLS
 from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
@@ -113,7 +114,7 @@ def choose(
     setting: Setting,
     grid: tuple[int, int],
     scene: Scene | None,
-    alive: Alive = lambda: None,
+    watch: Watch | None = None,
 ) -> Choice:
     """The plan that a request with a wanted error or a time comes to, its prediction included.
 
@@ -123,7 +124,8 @@ def choose(
     setting : the rig.
     grid : rows and columns of cells.
     scene : what stands before the rig, where that is known; `request.prior` goes before it.
-    alive : called before every shot that is thought through, and may raise to end the work.
+    watch : hears of every shot that is thought through and of every candidate, and may end the
+        work. What there is to do grows where pilots turn out to be worth a look.
 
     Raises
     ------
@@ -131,7 +133,8 @@ def choose(
         The error cannot be had within the limits, or the time is too short for any plan.
     """
     given = None if request.prior is None else load_prior(request.prior, grid)
-    search = _Search(request, setting, grid, _known(request, given, scene), given, alive)
+    known = _known(request, given, scene)
+    search = _Search(request, setting, grid, known, given, watch or Watch())
     best = search.run()
     confidence = request.confidence or CONFIDENCE
     prediction = Prediction(
@@ -170,10 +173,10 @@ class _Search:
         grid: tuple[int, int],
         prior: Scene | Prior,
         given: GivenPrior | None,
-        alive: Alive,
+        watch: Watch,
     ) -> None:
         self.request, self.setting, self.grid = request, setting, grid
-        self.prior, self.given, self.alive = prior, given, alive
+        self.prior, self.given, self.watch = prior, given, watch
         self.confidence = request.confidence or CONFIDENCE
         self.best: Choice | None = None
         self.refused = ""
@@ -189,21 +192,29 @@ class _Search:
 
     def run(self) -> Choice:
         """The best candidate. Raises ConfigError when none will do."""
-        for black, schedule in product(self._blacks(), self._schedules()):
-            self._climb(schedule, black)
+        self._climb_all("codes", list(product((None,), self._blacks(), self._schedules())))
         plain = self.best
         if self._takes_pilot() and (plain is None or self.request.seconds is not None):
             coarse = self.grid[0] * self.grid[1] <= MOST_CELLS
             kinds = (True, False) if coarse else (False,)
             blacks = self._blacks() if plain is None else (plain.plan.how.black_level,)
-            for by_map, black, schedule in product(kinds, blacks, self._schedules()):
-                self._climb(schedule, black, by_map=by_map)
+            self._climb_all("pilots", list(product(kinds, blacks, self._schedules())))
         if self.best is None:
             raise self._refusal()
         if plain is not None and self.best.plan.how.pilot:
             kept = self._bound(self.best) / self._bound(plain)
             return self.best if kept < PILOT_PAYS else plain
         return self.best
+
+    def _climb_all(
+        self, stage: str, ladders: Sequence[tuple[bool | None, BlackLevel, ScheduleName]]
+    ) -> None:
+        """Look at each of these: (kind of pilot, leaks to measure, schedule)."""
+        self.watch.stage = stage
+        self.watch.expect(float(len(ladders)))
+        for by_map, black, schedule in ladders:
+            with self.watch.piece(1.0, len(LADDER)) as rung:
+                self._climb(schedule, black, by_map, rung)
 
     def _schedules(self) -> tuple[ScheduleName, ...]:
         """Schedules to look at: the one asked for, or all that keep codes apart at the mask's
@@ -230,13 +241,14 @@ class _Search:
         return ("none", "mask", "both") if ambient else ("none", "mask")
 
     def _climb(
-        self, schedule: ScheduleName, black: BlackLevel, *, by_map: bool | None = None
+        self, schedule: ScheduleName, black: BlackLevel, by_map: bool | None, rung: Alive
     ) -> None:
         """Look at all numbers of codes, until more cannot be better; with a pilot of either kind,
-        or none."""
+        or none. `rung` hears of each."""
         errors: list[float] = []
         sensor = 0.0
         for plan in self._plans(schedule, black, by_map):
+            rung()
             least_s = _seconds(plan.scaled(1, 1))
             budget_s = self.request.seconds
             if budget_s is not None and least_s > budget_s:
@@ -322,7 +334,7 @@ class _Search:
             self.prior,
             normalise=normalise,
             seed=self.request.seed,
-            alive=self.alive,
+            alive=self.watch,
             known=self.learned,
         )
 

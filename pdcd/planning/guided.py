@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from pdcd.bench.tables import Config
 from pdcd.codes.orders import is_order
 from pdcd.errors import ConfigError
+from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.make import make_plan
 from pdcd.planning.pairs import linked_pairs
@@ -25,8 +26,11 @@ def plan_for(
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
+    watch: Watch | None = None,
 ) -> Plan:
     """Resolve a request that names its number of codes, and follow its prior.
+
+    A `watch` is told how far it is, and may end the work.
 
     Raises
     ------
@@ -37,7 +41,7 @@ def plan_for(
         raise ConfigError(
             f"a pilot of {SCOUTS} codes finds nothing", hint=f"take one of {MATCHED}, or from 32"
         )
-    plan = make_plan(request, config, grid, mask_lag_s)
+    plan = make_plan(request, config, grid, mask_lag_s, watch)
     if request.prior is None:
         return plan
     if plan.how.pilot:

@@ -11,6 +11,7 @@ from pdcd.errors import ConfigError
 from pdcd.frames.bitplanes import check_binary
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
+from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.guards import choose_schedule, choose_window, lag_rows
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
@@ -30,10 +31,12 @@ def make_plan(
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
+    watch: Watch | None = None,
 ) -> Plan:
     """Resolve a request against the configuration.
 
     `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
+    A `watch` is told how many programs have their codes, and may end the work.
     Raises ConfigError when the request contradicts itself, the rig, or the limits.
     """
     how = _how(request, config)
@@ -50,7 +53,9 @@ def make_plan(
     slot_s = slot_rows(schedule) / config.row_hz
     check_isolation(recipe, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     passes = _passes(request, config, recipe, how, lattice, slot_s)
-    patterns = pairs_of(recipe, how, family, lattice, p=request.p, seed=request.seed)
+    patterns = pairs_of(
+        recipe, how, family, lattice, p=request.p, seed=request.seed, watch=watch or Watch()
+    )
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
             check_binary(*pair)
@@ -74,7 +79,7 @@ def make_plan(
     if how.coded:
         return plan
     scouts_first = msgspec.structs.replace(request, pilot=SCOUTS)
-    return replace(plan, otherwise=make_plan(scouts_first, config, grid, mask_lag_s))
+    return replace(plan, otherwise=make_plan(scouts_first, config, grid, mask_lag_s, watch))
 
 
 def _how(request: CaptureRequest, config: Config) -> How:

@@ -11,6 +11,7 @@ from pdcd.codes.linked import prior_codes
 from pdcd.codes.make import make_codes
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import compact
+from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_codes
 from pdcd.planning.plan import Pair, Plan, mean_light, windowed
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
@@ -37,14 +38,23 @@ def settled_family(
 
 
 def pairs_of(
-    recipe: Recipe, how: How, family: FamilyName, lattice: Lattice, *, p: float | None, seed: int
+    recipe: Recipe,
+    how: How,
+    family: FamilyName,
+    lattice: Lattice,
+    *,
+    p: float | None,
+    seed: int,
+    watch: Watch,
 ) -> dict[str, Pair]:
     """Patterns of every program; each part of a split photo has codes of its own.
 
-    `p` is the share of lit cells that the request names, None where it leaves that open.
+    `p` is the share of lit cells that the request names, None where it leaves that open. `watch`
+    is told of every program that is done.
     """
     part_of = {shot.program: shot.part for shot in recipe.shots}
     patterns = {}
+    watch.expect(float(len(recipe.programs)))
     for name, program in recipe.programs.items():
         part = part_of.get(name, 0)
         own_seed = part_seed(seed, how.parts, part)
@@ -57,6 +67,7 @@ def pairs_of(
         if part and family == "hadamard" and program.p == 0.5:
             bits = coin_signs(bits, own_seed)
         patterns[name] = _compiled(program, recipe, lattice, bits)
+        watch.did(1.0)
     return patterns
 
 

@@ -11,6 +11,7 @@ from pdcd.frames.frames import Frames
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import Patterns, levels_of
 from pdcd.frames.schedule import build_frames, slot_rows
+from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Floodlit, Program
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.recipes.repeat import repeated
@@ -70,6 +71,14 @@ class Plan:
             how=msgspec.structs.replace(self.how, repeat=repeat),
             recipe=repeated(self.recipe, repeat),
         )
+
+    def outline(self) -> Plan:
+        """The same plan for those who only show its shots: of the recipe the shots and what they
+        show are left, but not the photos, pictures and sums that are made of them."""
+        recipe = self.recipe
+        target = Target(recipe.target.goal, recipe.target.grid)
+        bare = replace(recipe, target=target, photos=(), pictures={}, sums={}, meant=None)
+        return replace(self, recipe=bare, otherwise=None)
 
     def window_of(self, shot: Shot) -> str:
         """Window mode of a shot: that of the rig for codes, whole cells for all else."""

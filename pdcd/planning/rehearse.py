@@ -136,7 +136,7 @@ def rehearse(
         realised=realised,
         metered_e=metered_e,
         added=_added(plan, recipe, rehearsed, learned, normalise),
-        truth=answer(scene, plan.recipe).reshape(*plan.grid, 3),
+        truth=answer(scene, plan.recipe, alive).reshape(*plan.grid, 3),
     )
 
 

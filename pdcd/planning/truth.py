@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,19 +15,26 @@ BLOCK = 256
 """Rows of the wanted matrix taken together; bounds the memory."""
 
 
-def answer(scene: Scene, recipe: Recipe) -> NDArray[np.float64]:
-    """What a recipe's answer is in truth, (N, 3), in scene units, without ambient light."""
+def answer(
+    scene: Scene, recipe: Recipe, alive: Callable[[], None] = lambda: None
+) -> NDArray[np.float64]:
+    """What a recipe's answer is in truth, (N, 3), in scene units, without ambient light.
+
+    `alive` is called now and then, and may raise to end the work.
+    """
     rule = recipe.answer
     if recipe.meant is not None:
-        return probe(scene, recipe.meant)
+        return probe(scene, recipe.meant, alive)
     if not isinstance(rule, Extremes):
-        return probe(scene, recipe.wanted)
+        return probe(scene, recipe.wanted, alive)
     wanted = {photo.name: photo.wanted for photo in recipe.photos}
-    images = np.stack([probe(scene, wanted[name]) for name in rule.photos])
+    images = np.stack([probe(scene, wanted[name], alive) for name in rule.photos])
     return np.asarray(rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0))
 
 
-def probe(scene: Scene, wanted: Wanted) -> NDArray[np.float64]:
+def probe(
+    scene: Scene, wanted: Wanted, alive: Callable[[], None] = lambda: None
+) -> NDArray[np.float64]:
     """``(Pi o T) 1`` with the wanted matrix itself, (N, 3), in scene units, without ambient light.
 
     Eq. 2 of the paper. Parts that are products cost one pass over the transport, and direct light
@@ -44,6 +53,7 @@ def probe(scene: Scene, wanted: Wanted) -> NDArray[np.float64]:
     if not banded.squares().any():
         return image
     for start in range(0, scene.cells, BLOCK):
+        alive()
         stop = min(start + BLOCK, scene.cells)
         rows = banded.rows(start, stop)
         pick = np.zeros((stop - start, scene.cells))

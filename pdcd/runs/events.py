@@ -2,7 +2,7 @@
 
 ::
 
-    queued started
+    queued planning* started
         (learning | armed shutter_open progress* shutter_closed [discarded | converging])*
     decoding decoded* archived done
 
@@ -52,6 +52,14 @@ class Queued(Event, frozen=True, kw_only=True, tag_field="type", tag="queued"):
     """Admitted; always the first."""
 
     ahead: Annotated[Count, Meta(description="jobs that wait before it")]
+
+
+class Planning(Event, frozen=True, kw_only=True, tag_field="type", tag="planning"):
+    """How far the plan is: codes are made, or candidates for a wanted error are looked at."""
+
+    stage: Annotated[str, Meta(description="what is worked on, in words")]
+    done: Annotated[float, Meta(ge=0.0, description="work done, in units of `total`")]
+    total: Annotated[float, Meta(gt=0.0, description="all work known so far; it may grow")]
 
 
 class Started(Event, frozen=True, kw_only=True, tag_field="type", tag="started"):
@@ -164,6 +172,7 @@ class Cancelled(_End, frozen=True, kw_only=True, tag_field="type", tag="cancelle
 
 Known = (
     Queued
+    | Planning
     | Started
     | Learning
     | Armed
@@ -186,7 +195,7 @@ TYPES: Mapping[str, type[Event]] = MappingProxyType(
 )
 """The structs by the name of their type."""
 
-THINNED = (Progress, Decoded)
+THINNED = (Planning, Progress, Decoded)
 """Come many times a second; of those the newest counts, so that any may be left out."""
 
 ENDS = (Done, Failed, Cancelled)

@@ -127,29 +127,6 @@ class RunFolder:
         found = (p for p in self.path.rglob("*") if p.is_file())
         return tuple(sorted(str(p.relative_to(self.path)) for p in found))
 
-    def write_patterns(
-        self,
-        patterns: Mapping[str, tuple[Patterns, Patterns]],
-        given: Mapping[str, NDArray[np.float64]],
-        *,
-        family: str,
-        codes: int,
-        seed: int,
-    ) -> None:
-        """Store what both panels are to show by each program, what made it, and what was given."""
-        arrays: dict[str, NDArray[Any]] = {
-            "family": np.array(family),
-            "codes": np.array(codes),
-            "seed": np.array(seed),
-            "generator": np.array(f"pdcd {__version__}, numpy {np.__version__} PCG64"),
-        }
-        for name, (primal, dual) in patterns.items():
-            arrays[f"{name}.primal"], arrays[f"{name}.dual"] = primal, dual
-        for name, array in given.items():
-            arrays[f"goal.{name}"] = array
-        with disk_errors(self._shown), (self.path / "codes.npz").open("wb") as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-
     def write_frames(self, shot: str, frames: Frames, log: FrameLog) -> None:
         """Append the refreshes of a shot to frames.csv."""
         with disk_errors(self._shown):
@@ -254,8 +231,33 @@ def read_manifest(folder: Path) -> Manifest:
     return parsed(data)
 
 
+def write_patterns(
+    folder: Path,
+    patterns: Mapping[str, tuple[Patterns, Patterns]],
+    given: Mapping[str, NDArray[np.float64]],
+    *,
+    family: str,
+    codes: int,
+    seed: int,
+) -> None:
+    """Write codes.npz: what both panels are to show by each program, what made it, and what was
+    given. Raises NoSpaceError, or PdcdError for any other refusal of the disk."""
+    arrays: dict[str, NDArray[Any]] = {
+        "family": np.array(family),
+        "codes": np.array(codes),
+        "seed": np.array(seed),
+        "generator": np.array(f"pdcd {__version__}, numpy {np.__version__} PCG64"),
+    }
+    for name, (primal, dual) in patterns.items():
+        arrays[f"{name}.primal"], arrays[f"{name}.dual"] = primal, dual
+    for name, array in given.items():
+        arrays[f"goal.{name}"] = array
+    with disk_errors(str(folder.resolve())), (folder / "codes.npz").open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
 def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of codes.npz, as `RunFolder.write_patterns` stored them."""
+    """The arrays of codes.npz, as `write_patterns` stored them."""
     path = folder / "codes.npz"
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:

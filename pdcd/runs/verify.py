@@ -135,7 +135,7 @@ class _Check:
             if folder.resolve().name.endswith(".partial"):
                 self.find(".", "manifest", "its name says that the run was not finished")
             with opened(folder) as descriptor:
-                self.manifest(descriptor, expected)
+                self.manifest(descriptor, expected_sha256)
                 self.files(descriptor, names)
         except (OSError, ValueError, RuntimeError, DecodeError) as err:
             self.find(".", "unreadable", _words(err))

@@ -17,7 +17,7 @@ from pathlib import Path
 from pdcd.bench.folders import socket_path, state_dir
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DriverUnavailable, PdcdError
-from pdcd.runs.events import ENDS, THINNED, Decoded, Event, Progress
+from pdcd.runs.events import ENDS, THINNED, Decoded, Event, Planning, Progress
 from pdcd.server import log
 from pdcd.server.access import Access
 from pdcd.server.connections import Server
@@ -172,6 +172,8 @@ class _Status:
         text = f"capture {event.job} {event.type}"
         if isinstance(event, Progress):
             text = f"capture {event.job} {event.frame}/{event.frames}"
+        elif isinstance(event, Planning):
+            text = f"capture {event.job} planning {event.done / event.total:.0%}"
         elif isinstance(event, Decoded):
             text = f"capture {event.job} decoding {event.done / event.total:.0%}"
         elif isinstance(event, ENDS):

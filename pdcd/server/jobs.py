@@ -53,8 +53,13 @@ class EngineLike(Protocol):
         """The rig as found."""
         ...
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
-        """What the capture would do. Raises ConfigError when it cannot be done."""
+    def plan(
+        self, request: CaptureRequest, *, emit: Emit, cancelled: Callable[[], bool]
+    ) -> PlanSummary:
+        """What the capture would do. Raises ConfigError when it cannot be done.
+
+        `emit` takes the events `Planning`; `cancelled` is asked as in a capture.
+        """
         ...
 
     def capture(

@@ -55,6 +55,7 @@ CODES: Mapping[str, int] = MappingProxyType(
         "exposure": -32006,
         "decode": -32007,
         "no_space": -32008,
+        "plan": -32009,
     }
 )
 """JSON-RPC code of each error kind."""

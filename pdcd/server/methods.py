@@ -150,7 +150,18 @@ class Methods:
         self._refuse_if_taken()
         with self._place(request.out, make=False):
             pass
-        return await self._worker.call(self._engine.plan, request)
+        table = self._runner.table
+
+        def cancelled() -> bool:
+            self._worker.beat()
+            return table.stopping
+
+        return await self._worker.call(
+            self._engine.plan,
+            request,
+            emit=lambda event: None,
+            cancelled=cancelled,
+        )
 
     async def _start(self, caller: Caller, params: StartParams) -> Admitted:
         peer = caller.peer

@@ -53,7 +53,9 @@ class FakeEngine:
         self._note("describe")
         return RigView(name=self.config.rig.name, mock=False, grid=(4, 6), drivers={})
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
+    def plan(
+        self, request: CaptureRequest, *, emit: Emit, cancelled: Callable[[], bool]
+    ) -> PlanSummary:
         self._note("plan")
         codes = request.codes or 8
         shot = ShotSummary(

@@ -157,6 +157,8 @@ class StubEngine:
         cls.calls.append(("from_config", config))
         return cls()
 
+    with_child = from_config
+
     def start(self) -> None:
         self.calls.append("start")
         if self.start_error is not None:

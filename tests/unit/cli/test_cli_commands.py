@@ -290,9 +290,9 @@ def test_serve_hands_over_configuration_and_socket(
     monkeypatch.setattr("pdcd.server.daemon.run", run)
     monkeypatch.chdir(tmp_path)
     assert main(["serve", "--socket", "/a.sock", "--state-dir", "runs"]) == 5
-    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.from_config, False]
+    assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.with_child, False]
     assert main(["serve", "-v"]) == 5
-    assert served[4:] == [None, None, engine.from_config, True]
+    assert served[4:] == [None, None, engine.with_child, True]
 
 
 def test_timing_on_the_mock_bench_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,248 @@
+"""The desk at which a job is worked out: its plan, its metering, its pictures; no device is near.
+
+Everything here takes long, or reads bytes that came from elsewhere. So the daemon has it done in a
+process of its own (`pdcd.offload.keeper`); others call it where they are (`pdcd.offload.hands`).
+What it needs between two calls stays here, and only what the caller must know goes back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.devices import CameraInfo
+from pdcd.bench.tables import Config
+from pdcd.errors import PdcdError, disk_errors
+from pdcd.offload.answers import (
+    Developed,
+    Learnt,
+    Metered,
+    Planned,
+    Seen,
+    record_of,
+    rms_error,
+    rms_sigma,
+)
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decode import write_pictures
+from pdcd.pictures.develop import preview, write_png
+from pdcd.pictures.watch import Watch
+from pdcd.planning.choose import choose, wants_choice
+from pdcd.planning.guided import plan_for, scouted, stopped, summary, with_links
+from pdcd.planning.metering import expected_share, metered_pairs, peak_share
+from pdcd.planning.outlook import Setting
+from pdcd.planning.plan import Plan
+from pdcd.recipes.parts import part_numbers
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import write_patterns
+from pdcd.runs.record import RunRecord, ShotRecord
+from pdcd.scene.scene import Scene
+from pdcd.sensor.cells import CellMap
+from pdcd.sensor.profile import SensorProfile
+from pdcd.sensor.raw import read_raw
+
+RUNNING = "preview/running.png"
+"""What is known of the answer while a run with `until_error` goes on."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What holds for every job of a rig; `scene` is what stands before it, where that is known."""
+
+    config: Config
+    profile: SensorProfile
+    grid: tuple[int, int]
+    scene: Scene | None
+
+
+@dataclass
+class _Job:
+    """What is kept of one job between its calls."""
+
+    request: CaptureRequest
+    camera: CameraInfo | None
+    plan: Plan
+    folder: Path | None = None
+    darkroom: Darkroom | None = None
+    ratio: NDArray[np.float64] | None = None
+
+
+class Desk:
+    """Works out one job after the other; `plan` begins a new one, `forget` ends it.
+
+    Every method takes a `Watch`, which hears of the work and may end it.
+    """
+
+    def __init__(self, facts: Facts) -> None:
+        self._facts = facts
+        self._job: _Job | None = None
+
+    def plan(
+        self,
+        watch: Watch,
+        request: CaptureRequest,
+        camera: CameraInfo | None,
+        mask_lag_s: float | None,
+    ) -> Planned:
+        """Plan a request; what was kept of the job before is forgotten.
+
+        `camera` may be None where the request wants no choice (`wants_choice`) and no pictures will
+        be made. Raises ConfigError.
+        """
+        self._job = None
+        facts = self._facts
+        watch.stage = "codes"
+        if not wants_choice(request):
+            plan = plan_for(request, facts.config, facts.grid, mask_lag_s, watch)
+        elif camera is None:
+            raise PdcdError("a plan by error or time needs to know the camera")
+        else:
+            setting = Setting(facts.config, camera, facts.profile, mask_lag_s)
+            plan = choose(request, setting, facts.grid, facts.scene, watch).plan
+        self._job = _Job(request, camera, plan)
+        return self._planned(plan)
+
+    def begin(self, watch: Watch, folder: Path) -> None:
+        """Store the codes of the plan in a run folder; shots that are added lie there, too.
+
+        Raises NoSpaceError, or PdcdError for any other refusal of the disk.
+        """
+        job = self._of_job()
+        job.folder = folder
+        self._write_patterns(job)
+        job.darkroom = Darkroom(folder, self._record(job, ()))
+
+    def meter_pairs(self, watch: Watch, shot: str) -> int:
+        """Pairs of patterns in a test exposure of a shot."""
+        job = self._of_job()
+        found = next(s for s in job.plan.recipe.shots if s.name == shot)
+        pairs, job.ratio = metered_pairs(job.plan, found)
+        return pairs
+
+    def metered(self, watch: Watch, raw: str, sha256: str, saturation_dn: float) -> Metered:
+        """How bright a test exposure is, after `meter_pairs` of its shot.
+
+        raw : path below the run folder. Raises DecodeError.
+        """
+        job = self._of_job()
+        if job.folder is None or job.ratio is None:
+            raise PdcdError("a test exposure came before its shot")
+        frame = read_raw(job.folder / raw, sha256=sha256, saturation_dn=saturation_dn)
+        cells = None
+        if self._facts.config.camera.homography is None:
+            cells = CellMap.block(job.plan.grid, frame.frame)
+        return Metered(
+            peak=peak_share(frame.planes, frame.saturated, saturation_dn),
+            expected=expected_share(frame.planes, job.ratio, saturation_dn, cells),
+        )
+
+    def add(self, watch: Watch, shot: ShotRecord) -> None:
+        """One more shot was taken."""
+        self._darkroom().add(shot)
+
+    def learn(self, watch: Watch) -> Learnt:
+        """Look at the photos of a pilot: at its scouts, or at all; where they call for it, the job
+        goes on by another plan, whose codes are stored. Raises DecodeError."""
+        job, darkroom = self._of_job(), self._darkroom()
+        scouts = scouted(job.plan, len(darkroom.record.shots))
+        learned = darkroom.learned(watch)
+        if learned is None or (scouts and learned.promising):
+            return Learnt("go on", None)
+        seed = job.request.seed
+        outcome: Literal["stopped", "guided"]
+        if scouts:
+            limit_s = self._facts.config.limits.max_exposure_s
+            plan, outcome = stopped(job.plan, seed, limit_s), "stopped"
+        elif learned.pays:
+            plan, outcome = with_links(job.plan, learned.links, seed), "guided"
+        else:
+            return Learnt("no use", None)
+        job.plan = plan
+        self._write_patterns(job)
+        darkroom.replan(self._record(job, darkroom.record.shots, darkroom.record.cells))
+        return Learnt(outcome, self._planned(plan))
+
+    def see(self, watch: Watch) -> Seen:
+        """Look at the pictures so far; the answer is written as `RUNNING`. Raises DecodeError."""
+        decoded = self._darkroom().decoded(watch)
+        path = self._folder() / RUNNING
+        with disk_errors(str(path.parent)):
+            write_png(path, preview(decoded.answer.image))
+        parts = len(part_numbers(decoded.recipe))
+        return Seen(parts, rms_sigma(decoded.answer), decoded.answer.kind)
+
+    def develop(self, watch: Watch) -> Developed:
+        """Make all pictures and write them into the run folder; the job is forgotten then.
+
+        Raises DecodeError, NoSpaceError.
+        """
+        job, darkroom, facts = self._of_job(), self._darkroom(), self._facts
+        decoded = darkroom.decoded(watch)
+        write_pictures(self._folder(), decoded)
+        record, picture = darkroom.record, decoded.answer
+        known = picture.sigma[np.isfinite(picture.sigma)]
+        done = Developed(
+            record=record,
+            saturated={name: int(s.saturated.sum()) for name, s in decoded.shots.items()},
+            exif={name: shot.exif for name, shot in decoded.shots.items()},
+            parts=len(part_numbers(decoded.recipe)),
+            rms_sigma=rms_sigma(picture),
+            sigma_kind=picture.kind,
+            sigma_mean=float(known.mean()) if known.size else None,
+            rms_error=rms_error(job.plan, record, picture.image, facts.scene, watch),
+            deviations=decoded.deviations(watch),
+        )
+        self.forget(watch)
+        return done
+
+    def forget(self, watch: Watch) -> None:
+        """Keep nothing of the job."""
+        self._job = None
+
+    def _planned(self, plan: Plan) -> Planned:
+        limit_s = self._facts.config.limits.max_exposure_s
+        return Planned(plan.outline(), summary(plan, limit_s))
+
+    def _of_job(self) -> _Job:
+        if self._job is None:
+            raise PdcdError("there is no plan to work on")
+        return self._job
+
+    def _darkroom(self) -> Darkroom:
+        darkroom = self._of_job().darkroom
+        if darkroom is None:
+            raise PdcdError("the job has no run folder yet")
+        return darkroom
+
+    def _folder(self) -> Path:
+        folder = self._of_job().folder
+        if folder is None:
+            raise PdcdError("the job has no run folder yet")
+        return folder
+
+    def _write_patterns(self, job: _Job) -> None:
+        target = job.plan.recipe.target
+        given: Mapping[str, NDArray[np.float64]] = {**target.planes, **target.matrices}
+        write_patterns(
+            self._folder(),
+            job.plan.patterns,
+            given,
+            family=job.plan.family,
+            codes=job.plan.how.coded,
+            seed=job.request.seed,
+        )
+
+    def _record(
+        self, job: _Job, shots: Sequence[ShotRecord], cells: CellMap | None = None
+    ) -> RunRecord:
+        if job.camera is None:
+            raise PdcdError("pictures need to know the camera")
+        facts = self._facts
+        return record_of(
+            job.plan, job.request, facts.config, job.camera, facts.profile, shots, cells
+        )

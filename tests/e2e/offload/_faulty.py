@@ -1,0 +1,38 @@
+"""The work process with one fault in it: what it does instead of decoding a RAW file.
+
+`_faulty.py FAULT FD BYTES`; FAULT is "segfault", "abort", "hang" or "exit".
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import time
+from typing import Any, NoReturn
+
+from pdcd.offload.limits import confine
+
+
+def main() -> int:
+    fault, fd, limit_bytes = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    confine(limit_bytes)
+    import rawpy
+
+    def imread(*args: Any) -> NoReturn:
+        if fault == "segfault":
+            ctypes.string_at(0)
+        elif fault == "abort":
+            os.abort()
+        elif fault == "hang":
+            time.sleep(3600.0)
+        os._exit(3)
+
+    rawpy.imread = imread  # type: ignore[assignment]
+    from pdcd.offload import process
+
+    return process.main(fd)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

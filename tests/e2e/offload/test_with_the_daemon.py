@@ -1,0 +1,72 @@
+"""The daemon and its work process: who outlives whom, and who is heard meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from pdcd.errors import PlanError
+from pdcd.request import CaptureRequest
+from tests.e2e.server.test_daemon_real import connect, daemon
+
+REQUEST = CaptureRequest(goal="indirect", codes=8, white=False)
+
+
+def work_process(daemon_pid: int) -> int:
+    """Process number of the daemon's work process."""
+    threads = Path(f"/proc/{daemon_pid}/task").glob("*/children")
+    for pid in (int(word) for thread in threads for word in thread.read_text().split()):
+        if b"pdcd.offload" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            return pid
+    raise AssertionError("the daemon has no work process")
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended; nobody may have waited for it yet."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+def wait_until_gone(pid: int, limit_s: float) -> None:
+    give_up_s = time.monotonic() + limit_s
+    while not gone(pid):
+        assert time.monotonic() < give_up_s, f"process {pid} lives on"
+        time.sleep(0.01)
+
+
+def test_a_killed_daemon_takes_its_work_process_along_even_a_frozen_one(tmp_path: Path) -> None:
+    with daemon(tmp_path) as (process, path), connect(path) as client:
+        assert client.plan(REQUEST).codes == 8
+        pid = work_process(process.pid)
+        os.kill(pid, signal.SIGSTOP)  # so that it cannot look at its socket
+        process.kill()
+        wait_until_gone(pid, 5.0)  # by design at once
+
+
+def test_the_loop_goes_on_beside_a_plan_that_does_not_and_only_the_daemon_ends_its_child(
+    tmp_path: Path,
+) -> None:
+    with daemon(tmp_path) as (process, path), connect(path) as client, connect(path) as other:
+        assert client.plan(REQUEST).codes == 8
+        pid = work_process(process.pid)
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            os.kill(pid, number)  # as systemd and a terminal send it to the whole group
+        assert client.plan(REQUEST).codes == 8
+        assert work_process(process.pid) == pid
+        os.kill(pid, signal.SIGSTOP)
+        asked = client._send("capture.plan", {"goal": "indirect", "codes": 8})
+        assert other.status().state == "idle"
+        os.kill(pid, signal.SIGKILL)
+        with pytest.raises(PlanError, match="signal 9"):
+            client._answer(asked, 20.0, None)
+        assert client.plan(REQUEST).codes == 8
+        pid = work_process(process.pid)
+        process.terminate()
+        assert process.wait(20.0) == 0
+        assert gone(pid)
