@@ -1,5 +1,6 @@
 # make demo: one capture on the mock bench. make test: all tests. Both install what is missing.
-.PHONY: demo test lint bench soak mutants clean
+# make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
+.PHONY: demo test test-systemd lint bench soak mutants clean
 
 demo:
 	@.ci/setup
@@ -10,6 +11,10 @@ demo:
 test:
 	@.ci/setup dev
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 2 --dist worksteal
+
+test-systemd:
+	@.ci/setup systemd
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 0 -rs tests/running_systemd
 
 lint:
 	@.ci/setup dev

@@ -3,60 +3,89 @@
 What it does then is the business of the driver that has it: `drivers.serial_shutter.guardian` and
 `drivers.ptp.guardian`. The talk is words and answers on a socket pair. The kernel closes this end
 however this process ends, and that end is the last word.
+
+A guardian is born with every signal blocked: whoever ends or kills a whole service, or the watchdog
+that sends SIGABRT to all of it, means the daemon, and then the guardian has its part still to do.
+SIGKILL and SIGSTOP cannot be blocked, so an armed guardian is looked after by a thread of this
+process, which puts another in the place of one that does not answer.
 """
 
 from __future__ import annotations
 
 import logging
+import signal
 import socket
 import subprocess
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+import threading
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 
 from pdcd.errors import DeviceLost
 
 logger = logging.getLogger(__name__)
 
+LOOK_S = 0.1
+"""Between two looks at an armed guardian."""
+HEARD_S = 0.3
+"""What its answer may take then: one that is dead, stopped or stuck is noticed after `LOOK_S` and
+this at the latest. One that was only slow is replaced too, which does no harm."""
 _END_S = 5.0
 """Bound of the end of a guardian that has little left to do."""
 _at_work: list[subprocess.Popen[bytes]] = []
 """Those that nobody waits for."""
 
 
-class Guard:
-    """One such process, from `start` or the first `insist` on.
+def _nothing(why: str) -> None:
+    """Nobody to tell."""
 
-    command : what to run, by the number of its end of the socket pair.
+
+class Guard:
+    """One such process, from `start`, the first `insist` or the first `arm` on.
+
+    command : what to run, by the number of its end of the socket pair. It must answer to ``look``.
     inherits : further file descriptors that it gets.
     answer_s : bound of each of its answers, the first with its start.
+    unguarded : ends the exposure. Called with the reason, from another thread, when an armed
+        guardian is gone and no other can be had.
 
-    Not for use from two threads at once.
+    Its methods are for one thread at a time; the one that looks after it is the guard's own affair.
     """
 
     def __init__(
-        self, command: Callable[[int], Sequence[str]], *inherits: int, answer_s: float
+        self,
+        command: Callable[[int], Sequence[str]],
+        *inherits: int,
+        answer_s: float,
+        unguarded: Callable[[str], None] = _nothing,
     ) -> None:
         self._command, self._inherits, self._answer_s = command, inherits, answer_s
+        self._unguarded = unguarded
         self._talk: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
+        self._lock = threading.RLock()
+        self._arm_word: Callable[[], str] | None = None
+        self._stand_down = threading.Event()
 
     @property
     def pid(self) -> int | None:
         """Process id while it runs."""
-        return None if self._process is None else self._process.pid
+        process = self._process
+        return None if process is None else process.pid
 
     def start(self) -> None:
         """Start the process. Raises DeviceLost when that cannot be done."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             try:
-                self._process = subprocess.Popen(
-                    self._command(theirs.fileno()),
-                    pass_fds=(*self._inherits, theirs.fileno()),
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    start_new_session=True,
-                )
+                with _signals_blocked():
+                    self._process = subprocess.Popen(
+                        self._command(theirs.fileno()),
+                        pass_fds=(*self._inherits, theirs.fileno()),
+                        stdin=subprocess.DEVNULL,
+                        stdout=subprocess.DEVNULL,
+                        start_new_session=True,
+                    )
             except OSError as err:
                 ours.close()
                 raise DeviceLost(
@@ -64,23 +93,35 @@ class Guard:
                     device="shutter",
                     hint="see the log; too many processes?",
                 ) from err
-        ours.settimeout(self._answer_s)
         self._talk = ours
 
-    def ask(self, word: str) -> bytes:
-        """The answer; b"" when there is none."""
-        if self._talk is not None:
-            with suppress(OSError):  # it died, or does not answer in time
-                self._talk.send(word.encode("ascii"))
-                return self._talk.recv(64)
-        return b""
+    def ask(self, word: str, answer_s: float | None = None) -> bytes:
+        """The answer; b"" when there is none, and then that guardian is no more.
+
+        `answer_s` is the bound, None that of the class.
+        """
+        with self._lock:
+            if self._talk is not None:
+                self._talk.settimeout(self._answer_s if answer_s is None else answer_s)
+                with suppress(OSError):  # it died, or does not answer in time
+                    self._talk.send(word.encode("ascii"))
+                    if answer := self._talk.recv(64):
+                        return answer
+            self._kill()
+            return b""
 
     def insist(self, word: str) -> None:
-        """Say it to one that hears, and replaces one that died. Raises DeviceLost if none does."""
-        if not self.ask(word):
-            if self._process is not None:
+        """Say it to one that hears, and replaces one that does not. Raises DeviceLost if none does.
+
+        One that does not answer is killed, not asked to end: it would close the shutter first,
+        perhaps in a later exposure.
+        """
+        with self._lock:
+            had_one = self._process is not None
+            if self.ask(word):
+                return
+            if had_one:
                 logger.warning("guardian replaced device=shutter")
-            self.stop()
             self.start()
             if not self.ask(word):
                 raise DeviceLost(
@@ -89,12 +130,59 @@ class Guard:
                     hint="see the log; too many processes?",
                 )
 
+    def arm(self, word: Callable[[], str]) -> None:
+        """Insist on a word that arms it, and see until `disarm` that somebody is armed.
+
+        `word()` is asked again for each that replaces another. Raises DeviceLost.
+        """
+        with self._lock:
+            self.insist(word())
+            self._stand_down.set()  # whoever looked until now
+            self._stand_down = threading.Event()
+            self._arm_word = word
+            threading.Thread(
+                target=_look_after,
+                args=(weakref.ref(self), self._stand_down),
+                name="pdcd-guard",
+                daemon=True,
+            ).start()
+
+    def disarm(self) -> bytes:
+        """Tell it to stand down; its answer, b"" when there is none."""
+        with self._lock:
+            self._stand_down.set()
+            self._arm_word = None
+            return self.ask("disarm")
+
+    def look(self) -> bool:
+        """See that the armed guardian answers, replace one that does not; whether one is armed.
+
+        Where none can be had, the exposure is ended.
+        """
+        with self._lock:
+            word = self._arm_word
+            if word is None:
+                return False
+            if self.ask("look", HEARD_S):
+                return True
+            logger.warning("guardian lost in an exposure device=shutter")
+            try:
+                self.insist(word())
+            except DeviceLost as err:
+                self._arm_word, why = None, err.message
+            else:
+                return True
+        logger.critical("no guardian, exposure ended device=shutter error=%s", why)
+        self._unguarded(why)
+        return False
+
     def stop(self, *, wait: bool = True) -> None:
         """End the process; it closes the shutter first if that is open. Idempotent."""
-        if self._talk is not None:
-            self._talk.close()
-            self._talk = None
-        process, self._process = self._process, None
+        with self._lock:
+            self._stand_down.set()
+            self._arm_word = None
+            self._hang_up()
+            process, self._process = self._process, None
         if process is None:
             return
         if not wait:
@@ -105,3 +193,38 @@ class Guard:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+    def _kill(self) -> None:
+        """End it without its last word."""
+        if self._process is not None:
+            self._process.kill()  # first: it hears the other end close
+            self._process.wait()
+            self._process = None
+        self._hang_up()
+
+    def _hang_up(self) -> None:
+        if self._talk is not None:
+            self._talk.close()
+            self._talk = None
+
+
+def _look_after(guard: weakref.ref[Guard], stand_down: threading.Event) -> None:
+    """Look at a guardian until told not to, or until its guard is forgotten."""
+    while not stand_down.wait(LOOK_S):
+        looked = guard()
+        if looked is None or not looked.look():
+            return
+        del looked
+
+
+@contextmanager
+def _signals_blocked() -> Iterator[None]:
+    """Block every signal in this thread: a process that it starts then is born so, and stays so.
+
+    The C library leaves out the two that it keeps for itself, 32 and 33.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,8 +1,8 @@
 """A process that holds a camera's shutter open, and its guardian.
 
 ``python -m tests.guarded_shutter ADDRESS`` opens the shutter of the camera that is lent there (see
-`tests.remote_usb`) when told so on its input, and prints the guardian's process id; with a socket
-and options of the camera behind the address it is the guardian.
+`tests.remote_usb`) when told so on its input, prints the guardian's process id, or sees that one is
+armed; with a socket and options of the camera behind the address it is the guardian.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ def main(address: str, *guarding: str) -> int:
         if word == "pid":
             assert shutter._guard is not None
             sys.stdout.write(f"{shutter._guard.pid}\n")
+        elif word == "armed":
+            assert shutter._guard is not None and shutter._guard.look()  # waits for a replacement
+            sys.stdout.write("armed\n")
         else:
             getattr(shutter, word)()
             sys.stdout.write(f"{word}\n")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 
 LONG_S = 30.0
 """Bound of a wait for another process; it takes milliseconds when the machine is free."""
@@ -19,3 +20,9 @@ def ended(pid: int) -> bool:
         return bool(select.select([watched], [], [], LONG_S)[0])
     finally:
         os.close(watched)
+
+
+def send_every_signal(pid: int) -> None:
+    """Send a process all signals that it can do something about: all but SIGKILL and SIGSTOP."""
+    for number in sorted(signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP}):
+        os.kill(pid, number)

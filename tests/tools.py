@@ -3,7 +3,8 @@
 A name says little: `convert` may be a stand-in, `Xorg` a wrapper. So every program of a name on
 PATH is asked what it is, and the first that answers as ours does is taken. `needs("xwd")` marks a
 test that is skipped where there is none, and says why. `.ci/setup` asks by the same table:
-`python -m tests.tools` prints the Debian packages that would bring what is missing.
+`python -m tests.tools` prints the Debian packages that would bring what is missing; with the name
+of a part (see `APART`), those of that part.
 """
 
 from __future__ import annotations
@@ -132,8 +133,14 @@ THINGS: Mapping[str, Thing] = {
     "socat": Tool("socat", "socat", ("socat",), ("-V",), r"^socat version \d"),
     "git": _versioned("git", "git", r"^git version"),
     "jq": _versioned("jq", "jq", r"^jq-\d"),
+    "systemd-nspawn": _systemd("systemd-nspawn", "systemd-container"),
+    "nsenter": _versioned("nsenter", "util-linux", r"^nsenter from util-linux"),
     "setpriv": _versioned("setpriv", "util-linux", r"^setpriv from util-linux"),
 }
+
+APART: Mapping[str, tuple[str, ...]] = {"systemd": ("systemd-nspawn",)}
+"""Things that only a target of its own asks for: `make test-systemd`. `.ci/setup systemd` brings
+them, `.ci/setup dev` does not."""
 
 
 @dataclass(frozen=True)
@@ -241,13 +248,18 @@ def _ask(file: Path, question: tuple[str, ...]) -> str:
     return done.stdout.decode(errors="replace")
 
 
-def main() -> None:
-    """Print the packages to install, on one line, and on the other stream what each is for."""
-    gone = [name for name in THINGS if not find(name).path]
+def main(part: str = "dev") -> None:
+    """Print the packages to install, on one line, and on the other stream what each is for.
+
+    `part` is a name in `APART`, or "dev" for all that is in none.
+    """
+    apart = {name for names in APART.values() for name in names}
+    names = [name for name in THINGS if name not in apart] if part == "dev" else APART[part]
+    gone = [name for name in names if not find(name).path]
     for name in gone:
         sys.stderr.write(f"  {missing(name)}\n")
     sys.stdout.write(" ".join(sorted({THINGS[name].package for name in gone})) + "\n")
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

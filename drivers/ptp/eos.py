@@ -233,8 +233,7 @@ class EosCamera:
                 return
             if self.bulb.overdue(self._longest_ns):
                 logger.critical("shutter open for too long, closing camera=%s", self.session.name)
-                self.bulb.end()
-                self.bulb.spoil("it was open for longer than limits.max_exposure_s")
+                self.cut_short("it was open for longer than limits.max_exposure_s")
             self.session.call(Operation.EOS_KEEP_DEVICE_ON)
             self.poll()
         finally:
@@ -249,6 +248,16 @@ class EosCamera:
             self.check_ready()
             self._throw_away(len(self.files))
             self.bulb.begin()
+
+    def cut_short(self, why: str) -> None:
+        """Close the shutter in place of whoever opened it, who is told when it ends the exposure.
+
+        May be called from any thread. Raises what `Bulb.end` raises.
+        """
+        with self.lock:
+            if self.bulb.since_ns is not None:
+                self.bulb.end()
+                self.bulb.spoil(why)
 
     def end_exposure(self) -> bool:
         """Close the shutter; returns whether it was open. Raises what `Bulb.end` raises."""

@@ -9,17 +9,17 @@ in       out     meaning
 ======== ======= ======================================================
 arm      ok      the shutter may be open from now on
 disarm   ok      it is surely closed
+look     ok      nothing changes
 (end)            the parent is gone or done: close it if armed, then end
 ======== ======= ======================================================
 
 The kernel closes the parent's end however that ends, and frees the camera, on which a new session
-begins with a closed shutter (`drivers.ptp.bulb`).
+begins with a closed shutter (`drivers.ptp.bulb`). This process is born with all signals blocked.
 """
 
 from __future__ import annotations
 
 import logging
-import signal
 import socket
 import sys
 import time
@@ -53,7 +53,8 @@ def serve(talk: socket.socket, options: PtpOptions, backend: object = None) -> b
             word = b""
         if not word:
             return not armed or close_shutter(options, backend)
-        armed = word == b"arm"
+        if word != b"look":
+            armed = word == b"arm"
         with suppress(OSError):
             talk.send(b"ok")
 
@@ -77,10 +78,7 @@ def close_shutter(options: PtpOptions, backend: object) -> bool:
 
 
 def main(talk_fd: int, options: str, backend: object = None) -> int:
-    """`serve` with options as JSON, deaf to signals; returns an exit status."""
-    # A Ctrl-C in the terminal, or a stop of the service, is the parent's to answer.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    """`serve` with options as JSON; returns an exit status."""
     talk = socket.socket(fileno=talk_fd)
     return 0 if serve(talk, msgspec.json.decode(options, type=PtpOptions), backend) else 1
 

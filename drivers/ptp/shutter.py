@@ -66,7 +66,7 @@ class PtpShutter:
     def open(self) -> int:
         """Start the exposure; returns the time by which the shutter is surely open."""
         if self._guard is not None:
-            self._guard.insist("arm")  # before it is open: a kill may come at any time
+            self._guard.arm(lambda: "arm")  # before it is open: a kill may come at any time
         try:
             self._camera.begin_exposure()
         finally:
@@ -101,13 +101,17 @@ class PtpShutter:
             self._guard.stop()
         options = msgspec.structs.replace(self._camera.options, serial=serial)
         text = msgspec.json.encode(options).decode()
-        self._guard = Guard(lambda fd: [*GUARDIAN, str(fd), text], answer_s=_ANSWER_S)
+        self._guard = Guard(
+            lambda fd: [*GUARDIAN, str(fd), text],
+            answer_s=_ANSWER_S,
+            unguarded=self._camera.cut_short,
+        )
         self._guard.insist("disarm")
 
     def _tell(self) -> None:
         """Let the guardian know when the shutter is surely closed."""
         if self._guard is not None and not self._may_be_open:
-            self._guard.ask("disarm")
+            self._guard.disarm()
 
     def _surely(self) -> int:
         sure_ns = self._clock.now_ns() + self._sure_ns

@@ -8,12 +8,14 @@ in       out                  meaning
 ======== ==================== =====================================================
 arm S    ok                   release the shutter unless told otherwise within S seconds
 disarm   ok, fired, lost      the shutter is closed; whether it was this process that did it,
-                              or tried to
+                              or tried to, since the last arm or disarm
+look     the same             nothing changes: whether this process is there
 (end)                         the daemon is gone or done: release if armed, then end
 ======== ==================== =====================================================
 
 The kernel closes the daemon's end however the daemon ends, so SIGKILL and segmentation faults
-count as well. The only thing it does not survive is what kills it too.
+count as well. It is born with all signals blocked (`drivers.guard`); the only thing that it does
+not survive is SIGKILL.
 """
 
 from __future__ import annotations
@@ -22,7 +24,6 @@ import contextlib
 import fcntl
 import os
 import select
-import signal
 import socket
 import struct
 import sys
@@ -76,14 +77,13 @@ def main(port: int, talk: socket.socket, how: str, value: str) -> None:
         verb, _, seconds = word.decode("ascii").partition(" ")
         if verb == "arm":
             deadline_s, state = time.monotonic() + float(seconds), b"ok"
-        else:
+        elif verb == "disarm":
             deadline_s = None
         with contextlib.suppress(OSError):
             talk.send(state)
+        if verb == "disarm":
+            state = b"ok"  # said once
 
 
 if __name__ == "__main__":
-    # A Ctrl-C in the terminal, or a stop of the service, is the daemon's to answer.
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
     main(int(sys.argv[1]), socket.socket(fileno=int(sys.argv[2])), sys.argv[3], sys.argv[4])

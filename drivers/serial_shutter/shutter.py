@@ -131,9 +131,9 @@ class SerialShutter:
             self._wait_for(port, opened=False)
         if ended:
             raise ExposureError(
-                f"the watchdog ended the exposure after {self._limit_s:g} s",
+                f"the watchdog ended the exposure: {ended}",
                 device="shutter",
-                hint="the photo is cut short; see what held the daemon up, or raise limit_s",
+                hint="the photo is cut short; the log says more, and limit_s sets the time",
             )
         return self._settled_ns() if was_open else self._clock.now_ns()
 

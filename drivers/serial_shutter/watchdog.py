@@ -10,11 +10,13 @@ from __future__ import annotations
 import logging
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
 from drivers.guard import Guard
+from drivers.serial_shutter.guardian import release
 from pdcd.errors import PdcdError
 
 logger = logging.getLogger(__name__)
@@ -32,8 +34,8 @@ class Watchdog(Protocol):
         """Release the shutter in `limit_s` seconds. Raises DeviceLost if nobody will."""
         ...
 
-    def disarm(self) -> bool:
-        """Stand down; returns whether the exposure was ended by the watchdog."""
+    def disarm(self) -> str:
+        """Stand down; returns, once, why the watchdog ended the exposure, "" if it did not."""
         ...
 
     def stop(self) -> None:
@@ -41,23 +43,42 @@ class Watchdog(Protocol):
         ...
 
 
-class Guardian(Guard):
+class Guardian:
     """A process with the port's file descriptor; see `drivers.serial_shutter.guardian`."""
 
     def __init__(self, port_fd: int, how: str, value: str) -> None:
         def command(talk_fd: int) -> list[str]:
             return [*GUARDIAN, str(port_fd), str(talk_fd), how, value]
 
-        super().__init__(command, port_fd, answer_s=_ANSWER_S)
-        self.start()
+        def unguarded(why: str) -> None:
+            self._ended = why
+            if not release(port_fd, how, value):
+                logger.critical("shutter may be open device=shutter")
+
+        self._guard = Guard(command, port_fd, answer_s=_ANSWER_S, unguarded=unguarded)
+        self._limit_s, self._ended = 0.0, ""
+        self._guard.start()
+
+    @property
+    def pid(self) -> int | None:
+        """Process id while it runs."""
+        return self._guard.pid
 
     def arm(self, limit_s: float) -> None:
-        """As the Protocol says; a guardian that died is replaced."""
-        self.insist(f"arm {limit_s}")
+        """As the Protocol says; a guardian that died is replaced, also in mid-exposure."""
+        self._limit_s, self._ended = limit_s, ""
+        deadline_s = time.monotonic() + limit_s
+        self._guard.arm(lambda: f"arm {max(0.0, deadline_s - time.monotonic())}")
 
-    def disarm(self) -> bool:
+    def disarm(self) -> str:
         """As the Protocol says; a guardian that died has done nothing."""
-        return self.ask("disarm") in (b"fired", b"lost")
+        fired = self._guard.disarm() in (b"fired", b"lost")
+        ended, self._ended = self._ended, ""
+        return f"it lasted {self._limit_s:g} s" if fired else ended
+
+    def stop(self) -> None:
+        """End the process; it closes the shutter first if that is open."""
+        self._guard.stop()
 
 
 class Alarm:
@@ -66,23 +87,24 @@ class Alarm:
     def __init__(self, release: Callable[[], None]) -> None:
         self._release = release
         self._timer: threading.Timer | None = None
-        self._fired = False
+        self._limit_s, self._fired = 0.0, False
 
     def arm(self, limit_s: float) -> None:
         """As the Protocol says."""
         self.disarm()
-        self._fired = False
+        self._limit_s, self._fired = limit_s, False
         self._timer = threading.Timer(limit_s, self._end)
         self._timer.daemon = True
         self._timer.start()
 
-    def disarm(self) -> bool:
+    def disarm(self) -> str:
         """As the Protocol says."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer.join()
             self._timer = None
-        return self._fired
+        fired, self._fired = self._fired, False
+        return f"it lasted {self._limit_s:g} s" if fired else ""
 
     def stop(self) -> None:
         """End the thread."""

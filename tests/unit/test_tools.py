@@ -128,6 +128,17 @@ def test_setup_is_told_the_packages_and_what_each_is_for(
     assert err == f"  {missing('paint')}\n"
 
 
+@pytest.mark.usefixtures("table")
+def test_what_only_one_target_needs_is_brought_for_that_target_only(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tools, "APART", {"art": ("paint",)})
+    tools.main()
+    assert capsys.readouterr() == ("\n", "")
+    tools.main("art")
+    assert capsys.readouterr().out == "paint-tools\n"
+
+
 def test_scripts_find_the_real_programs_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -49,19 +52,113 @@ def test_it_answers(guard: Guard) -> None:
     assert guard.ask("open") == b"open"
 
 
-def test_a_guardian_that_is_stopped_in_its_tracks_is_not_waited_for(
-    guard: Guard, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_guardian_that_is_stopped_in_its_tracks_is_not_waited_for(guard: Guard) -> None:
     """And is replaced by one that answers."""
     first = guard.pid
-    assert first is not None and guard._talk is not None
+    assert first is not None
     os.kill(first, signal.SIGSTOP)
-    guard._talk.settimeout(0.2)
-    assert guard.ask("open") == b""
-    monkeypatch.setattr(guard_module, "_END_S", 0.2)
-    guard.insist("open")
-    assert guard.pid != first
+    assert guard.ask("open", 0.2) == b""
     assert ended(first)
+    guard.insist("open")
+    assert guard.pid not in (None, first)
+
+
+def test_a_guardian_is_deaf_to_every_signal_from_its_birth_on(guard: Guard) -> None:
+    """Blocked is what the kernel says: no moment is left in which one could end it."""
+    status = Path(f"/proc/{guard.pid}/status").read_text()
+    blocked = int(next(line for line in status.splitlines() if line[:6] == "SigBlk")[8:], 16)
+    heard = {number for number in signal.valid_signals() if not blocked >> (number - 1) & 1}
+    assert heard == {signal.SIGKILL, signal.SIGSTOP}
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())  # the daemon itself is not
+
+
+# A guardian lost in an exposure.
+
+
+@pytest.fixture
+def armed(guard: Guard) -> Guard:
+    """Disarmed by its end."""
+    guard.arm(lambda: "arm")
+    return guard
+
+
+def soon(true: Callable[[], bool]) -> bool:
+    until_s = time.monotonic() + ANSWER_S
+    while not true() and time.monotonic() < until_s:
+        time.sleep(0.005)
+    return true()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_an_armed_guardian_that_is_killed_or_stopped_is_replaced(
+    armed: Guard, number: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(2):  # the second one is looked after, too
+        first = armed.pid
+        assert first is not None
+        os.kill(first, number)
+        assert soon(lambda: armed.pid not in (None, first))  # noqa: B023
+        assert ended(first)
+        assert armed.ask("there") == b"there"
+    assert "lost in an exposure" in caplog.text
+
+
+def test_a_lost_guardian_is_noticed_within_half_a_second(armed: Guard) -> None:
+    """By the bounds themselves: a busy machine makes a measured time say nothing."""
+    assert guard_module.LOOK_S + guard_module.HEARD_S <= 0.5
+    asked = []
+    armed.ask = lambda word, answer_s=None: asked.append((word, answer_s)) or b"ok"  # type: ignore[func-returns-value, method-assign]
+    assert soon(lambda: len(asked) > 1)
+    assert set(asked) == {("look", guard_module.HEARD_S)}
+
+
+def test_one_that_replaces_another_is_armed_for_what_is_left(armed: Guard) -> None:
+    words = iter(["arm 30", "arm 20"])
+    armed.arm(lambda: next(words))
+    armed.ask = lambda word, answer_s=None: b"" if word == "look" else said.append(word) or b"ok"  # type: ignore[func-returns-value, method-assign]
+    said: list[str] = []
+    assert soon(lambda: bool(said))
+    assert said[0] == "arm 20"
+
+
+def test_an_exposure_without_any_guardian_is_ended() -> None:
+    reasons: list[str] = []
+    commands = [(sys.executable, "-c", ECHO), ("/nonexistent",)]
+
+    def command(fd: int) -> tuple[str, ...]:
+        return (*commands[0], str(fd))
+
+    guard = Guard(command, answer_s=ANSWER_S, unguarded=reasons.append)
+    guard.arm(lambda: "arm")
+    del commands[0]
+    assert guard.pid is not None
+    os.kill(guard.pid, signal.SIGKILL)
+    assert soon(lambda: bool(reasons))
+    assert reasons == [
+        "cannot start the process that guards the shutter: No such file or directory"
+    ]
+    guard.stop()
+
+
+def test_nobody_looks_after_a_guardian_that_was_disarmed(armed: Guard) -> None:
+    first = armed.pid
+    assert first is not None
+    assert armed.disarm() == b"disarm"
+    os.kill(first, signal.SIGKILL)
+    assert ended(first)
+    assert soon(lambda: not any(t.name == "pdcd-guard" for t in threading.enumerate()))
+    assert armed.pid == first  # still the one that is dead: the next `arm` replaces it
+
+
+def test_a_guard_that_is_forgotten_is_not_kept_by_the_one_who_looks() -> None:
+    guard = guard_of(ECHO)
+    guard.arm(lambda: "arm")
+    pid = guard.pid
+    assert pid is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # nobody waits for the process
+        del guard
+        assert ended(pid)  # its line is closed
 
 
 def test_answers_have_their_bound() -> None:

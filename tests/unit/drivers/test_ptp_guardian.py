@@ -18,10 +18,10 @@ from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, VirtualUs
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import DriverContext, Shared
 from pdcd.bench.tables import Config, TriggerConfig
-from pdcd.errors import DeviceLost
+from pdcd.errors import DeviceLost, ExposureError
 from tests import remote_usb
 from tests.places import ROOT
-from tests.processes import LONG_S, ended
+from tests.processes import LONG_S, ended, send_every_signal
 from tests.virtual_eos import raw_of
 
 
@@ -85,11 +85,9 @@ def test_a_killed_process_leaves_a_closed_shutter(bench: Bench, number: int) -> 
     assert bench.body.shutter.opened == 1 and not bench.body.session_open
 
 
-def test_a_guardian_hears_no_signal_but_the_last(bench: Bench) -> None:
+def test_a_guardian_survives_every_signal_but_the_last(bench: Bench) -> None:
     bench.tell("open")
-    guardian = int(bench.tell("pid"))
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        os.kill(guardian, number)
+    send_every_signal(int(bench.tell("pid")))
     bench.kill()
     assert soon(lambda: not bench.body.shutter.is_open)
 
@@ -103,6 +101,35 @@ def test_a_guardian_that_died_is_replaced(bench: Bench) -> None:
     assert int(bench.tell("pid")) != first
     bench.kill()
     assert soon(lambda: not bench.body.shutter.is_open)
+
+
+def test_a_guardian_lost_in_an_exposure_is_replaced(bench: Bench) -> None:
+    bench.tell("open")
+    first = int(bench.tell("pid"))
+    os.kill(first, signal.SIGKILL)
+    assert ended(first)
+    assert soon(lambda: bench.tell("pid") not in ("None", str(first)))
+    assert bench.tell("armed") == "armed"
+    assert bench.body.shutter.is_open
+    bench.kill()
+    assert soon(lambda: not bench.body.shutter.is_open)
+    assert bench.body.shutter.opened == 1
+
+
+def test_an_exposure_that_nobody_guards_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    body = Body(RealClock(), PlainFilm(raw_of), BULB_BODY, Script())
+    config = Config(trigger=TriggerConfig(driver="ptp"))
+    shared = Shared(usb_backend=VirtualUsb(body))
+    shutter = PtpShutter.create(DriverContext(config, RealClock(), shared))
+    shutter.connect()
+    shutter.open()
+    assert shutter._guard is not None and shutter._guard.pid is not None
+    monkeypatch.setattr(shutter_module, "GUARDIAN", ("/nonexistent",))
+    os.kill(shutter._guard.pid, signal.SIGKILL)
+    assert soon(lambda: not body.shutter.is_open)
+    with pytest.raises(ExposureError, match="spoiled: cannot start the process that guards"):
+        shutter.close()
+    shutter.disconnect()
 
 
 def test_a_camera_that_another_program_holds_is_waited_for(bench: Bench) -> None:

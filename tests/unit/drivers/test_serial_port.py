@@ -27,7 +27,7 @@ from pdcd.bench.tables import Config, RigConfig, TriggerConfig
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
 from tests.fake_serial import modem_lines
 from tests.places import ROOT
-from tests.processes import LONG_S, ended
+from tests.processes import LONG_S, ended, send_every_signal
 
 BOX = {"release": "command", "open_hex": "31", "close_hex": "30"}
 
@@ -154,8 +154,14 @@ box = make(sys.argv[1], limit_s=float(sys.argv[2]), **BOX)
 box.connect()
 if sys.argv[3] == "open":
     box.open()
-print(box._watchdog.pid, flush=True)
-time.sleep(600)
+last = None
+while True:  # tell of each guardian when it is armed
+    with box._watchdog._guard._lock:
+        pid = box._watchdog.pid
+    if pid not in (None, last):
+        print(pid, flush=True)
+        last = pid
+    time.sleep(0.01)
 """
 
 
@@ -196,12 +202,11 @@ def test_the_shutter_closes_when_the_daemon_is_killed(
     again.disconnect()
 
 
-def test_the_guardian_hears_no_signal_but_the_last(pty: SimpleNamespace) -> None:
+def test_the_guardian_survives_every_signal_but_the_last(pty: SimpleNamespace) -> None:
     """Whoever ends a whole service means the daemon; its guardian has still to do its part."""
     process, pid = daemon(pty.path, 600.0, "open")
     assert heard(pty.near, 2) == b"01"
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        os.kill(pid, number)
+    send_every_signal(pid)
     finish(process)
     assert heard(pty.near, 1) == b"0"
     assert ended(pid)
@@ -230,6 +235,7 @@ def test_an_exposure_that_the_guardian_ended_is_refused(pty: SimpleNamespace) ->
     assert heard(pty.near, 3) == b"010"
     with pytest.raises(ExposureError, match="watchdog"):
         box.close()
+    box.close()  # said once: the rig asks again until it hears that the shutter is closed
     box.open()
     box.disconnect()
 
@@ -244,9 +250,41 @@ def test_a_guardian_that_died_is_replaced(pty: SimpleNamespace) -> None:
     assert ended(first)
     box.open()
     assert guard.pid is not None and guard.pid != first
-    os.kill(guard.pid, signal.SIGKILL)
-    assert ended(guard.pid)
     box.close()  # the driver closes the shutter itself
+    box.disconnect()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_guardian_lost_in_an_exposure_is_replaced_by_one_that_guards_it(
+    pty: SimpleNamespace, number: int
+) -> None:
+    process, pid = daemon(pty.path, 600.0, "open")
+    assert heard(pty.near, 2) == b"01"
+    os.kill(pid, number)
+    assert ended(pid)
+    assert process.stdout is not None
+    another = int(process.stdout.readline())
+    assert another != pid
+    assert not select.select([pty.near], [], [], 0.0)[0]  # the exposure goes on
+    finish(process)
+    assert heard(pty.near, 1) == b"0"
+    assert ended(another)
+
+
+def test_an_exposure_that_nobody_guards_is_ended(
+    pty: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    box = make(pty.path, **BOX)
+    box.connect()
+    box.open()
+    assert heard(pty.near, 2) == b"01"
+    guard = box._watchdog
+    assert isinstance(guard, watchdog.Guardian) and guard.pid is not None
+    monkeypatch.setattr(watchdog, "GUARDIAN", ("/none/python",))
+    os.kill(guard.pid, signal.SIGKILL)
+    assert heard(pty.near, 1) == b"0"
+    with pytest.raises(ExposureError, match="watchdog ended the exposure: cannot start"):
+        box.close()
     box.disconnect()
 
 

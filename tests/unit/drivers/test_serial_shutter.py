@@ -288,7 +288,7 @@ def test_the_watchdog_releases_the_line_and_the_photo_is_refused(
     line.on_edge = lambda edge: None if edge.level else released.set()
     box.open()
     assert released.wait(30.0)
-    with pytest.raises(ExposureError, match=r"watchdog ended the exposure after 0\.02 s"):
+    with pytest.raises(ExposureError, match=r"watchdog ended the exposure: it lasted 0\.02 s"):
         box.close()
     box.open()
     box.close()
