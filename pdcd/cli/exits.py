@@ -10,10 +10,13 @@ UNREACHABLE = 3
 BUSY = 4
 """Another capture holds the rig."""
 FAILED = 5
+DENIED = 6
+"""This user may not do that on this rig."""
 CANCELLED = 130
 """128 + SIGINT, as shells report an interrupted program."""
 
 
 def exit_code(kind: str | None) -> int:
     """Exit code for an error of this `kind` (see `pdcd.errors`)."""
-    return {"config": USAGE, "busy": BUSY, "cancelled": CANCELLED}.get(kind or "", FAILED)
+    codes = {"config": USAGE, "busy": BUSY, "denied": DENIED, "cancelled": CANCELLED}
+    return codes.get(kind or "", FAILED)

@@ -46,11 +46,11 @@ def drivers(args: argparse.Namespace) -> int:
 def config(args: argparse.Namespace) -> int:
     """Check the configuration, print it with all defaults, or print its JSON Schema."""
     if args.action == "schema":
-        say(json.dumps(schema(), indent=2))
+        _say_all(json.dumps(schema(), indent=2))
         return DONE
     settings = load(args.config)
     if args.action == "show":
-        say(show(settings).rstrip())
+        _say_all(show(settings).rstrip())
     else:
         source = find(args.config)
         say(f"sound: {source}" if source else "sound: no file, the mock bench")
@@ -77,3 +77,8 @@ def version(args: argparse.Namespace) -> int:
     """Print the version."""
     say(f"pdcd {__version__}")
     return DONE
+
+
+def _say_all(text: str) -> None:
+    for line in text.split("\n"):
+        say(line)
