@@ -11,7 +11,6 @@ import dataclasses
 import logging
 import socket
 from collections import Counter
-from functools import partial
 from typing import Any, Protocol
 
 import msgspec
@@ -42,6 +41,9 @@ LINGER_S = 2.0
 
 OPEN_REQUESTS = 64
 """Requests of one client that may be unanswered at a time."""
+
+CLOSE_S = 1.0
+"""How long an answer waits for the closing of the descriptors that came for it, in seconds."""
 
 KEPT_PLACES = 4
 """Places kept for root, and as many for the daemon's own user, when all others are taken."""
@@ -184,9 +186,8 @@ class Server:
         finally:
             stream.cut()
             logger.info("closed connection=%d", number)
-            descriptors.close()
             # Who hands us what cannot be closed keeps the place taken, and can do it only so often.
-            await descriptors.closed()
+            await descriptors.end()
 
     async def _converse(
         self, service: Service, caller: Caller, stream: Stream, descriptors: Descriptors
@@ -284,6 +285,7 @@ async def _read(
                 await caller.room()
                 if isinstance(item, Fault):
                     logger.info("fault connection=%d error=%s", caller.number, item.error)
+                    await descriptors.settle(CLOSE_S)
                     if item.line is not None:
                         caller.send(item.line)
                     continue
@@ -292,11 +294,9 @@ async def _read(
                     _refuse_more(caller, item)
                     descriptors.release(item.fds)
                     continue
-                task = asyncio.create_task(_answer(service, caller, item))
+                task = asyncio.create_task(_answer(service, caller, item, descriptors))
                 open_requests.add(task)
                 task.add_done_callback(open_requests.discard)
-                if item.fds:
-                    task.add_done_callback(partial(_release, descriptors, item.fds))
                 # Its first steps come before the next line is looked at: what needs no
                 # waiting is done and answered in the order in which it was asked.
                 await asyncio.sleep(0)
@@ -304,11 +304,9 @@ async def _read(
         logger.info("reset connection=%d", caller.number)
 
 
-def _release(descriptors: Descriptors, fds: tuple[int, ...], _: asyncio.Task[None]) -> None:
-    descriptors.release(fds)
-
-
-async def _answer(service: Service, caller: Caller, request: Request) -> None:
+async def _answer(
+    service: Service, caller: Caller, request: Request, descriptors: Descriptors
+) -> None:
     """Do one request and queue its answer, if it wants one."""
     try:
         result = await service.handle(caller, request)
@@ -321,6 +319,10 @@ async def _answer(service: Service, caller: Caller, request: Request) -> None:
         logger.exception("method failed method=%s", request.method)
         fault = PdcdError(f"{type(err).__name__}: {err}", hint="see the daemon's log")
         line = b"" if request.id is None else encode_error(request.id, fault)
+    if request.fds:
+        # Closed before the answer, so that a client who waits for it may at once send as many.
+        descriptors.release(request.fds)
+        await descriptors.settle(CLOSE_S)
     if line:
         caller.send(line)
 

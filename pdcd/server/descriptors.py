@@ -77,13 +77,19 @@ class Descriptors:
         self._close(left)
 
     def close(self) -> None:
-        """Close all that is left, taken or not. Idempotent."""
+        """Begin to close all that is left, taken or not. Idempotent."""
         self.drop_unclaimed()
         left, self._taken = tuple(self._taken), set()
         self._close(left)
 
-    async def closed(self) -> None:
-        """Wait until all that was given back is closed, which may be for ever."""
+    async def settle(self, within_s: float) -> None:
+        """Wait until all that was given back is closed, but no longer than that."""
+        if self._closing:
+            await asyncio.wait(list(self._closing), timeout=within_s)
+
+    async def end(self) -> None:
+        """Close all and wait until that is done, which may be for ever."""
+        self.close()
         try:
             while self._closing:
                 await asyncio.wait(list(self._closing))

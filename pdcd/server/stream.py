@@ -5,6 +5,7 @@ The streams of asyncio drop descriptors that come with the bytes, so this reads 
 
 from __future__ import annotations
 
+import array
 import asyncio
 import contextlib
 import socket
@@ -14,6 +15,8 @@ from pdcd.server.messages import MAX_FDS
 
 READ_BYTES = 65536
 """Most that is taken from a socket at a time."""
+
+_CONTROL_BYTES = socket.CMSG_LEN(MAX_FDS * array.array("i").itemsize)
 
 
 class Received(NamedTuple):
@@ -40,13 +43,14 @@ class Stream:
         await asyncio.sleep(0)
         while not self.is_cut:
             try:
-                data, fds, flags, _ = socket.recv_fds(
-                    self._sock, READ_BYTES, MAX_FDS, socket.MSG_CMSG_CLOEXEC
+                # Not recv_fds, which drops its flags in some versions of Python.
+                data, control, flags, _ = self._sock.recvmsg(
+                    READ_BYTES, _CONTROL_BYTES, socket.MSG_CMSG_CLOEXEC
                 )
             except (BlockingIOError, InterruptedError):
                 await self._readable()
             else:
-                return Received(data, fds, bool(flags & socket.MSG_CTRUNC))
+                return Received(data, _fds_in(control), bool(flags & socket.MSG_CTRUNC))
         return Received(b"", [], False)
 
     async def send(self, line: bytes) -> None:
@@ -71,3 +75,11 @@ class Stream:
             await ready
         finally:
             loop.remove_reader(self._sock)
+
+
+def _fds_in(control: list[tuple[int, int, bytes]]) -> list[int]:
+    fds = array.array("i")
+    for level, kind, data in control:
+        if (level, kind) == (socket.SOL_SOCKET, socket.SCM_RIGHTS):
+            fds.frombytes(data[: len(data) - len(data) % fds.itemsize])
+    return fds.tolist()

@@ -112,13 +112,16 @@ class Daemon:
 
 
 @asynccontextmanager
-async def daemon(folder: Path, *, connections: int = 16) -> AsyncIterator[Daemon]:
+async def daemon(
+    folder: Path, *, limits: LimitsConfig | None = None, server: ServerConfig | None = None
+) -> AsyncIterator[Daemon]:
     """Serve a fake engine below `folder`; checks at the end that nothing is left over."""
     path = folder / "pdcd.sock"
     state = folder / "state"
     state.mkdir(exist_ok=True)
     config = Config(
-        limits=LimitsConfig(connections=connections), server=ServerConfig(state_dir=str(state))
+        limits=limits or LimitsConfig(),
+        server=msgspec.structs.replace(server or ServerConfig(), state_dir=str(state)),
     )
     engine = FakeEngine(config)
     stop = asyncio.Event()
@@ -132,7 +135,7 @@ async def daemon(folder: Path, *, connections: int = 16) -> AsyncIterator[Daemon
     finally:
         stop.set()
         await asyncio.wait_for(task, PATIENCE_S)
-    assert not path.exists()
+    assert not [*folder.glob("pdcd.sock*"), *state.glob("daemon.lock")]
     assert asyncio.all_tasks() == {asyncio.current_task()}
     assert engine.calls[-1] == "stop"
     assert not engine.shutter_open

@@ -222,7 +222,7 @@ def test_the_hint_says_what_the_field_takes() -> None:
 
 @pytest.mark.parametrize(
     ("wanted", "agreed"),
-    [([1, 0], True), ([1, 1], False), ([0, 9], False), ([2, 0], False)],
+    [([1, 0], True), ([1, 1], True), ([1, 2], False), ([0, 9], False), ([2, 0], False)],
 )
 def test_hello_closes_on_a_version_that_is_not_spoken(wanted: list[int], agreed: bool) -> None:
     connection = Connection()
