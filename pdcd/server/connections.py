@@ -43,7 +43,7 @@ OPEN_REQUESTS = 64
 """Requests of one client that may be unanswered at a time."""
 
 CLOSE_S = 1.0
-"""How long an answer waits for the closing of the descriptors that came for it, in seconds."""
+"""How long new descriptors wait until those of answered requests are closed, in seconds."""
 
 KEPT_PLACES = 4
 """Places kept for root, and as many for the daemon's own user, when all others are taken."""
@@ -233,8 +233,8 @@ class Server:
 
     def _full(self, peer: Peer) -> PdcdError | None:
         """Why there is no place for this peer, or None."""
-        limits, held = self._limits, self._places[peer.uid]
-        if peer.uid in self._access.own:
+        limits, held, own = self._limits, self._places[peer.uid], self._access.own
+        if peer.uid in own:
             if held < KEPT_PLACES:
                 return None
         elif held >= limits.connections_per_user:
@@ -242,7 +242,8 @@ class Server:
                 f"{held} clients of uid {peer.uid} are connected already",
                 hint="close one, or raise [limits] connections_per_user",
             )
-        if self._places.total() < limits.connections:
+        kept = sum(min(self._places[uid], KEPT_PLACES) for uid in own)
+        if self._places.total() - kept < limits.connections:
             return None
         return BusyError(
             f"{limits.connections} clients are connected already",
@@ -280,12 +281,17 @@ async def _read(
     """Take requests until the end of the stream; each is answered by a task of its own."""
     machine = Connection(descriptors=descriptors)
     try:
-        while not machine.closed and (came := await stream.receive()).data:
-            for item in machine.receive(came.data, came.fds, lost=came.lost):
+        while not machine.closed:
+            came = await stream.receive()
+            descriptors.receive(came.fds)
+            if not came.data:
+                return
+            if came.fds:  # who has waited for an answer may send as many again
+                await descriptors.settle(CLOSE_S)
+            for item in machine.receive(came.data, lost=came.lost):
                 await caller.room()
                 if isinstance(item, Fault):
                     logger.info("fault connection=%d error=%s", caller.number, item.error)
-                    await descriptors.settle(CLOSE_S)
                     if item.line is not None:
                         caller.send(item.line)
                     continue
@@ -319,12 +325,9 @@ async def _answer(
         logger.exception("method failed method=%s", request.method)
         fault = PdcdError(f"{type(err).__name__}: {err}", hint="see the daemon's log")
         line = b"" if request.id is None else encode_error(request.id, fault)
-    if request.fds:
-        # Closed before the answer, so that a client who waits for it may at once send as many.
-        descriptors.release(request.fds)
-        await descriptors.settle(CLOSE_S)
     if line:
         caller.send(line)
+    descriptors.release(request.fds)
 
 
 def _refuse_more(caller: Caller, request: Request) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -77,8 +77,8 @@ class _IdOnly(msgspec.Struct):
 class Connection:
     """Cuts a byte stream into lines and lines into requests.
 
-    `max_line` is the longest line accepted, in bytes, its newline included. `descriptors` holds
-    what came beside the bytes; whoever made it closes it.
+    `max_line` is the longest line accepted, in bytes, its newline included. `descriptors` gets
+    what comes beside the bytes, before them; whoever made it closes it.
     """
 
     def __init__(self, max_line: int = MAX_LINE, descriptors: Descriptors | None = None) -> None:
@@ -88,14 +88,11 @@ class Connection:
         self.closed = False
         """True after a fault that ends the connection; all further bytes are ignored."""
 
-    def receive(
-        self, data: bytes, fds: Iterable[int] = (), *, lost: bool = False
-    ) -> list[Request | Fault]:
+    def receive(self, data: bytes, *, lost: bool = False) -> list[Request | Fault]:
         """Take the next bytes, of any cut, and return what they complete, in order.
 
-        `fds` came with these bytes; `lost` tells that more came than could be received.
+        `lost` tells that more descriptors came with them than could be received.
         """
-        self._descriptors.receive(fds)
         found: list[Request | Fault] = []
         if lost and not self.closed:
             found.append(self._part(_too_many()))

@@ -144,13 +144,15 @@ async def daemon(
 
 
 @contextmanager
-def threaded_daemon(folder: Path) -> Iterator[Daemon]:
+def threaded_daemon(
+    folder: Path, *, limits: LimitsConfig | None = None, server: ServerConfig | None = None
+) -> Iterator[Daemon]:
     """The same in a thread of its own, for blocking clients."""
     ready = threading.Event()
     box: list[tuple[Daemon, asyncio.AbstractEventLoop]] = []
 
     async def body() -> None:
-        async with daemon(folder) as running:
+        async with daemon(folder, limits=limits, server=server) as running:
             box.append((running, asyncio.get_running_loop()))
             ready.set()
             await running.stop.wait()

@@ -207,8 +207,8 @@ def test_descriptors_arrive_with_their_requests_in_order(tmp_path: Path, files: 
         # Two requests in one message, and one that takes none between them.
         lines = [plan(1, id=2), PLAN, plan(3, id=3)]
         guest.send(b"".join(json.dumps(line).encode() + b"\n" for line in lines), files[3:7])
-        told = [guest.read()["result"]["texts"] for _ in lines]
-        assert told == [["file 3"], [], ["file 4", "file 5", "file 6"]]
+        told = {answer["id"]: answer["result"]["texts"] for answer in (guest.read() for _ in lines)}
+        assert told == {2: ["file 3"], 1: [], 3: ["file 4", "file 5", "file 6"]}
         # A request of many pieces, whose descriptors come with the first.
         long = json.dumps(plan(16, note="x" * 4000)).encode() + b"\n"
         guest.send(long[:10], files[:16])
@@ -409,7 +409,7 @@ def test_what_takes_long_to_close_holds_up_nobody(tmp_path: Path) -> None:
                 begun_s = time.monotonic()
                 await home.visit_only(lambda guest: guest.send(PLAN))
                 assert time.monotonic() - begun_s < 1.0
-                assert "result" in await asyncio.to_thread(guest.read)
+                assert (await asyncio.to_thread(guest.read))["id"] == 1
                 guest.close()
                 await home.tidy(less=1)  # the receiver
                 assert time.monotonic() - begun_s > 1.5, "closing was no matter of time"
