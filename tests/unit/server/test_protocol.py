@@ -281,6 +281,7 @@ NEARLY = st.fixed_dictionaries(
         "id": st.integers(0, 9) | JSON,
         "method": st.sampled_from(sorted(METHODS)) | JSON,
         "params": st.dictionaries(st.sampled_from(FIELDS) | st.text(max_size=6), JSON) | JSON,
+        "fds": st.integers(-1, 20) | JSON,
     },
 ).map(lambda value: json.dumps(value).encode())
 
