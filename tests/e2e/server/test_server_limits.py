@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import grp
 import os
 import socket
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import cast
 
 import pytest
 
-from pdcd.bench.tables import Config, ServerConfig
+from pdcd.bench.tables import Config, RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
 from pdcd.server import callers
+from pdcd.server import daemon as server_daemon
 from pdcd.server.access import Peer
 from pdcd.server.callers import QUEUE_LINES, Caller
 from pdcd.server.daemon import serve
@@ -155,6 +158,39 @@ def refused(path: Path) -> ConfigError:
         asyncio.run(scenario())
     assert caught.value.hint
     return caught.value
+
+
+def test_groups_that_cannot_be_looked_up_end_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = threading.Event()
+    monkeypatch.setattr(grp, "getgrnam", lambda name: gate.wait(20.0))
+    monkeypatch.setattr(server_daemon, "GROUPS_S", 0.1)
+    tables = ServerConfig(state_dir=str(tmp_path), look=RoleConfig(groups=("far away",)))
+    before = set(threading.enumerate())
+
+    async def scenario() -> None:
+        path, stop = tmp_path / "s", asyncio.Event()
+        await serve(Config(server=tables), socket=path, engine_factory=FakeEngine, stop=stop)
+
+    with pytest.raises(ConfigError, match="could not be looked up"):
+        asyncio.run(scenario())
+    gate.set()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(20.0)
+
+
+def test_a_state_folder_that_cannot_be_made_ends_the_start(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    tables = ServerConfig(state_dir=str(tmp_path / "file" / "state"))
+
+    async def scenario() -> None:
+        path, stop = tmp_path / "s", asyncio.Event()
+        await serve(Config(server=tables), socket=path, engine_factory=FakeEngine, stop=stop)
+
+    with pytest.raises(ConfigError, match="state folder"):
+        asyncio.run(scenario())
+    assert not (tmp_path / "s").exists()
 
 
 def test_a_stale_socket_is_replaced(tmp_path: Path) -> None:
