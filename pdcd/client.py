@@ -9,24 +9,37 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
 import msgspec
 
-from pdcd.errors import PdcdError, ProtocolError
+from pdcd.errors import BusyError, PdcdError, ProtocolError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Event, read
 from pdcd.runs.stored import StoredRun
-from pdcd.server.messages import MAX_LINE, PROTOCOL, Admitted, Hello, JobList, JobView, Status
+from pdcd.server.messages import (
+    MAX_FDS,
+    MAX_LINE,
+    PROTOCOL,
+    Admitted,
+    Hello,
+    JobList,
+    JobView,
+    Status,
+)
 
 T = TypeVar("T")
 
 OnEvent = Callable[[Event], None]
 """Takes one event, a struct of `pdcd.runs.events`; `type` names its kind."""
+
+CONNECT_INTERVAL_S = 0.02
+"""Pause in seconds before a full backlog is tried again."""
 
 ENGINE_TIMEOUT_S = 60.0
 """Time allowed to an answer that needs the devices, in seconds."""
@@ -43,7 +56,8 @@ class Client:
     the jobs that were started on it, unless they were detached. `timeout_s` bounds the wait for
     an answer that needs no device.
 
-    Raises Unreachable when nobody answers, and the error that the daemon gave when it refuses.
+    Raises Unreachable when nobody answers, BusyError when too many wait before us, and the error
+    that the daemon gave when it refuses.
     """
 
     def __init__(self, socket_path: Path | str, timeout_s: float = 5.0) -> None:
@@ -171,13 +185,28 @@ class Client:
                 self._events.append(_event(message))
 
     def _connect(self) -> None:
+        """Connect; a full backlog is no missing daemon, but one with much to do."""
+        until_s = time.monotonic() + self._timeout_s
+        while not self._connected():
+            if time.monotonic() > until_s:
+                raise BusyError(
+                    f"too many clients wait before the daemon on {self._path}:"
+                    f" there was no room for {self._timeout_s:g} s",
+                    hint="it may still be starting the rig: see its log, or try again later",
+                )
+            time.sleep(CONNECT_INTERVAL_S)
+
+    def _connected(self) -> bool:
         try:
             self._sock.connect(self._path)
+        except BlockingIOError:
+            return False
         except OSError as err:
             raise Unreachable(
                 f"no daemon answers on {self._path}: {err.strerror or err}"
                 " (start one with pdcd serve, or name its socket with --socket)"
             ) from err
+        return True
 
     def _wait(self, job: str, on_event: OnEvent | None) -> CaptureResult:
         return self._result("capture.wait", job, on_event)
@@ -192,25 +221,45 @@ class Client:
         request_id = self._send(method, {"job": job})
         return _typed(self._answer(request_id, None, only_this), CaptureResult)
 
-    def _send(self, method: str, params: Mapping[str, object] | None) -> int:
+    def _send(
+        self, method: str, params: Mapping[str, object] | None, fds: Sequence[int] = ()
+    ) -> int:
+        """Ask one thing, with file descriptors that stay ours; returns the request's id."""
         self._next_id += 1
-        message = {
+        message: dict[str, object] = {
             "jsonrpc": "2.0",
             "id": self._next_id,
             "method": method,
             "params": params or {},
         }
+        if fds:
+            message["fds"] = len(fds)
         line = msgspec.json.encode(message) + b"\n"
         if len(line) > MAX_LINE:
             raise ProtocolError(
                 f"the request is {len(line)} bytes long", hint=f"at most {MAX_LINE} are allowed"
             )
+        if len(fds) > MAX_FDS:
+            raise ProtocolError(f"{len(fds)} descriptors", hint=f"at most {MAX_FDS} are allowed")
         try:
             self._sock.settimeout(self._timeout_s)
-            self._sock.sendall(line)
+            # Descriptors go with the first byte, which need not be all that the kernel takes.
+            sent = socket.send_fds(self._sock, [line], fds) if fds else 0
+            self._sock.sendall(line[sent:])
         except OSError as err:
-            raise Unreachable(f"the daemon on {self._path} went away: {err}") from err
+            gone = Unreachable(f"the daemon on {self._path} went away: {err}")
+            raise self._last_words() or gone from err
         return self._next_id
+
+    def _last_words(self) -> PdcdError | None:
+        """Why the daemon has closed the connection, if it said so."""
+        try:
+            while True:
+                message = self._receive(0.0)
+                if "error" in message and message.get("id") is None:
+                    return _error_from(message["error"])
+        except (Unreachable, ProtocolError):
+            return None
 
     def _answer(self, request_id: int, timeout_s: float | None, on_event: OnEvent | None) -> Any:
         while True:

@@ -7,6 +7,7 @@
     ├── RequestError         request         a client asked for something that cannot be
     ├── ProtocolError        protocol        a message on the socket is malformed or unknown
     ├── BusyError            busy            another capture holds the rig
+    ├── DeniedError          denied          the user may not do this
     ├── DriverUnavailable    driver_unavailable   a driver is unknown or cannot be loaded
     ├── DeviceLost           device_lost     a device stopped answering or was never there
     ├── SyncError            sync            the panels missed refreshes
@@ -67,6 +68,12 @@ class BusyError(PdcdError):
     """Another capture holds the rig; `device` is empty, the hint names the holder."""
 
     kind = "busy"
+
+
+class DeniedError(PdcdError):
+    """The user may not use this rig, or may not do this with it."""
+
+    kind = "denied"
 
 
 class DriverUnavailable(PdcdError):  # noqa: N818 - reads as the state it reports

@@ -15,6 +15,8 @@ from pdcd.bench.tables import (
     DEFAULT_GRID,
     Config,
     FaultsConfig,
+    RoleConfig,
+    ServerConfig,
 )
 from pdcd.bench.toml_text import TIMES
 
@@ -62,8 +64,21 @@ def cross_faults(config: Config) -> Iterator[Fault]:
             ("server.socket",),
             f"server.socket: a unix socket's path has at most {MAX_SOCKET_BYTES} bytes: {socket}",
         )
-    if any(uid < 0 for uid in config.server.allow_uids):
+    yield from _access_faults(config.server)
+
+
+def _access_faults(server: ServerConfig) -> Iterator[Fault]:
+    """Yield numbers that no user or group can have."""
+    if any(uid < 0 for uid in server.allow_uids):
         yield Fault(("server.allow_uids",), "server.allow_uids: user ids are not negative")
+    for name in ("look", "shoot", "administer"):
+        role: RoleConfig = getattr(server, name)
+        if any(uid < 0 for uid in role.uids):
+            key = f"server.{name}.uids"
+            yield Fault((key,), f"{key}: user ids are not negative")
+        if any(isinstance(group, int) and group < 0 for group in role.groups):
+            key = f"server.{name}.groups"
+            yield Fault((key,), f"{key}: group ids are not negative")
 
 
 def rate_fault(config: Config) -> Fault | None:

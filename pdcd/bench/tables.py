@@ -164,10 +164,24 @@ class LimitsConfig(_Table, frozen=True):
     max_exposure_s: Positive = 600.0
     min_free_bytes: Annotated[int, Meta(ge=0)] = 256 * 1024 * 1024
     connections: Annotated[int, Meta(ge=1)] = 16
+    """Clients at a time. Beyond these, places are kept for root and the daemon's own user."""
+    connections_per_user: Annotated[int, Meta(ge=1)] = 8
+    queued_per_user: Annotated[int, Meta(ge=1)] = 16
+    """Jobs that wait. Neither holds for root and the daemon's own user."""
+    idle_s: Positive = 300.0
+    """A client is parted from after this time without a job, a subscription or a request."""
     work_bytes: Annotated[int, Meta(ge=2**28)] = 4 * 2**30
     """Memory of the process that plans and decodes; a job that wants more fails."""
     work_silent_s: Positive = 120.0
     """How long that process may give no sign of life before it is killed, and its job fails."""
+
+
+class RoleConfig(_Table, frozen=True):
+    """[server.look], [server.shoot] or [server.administer]: who has that role."""
+
+    uids: tuple[int, ...] = ()
+    groups: tuple[str | int, ...] = ()
+    """By name or number."""
 
 
 class ServerConfig(_Table, frozen=True):
@@ -178,7 +192,14 @@ class ServerConfig(_Table, frozen=True):
     state_dir: str | None = None
     """None: $STATE_DIRECTORY under systemd, else $XDG_STATE_HOME/pdcd, else ~/.local/state/pdcd."""
     allow_uids: tuple[int, ...] = ()
-    """More users than the daemon's own, root and its group's members (by socket mode)."""
+    """More users than the daemon's own, root and its group's members (by socket mode). They may
+    shoot, as those in `shoot.uids` may."""
+    look: RoleConfig = field(default_factory=RoleConfig)
+    """See the rig, its jobs and their events."""
+    shoot: RoleConfig = field(default_factory=RoleConfig)
+    """Take photos too, and cancel one's own jobs."""
+    administer: RoleConfig = field(default_factory=RoleConfig)
+    """Cancel everybody's jobs too; root and the daemon's own user always may."""
 
 
 def _projector() -> PanelConfig:

@@ -59,6 +59,7 @@ def _connect(socket: Path, process: subprocess.Popen[bytes], log: Path) -> Clien
             return Client(socket)
         except Unreachable:
             if process.poll() is not None or time.monotonic() > give_up_s:
-                tell(log.read_text())
+                for line in log.read_text().split("\n"):
+                    tell(line)
                 raise
         time.sleep(0.02)

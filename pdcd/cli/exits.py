@@ -10,6 +10,8 @@ UNREACHABLE = 3
 BUSY = 4
 """Another capture holds the rig."""
 FAILED = 5
+DENIED = 6
+"""This user may not do that on this rig."""
 CANCELLED = 130
 """128 + SIGINT, as shells report an interrupted program."""
 
@@ -19,6 +21,7 @@ _CODES = {
     "request": USAGE,
     "driver_unavailable": USAGE,  # a name that is unknown, or a package that is not installed
     "busy": BUSY,
+    "denied": DENIED,
     "cancelled": CANCELLED,
 }
 

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from pdcd.cli.exits import CANCELLED, FAILED, UNREACHABLE, exit_code
 from pdcd.cli.parser import build_parser
 from pdcd.errors import PdcdError
+from pdcd.printable import lines
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -68,5 +69,5 @@ def _fail(
         }
         sys.stdout.write(json.dumps(told) + "\n")
         sys.stdout.flush()
-    sys.stderr.write(f"pdcd: {text}\n")
+    sys.stderr.write(f"pdcd: {lines(text)}\n")
     return code

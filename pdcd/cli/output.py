@@ -12,6 +12,7 @@ import msgspec
 from pdcd.cli.exits import CANCELLED, DONE, exit_code
 from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
+from pdcd.printable import one_line
 from pdcd.request import CaptureResult
 from pdcd.runs.events import (
     Armed,
@@ -51,13 +52,13 @@ SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
 
 
 def say(text: str) -> None:
-    """Print one result line."""
-    sys.stdout.write(text + "\n")
+    """Print one result line; what cannot be seen in it is escaped, for others wrote much of it."""
+    sys.stdout.write(one_line(text) + "\n")
 
 
 def tell(text: str) -> None:
-    """Print one line for the human who watches; never part of the result."""
-    sys.stderr.write(text + "\n")
+    """Print one line for the human who watches; never part of the result. Escaped as by `say`."""
+    sys.stderr.write(one_line(text) + "\n")
     sys.stderr.flush()
 
 
@@ -69,8 +70,9 @@ def say_json(value: object) -> None:
 
 def say_table(rows: Sequence[Sequence[str]]) -> None:
     """Print rows in aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
+    shown = [[one_line(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
+    for row in shown:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         say("  ".join(cells).rstrip())
 
@@ -123,7 +125,7 @@ def progress(first: str = "waiting") -> Iterator[OnEvent]:
     from rich.progress import Progress as Bars
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TimeRemainingColumn(),
@@ -196,6 +198,10 @@ def _share(event: Event) -> tuple[float, float] | None:
 
 def _words(event: Event) -> str:
     """Say where the job stands: the shot, if the event names one, and the step or the refreshes."""
+    return one_line(_plain_words(event))
+
+
+def _plain_words(event: Event) -> str:
     step = event.type.replace("_", " ")
     if isinstance(event, Decoded):
         return f"decoding: {100.0 * event.done / event.total:.0f} %"

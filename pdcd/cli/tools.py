@@ -47,10 +47,10 @@ def drivers(args: argparse.Namespace) -> int:
 def config(args: argparse.Namespace) -> int:
     """Try the configuration without a device, or print it in full, or its JSON Schema."""
     if args.action == "schema":
-        say(json.dumps(schema(), indent=2))
+        _say_all(json.dumps(schema(), indent=2))
         return DONE
     if args.action == "show":
-        say(show(load(args.config)).rstrip())
+        _say_all(show(load(args.config)).rstrip())
         return DONE
     from pdcd.capture.check import faults_in
 
@@ -84,3 +84,8 @@ def version(args: argparse.Namespace) -> int:
     """Print the version."""
     say(f"pdcd {__version__}")
     return DONE
+
+
+def _say_all(text: str) -> None:
+    for line in text.split("\n"):
+        say(line)

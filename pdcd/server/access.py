@@ -1,74 +1,179 @@
-"""Who is at the other end of the socket, and whether they may be."""
+"""Who is at the other end of the socket, and what they may do."""
 
 from __future__ import annotations
 
+import asyncio
+import grp
+import logging
 import os
 import pwd
 import socket
 import stat
 import struct
+import time
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from pdcd.bench.tables import ServerConfig
+from pdcd.errors import ConfigError
+from pdcd.server.aside import aside
+from pdcd.server.roles import Role
+
+logger = logging.getLogger(__name__)
+
+LOOKUP_S = 1.0
+"""How long a client may wait for its user's name, in seconds; then its number must do."""
+
+NAME_KEPT_S = 60.0
+"""How long a name is believed, in seconds."""
+
+_SO_PEERGROUPS = 59
+"""Of Linux, from 4.13 on; `socket` has no name for it. See socket(7)."""
+
+_MOST_BYTES = 1024
+"""Longest answer that `getsockopt` of Python takes: 256 groups."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A process as the kernel vouches for it at the time it connected."""
+    """A process as the kernel vouches for it at the time it connected.
+
+    `groups` are the process's supplementary groups; `user` is for people, and may be the number.
+    """
 
     pid: int
     uid: int
     gid: int
     user: str
+    groups: frozenset[int] = frozenset()
 
 
 def peer_of(sock: socket.socket) -> Peer:
-    """Credentials of the process that connected (SO_PEERCRED, unix(7))."""
+    """Credentials of the process that connected (SO_PEERCRED, unix(7)); asks the kernel only."""
     layout = struct.Struct("3i")
     pid, uid, gid = layout.unpack(
         sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, layout.size)
     )
-    return Peer(pid, uid, gid, _user_name(uid))
+    return Peer(pid, uid, gid, str(uid), _groups_of(sock))
+
+
+def _groups_of(sock: socket.socket) -> frozenset[int]:
+    """Groups of the process that connected. No user database is asked: it might not answer."""
+    try:
+        packed = sock.getsockopt(socket.SOL_SOCKET, _SO_PEERGROUPS, _MOST_BYTES)
+    except OSError as err:
+        logger.warning("groups of a client are not known: %s", err)
+        return frozenset()
+    return frozenset(struct.unpack(f"{len(packed) // 4}I", packed))
 
 
 @dataclass(frozen=True)
 class Access:
-    """Whom the daemon serves: its own user, root, `uids`, and the members of `group`.
+    """The role of each user and group that is served; who has none is not.
 
-    `group` is a gid, or None when the socket is not open to its group.
+    `own` are the daemon's own user and root, for whom places are kept.
     """
 
-    uids: frozenset[int]
-    group: int | None
+    uids: Mapping[int, Role]
+    gids: Mapping[int, Role]
+    own: frozenset[int] = frozenset()
 
     @classmethod
     def to(cls, sock: socket.socket, config: ServerConfig) -> Access:
-        """The rule for a bound socket: its file names the group, the configuration the users."""
-        uids = frozenset({os.geteuid(), 0, *config.allow_uids})
+        """The rule for a bound socket: its file names a group, the configuration all others.
+
+        Looks groups up by name, which may take long. Raises ConfigError for an unknown group.
+        """
+        uids: dict[int, Role] = {}
+        gids: dict[int, Role] = {}
+        for role, table in (
+            (Role.LOOK, config.look),
+            (Role.SHOOT, config.shoot),
+            (Role.ADMINISTER, config.administer),
+        ):
+            _raise_to(role, uids, table.uids)
+            _raise_to(role, gids, map(_gid, table.groups))
+        _raise_to(Role.SHOOT, uids, config.allow_uids)
         address = sock.getsockname()
-        if not isinstance(address, str) or not address:
-            return cls(uids, None)  # abstract or unnamed: no file, no group
-        found = Path(address).stat()
-        return cls(uids, found.st_gid if found.st_mode & stat.S_IWGRP else None)
+        if isinstance(address, str) and address:  # else abstract or unnamed: no file, no group
+            found = Path(address).stat()
+            if found.st_mode & stat.S_IWGRP:
+                _raise_to(Role.SHOOT, gids, [found.st_gid])
+        own = frozenset({os.geteuid(), 0})
+        _raise_to(Role.ADMINISTER, uids, own)
+        return cls(uids, gids, own)
 
-    def permits(self, peer: Peer) -> bool:
-        """Whether the peer is one of them."""
-        if peer.uid in self.uids or (self.group is not None and peer.gid == self.group):
-            return True
-        # The kernel gives one group only; the others are looked up by name.
-        return self.group is not None and self.group in _groups_of(peer)
+    def role(self, peer: Peer) -> Role | None:
+        """The highest role that the user or one of the groups gives; None: not served."""
+        found = [self.gids[gid] for gid in {peer.gid, *peer.groups} if gid in self.gids]
+        if peer.uid in self.uids:
+            found.append(self.uids[peer.uid])
+        return max(found, default=None)
 
 
-def _groups_of(peer: Peer) -> list[int]:
+def _raise_to(role: Role, table: dict[int, Role], numbers: Iterable[int]) -> None:
+    for number in numbers:
+        table[number] = max(role, table.get(number, role))
+
+
+def _gid(group: str | int) -> int:
+    if isinstance(group, int):
+        return group
     try:
-        return os.getgrouplist(pwd.getpwuid(peer.uid).pw_name, peer.gid)
-    except KeyError:
-        return []
+        return grp.getgrnam(group).gr_gid
+    except KeyError as err:
+        raise ConfigError(
+            f"there is no group {group!r}", hint="mend groups in the tables of [server]"
+        ) from err
+
+
+class Names:
+    """Names of users. The database of users may be a server that hangs, so it is asked aside."""
+
+    def __init__(self, look_up: Callable[[int], str] | None = None) -> None:
+        self._look_up = look_up or _user_name
+        self._known: dict[int, tuple[str, float]] = {}
+        self._asked: dict[int, asyncio.Task[str]] = {}
+
+    async def of(self, uid: int) -> str:
+        """The user's name, or the number where there is none within `LOOKUP_S`."""
+        name, until_s = self._known.get(uid, (str(uid), 0.0))
+        if time.monotonic() < until_s:
+            return name
+        task = self._asked.get(uid)
+        if task is None:
+            task = self._asked[uid] = asyncio.create_task(self._ask(uid))
+        try:
+            async with asyncio.timeout(LOOKUP_S):
+                return await asyncio.shield(task)
+        except TimeoutError:
+            logger.warning("the name of a user cannot be looked up uid=%d", uid)
+            # Nobody waits again for what hangs. When it is answered, the name takes this place.
+            self._keep(uid, str(uid))
+            return str(uid)
+
+    async def close(self) -> None:
+        """Wait no longer for names."""
+        left = list(self._asked.values())
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
+
+    async def _ask(self, uid: int) -> str:
+        try:
+            name = await aside(self._look_up, uid)
+            self._keep(uid, name)
+            return name
+        finally:
+            del self._asked[uid]
+
+    def _keep(self, uid: int, name: str) -> None:
+        self._known[uid] = (name, time.monotonic() + NAME_KEPT_S)
 
 
 def _user_name(uid: int) -> str:
     try:
         return pwd.getpwuid(uid).pw_name
-    except KeyError:
+    except (KeyError, OSError):
         return str(uid)

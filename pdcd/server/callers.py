@@ -8,6 +8,8 @@ from collections import deque
 
 from pdcd.server.access import Peer
 from pdcd.server.messages import Interest
+from pdcd.server.roles import Role
+from pdcd.server.stream import Stream
 
 logger = logging.getLogger(__name__)
 
@@ -19,18 +21,22 @@ STUCK_S = 5.0
 
 
 class Caller:
-    """One connection: who it is, what it listens to, and the lines it has yet to take."""
+    """One connection: who it is, what it listens to, and the lines it has yet to take.
 
-    def __init__(self, number: int, peer: Peer, writer: asyncio.StreamWriter) -> None:
+    `role` is what it may do, which is settled for as long as it is connected.
+    """
+
+    def __init__(self, number: int, peer: Peer, role: Role, stream: Stream) -> None:
         self.number = number
         self.peer = peer
+        self.role = role
         self.interest: Interest = "none"
-        self._writer = writer
+        self.active_s = asyncio.get_running_loop().time()
+        """When it last wanted something, by the loop's clock."""
+        self._stream = stream
         self._lines: deque[tuple[bytes, bool]] = deque()
         self._changed = asyncio.Event()
         self._finishing = False
-        # An empty transport buffer, so that lines wait where thinned events can still be dropped.
-        writer.transport.set_write_buffer_limits(high=0)
 
     def send(self, line: bytes, *, droppable: bool = False) -> None:
         """Put a line in the queue; never blocks. A full queue costs thinned events, then
@@ -50,7 +56,7 @@ class Caller:
 
     async def room(self) -> None:
         """Wait until half the queue is free, so that a burst of requests is no reason to part."""
-        while len(self._lines) > QUEUE_LINES // 2 and not self._writer.is_closing():
+        while len(self._lines) > QUEUE_LINES // 2 and not self._stream.is_cut:
             await self._wait_change()
 
     async def pump(self) -> None:
@@ -62,9 +68,8 @@ class Caller:
                     continue
                 line, _ = self._lines.popleft()
                 self._changed.set()
-                self._writer.write(line)
                 async with asyncio.timeout(STUCK_S):
-                    await self._writer.drain()
+                    await self._stream.send(line)
         except TimeoutError:
             self.abort(f"it has not read for {STUCK_S:g} s")
         except OSError:
@@ -82,7 +87,7 @@ class Caller:
 
     def _cut(self) -> None:
         self._lines.clear()
-        self._writer.transport.abort()
+        self._stream.cut()
         self.finish()
 
     async def _wait_change(self) -> None:

@@ -1,23 +1,26 @@
 """The socket layer: accept, check who it is, read lines, answer, deliver events.
 
-Nothing here knows what a method does, and nothing here blocks: a client that does not read is
-cut off, and never holds up another one or the panels.
+Nothing here knows what a method does, and nothing here blocks: a client that does not read, or
+does nothing at all, is cut off, and never holds up another one or the panels.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
+import dataclasses
 import logging
 import socket
+from collections import Counter
 from typing import Any, Protocol
 
 import msgspec
 
-from pdcd.errors import BusyError, ConfigError, PdcdError, ProtocolError
+from pdcd.bench.tables import LimitsConfig
+from pdcd.errors import BusyError, DeniedError, PdcdError, ProtocolError
 from pdcd.runs.events import THINNED, Event
-from pdcd.server.access import Access, Peer, peer_of
+from pdcd.server.access import Access, Names, Peer, peer_of
 from pdcd.server.callers import Caller
+from pdcd.server.descriptors import Descriptors
 from pdcd.server.jobs import Job
 from pdcd.server.messages import Hello
 from pdcd.server.protocol import (
@@ -28,6 +31,8 @@ from pdcd.server.protocol import (
     encode_notification,
     encode_reply,
 )
+from pdcd.server.roles import Role
+from pdcd.server.stream import Stream
 
 logger = logging.getLogger(__name__)
 
@@ -37,9 +42,17 @@ LINGER_S = 2.0
 OPEN_REQUESTS = 64
 """Requests of one client that may be unanswered at a time."""
 
+CLOSE_S = 1.0
+"""How long new descriptors wait until those of answered requests are closed, in seconds."""
 
-READ_BYTES = 65536
-"""Most that is taken from a socket at a time."""
+KEPT_PLACES = 4
+"""Places kept for root, and as many for the daemon's own user, when all others are taken."""
+
+ACCEPTS = 16
+"""Most clients that are accepted in one turn of the loop."""
+
+NO_ACCEPT_S = 1.0
+"""Pause in seconds when the system has nothing left to accept a client with."""
 
 
 class Service(Protocol):
@@ -53,6 +66,10 @@ class Service(Protocol):
         """Do what is asked and return the result. Raises PdcdError."""
         ...
 
+    def engaged(self, caller: Caller) -> bool:
+        """Whether the client has a job that ends with it."""
+        ...
+
     def gone(self, caller: Caller) -> None:
         """The client has left."""
         ...
@@ -61,41 +78,33 @@ class Service(Protocol):
 class Server:
     """Serves a listening socket, which it closes in the end.
 
-    `connections` is the most clients at a time; `access` decides who may be one.
+    `access` decides who may be a client, `limits` how many there may be.
     """
 
-    def __init__(self, sock: socket.socket, access: Access, *, connections: int) -> None:
+    def __init__(self, sock: socket.socket, access: Access, limits: LimitsConfig) -> None:
         self._sock = sock
         self._access = access
-        self._limit = connections
+        self._limits = limits
+        self._names = Names()
         self._callers: dict[int, Caller] = {}
+        self._places: Counter[int] = Counter()
         self._tasks: set[asyncio.Task[Any]] = set()
         self._accepted = 0
-        self._server: asyncio.Server | None = None
 
     @property
     def connections(self) -> int:
         """How many clients there are."""
         return len(self._callers)
 
-    async def open(self, service: Service) -> None:
-        """Begin to accept."""
-
-        async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            # Only `close` cancels; asyncio's own callback would report that as an error.
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._serve(service, reader, writer)
-
-        # Not start_unix_server: from Python 3.13 on it removes the socket file when it closes,
-        # which is not ours if it was passed to us.
-        self._server = await asyncio.start_server(serve, sock=self._sock)
+    def open(self, service: Service) -> None:
+        """Begin to accept; called from the event loop."""
+        self._sock.setblocking(False)
+        asyncio.get_running_loop().add_reader(self._sock, self._accept, service)
 
     async def close(self) -> None:
         """Accept no more, deliver what is queued for up to a second, and part from all."""
-        if self._server is None:
-            self._sock.close()
-            return
-        self._server.close()
+        asyncio.get_running_loop().remove_reader(self._sock)
+        self._sock.close()
         for caller in self._callers.values():
             caller.finish()
         if self._tasks:
@@ -103,7 +112,7 @@ class Server:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        await self._server.wait_closed()
+        await self._names.close()
 
     def publish(self, job: Job, event: Event) -> None:
         """Send an event to those who listen. Never blocks."""
@@ -117,102 +126,193 @@ class Server:
             if own or caller.interest == "all":
                 caller.send(line, droppable=isinstance(event, THINNED))
 
-    async def _serve(
-        self, service: Service, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
+    def _accept(self, service: Service) -> None:
+        """Take those who wait; each is served by a task of its own."""
+        for _ in range(ACCEPTS):
+            try:
+                sock, _ = self._sock.accept()
+            except (BlockingIOError, InterruptedError, ConnectionAbortedError):
+                return
+            except OSError as err:
+                logger.error("no client can be accepted: %s", err)
+                loop = asyncio.get_running_loop()
+                loop.remove_reader(self._sock)
+                loop.call_later(NO_ACCEPT_S, self._accept_again, service)
+                return
+            task = asyncio.create_task(self._serve(service, sock))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    def _accept_again(self, service: Service) -> None:
+        if self._sock.fileno() >= 0:  # not closed meanwhile
+            self.open(service)
+
+    async def _serve(self, service: Service, sock: socket.socket) -> None:
         """One connection, from accept to close."""
-        task = asyncio.current_task()
-        self._tasks |= {task} if task else set()
-        peer = peer_of(writer.get_extra_info("socket"))
+        stream = Stream(sock)
         self._accepted += 1
-        caller = Caller(self._accepted, peer, writer)
-        refusal = self._refusal(peer)
-        logger.info(
-            "accepted connection=%d pid=%d uid=%d gid=%d user=%s refused=%s",
-            *(caller.number, peer.pid, peer.uid, peer.gid, peer.user, refusal is not None),
-        )
+        number = self._accepted
         try:
-            if refusal is not None:
-                caller.send(encode_error(None, refusal))
-                caller.finish()
-                await caller.pump()
-            else:
-                await self._converse(service, caller, reader)
+            peer = peer_of(sock)
+            role = self._access.role(peer)
+            if role is None:
+                await _refuse(stream, number, peer, _stranger(peer))
+                return
+            full = self._full(peer)
+            if full is not None:
+                await _refuse(stream, number, peer, full)
+                return
+            self._places[peer.uid] += 1
+            try:
+                await self._admit(service, stream, number, peer, role)
+            finally:
+                self._places[peer.uid] -= 1
         finally:
             # By now the kernel has all lines, or the client is cut off: nothing is left to flush.
-            writer.transport.abort()
-            with contextlib.suppress(OSError):
-                await writer.wait_closed()
-            logger.info("closed connection=%d", caller.number)
-            self._tasks -= {task} if task else set()
+            stream.close()
+
+    async def _admit(
+        self, service: Service, stream: Stream, number: int, peer: Peer, role: Role
+    ) -> None:
+        """Serve one who may come in, and close all that came in with it."""
+        peer = dataclasses.replace(peer, user=await self._names.of(peer.uid))
+        logger.info(
+            "accepted connection=%d pid=%d uid=%d gid=%d user=%s role=%s",
+            *(number, peer.pid, peer.uid, peer.gid, peer.user, role.name.lower()),
+        )
+        descriptors = Descriptors()
+        try:
+            await self._converse(service, Caller(number, peer, role, stream), stream, descriptors)
+        finally:
+            stream.cut()
+            logger.info("closed connection=%d", number)
+            # Who hands us what cannot be closed keeps the place taken, and can do it only so often.
+            await descriptors.end()
 
     async def _converse(
-        self, service: Service, caller: Caller, reader: asyncio.StreamReader
+        self, service: Service, caller: Caller, stream: Stream, descriptors: Descriptors
     ) -> None:
         """Hello, then requests and answers until either side has had enough."""
         self._callers[caller.number] = caller
         caller.send(encode_notification("hello", service.hello()))
         open_requests: set[asyncio.Task[None]] = set()
         pump = asyncio.create_task(caller.pump())
-        read = asyncio.create_task(_read(service, caller, reader, open_requests))
+        reading = _read(service, caller, stream, descriptors, open_requests)
+        read = asyncio.create_task(reading)
+        idle = asyncio.create_task(self._idle(service, caller, open_requests))
         try:
-            await asyncio.wait({pump, read}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({pump, read, idle}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             del self._callers[caller.number]
             service.gone(caller)
             read.cancel()
+            idle.cancel()
             if open_requests and not pump.done():
                 await asyncio.wait(open_requests, timeout=LINGER_S)
             caller.finish()
             for request in open_requests:
                 request.cancel()
-            await asyncio.gather(read, pump, *open_requests, return_exceptions=True)
+            await asyncio.gather(read, idle, pump, *open_requests, return_exceptions=True)
 
-    def _refusal(self, peer: Peer) -> PdcdError | None:
-        """Why this peer cannot be served, or None."""
-        if not self._access.permits(peer):
-            return ConfigError(
-                f"user {peer.user} (uid {peer.uid}) may not use this rig",
-                hint="join the group of the socket, or be listed in [server] allow_uids",
-            )
-        if len(self._callers) >= self._limit:
+    async def _idle(
+        self, service: Service, caller: Caller, open_requests: set[asyncio.Task[None]]
+    ) -> None:
+        """Return when the client has wanted nothing for `idle_s`, having told it so."""
+        limit_s = self._limits.idle_s
+        clock = asyncio.get_running_loop().time
+        while (left_s := caller.active_s + limit_s - clock()) > 0.0:
+            await asyncio.sleep(min(left_s, limit_s / 8.0))
+            if open_requests or caller.interest != "none" or service.engaged(caller):
+                caller.active_s = clock()
+        error = BusyError(
+            f"this connection asked for nothing for {limit_s:g} s",
+            hint="connect again; events.subscribe keeps a connection, [limits] idle_s is the time",
+        )
+        logger.info("idle connection=%d", caller.number)
+        caller.send(encode_error(None, error))
+
+    def _full(self, peer: Peer) -> PdcdError | None:
+        """Why there is no place for this peer, or None."""
+        limits, held, own = self._limits, self._places[peer.uid], self._access.own
+        if peer.uid in own:
+            if held < KEPT_PLACES:
+                return None
+        elif held >= limits.connections_per_user:
             return BusyError(
-                f"{self._limit} clients are connected already",
-                hint="close one, or raise [limits] connections",
+                f"{held} clients of uid {peer.uid} are connected already",
+                hint="close one, or raise [limits] connections_per_user",
             )
-        return None
+        kept = sum(min(self._places[uid], KEPT_PLACES) for uid in own)
+        if self._places.total() - kept < limits.connections:
+            return None
+        return BusyError(
+            f"{limits.connections} clients are connected already",
+            hint="close one, or raise [limits] connections",
+        )
+
+
+def _stranger(peer: Peer) -> DeniedError:
+    return DeniedError(
+        f"uid {peer.uid} may not use this rig",
+        hint="join the group of the socket, or be listed in [server] allow_uids or a role's table",
+    )
+
+
+async def _refuse(stream: Stream, number: int, peer: Peer, error: PdcdError) -> None:
+    """Tell one who may not come in why; it is one short line, for which there is always room."""
+    logger.info(
+        "refused connection=%d pid=%d uid=%d gid=%d error=%s",
+        *(number, peer.pid, peer.uid, peer.gid, error),
+    )
+    try:
+        async with asyncio.timeout(LINGER_S):
+            await stream.send(encode_error(None, error))
+    except (OSError, TimeoutError):
+        pass  # it did not wait to be told
 
 
 async def _read(
     service: Service,
     caller: Caller,
-    reader: asyncio.StreamReader,
+    stream: Stream,
+    descriptors: Descriptors,
     open_requests: set[asyncio.Task[None]],
 ) -> None:
     """Take requests until the end of the stream; each is answered by a task of its own."""
-    machine = Connection()
+    machine = Connection(descriptors=descriptors)
     try:
-        while not machine.closed and (data := await reader.read(READ_BYTES)):
-            for item in machine.receive(data):
+        while not machine.closed:
+            came = await stream.receive()
+            descriptors.receive(came.fds)
+            if not came.data:
+                return
+            if came.fds:  # who has waited for an answer may send as many again
+                await descriptors.settle(CLOSE_S)
+            for item in machine.receive(came.data, lost=came.lost):
                 await caller.room()
                 if isinstance(item, Fault):
                     logger.info("fault connection=%d error=%s", caller.number, item.error)
                     if item.line is not None:
                         caller.send(item.line)
-                elif len(open_requests) >= OPEN_REQUESTS:
+                    continue
+                caller.active_s = asyncio.get_running_loop().time()
+                if len(open_requests) >= OPEN_REQUESTS:
                     _refuse_more(caller, item)
-                else:
-                    task = asyncio.create_task(_answer(service, caller, item))
-                    open_requests.add(task)
-                    task.add_done_callback(open_requests.discard)
-                    # Its first steps come before the next line is looked at: what needs no
-                    # waiting is done and answered in the order in which it was asked.
-                    await asyncio.sleep(0)
+                    descriptors.release(item.fds)
+                    continue
+                task = asyncio.create_task(_answer(service, caller, item, descriptors))
+                open_requests.add(task)
+                task.add_done_callback(open_requests.discard)
+                # Its first steps come before the next line is looked at: what needs no
+                # waiting is done and answered in the order in which it was asked.
+                await asyncio.sleep(0)
     except ConnectionError:
         logger.info("reset connection=%d", caller.number)
 
 
-async def _answer(service: Service, caller: Caller, request: Request) -> None:
+async def _answer(
+    service: Service, caller: Caller, request: Request, descriptors: Descriptors
+) -> None:
     """Do one request and queue its answer, if it wants one."""
     try:
         result = await service.handle(caller, request)
@@ -227,6 +327,7 @@ async def _answer(service: Service, caller: Caller, request: Request) -> None:
         line = b"" if request.id is None else encode_error(request.id, fault)
     if line:
         caller.send(line)
+    descriptors.release(request.fds)
 
 
 def _refuse_more(caller: Caller, request: Request) -> None:

@@ -1,8 +1,9 @@
 """`pdcd serve`: from the first line of the log to the last, and the life signs in between.
 
-The socket is claimed before a device is touched, so that two daemons never share a rig; clients
-that come early wait in its backlog until the engine has started. Whatever ends the daemon, the
-running job ends first (with the panels black and the shutter closed), then the engine.
+Socket and state folder are claimed before a device is touched, so that two daemons never share a
+rig or a folder; clients that come early wait in the backlog until the engine has started. Whatever
+ends the daemon, the running job ends first (with the panels black and the shutter closed), then the
+engine.
 """
 
 from __future__ import annotations
@@ -12,17 +13,21 @@ import logging
 import signal
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
+from socket import socket as Socket  # noqa: N812 - `socket` is a path here
 
 from pdcd.bench.folders import socket_path, state_dir
-from pdcd.bench.tables import Config
+from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import ConfigError, DriverUnavailable, PdcdError
 from pdcd.runs.events import ENDS, THINNED, Decoded, Event, Planning, Progress
 from pdcd.server import log
 from pdcd.server.access import Access
+from pdcd.server.aside import aside
 from pdcd.server.connections import Server
 from pdcd.server.jobs import EngineLike, Job
 from pdcd.server.listening import claimed
+from pdcd.server.lock import held
 from pdcd.server.methods import Methods
 from pdcd.server.notify import Notifier, watchdog_s
 from pdcd.server.runner import Runner
@@ -34,6 +39,9 @@ EngineFactory = Callable[[Config], EngineLike]
 
 EXIT_DONE, EXIT_CONFIG, EXIT_FAILED = 0, 2, 5
 """Exit codes, as everywhere in pdcd."""
+
+GROUPS_S = 10.0
+"""How long the groups of the configuration may be looked up, in seconds."""
 
 STATUS_INTERVAL_NS = 1_000_000_000
 """Least time between two progress lines to the service manager."""
@@ -50,8 +58,8 @@ def run(
 
     `socket` overrides the path in the configuration; a socket passed by the service manager
     overrides both. `verbose` logs everything at a terminal, too. 0: ended on a signal; 2: the
-    configuration is wrong, or another daemon answers on the socket; 5: the rig could not be
-    started.
+    configuration is wrong, or another daemon has the socket or the state folder; 5: the rig could
+    not be started.
     """
     log.to_stderr(verbose=verbose)
     return asyncio.run(_run(config, socket, engine_factory))
@@ -81,9 +89,8 @@ async def serve(
     notifier = Notifier()
     worker = Worker()
     try:
-        with claimed(socket or socket_path(config), config.server) as sock:
-            access = Access.to(sock, config.server)
-            server = Server(sock, access, connections=config.limits.connections)
+        with claimed(socket or socket_path(config), config.server) as sock, _state(config):
+            server = Server(sock, await _access(sock, config.server), config.limits)
             try:
                 notifier.send("STATUS=starting the rig")
                 engine = await worker.call(engine_factory, config)
@@ -99,6 +106,36 @@ async def serve(
     finally:
         worker.close()
         logger.info("stopped")
+
+
+def _state(config: Config) -> AbstractContextManager[None]:
+    """The state folder, made where it is missing, for this daemon alone.
+
+    `pdcd capture --local` does not ask for it: runs never share a folder, and devices guard
+    themselves.
+    """
+    folder = state_dir(config)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise ConfigError(
+            f"cannot make the state folder {folder}: {err.strerror or err}",
+            hint="choose another by --state-dir or [server] state_dir",
+        ) from err
+    hint = "stop it first, or give this one --state-dir"
+    return held(folder / "daemon.lock", f"the state folder {folder}", hint)
+
+
+async def _access(sock: Socket, config: ServerConfig) -> Access:
+    """Who may do what. Raises ConfigError for groups that are not known, or not in time."""
+    try:
+        async with asyncio.timeout(GROUPS_S):
+            return await aside(Access.to, sock, config)
+    except TimeoutError as err:
+        raise ConfigError(
+            f"the groups in [server] could not be looked up in {GROUPS_S:g} s",
+            hint="give them by number",
+        ) from err
 
 
 async def _serve(
@@ -129,7 +166,7 @@ async def _serve(
     limit_s = watchdog_s()
     watchdog = asyncio.create_task(feed(notifier, worker, limit_s)) if limit_s else None
     try:
-        await server.open(methods)
+        server.open(methods)
         notifier.send("READY=1", "STATUS=idle")
         await stop.wait()
         notifier.send("STOPPING=1", "STATUS=stopping")

@@ -12,26 +12,36 @@ from pathlib import Path
 
 from pdcd.bench.tables import ServerConfig
 from pdcd.errors import ConfigError
+from pdcd.server.lock import held
 from pdcd.server.notify import FIRST_FD, listen_fds
 
 logger = logging.getLogger(__name__)
+
+_UNIT = "use ListenStream=/run/pdcd.sock and Accept=no"
 
 
 @contextlib.contextmanager
 def claimed(path: Path, config: ServerConfig) -> Iterator[socket.socket]:
     """A listening socket: the one that was passed to us, else one bound at `path`.
 
-    A socket file of ours is removed in the end; a passed one belongs to the service manager.
-    Raises ConfigError when the path is taken or cannot be bound.
+    A socket file of ours is removed in the end; a passed one belongs to the service manager, who
+    passes it once. Raises ConfigError when the path is taken or cannot be bound.
     """
-    # Users who are not in the group are let in by the check at accept, not by the file's mode.
-    mode = 0o666 if config.allow_uids else 0o660
     passed = listen_fds()
     if passed:
         with _passed(passed) as sock:
             yield sock
         return
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as sock:
+    # Users who are not in the group are let in by the check at accept, not by the file's mode.
+    roles = (config.look, config.shoot, config.administer)
+    others = config.allow_uids or any(role.uids or role.groups for role in roles)
+    mode = 0o666 if others else 0o660
+    lock = path.with_name(path.name + ".lock")
+    with (
+        # Between finding a stale socket and binding a new one, another daemon could do the same.
+        held(lock, f"the socket {path}", "stop it first, or give this one --socket"),
+        socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as sock,
+    ):
         _bind(sock, path, mode)
         made = path.stat()
         try:
@@ -47,15 +57,18 @@ def _passed(count: int) -> socket.socket:
     """The one socket of socket activation. Raises ConfigError when it is none we can serve."""
     if count != 1:
         raise ConfigError(f"{count} sockets were passed", hint="pdcd.socket needs one ListenStream")
-    os.set_inheritable(FIRST_FD, False)
-    sock = socket.socket(fileno=FIRST_FD)
-    listening = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
-    if sock.family != socket.AF_UNIX or sock.type != socket.SOCK_STREAM or not listening:
-        sock.close()
+    try:
+        sock = socket.socket(fileno=FIRST_FD)
+        listening = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+    except OSError as err:
         raise ConfigError(
-            "the passed socket is no listening unix stream socket",
-            hint="use ListenStream=/run/pdcd.sock and Accept=no",
-        )
+            f"what was passed is no socket: {err.strerror or err}", hint=_UNIT
+        ) from err
+    if sock.family != socket.AF_UNIX or sock.type != socket.SOCK_STREAM or not listening:
+        # Where nothing was passed, a descriptor of our own may have that number: leave it open.
+        sock.detach()
+        raise ConfigError("the passed socket is no listening unix stream socket", hint=_UNIT)
+    sock.set_inheritable(False)
     return sock
 
 

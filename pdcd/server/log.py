@@ -1,10 +1,17 @@
-"""Log lines to stderr: with priorities under the journal, with times at a terminal."""
+"""Log lines to stderr: with priorities under the journal, with times at a terminal.
+
+Much of what is logged was said by clients and devices. So every record is one line, what cannot
+be seen in it is escaped, and lines of a traceback are indented: nobody can forge a line.
+"""
 
 from __future__ import annotations
 
 import logging
 import os
 import sys
+from types import TracebackType
+
+from pdcd.printable import lines, one_line
 
 _PRIORITY = {
     logging.DEBUG: 7,
@@ -15,8 +22,26 @@ _PRIORITY = {
 }
 """Priorities of sd-daemon(3), which are those of syslog."""
 
+_ExcInfo = tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
 
-class _JournalFormatter(logging.Formatter):
+
+class _Formatter(logging.Formatter):
+    """Escapes what others have said, here and nowhere else."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - of logging
+        """The record's own line."""
+        return one_line(super().formatMessage(record))
+
+    def formatException(self, ei: _ExcInfo) -> str:  # noqa: N802
+        """The traceback, indented."""
+        return "  " + lines(super().formatException(ei))
+
+    def formatStack(self, stack_info: str) -> str:  # noqa: N802
+        """The stack, indented."""
+        return "  " + lines(super().formatStack(stack_info))
+
+
+class _JournalFormatter(_Formatter):
     """Puts ``<N>`` before each line, so that a traceback keeps its priority to the end."""
 
     def format(self, record: logging.LogRecord) -> str:
@@ -50,7 +75,7 @@ def to_stderr(level: int = logging.INFO, *, verbose: bool = False) -> None:
     if _is_journal():
         handler.setFormatter(_JournalFormatter("%(name)s: %(message)s"))
     else:
-        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+        handler.setFormatter(_Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=level, handlers=[handler])
 
 

@@ -23,13 +23,18 @@ from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
 from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import OwnerView, Preview, RigView
+from pdcd.server.roles import Role
 from pdcd.words import JobState
 
-PROTOCOL = (1, 0)
+PROTOCOL = (1, 1)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
 
 MAX_LINE = 2**20
 """Longest line either way, in bytes, its newline included."""
+
+MAX_FDS = 16
+"""Descriptors that one connection may have sent and not yet named in a request, and the most that
+its unanswered requests may hold."""
 
 PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS, INTERNAL_ERROR = (
     -32700,
@@ -56,6 +61,7 @@ CODES: Mapping[str, int] = MappingProxyType(
         "decode": -32007,
         "no_space": -32008,
         "plan": -32009,
+        "denied": -32010,
     }
 )
 """JSON-RPC code of each error kind."""
@@ -222,10 +228,15 @@ class ErrorObject(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Method:
-    """What a method takes and gives; `result` is used for the schema only."""
+    """What a method takes and gives, and who may call it; `result` is used for the schema only.
+
+    `takes_fds` tells that descriptors may come with it.
+    """
 
     params: type[msgspec.Struct]
     result: type[msgspec.Struct]
+    role: Role = Role.LOOK
+    takes_fds: bool = False
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
@@ -234,14 +245,16 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "ping": Method(NoParams, Pong),
         "rig.status": Method(NoParams, Status),
         "rig.describe": Method(NoParams, Described),
-        "config.get": Method(NoParams, Config),
-        "capture.plan": Method(CaptureRequest, PlanSummary),
-        "capture.start": Method(StartParams, Admitted),
+        # It holds paths, ports, and who may do what: nothing that a mere onlooker needs.
+        "config.get": Method(NoParams, Config, Role.SHOOT),
+        "capture.plan": Method(CaptureRequest, PlanSummary, Role.SHOOT, takes_fds=True),
+        "capture.start": Method(StartParams, Admitted, Role.SHOOT, takes_fds=True),
         "capture.wait": Method(JobParams, CaptureResult),
-        "capture.cancel": Method(JobParams, CaptureResult),
+        # Another user's job: administrators only (`pdcd.server.methods`).
+        "capture.cancel": Method(JobParams, CaptureResult, Role.SHOOT),
         "capture.list": Method(ListParams, JobList),
-        "display.show": Method(ShowParams, Shown),
-        "preview.grab": Method(NoParams, Preview),
+        "display.show": Method(ShowParams, Shown, Role.SHOOT),
+        "preview.grab": Method(NoParams, Preview, Role.SHOOT),
         "events.subscribe": Method(SubscribeParams, Subscription),
         "events.unsubscribe": Method(NoParams, Subscription),
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
@@ -13,7 +14,7 @@ import msgspec
 
 from pdcd import __version__
 from pdcd.bench.tables import Config
-from pdcd.errors import BusyError
+from pdcd.errors import BusyError, DeniedError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.place import Place
 from pdcd.runs.stored import stored_runs
@@ -40,6 +41,7 @@ from pdcd.server.messages import (
     Subscription,
 )
 from pdcd.server.protocol import Request
+from pdcd.server.roles import Role
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
 
@@ -113,11 +115,35 @@ class Methods:
 
     async def handle(self, caller: Caller, request: Request) -> msgspec.Struct:
         """Do what is asked and return the result. Raises PdcdError."""
+        self._permit(caller, request)
         return await self._table[request.method](caller, request.params)
+
+    def engaged(self, caller: Caller) -> bool:
+        """Whether jobs would end with this client."""
+        return bool(self._runner.table.owned_by(caller.number))
 
     def gone(self, caller: Caller) -> None:
         """The client has left: its jobs end."""
         self._runner.drop(caller.number)
+
+    def _permit(self, caller: Caller, request: Request) -> None:
+        """Raise DeniedError when this client may not do that: the one place that decides.
+
+        Whose a job is, is told by the user for whom the kernel vouched, not by the connection.
+        """
+        needed = messages.METHODS[request.method].role
+        what = request.method
+        if request.method == "capture.cancel" and isinstance(request.params, JobParams):
+            owner = self._runner.table.get(request.params.job).owner
+            if owner.uid != caller.peer.uid:
+                needed = Role.ADMINISTER
+                what += f" of a job of {owner.user} (uid {owner.uid})"
+        if caller.role < needed:
+            raise DeniedError(
+                f"uid {caller.peer.uid} may not do this: {what}",
+                hint=f"the role needed is {needed.name.lower()}: see [server.look], "
+                "[server.shoot] and [server.administer]",
+            )
 
     async def _hello(self, caller: Caller, params: msgspec.Struct) -> Agreed:
         return Agreed(messages.PROTOCOL)
@@ -166,6 +192,8 @@ class Methods:
     async def _start(self, caller: Caller, params: StartParams) -> Admitted:
         peer = caller.peer
         owner = Owner(peer.uid, peer.pid, peer.user, caller.number)
+        if params.queue:
+            self._refuse_many(caller)
         place = self._place(params.out)
         try:
             request = params.request()
@@ -214,6 +242,16 @@ class Methods:
             raise BusyError("the daemon is stopping", hint="ask again in a moment")
         if self._runner.table.running is not None:
             raise self._runner.table.busy()
+
+    def _refuse_many(self, caller: Caller) -> None:
+        """Raise BusyError when enough jobs of this user wait; whose daemon it is has no limit."""
+        most = self._config.limits.queued_per_user
+        waiting = sum(job.owner.uid == caller.peer.uid for job in self._runner.table.queue)
+        if waiting >= most and caller.peer.uid not in (0, os.geteuid()):
+            raise BusyError(
+                f"{waiting} jobs of {caller.peer.user} (uid {caller.peer.uid}) are waiting already",
+                hint="wait until some have ended, or raise [limits] queued_per_user",
+            )
 
     def _place(self, out: str | None, *, make: bool = True) -> Place:
         """The folder that a run is to go to, held open. Raises RequestError.

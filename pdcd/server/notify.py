@@ -11,6 +11,8 @@ import os
 import socket
 from collections.abc import Mapping
 
+from pdcd.printable import one_line
+
 logger = logging.getLogger(__name__)
 
 FIRST_FD = 3
@@ -33,7 +35,7 @@ class Notifier:
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sock:
                 # The manager reads slowly at times; the event loop must not wait for it.
                 sock.setblocking(False)
-                sock.sendto("\n".join(lines).encode(), self._address)
+                sock.sendto("\n".join(map(one_line, lines)).encode(), self._address)
         except OSError as err:
             logger.warning("notify failed lines=%r error=%s", lines, err)
 

@@ -2,6 +2,9 @@
 
 `Connection` is the state machine of one client. It never raises on what a client sends: all that
 is wrong becomes a `Fault`, which says what to answer and whether the connection can go on.
+
+A request may name file descriptors that came with it. Which belong to which request is a matter of
+counting, so a client whose count is in doubt is parted from.
 """
 
 from __future__ import annotations
@@ -17,7 +20,8 @@ from msgspec import UNSET, Meta, UnsetType
 
 from pdcd.errors import ConfigError, PdcdError, ProtocolError
 from pdcd.server import messages
-from pdcd.server.messages import MAX_LINE, METHODS, PROTOCOL, HelloParams
+from pdcd.server.descriptors import Descriptors
+from pdcd.server.messages import MAX_FDS, MAX_LINE, METHODS, PROTOCOL, HelloParams
 
 Id = str | int
 """Request id. The limits below keep an echoed id exact in every client and the reply short."""
@@ -29,11 +33,16 @@ _WireId = (
 
 @dataclass(frozen=True)
 class Request:
-    """A checked call; `id` is None for a notification, which gets no answer."""
+    """A checked call; `id` is None for a notification, which gets no answer.
+
+    `fds` are the descriptors that came for it. They are closed when it has been answered or given
+    up, whoever still reads them: a thread needs duplicates of its own (`os.dup`).
+    """
 
     id: Id | None
     method: str
     params: msgspec.Struct
+    fds: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,6 +65,7 @@ class _Envelope(msgspec.Struct):
     method: str
     id: _WireId = UNSET
     params: Any = UNSET
+    fds: Annotated[int, Meta(ge=0, le=MAX_FDS)] = 0
 
 
 class _IdOnly(msgspec.Struct):
@@ -67,18 +77,25 @@ class _IdOnly(msgspec.Struct):
 class Connection:
     """Cuts a byte stream into lines and lines into requests.
 
-    `max_line` is the longest line accepted, in bytes, its newline included.
+    `max_line` is the longest line accepted, in bytes, its newline included. `descriptors` gets
+    what comes beside the bytes, before them; whoever made it closes it.
     """
 
-    def __init__(self, max_line: int = MAX_LINE) -> None:
+    def __init__(self, max_line: int = MAX_LINE, descriptors: Descriptors | None = None) -> None:
         self._max_line = max_line
+        self._descriptors = Descriptors() if descriptors is None else descriptors
         self._rest = bytearray()
         self.closed = False
         """True after a fault that ends the connection; all further bytes are ignored."""
 
-    def receive(self, data: bytes) -> list[Request | Fault]:
-        """Take the next bytes, of any cut, and return what they complete, in order."""
+    def receive(self, data: bytes, *, lost: bool = False) -> list[Request | Fault]:
+        """Take the next bytes, of any cut, and return what they complete, in order.
+
+        `lost` tells that more descriptors came with them than could be received.
+        """
         found: list[Request | Fault] = []
+        if lost and not self.closed:
+            found.append(self._part(_too_many()))
         self._rest += data
         while not self.closed:
             # A line is looked for in no more than its allowed length, so that a client cannot
@@ -90,26 +107,44 @@ class Connection:
             del self._rest[: end + 1]
             # Blank lines are let pass: people type at this socket.
             if line.strip():
-                found.append(self._close_on(parse(line)))
+                found.append(self._close_on(parse(line, self._descriptors)))
         if not self.closed and len(self._rest) >= self._max_line:
             error = ProtocolError(
                 f"a line is longer than {self._max_line} bytes",
                 hint="send large data as files; every message is one short line",
             )
-            found.append(
-                self._close_on(Fault(error, encode_error(None, error, messages.PARSE_ERROR), True))
-            )
+            found.append(self._part(error, messages.PARSE_ERROR))
+        if not self.closed and self._descriptors.unclaimed > MAX_FDS:
+            found.append(self._part(_too_many()))
         if self.closed:
             self._rest.clear()
+            self._descriptors.drop_unclaimed()
         return found
+
+    def _part(self, error: PdcdError, code: int | None = None) -> Fault:
+        self.closed = True
+        return Fault(error, encode_error(None, error, code), True)
 
     def _close_on(self, item: Request | Fault) -> Request | Fault:
         self.closed = isinstance(item, Fault) and item.close
         return item
 
 
-def parse(line: bytes) -> Request | Fault:
-    """Check one line, without its newline: a `Request`, or what is wrong with it."""
+def _too_many() -> ProtocolError:
+    return ProtocolError(
+        f"more than {MAX_FDS} descriptors came that no request has named",
+        hint='name them in their request, as "fds": how many',
+    )
+
+
+def parse(line: bytes, descriptors: Descriptors | None = None) -> Request | Fault:
+    """Check one line, without its newline: a `Request`, or what is wrong with it.
+
+    The request's descriptors are taken from `descriptors`; those of a faulty one are closed.
+    """
+    held = Descriptors() if descriptors is None else descriptors
+    # A line that cannot be read does not tell how many of the descriptors were meant for it.
+    lost_count = held.unclaimed > 0
     try:
         value = msgspec.json.decode(line)
     except (ValueError, RecursionError) as err:
@@ -117,10 +152,10 @@ def parse(line: bytes) -> Request | Fault:
         error = ProtocolError(
             f"not a JSON text: {err}", hint="send one JSON-RPC 2.0 object a line, in UTF-8"
         )
-        return Fault(error, encode_error(None, error, messages.PARSE_ERROR))
+        return Fault(error, encode_error(None, error, messages.PARSE_ERROR), lost_count)
     if isinstance(value, list):
         error = ProtocolError("batches are not supported", hint="send one object a line")
-        return Fault(error, encode_error(None, error))
+        return Fault(error, encode_error(None, error), lost_count)
     try:
         envelope = msgspec.convert(value, _Envelope)
         if envelope.jsonrpc != "2.0":
@@ -130,8 +165,21 @@ def parse(line: bytes) -> Request | Fault:
             f"not a JSON-RPC 2.0 request: {err}",
             hint='a request is {"jsonrpc":"2.0","id":1,"method":"rig.status","params":{}}',
         )
-        return Fault(error, encode_error(_sound_id(value), error))
-    return _typed(envelope)
+        return Fault(error, encode_error(_sound_id(value), error), lost_count)
+    return _with_fds(envelope, held)
+
+
+def _with_fds(envelope: _Envelope, descriptors: Descriptors) -> Request | Fault:
+    """Check method and parameters of a sound envelope, and give it its descriptors."""
+    enough = envelope.fds <= descriptors.unclaimed
+    try:
+        fds = descriptors.take(envelope.fds)
+    except PdcdError as err:
+        return _fault(envelope, err, close=not enough)
+    item = _typed(envelope, fds)
+    if isinstance(item, Fault):
+        descriptors.release(fds)
+    return item
 
 
 def _sound_id(value: Any) -> Id | None:
@@ -142,20 +190,21 @@ def _sound_id(value: Any) -> Id | None:
     return None if isinstance(found, UnsetType) else found
 
 
-def _typed(envelope: _Envelope) -> Request | Fault:
+def _typed(envelope: _Envelope, fds: tuple[int, ...]) -> Request | Fault:
     """Check method and parameters of a sound envelope."""
-    notification = isinstance(envelope.id, UnsetType)
-    request_id = None if isinstance(envelope.id, UnsetType) else envelope.id
-    code: int | None = None
     close = False
-    error: PdcdError
     try:
         method = METHODS.get(envelope.method)
         if method is None:
-            code = messages.METHOD_NOT_FOUND
-            raise ProtocolError(
+            error = ProtocolError(
                 f"unknown method {_short(envelope.method)}",
                 hint="methods are: " + ", ".join(METHODS),
+            )
+            return _fault(envelope, error, messages.METHOD_NOT_FOUND)
+        if fds and not method.takes_fds:
+            takers = ", ".join(name for name, method in METHODS.items() if method.takes_fds)
+            raise ProtocolError(
+                f"{envelope.method} takes no descriptors", hint=f"those that do: {takers}"
             )
         raw = {} if envelope.params is UNSET else envelope.params
         params = _params(envelope.method, raw, method.params)
@@ -163,11 +212,21 @@ def _typed(envelope: _Envelope) -> Request | Fault:
             close = True
             _agree(params.protocol)
     except PdcdError as err:
-        error = err
-    else:
-        return Request(request_id, envelope.method, params)
-    line = None if notification else encode_error(request_id, error, code)
+        return _fault(envelope, err, close=close)
+    return Request(_id_of(envelope), envelope.method, params, fds)
+
+
+def _fault(
+    envelope: _Envelope, error: PdcdError, code: int | None = None, *, close: bool = False
+) -> Fault:
+    """What a sound envelope that cannot be served is; a notification gets no answer."""
+    request_id = _id_of(envelope)
+    line = None if request_id is None else encode_error(request_id, error, code)
     return Fault(error, line, close)
+
+
+def _id_of(envelope: _Envelope) -> Id | None:
+    return None if isinstance(envelope.id, UnsetType) else envelope.id
 
 
 def _agree(wanted: tuple[int, int]) -> None:

@@ -71,7 +71,7 @@ def panels(service: Service) -> Service:
 def test_a_capture_on_real_windows_and_a_stop_that_leaves_them_black(
     panels: Service, line: Line
 ) -> None:
-    """With the box on the line as shutter in the second part: the mock camera needs the mock one."""
+    """The second part has the box on the line as shutter: the mock camera needs the mock one."""
     machine = panels.machine
     panels.configure(PANELS_TOML)
     with panels.connect() as client:

@@ -23,6 +23,7 @@ from pdcd.pictures.watch import Watch
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Event, Planning
 from pdcd.runs.folder import MANIFEST, read_manifest, read_patterns
+from pdcd.runs.place import Place
 from tests import bench_rig
 
 REQUEST = CaptureRequest(goal="indirect", codes=4, white=False)
@@ -59,7 +60,8 @@ def run(engine: Engine, tmp_path: Path) -> Callable[..., CaptureResult]:
 
     def capture(job: str = "job", **given: Any) -> CaptureResult:
         told: dict[str, Any] = {"emit": lambda _: None, "cancelled": lambda: False, **given}
-        return engine.capture(REQUEST, job=job, parent=tmp_path, **told)
+        with Place.at(tmp_path) as parent:
+            return engine.capture(REQUEST, job=job, parent=parent, **told)
 
     return capture
 
@@ -206,9 +208,10 @@ def test_a_crash_in_the_raw_library_is_a_failure_of_the_job(
     command = (sys.executable, str(FAULTY), fault)
     engine = started(tmp_path, lambda facts: Child(facts, command))
     try:
-        result = engine.capture(
-            REQUEST, job="job", emit=lambda _: None, cancelled=lambda: False, parent=tmp_path
-        )
+        with Place.at(tmp_path) as parent:
+            result = engine.capture(
+                REQUEST, job="job", emit=lambda _: None, cancelled=lambda: False, parent=parent
+            )
         assert_failed_safely(engine, result, tmp_path)
         assert result.error is not None
         assert result.error["message"] == f"the decoding process {words}"

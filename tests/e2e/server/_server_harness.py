@@ -112,13 +112,16 @@ class Daemon:
 
 
 @asynccontextmanager
-async def daemon(folder: Path, *, connections: int = 16) -> AsyncIterator[Daemon]:
+async def daemon(
+    folder: Path, *, limits: LimitsConfig | None = None, server: ServerConfig | None = None
+) -> AsyncIterator[Daemon]:
     """Serve a fake engine below `folder`; checks at the end that nothing is left over."""
     path = folder / "pdcd.sock"
     state = folder / "state"
     state.mkdir(exist_ok=True)
     config = Config(
-        limits=LimitsConfig(connections=connections), server=ServerConfig(state_dir=str(state))
+        limits=limits or LimitsConfig(),
+        server=msgspec.structs.replace(server or ServerConfig(), state_dir=str(state)),
     )
     engine = FakeEngine(config)
     stop = asyncio.Event()
@@ -132,7 +135,7 @@ async def daemon(folder: Path, *, connections: int = 16) -> AsyncIterator[Daemon
     finally:
         stop.set()
         await asyncio.wait_for(task, PATIENCE_S)
-    assert not path.exists()
+    assert not [*folder.glob("pdcd.sock*"), *state.glob("daemon.lock")]
     assert asyncio.all_tasks() == {asyncio.current_task()}
     assert engine.calls[-1] == "stop"
     assert not engine.shutter_open
@@ -141,13 +144,15 @@ async def daemon(folder: Path, *, connections: int = 16) -> AsyncIterator[Daemon
 
 
 @contextmanager
-def threaded_daemon(folder: Path) -> Iterator[Daemon]:
+def threaded_daemon(
+    folder: Path, *, limits: LimitsConfig | None = None, server: ServerConfig | None = None
+) -> Iterator[Daemon]:
     """The same in a thread of its own, for blocking clients."""
     ready = threading.Event()
     box: list[tuple[Daemon, asyncio.AbstractEventLoop]] = []
 
     async def body() -> None:
-        async with daemon(folder) as running:
+        async with daemon(folder, limits=limits, server=server) as running:
             box.append((running, asyncio.get_running_loop()))
             ready.set()
             await running.stop.wait()

@@ -16,9 +16,11 @@ from typing import Any, BinaryIO
 
 import pytest
 
+from pdcd.bench.tables import LimitsConfig
 from pdcd.runs.events import COMMON, TYPES
 from pdcd.server import callers, connections, messages
 from pdcd.server.messages import CODES, METHODS
+from pdcd.server.roles import Role
 from tests.places import ROOT
 from tests.tools import linked, needs, program
 
@@ -175,6 +177,13 @@ def test_every_method_and_error_is_in_its_table() -> None:
         assert str(CODES[kind]) in codes.split(", ")
 
 
+def test_every_role_is_that_of_the_program() -> None:
+    rows = re.findall(r"^\| `([a-z.]+)` \|.*\| (\w+)[^|]* \|$", section("Methods"), re.MULTILINE)
+    assert {name: Role[role.upper()] for name, role in rows} == {
+        name: method.role for name, method in METHODS.items()
+    }
+
+
 def test_every_event_and_each_of_its_fields_is_in_the_table() -> None:
     rows = re.findall(r"^\| `(\w+)` \| (.*?) \|", section("Events"), re.MULTILINE)
     told = {kind: set(re.findall(r"`(\w+)`", names)) for kind, names in rows}
@@ -201,6 +210,13 @@ def test_the_limits_are_those_of_the_program() -> None:
     text = section("Limits")
     assert messages.MAX_LINE == 2**20 and "1 MiB" in text
     assert f"| {connections.OPEN_REQUESTS};" in text
+    limits = LimitsConfig()
+    assert f"| clients | {limits.connections}, or" in text
+    assert f"are kept {connections.KEPT_PLACES} places each" in text
+    assert f"| clients of one user | {limits.connections_per_user}, or" in text
+    assert f"and {limits.queued_per_user} of one user, or" in text
+    assert f"after {limits.idle_s:g} s, or" in text
+    assert f"| {messages.MAX_FDS} that no request has named; {messages.MAX_FDS} in its" in text
     assert f"| {callers.QUEUE_LINES};" in text
     assert f"after {callers.STUCK_S:g} s" in text
     assert f"for up to {connections.LINGER_S:g} s" in section("Life of a job")

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import grp
 import os
 import socket
+import threading
 from collections.abc import Iterator
-from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import pytest
 
-from pdcd.bench.tables import Config, ServerConfig
+from pdcd.bench.tables import Config, RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
 from pdcd.server import callers
-from pdcd.server.access import Access, Peer, peer_of
+from pdcd.server import daemon as server_daemon
+from pdcd.server.access import Peer
 from pdcd.server.callers import QUEUE_LINES, Caller
-from pdcd.server.connections import Server, Service
 from pdcd.server.daemon import serve
+from pdcd.server.roles import Role
+from pdcd.server.stream import Stream
 from tests.e2e.server._fake_engine import FakeEngine
-from tests.e2e.server._server_harness import Wire, daemon, nothing_left
+from tests.e2e.server._server_harness import daemon, nothing_left
 
 ME = Peer(os.getpid(), os.getuid(), os.getgid(), "me")
 
@@ -32,48 +35,20 @@ def _nothing_left() -> Iterator[None]:
         yield
 
 
-class SlowWriter:
+class SlowStream:
     """Stands for a stream whose reader takes one line each time `taken` is set."""
 
     def __init__(self) -> None:
-        self.transport = self
         self.lines: list[bytes] = []
         self.taken = asyncio.Event()
-        self.aborted = False
+        self.is_cut = False
 
-    def set_write_buffer_limits(self, high: int) -> None:
-        assert high == 0
-
-    def write(self, line: bytes) -> None:
+    async def send(self, line: bytes) -> None:
         self.lines.append(line)
-
-    async def drain(self) -> None:
         await self.taken.wait()
 
-    def abort(self) -> None:
-        self.aborted = True
-
-    def is_closing(self) -> bool:
-        return self.aborted
-
-
-def test_the_seventeenth_client_is_refused_and_the_others_stay(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with daemon(tmp_path) as running, AsyncExitStack() as stack:
-            wires = [await stack.enter_async_context(running.wire()) for _ in range(16)]
-            async with running.wire() as late:
-                refusal = late.hello
-                assert refusal["id"] is None and refusal["error"]["data"]["kind"] == "busy"
-                assert await late.ended()
-            for wire in wires:
-                await wire.result("ping")
-            await wires[0].close()
-            while (await wires[1].result("rig.status"))["connections"] == 16:
-                await asyncio.sleep(0.002)
-            async with running.wire() as welcome:
-                assert welcome.hello["method"] == "hello"
-
-    asyncio.run(scenario())
+    def cut(self) -> None:
+        self.is_cut = True
 
 
 def deaf(path: Path) -> socket.socket:
@@ -125,13 +100,13 @@ def test_a_client_that_does_not_read_does_not_hold_up_the_end(
 
 def test_a_full_queue_drops_progress_and_keeps_the_rest_in_order() -> None:
     async def scenario() -> None:
-        writer = SlowWriter()
-        client = Caller(1, ME, cast(asyncio.StreamWriter, writer))
+        stream = SlowStream()
+        client = Caller(1, ME, Role.SHOOT, cast(Stream, stream))
         pump = asyncio.create_task(client.pump())
         client.send(b"first\n")
         await asyncio.sleep(0)
         await asyncio.sleep(0)
-        assert writer.lines == [b"first\n"]
+        assert stream.lines == [b"first\n"]
         kept = []
         for k in range(QUEUE_LINES):
             if k % 4 == 0:
@@ -143,11 +118,11 @@ def test_a_full_queue_drops_progress_and_keeps_the_rest_in_order() -> None:
         for k in range(100):
             kept.append(b"done %d\n" % k)
             client.send(kept[-1])
-        writer.taken.set()
+        stream.taken.set()
         client.finish()
         await pump
-        assert not writer.aborted
-        sent = writer.lines[1:]
+        assert not stream.is_cut
+        sent = stream.lines[1:]
         assert [line for line in sent if not line.startswith(b"progress")] == kept
         assert len(sent) == QUEUE_LINES
         assert b"progress too late\n" not in sent
@@ -157,86 +132,15 @@ def test_a_full_queue_drops_progress_and_keeps_the_rest_in_order() -> None:
 
 def test_a_queue_full_of_what_must_not_be_dropped_ends_the_client() -> None:
     async def scenario() -> None:
-        writer = SlowWriter()
-        client = Caller(1, ME, cast(asyncio.StreamWriter, writer))
+        stream = SlowStream()
+        client = Caller(1, ME, Role.SHOOT, cast(Stream, stream))
         for _ in range(QUEUE_LINES):
             client.send(b"done\n")
-        assert not writer.aborted
+        assert not stream.is_cut
         client.send(b"done\n")
-        assert writer.aborted
+        assert stream.is_cut
         await client.pump()
-        assert writer.lines == []
-
-    asyncio.run(scenario())
-
-
-@pytest.mark.parametrize(
-    ("peer", "permitted"),
-    [
-        (Peer(1, 1000, 1000, "own"), True),
-        (Peer(1, 0, 0, "root"), True),
-        (Peer(1, 1001, 1001, "listed"), True),
-        (Peer(1, 1002, 4242, "of the group"), True),
-        (Peer(1, 1002, 1002, "stranger"), False),
-    ],
-)
-def test_who_may_use_the_rig(peer: Peer, permitted: bool) -> None:
-    assert Access(frozenset({1000, 0, 1001}), group=4242).permits(peer) is permitted
-
-
-def test_other_groups_of_a_user_count_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "getgrouplist", lambda name, gid: [gid, 4242])
-    someone = Peer(1, os.getuid(), 1, "me")
-    assert Access(frozenset(), group=4242).permits(someone)
-    assert not Access(frozenset(), group=4243).permits(someone)
-    assert not Access(frozenset(), group=None).permits(someone)
-
-
-@pytest.mark.parametrize(
-    ("mode", "open_to_group"), [(0o600, False), (0o660, True), (0o666, True), (0o640, False)]
-)
-def test_the_mode_of_the_socket_decides_about_its_group(
-    tmp_path: Path, mode: int, open_to_group: bool
-) -> None:
-    path = tmp_path / "s"
-    with socket.socket(socket.AF_UNIX) as sock:
-        sock.bind(str(path))
-        path.chmod(mode)
-        access = Access.to(sock, ServerConfig(allow_uids=(77,)))
-    assert access.uids == {0, 77, os.geteuid()}
-    assert access.group == (path.stat().st_gid if open_to_group else None)
-
-
-def test_an_abstract_socket_has_no_group() -> None:
-    with socket.socket(socket.AF_UNIX) as sock:
-        sock.bind(f"\0pdcd-test-{os.getpid()}")
-        assert Access.to(sock, ServerConfig()).group is None
-
-
-def test_the_kernel_tells_who_connected() -> None:
-    left, right = socket.socketpair()
-    with left, right:
-        peer = peer_of(left)
-    assert (peer.pid, peer.uid, peer.gid) == (os.getpid(), os.getuid(), os.getgid())
-
-
-def test_a_user_who_is_not_permitted_is_told_so_and_gets_no_hello(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        path = tmp_path / "s"
-        sock = socket.socket(socket.AF_UNIX)
-        sock.bind(str(path))
-        sock.listen()
-        server = Server(sock, Access(frozenset({os.getuid() + 1}), None), connections=2)
-        await server.open(cast(Service, None))  # nothing of it is used
-        reader, writer = await asyncio.open_unix_connection(str(path))
-        wire = Wire(reader, writer)
-        refusal: dict[str, Any] = await wire.receive()
-        assert refusal["error"]["data"]["kind"] == "config"
-        assert f"uid {os.getuid()}" in refusal["error"]["message"]
-        assert "allow_uids" in refusal["error"]["data"]["hint"]
-        assert await wire.ended()
-        await wire.close()
-        await server.close()
+        assert stream.lines == []
 
     asyncio.run(scenario())
 
@@ -254,6 +158,39 @@ def refused(path: Path) -> ConfigError:
         asyncio.run(scenario())
     assert caught.value.hint
     return caught.value
+
+
+def test_groups_that_cannot_be_looked_up_end_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = threading.Event()
+    monkeypatch.setattr(grp, "getgrnam", lambda name: gate.wait(20.0))
+    monkeypatch.setattr(server_daemon, "GROUPS_S", 0.1)
+    tables = ServerConfig(state_dir=str(tmp_path), look=RoleConfig(groups=("far away",)))
+    before = set(threading.enumerate())
+
+    async def scenario() -> None:
+        path, stop = tmp_path / "s", asyncio.Event()
+        await serve(Config(server=tables), socket=path, engine_factory=FakeEngine, stop=stop)
+
+    with pytest.raises(ConfigError, match="could not be looked up"):
+        asyncio.run(scenario())
+    gate.set()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(20.0)
+
+
+def test_a_state_folder_that_cannot_be_made_ends_the_start(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    tables = ServerConfig(state_dir=str(tmp_path / "file" / "state"))
+
+    async def scenario() -> None:
+        path, stop = tmp_path / "s", asyncio.Event()
+        await serve(Config(server=tables), socket=path, engine_factory=FakeEngine, stop=stop)
+
+    with pytest.raises(ConfigError, match="state folder"):
+        asyncio.run(scenario())
+    assert not (tmp_path / "s").exists()
 
 
 def test_a_stale_socket_is_replaced(tmp_path: Path) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -20,8 +22,10 @@ import pytest
 
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.client import Client
+from pdcd.errors import PdcdError
 from pdcd.request import CaptureRequest
 from pdcd.server.daemon import serve
+from pdcd.server.messages import METHODS
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import PATIENCE_S, Wire, nothing_left
 from tests.places import ROOT
@@ -180,6 +184,100 @@ def test_a_passed_socket_is_served_and_left_in_place(tmp_path: Path) -> None:
         (told,) = end(child, signal.SIGTERM)
     assert told["calls"] == ["start", "describe", "capture", "closed", "stop"]
     assert path.exists()
+
+
+def test_of_daemons_on_one_state_folder_started_at_once_exactly_one_serves(tmp_path: Path) -> None:
+    with contextlib.ExitStack() as stack:
+        started = []
+        for k in range(3):
+            path = tmp_path / f"s{k}"
+            command = fake_daemon(tmp_path, "--socket", str(path))
+            started.append((stack.enter_context(process(*command)), path))
+        deadline = time.monotonic() + 2 * PATIENCE_S
+        while sum(child.poll() is None for child, _ in started) > 1:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        ((holder, path),) = [one for one in started if one[0].poll() is None]
+        for child, _ in started:
+            if child is holder:
+                continue
+            out, err = child.communicate(timeout=PATIENCE_S)
+            told = [line for line in err.splitlines() if " ERROR " in line]
+            assert child.returncode == 2 and out == "[]\n", err
+            assert len(told) == 1 and f"the state folder {tmp_path}" in told[0]
+            assert f"process {holder.pid} of uid {os.getuid()}" in told[0]
+        with Client(path, timeout_s=PATIENCE_S) as client:
+            assert client.capture(CaptureRequest(goal="white")).state == "done"
+        end(holder, signal.SIGTERM)
+    assert not list(tmp_path.rglob("*.lock"))
+
+
+@pytest.mark.parametrize("passed", ["file", "closed"])
+def test_what_was_passed_and_is_no_listening_socket_is_named(tmp_path: Path, passed: str) -> None:
+    """As the service manager would pass it: at number 3, with its count and our pid."""
+    # Where nothing is at that number, the event loop soon has something of its own there.
+    place = "os.closerange(3, 99)" if passed == "closed" else "os.dup2(0, 3)"
+    script = (
+        f"import os, sys; {place};"
+        "os.environ.update(LISTEN_FDS='1', LISTEN_PID=str(os.getpid()));"
+        "os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    )
+    with process(sys.executable, "-c", script, *fake_daemon(tmp_path)[1:]) as child:
+        out, err = child.communicate(timeout=PATIENCE_S)
+    assert child.returncode == 2 and out == "[]\n", err
+    stopped, told = err.splitlines()
+    assert stopped.endswith("stopped")
+    assert " ERROR " in told and "passed" in told and "ListenStream" in told
+
+
+def test_nobody_forges_a_line_of_the_journal(tmp_path: Path) -> None:
+    """Whatever a client says, in any place of any request, each line of the log is the daemon's."""
+    forged = "x\n<3>pdcd.server.daemon: stopped\r\x1b[2J\x9b31m\u2028\x7f"
+    path = tmp_path / f"s{forged[:2]}<3>pdcd: fit"
+    log = tmp_path / "log"
+    log.touch()
+    found = log.stat()
+    environ = {**os.environ, "JOURNAL_STREAM": f"{found.st_dev}:{found.st_ino}"}
+    command = fake_daemon(tmp_path / forged.replace("/", ""), "--socket", str(path))
+    with (
+        log.open("w") as stderr,
+        subprocess.Popen(
+            command, cwd=ROOT, env=environ, stdout=subprocess.DEVNULL, stderr=stderr
+        ) as child,
+    ):
+        try:
+            deadline = time.monotonic() + PATIENCE_S
+            while not path.exists() and time.monotonic() < deadline:
+                time.sleep(0.01)
+            with Client(path, timeout_s=PATIENCE_S) as client:
+                for method in [*METHODS, forged]:
+                    for params in hostile(forged):
+                        with contextlib.suppress(PdcdError):
+                            client.call(method, params)
+                with pytest.raises(PdcdError):
+                    client.call(forged, {forged: forged})
+                client.capture(CaptureRequest(goal="white", note=f"fail:{forged}"), queue=True)
+                client._sock.sendall(forged.encode() + b"\n")
+            child.terminate()
+            assert child.wait(PATIENCE_S) == 0
+        finally:
+            child.kill()
+    lines = log.read_text(encoding="utf-8").split("\n")
+    assert lines.pop() == "" and len(lines) > 50
+    for line in lines:
+        assert line.isprintable() and re.match(r"<[346]>(pdcd\.[a-z.]+: |  )", line), line
+    assert sum("stopped" in line for line in lines if line.startswith("<6>")) > 1
+    assert [line for line in lines if line.startswith("<3>pdcd.server.daemon")] == []
+
+
+def hostile(text: str) -> Iterator[dict[str, Any]]:
+    """Parameters with that text in every field there is, one at a time and under its name."""
+    yield {text: text}
+    yield {"job": text[:64]}
+    yield {"jobs": text}
+    yield {"pattern": text}
+    for field in ("goal", "out", "note", "illumination", "kernel", "prior"):
+        yield {"goal": "white", field: text}
 
 
 def serve_here(

@@ -104,7 +104,11 @@ def configs(draw: st.DrawFn) -> Config:
             codes=draw(st.integers(1, 65536)), guards=draw(st.booleans())
         ),
         server=tables.ServerConfig(
-            socket="/run/lab.sock", allow_uids=tuple(draw(st.lists(refreshes, max_size=2)))
+            socket="/run/lab.sock",
+            allow_uids=tuple(draw(st.lists(refreshes, max_size=2))),
+            look=tables.RoleConfig(
+                groups=tuple(draw(st.lists(refreshes | plain_text, max_size=2)))
+            ),
         ),
     )
 

@@ -90,6 +90,11 @@ X11 = "\n[display]\ndriver = 'x11'"
         ("[rig]\nsettle_s = 300", "rig.settle_s: ", "max_exposure_s"),
         (f"[server]\nsocket = '/{'x' * 107}'", "server.socket: ", "107 bytes"),
         ("[server]\nallow_uids = [-1]", "server.allow_uids: ", "not negative"),
+        ("[server.look]\nuids = [7, -1]", "server.look.uids: ", "not negative"),
+        ("[server.administer]\ngroups = ['x', -1]", "server.administer.groups: ", "not negative"),
+        ("[server.shoot]\ngroups = [1.5]", "server.shoot.groups", "int"),
+        ("[server.shout]\nuids = []", "server.shout", ""),
+        ("[limits]\nidle_s = 0", "limits.idle_s", ""),
     ],
 )  # fmt: skip
 def test_fault_is_named_by_its_key(tmp_path: Path, text: str, starts: str, says: str) -> None:

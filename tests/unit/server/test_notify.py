@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-import pty
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -84,41 +81,9 @@ def test_sockets_are_taken_only_when_meant_for_us(environ: dict[str, str], expec
     assert listen_fds(environ) == expected
 
 
-@pytest.mark.parametrize(("verbose", "says"), [(False, "pr"), (True, "ipr")])
-def test_a_terminal_gets_warnings_and_readiness_unless_told_otherwise(
-    verbose: bool, says: str
-) -> None:
-    """The terminal may be that of `pdcd capture`, whose bar a line of each capture would break."""
-    script = (
-        f"import logging; from pdcd.server import log; log.to_stderr(verbose={verbose});"
-        "x = logging.getLogger('x'); x.info('INFORMED'); x.warning('PROBLEM');"
-        "x.info('READY', extra=log.FOR_PEOPLE)"
-    )
-    ours, theirs = pty.openpty()
-    try:
-        subprocess.run([sys.executable, "-c", script], stderr=theirs, check=True)
-        shown = os.read(ours, 65536).decode()
-    finally:
-        os.close(ours)
-        os.close(theirs)
-    words = {"i": "INFORMED", "p": "PROBLEM", "r": "READY"}
-    assert {key for key, word in words.items() if word in shown} == set(says)
-
-
-@pytest.mark.parametrize("journal", [True, False])
-def test_log_lines_carry_priorities_under_the_journal_only(tmp_path: Path, journal: bool) -> None:
-    target = tmp_path / "log"
-    target.touch()
-    found = target.stat()
-    environ = {**os.environ, "JOURNAL_STREAM": f"{found.st_dev}:{found.st_ino + (not journal)}"}
-    script = (
-        "import logging; from pdcd.server import log; log.to_stderr();"
-        "logging.getLogger('x').warning('two\\nlines'); logging.getLogger('x').info('more')"
-    )
-    with target.open("w") as stderr:
-        subprocess.run([sys.executable, "-c", script], env=environ, stderr=stderr, check=True)
-    lines = target.read_text().splitlines()
-    if journal:
-        assert lines == ["<4>x: two", "<4>lines", "<6>x: more"]
-    else:
-        assert len(lines) == 3 and not any(line.startswith("<") for line in lines)
+def test_what_is_told_stays_one_line_each(tmp_path: Path) -> None:
+    address = str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(address)
+        Notifier({"NOTIFY_SOCKET": address}).send("STATUS=x\nMAINPID=1\x1b")
+        assert manager.recv(4096) == b"STATUS=x\\nMAINPID=1\\u001b"

@@ -222,7 +222,7 @@ def test_the_hint_says_what_the_field_takes() -> None:
 
 @pytest.mark.parametrize(
     ("wanted", "agreed"),
-    [([1, 0], True), ([1, 1], False), ([0, 9], False), ([2, 0], False)],
+    [([1, 0], True), ([1, 1], True), ([1, 2], False), ([0, 9], False), ([2, 0], False)],
 )
 def test_hello_closes_on_a_version_that_is_not_spoken(wanted: list[int], agreed: bool) -> None:
     connection = Connection()
@@ -281,6 +281,7 @@ NEARLY = st.fixed_dictionaries(
         "id": st.integers(0, 9) | JSON,
         "method": st.sampled_from(sorted(METHODS)) | JSON,
         "params": st.dictionaries(st.sampled_from(FIELDS) | st.text(max_size=6), JSON) | JSON,
+        "fds": st.integers(-1, 20) | JSON,
     },
 ).map(lambda value: json.dumps(value).encode())
 

@@ -1,0 +1,85 @@
+"""One accepted socket: bytes and descriptors in, lines out.
+
+The streams of asyncio drop descriptors that come with the bytes, so this reads by itself.
+"""
+
+from __future__ import annotations
+
+import array
+import asyncio
+import contextlib
+import socket
+from typing import NamedTuple
+
+from pdcd.server.messages import MAX_FDS
+
+READ_BYTES = 65536
+"""Most that is taken from a socket at a time."""
+
+_CONTROL_BYTES = socket.CMSG_LEN(MAX_FDS * array.array("i").itemsize)
+
+
+class Received(NamedTuple):
+    """What came at a time: `data` is empty at the end of the stream. The receiver owns `fds`;
+    `lost` tells that more of them came than could be taken."""
+
+    data: bytes
+    fds: list[int]
+    lost: bool
+
+
+class Stream:
+    """Owns a connected socket; used from the event loop only."""
+
+    def __init__(self, sock: socket.socket) -> None:
+        sock.setblocking(False)
+        self._sock = sock
+        self.is_cut = False
+        """True once nothing more shall be read or written."""
+
+    async def receive(self) -> Received:
+        """Wait for bytes. Raises OSError when the connection broke."""
+        # A client that never stops sending must not keep the loop from all else.
+        await asyncio.sleep(0)
+        while not self.is_cut:
+            try:
+                # Not recv_fds, which drops its flags in some versions of Python.
+                data, control, flags, _ = self._sock.recvmsg(
+                    READ_BYTES, _CONTROL_BYTES, socket.MSG_CMSG_CLOEXEC
+                )
+            except (BlockingIOError, InterruptedError):
+                await self._readable()
+            else:
+                return Received(data, _fds_in(control), bool(flags & socket.MSG_CTRUNC))
+        return Received(b"", [], False)
+
+    async def send(self, line: bytes) -> None:
+        """Hand a line to the kernel, when it has room. Raises OSError when the client has gone."""
+        await asyncio.get_running_loop().sock_sendall(self._sock, line)
+
+    def cut(self) -> None:
+        """End both directions at once; whoever waits in `receive` or `send` is woken."""
+        self.is_cut = True
+        with contextlib.suppress(OSError):  # the client was first
+            self._sock.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Give the socket back. Nobody may wait for it any more."""
+        self._sock.close()
+
+    async def _readable(self) -> None:
+        loop = asyncio.get_running_loop()
+        ready = loop.create_future()
+        loop.add_reader(self._sock, lambda: None if ready.done() else ready.set_result(None))
+        try:
+            await ready
+        finally:
+            loop.remove_reader(self._sock)
+
+
+def _fds_in(control: list[tuple[int, int, bytes]]) -> list[int]:
+    fds = array.array("i")
+    for level, kind, data in control:
+        if (level, kind) == (socket.SOL_SOCKET, socket.SCM_RIGHTS):
+            fds.frombytes(data[: len(data) - len(data) % fds.itemsize])
+    return fds.tolist()
