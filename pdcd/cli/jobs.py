@@ -10,7 +10,7 @@ from pdcd.cli.output import progress, say, say_json, say_result, say_table
 from pdcd.client import Client
 from pdcd.errors import ConfigError
 from pdcd.runs.events import Event, fields, wire
-from pdcd.server.messages import JobList, JobView
+from pdcd.server.messages import MOST_RUNS, JobList, JobView
 
 
 def status(args: argparse.Namespace) -> int:
@@ -35,6 +35,8 @@ def status(args: argparse.Namespace) -> int:
 
 def list_jobs(args: argparse.Namespace) -> int:
     """Print the jobs that the daemon remembers and the newest runs on its disk, oldest first."""
+    if not 0 <= args.newest <= MOST_RUNS:
+        raise ConfigError(f"--newest {args.newest} is not between 0 and {MOST_RUNS}")
     with Client(daemon_socket(args)) as client:
         jobs, runs = client.list(), client.runs(args.newest) if args.newest else ()
     if args.json:

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from pdcd import __version__
 from pdcd.cli.options import (
     client_options,
     json_option,
@@ -32,6 +33,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=EXIT_CODES,
         allow_abbrev=False,
     )
+    parser.add_argument("--version", action="version", version=f"pdcd {__version__}")
     parser.set_defaults(json=False)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -62,6 +64,8 @@ def _photo_commands(add: Add) -> None:
     )
 
     capture = add("capture", "capture:capture", "take a photo and wait for it")
+    # All options in the first line of a mistake would hide the mistake: --help has them.
+    capture.usage = "%(prog)s [OPTIONS] GOAL"
     request_options(capture)
     method_option(capture)
     capture.add_argument(
@@ -76,6 +80,7 @@ def _photo_commands(add: Add) -> None:
     capture.add_argument("--queue", action="store_true", help="wait while another capture runs")
 
     compare = add("compare", "compare:compare", "take a photo by every method, side by side")
+    compare.usage = capture.usage
     request_options(compare)
     compare.add_argument("--out", type=Path, metavar="DIR", help="make the run folders in DIR")
     compare.set_defaults(method="coded")
@@ -86,6 +91,7 @@ def _photo_commands(add: Add) -> None:
     demo.add_argument("--seed", type=int, default=0, metavar="N")
 
     plan = add("plan", "capture:plan", "say what a capture would do, without doing it")
+    plan.usage = capture.usage
     request_options(plan)
     method_option(plan)
 
@@ -134,7 +140,11 @@ def _bench_commands(add: Add) -> None:
     timing.add_argument("--out", type=Path, metavar="PNG", help="write histograms of the times")
     timing.add_argument("--config", type=Path, metavar="FILE", help="where the panels are named")
     json_option(timing)
-    config = add("config", "tools:config", "check, show or describe the configuration")
+    config = add(
+        "config",
+        "tools:config",
+        "try the configuration without a device, print it, or print its JSON Schema",
+    )
     config.add_argument("action", choices=("check", "show", "schema"))
     config.add_argument("--config", type=Path, metavar="FILE", help="instead of the usual file")
 

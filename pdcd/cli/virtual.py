@@ -8,10 +8,15 @@ import sys
 
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say
+from pdcd.errors import ConfigError
+
+MOST_PORT = 65535
 
 
 def virtual_camera(args: argparse.Namespace) -> int:
-    """Serve the virtual camera until interrupted."""
+    """Serve the virtual camera until interrupted. Raises ConfigError for a port out of range."""
+    if not 0 <= args.port <= MOST_PORT:
+        raise ConfigError(f"--port {args.port} is not between 0 and {MOST_PORT}")
     # By name, as the registry loads drivers: pdcd imports none of them.
     command = importlib.import_module("drivers.virtual_camera.command")
 

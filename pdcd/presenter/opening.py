@@ -11,9 +11,10 @@ from pdcd.presenter.options import Options
 
 def options_of(config: Config) -> Options:
     """[display.options] of the driver x11. Raises ConfigError."""
-    if config.display.driver == "mock":
+    if config.display.driver != "x11":
         raise ConfigError(
-            "the display is the mock bench's, which has no panels to look at",
+            "panels are looked at with the driver x11; the configuration has "
+            f"{config.display.driver!r}",
             device="display",
             hint='name two outputs in a configuration with [display] driver = "x11", and give it '
             "with --config; docs/display.md shows how",

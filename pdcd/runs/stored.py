@@ -23,7 +23,7 @@ StoredState = Literal["done", "failed", "cancelled", "unfinished", "damaged"]
 DEPTH = 3
 """Folders below the one given in which runs are looked for: `captures`, and what `out` named."""
 MOST_ENTRIES = 20_000
-"""Names looked at before the search ends: a bound, not a number of runs to be proud of."""
+"""Names looked at before the search ends."""
 MOST_BYTES = 16 * 2**20
 """Longest manifest that is read."""
 

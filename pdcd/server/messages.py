@@ -66,6 +66,9 @@ CODES: Mapping[str, int] = MappingProxyType(
 )
 """JSON-RPC code of each error kind."""
 
+MOST_RUNS = 1000
+"""Longest list of stored runs in one answer: they still fit into a line."""
+
 RigState = Literal["idle", "busy", "stopping"]
 Interest = Literal["all", "own", "none"]
 
@@ -104,7 +107,7 @@ class JobParams(_Params, frozen=True):
 class ListParams(_Params, frozen=True):
     """`capture.list`: how many runs of the state folder to name, too."""
 
-    runs: Annotated[int, Meta(ge=0, le=1000)] = 0
+    runs: Annotated[int, Meta(ge=0, le=MOST_RUNS)] = 0
 
 
 class ShowParams(_Params, frozen=True):

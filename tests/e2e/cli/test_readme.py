@@ -87,14 +87,12 @@ def test_the_examples_and_a_daemon_that_starts_anew(environ: dict[str, str]) -> 
         assert follower.returncode == 0 and name in jobs and end == "done"
 
     (Path(folder).parent / "20200101T000000Z-0001.partial").mkdir()
-    with daemon(environ):
-        listed = run(environ, "-m", "pdcd", "list").stdout.splitlines()
-        head, cut, oldest, *_ = (line.split() for line in listed)
-        assert head == ["job", "state", "goal", "user", "folder"]
-        assert cut[:4] == ["20200101T000000Z-0001", "unfinished", "?", "?"]
-        assert oldest[1:3] == ["done", "indirect"] and oldest[4] == folder
-        alone = run(environ, "-m", "pdcd", "list", "--newest", "0").stdout.splitlines()
-        assert len(alone) == 1
+    with daemon(environ) as socket, Client(socket) as client:
+        assert client.list() == []
+        *_, oldest, cut = client.runs()
+        assert (cut.job, cut.state, cut.goal) == ("20200101T000000Z-0001", "unfinished", None)
+        assert (oldest.state, oldest.goal, oldest.folder) == ("done", "indirect", folder)
+        assert len(client.runs(1)) == 1 and client.runs(0) == ()
 
 
 def test_every_word_that_the_readme_explains_elsewhere_is_there() -> None:

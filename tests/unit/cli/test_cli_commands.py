@@ -299,10 +299,47 @@ def test_timing_on_the_mock_bench_says_what_is_missing(capsys: pytest.CaptureFix
     """Not which keys the options of another driver lack."""
     assert main(["timing"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("pdcd: display: the display is the mock bench's")
+    assert line.startswith("pdcd: display: panels are looked at with the driver x11")
+    assert "has 'mock'" in line
     assert 'driver = "x11"' in line and "--config" in line
 
 
+@pytest.mark.parametrize("newest", ["-1", "1001"])
+def test_list_of_too_many_is_refused(
+    daemon: type[StubClient], capsys: pytest.CaptureFixture[str], newest: str
+) -> None:
+    assert main(["list", "--newest", newest]) == 2
+    assert f"--newest {newest} is not between 0 and 1000" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("port", ["-1", "65536"])
+def test_a_port_out_of_range(port: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["virtual-camera", "--small", "--port", port]) == 2
+    assert capsys.readouterr().err == f"pdcd: --port {port} is not between 0 and 65535\n"
+
+
+@pytest.mark.parametrize("line", ["capture white --local", "serve", "timing"])
+def test_an_unknown_driver_exits_2(
+    line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text("[trigger]\ndriver = 'sreial'\n[display]\ndriver = 'sreial'\n")
+    assert main([*line.split(), "--config", str(path)]) == 2
+    said = capsys.readouterr().err + caplog.text
+    assert ("has 'sreial'" if line == "timing" else "no driver is called 'sreial'") in said
+
+
+def test_a_mistake_is_not_hidden_behind_all_options(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("capture", "plan", "compare"):
+        with pytest.raises(SystemExit):
+            main([command, "indirect", "--codes", "many"])
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == 2 and "--codes" in lines[1]
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert (caught.value.code, capsys.readouterr().out) == (0, f"pdcd {__version__}\n")
     assert main(["version"]) == 0
     assert capsys.readouterr().out == f"pdcd {__version__}\n"
