@@ -15,6 +15,7 @@
     ├── DecodeError          decode          a RAW file or a run folder cannot be read
     ├── PlanError            plan            planning died, hung, or ran out of memory
     ├── NoSpaceError         no_space        the disk is full, or would be
+    ├── DiskError            disk            the disk refuses for another reason
     └── Cancelled            cancelled       the user, the client or a signal ended the job
 
 `kind` is stable and is what clients match on; the message says what failed, `device` on which
@@ -118,6 +119,12 @@ class NoSpaceError(PdcdError):
     kind = "no_space"
 
 
+class DiskError(PdcdError):
+    """The disk refuses to be written to or read, for another reason than that it is full."""
+
+    kind = "disk"
+
+
 class Cancelled(PdcdError):  # noqa: N818
     """The job was ended by a cancel request, a client that went away, or a signal."""
 
@@ -130,7 +137,7 @@ KINDS = tuple(sorted({c.kind for c in PdcdError.__subclasses__()} | {PdcdError.k
 
 @contextmanager
 def disk_errors(device: str) -> Iterator[None]:
-    """Turn a full disk into NoSpaceError and any other refusal of the disk into PdcdError."""
+    """Turn a full disk into NoSpaceError and any other refusal of the disk into DiskError."""
     try:
         yield
     except OSError as err:
@@ -138,6 +145,6 @@ def disk_errors(device: str) -> Iterator[None]:
             raise NoSpaceError(
                 "the disk is full", device=device, hint="free some space and run again"
             ) from err
-        raise PdcdError(
+        raise DiskError(
             f"cannot write: {err.strerror or err}", device=device, hint="check folder and rights"
         ) from err

@@ -110,7 +110,7 @@ class Desk:
     def begin(self, watch: Watch, folder: Path) -> None:
         """Store the codes of the plan in a run folder; shots that are added lie there, too.
 
-        Raises NoSpaceError, or PdcdError for any other refusal of the disk.
+        Raises NoSpaceError, or DiskError for any other refusal of the disk.
         """
         job = self._of_job()
         job.folder = folder

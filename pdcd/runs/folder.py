@@ -65,7 +65,7 @@ class RunFolder:
         """Make the folder.
 
         Raises NoSpaceError when less than that would be left, RequestError when the place is gone,
-        was moved out of its bounds or into a run, and PdcdError when the disk fails.
+        was moved out of its bounds or into a run, and DiskError when the disk fails.
         """
         parent, name = self._parent, self._job + UNFINISHED
         with disk_errors(str(parent.real)):
@@ -241,7 +241,7 @@ def write_patterns(
     seed: int,
 ) -> None:
     """Write codes.npz: what both panels are to show by each program, what made it, and what was
-    given. Raises NoSpaceError, or PdcdError for any other refusal of the disk."""
+    given. Raises NoSpaceError, or DiskError for any other refusal of the disk."""
     arrays: dict[str, NDArray[Any]] = {
         "family": np.array(family),
         "codes": np.array(codes),

@@ -60,7 +60,7 @@ class Place:
         and good for looking only. Below the root no symbolic link is followed.
 
         Raises RequestError when the path leads elsewhere, into another run, or to no folder,
-        NoSpaceError, and PdcdError when the disk fails.
+        NoSpaceError, and DiskError when the disk fails.
         """
         with disk_errors(str(root)):
             root.mkdir(parents=True, exist_ok=True)

@@ -62,6 +62,7 @@ CODES: Mapping[str, int] = MappingProxyType(
         "no_space": -32008,
         "plan": -32009,
         "denied": -32010,
+        "disk": -32011,
     }
 )
 """JSON-RPC code of each error kind."""

@@ -124,6 +124,7 @@ def test_a_driver_that_raises_at_every_single_call(tmp_path: Path) -> None:
     [
         (ExposureError("no file came"), "exposure"),
         (OSError(errno.ENOSPC, "No space left on device"), "no_space"),
+        (OSError(errno.EROFS, "Read-only file system"), "disk"),
         (RuntimeError("a bug"), "internal"),
         (ZeroDivisionError(), "internal"),
     ],
