@@ -306,6 +306,7 @@ FORGERIES = tuple(
         "names that differ in case only": _says(
             lambda told: told["files"].update({"LOG.jsonl": told["files"]["log.jsonl"]})
         ),
+        "endless words": _says(lambda told: told.update(schema="x" * 10**6, state="x" * 10**6)),
         "no files": _says(lambda told: told.update(files={})),
         "files in a list": _says(lambda told: told.update(files=[])),
         "no codes listed": _says(lambda told: told["files"].pop("codes.npz")),

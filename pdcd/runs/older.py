@@ -19,7 +19,7 @@ def upgraded(manifest: Mapping[str, Any]) -> dict[str, Any]:
     schema = manifest.get("schema")
     if type(schema) is not int or not 1 <= schema <= SCHEMA_VERSION:
         raise DecodeError(
-            f"the manifest is of schema {schema!r}; this pdcd reads 1 to {SCHEMA_VERSION}",
+            f"the manifest is of schema {schema!r:.60}; this pdcd reads 1 to {SCHEMA_VERSION}",
             hint="decode the run with the version of pdcd that its manifest names",
         )
     if schema == SCHEMA_VERSION:

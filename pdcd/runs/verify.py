@@ -24,8 +24,8 @@ from pdcd.runs.record import FileRecord, Manifest
 
 NEEDED = ("codes.npz", FRAMES, "probe.npz", "log.jsonl")
 """Files that every run has, beside the RAW files of its shots."""
-MAX_FINDINGS = 1000
-"""Most findings that are told of one folder."""
+MAX_FINDINGS, MAX_WORDS = 1000, 300
+"""Most findings that are told of one folder, and most letters of each."""
 MAX_CELLS = 2**24
 """Most code cells of a run: more than any panel has pixels."""
 MAX_UNSIZED_BYTES = 2**32
@@ -75,7 +75,7 @@ def verify(
     is called now and then, and may raise to end the work.
     """
     check = _Check(alive)
-    check.all(folder, manifest_sha256, None)
+    check.look(folder, manifest_sha256, None)
     found = check.found
     return Verified(
         folder=printable(str(folder)),
@@ -98,7 +98,7 @@ def whole_manifest(
     Raises DecodeError, which says what has.
     """
     check = _Check(alive)
-    check.all(folder, None, names)
+    check.look(folder, None, names)
     if check.read is None or check.found:
         first = check.found[0]
         more = f", and {len(check.found) - 1} more" if len(check.found) > 1 else ""
@@ -124,15 +124,16 @@ class _Check:
     def find(self, name: str, what: What, detail: str) -> None:
         """Note what is wrong with a file."""
         if len(self.found) < MAX_FINDINGS:
-            self.found.append(Finding(printable(name), what, detail))
+            # A forged manifest may have words of any length.
+            self.found.append(Finding(printable(name[:MAX_WORDS]), what, detail[:MAX_WORDS]))
 
-    def all(self, folder: Path, expected_sha256: str | None, names: Collection[str] | None) -> None:
+    def look(self, folder: Path, expected: str | None, names: Collection[str] | None) -> None:
         """Look at the manifest and at the files of those names, or at all that is there."""
         try:
             if folder.resolve().name.endswith(".partial"):
                 self.find(".", "manifest", "its name says that the run was not finished")
             with opened(folder) as descriptor:
-                self.manifest(descriptor, expected_sha256)
+                self.manifest(descriptor, expected)
                 self.files(descriptor, names)
         except (OSError, ValueError, RuntimeError, DecodeError) as err:
             self.find(".", "unreadable", _words(err))
