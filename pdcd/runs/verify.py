@@ -127,15 +127,13 @@ class _Check:
             # A forged manifest may have words of any length.
             self.found.append(Finding(printable(name[:MAX_WORDS]), what, detail[:MAX_WORDS]))
 
-    def look(
-        self, folder: Path, expected_sha256: str | None, names: Collection[str] | None
-    ) -> None:
+    def look(self, folder: Path, expected: str | None, names: Collection[str] | None) -> None:
         """Look at the manifest and at the files of those names, or at all that is there."""
         try:
             if folder.resolve().name.endswith(".partial"):
                 self.find(".", "manifest", "its name says that the run was not finished")
             with opened(folder) as descriptor:
-                self.manifest(descriptor, expected_sha256)
+                self.manifest(descriptor, expected)
                 self.files(descriptor, names)
         except (OSError, ValueError, RuntimeError, DecodeError) as err:
             self.find(".", "unreadable", _words(err))
