@@ -21,7 +21,7 @@ from typing import Any
 import pytest
 
 from pdcd.bench.tables import Config, ServerConfig
-from pdcd.client import Client
+from pdcd.client import Client, Unreachable
 from pdcd.errors import PdcdError
 from pdcd.request import CaptureRequest
 from pdcd.server.daemon import serve
@@ -176,10 +176,16 @@ def test_a_passed_socket_is_served_and_left_in_place(tmp_path: Path) -> None:
     command = [activate, "-l", str(path), *fake_daemon(tmp_path)]
     with process(*command) as child:
         deadline = time.monotonic() + PATIENCE_S
-        while not path.exists() and time.monotonic() < deadline:
-            time.sleep(0.01)
-        # The first connection starts the daemon and waits in the backlog meanwhile.
-        with Client(path, timeout_s=PATIENCE_S) as client:
+        # The first connection starts the daemon and waits in the backlog meanwhile. The file is
+        # there a moment before that can be.
+        while True:
+            try:
+                client = Client(path, timeout_s=PATIENCE_S)
+                break
+            except Unreachable:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+        with client:
             assert client.capture(CaptureRequest(goal="white")).state == "done"
         (told,) = end(child, signal.SIGTERM)
     assert told["calls"] == ["start", "describe", "capture", "closed", "stop"]

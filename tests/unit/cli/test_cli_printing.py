@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pdcd.cli import output
 from pdcd.cli.exits import DENIED, exit_code
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
@@ -95,8 +96,9 @@ def test_an_error_is_shown_with_its_further_lines_indented(
     assert all(line.startswith("  ") and line.isprintable() for line in more)
 
 
-def test_a_type_from_the_future_is_shown_as_any_other() -> None:
+def test_the_bar_of_a_terminal_shows_words_that_are_escaped() -> None:
     assert isinstance(EVENTS[1], Unknown)
+    assert all(output._words(event).isprintable() for event in EVENTS)
 
 
 @given(st.text())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import signal
 import socket
@@ -52,6 +53,25 @@ def test_what_a_killed_holder_left_is_no_lock(tmp_path: Path) -> None:
     assert path.exists()
     with lock(path):
         assert path.read_text() == f"{os.getpid()} {os.getuid()}\n"
+
+
+def test_a_name_that_was_removed_before_it_was_locked_is_no_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "lock"
+    flock, calls = fcntl.flock, []
+
+    def late(fd: int, how: int) -> None:
+        calls.append(fd)
+        if len(calls) == 1:
+            path.unlink()  # as its last holder does when it ends
+        flock(fd, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with lock(path):
+        assert path.exists()
+        with pytest.raises(ConfigError, match="belongs to"), lock(path):
+            pass
 
 
 @pytest.mark.parametrize("text", ["", "x", "1 2 3", "\x1b[2J \n", "\udcff" * 99])
