@@ -24,6 +24,7 @@ from pdcd.runs import events
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.manifest import DIGEST, MANIFEST
 from pdcd.runs.provenance import utc_now
+from pdcd.runs.record import ShotRecord
 from pdcd.runs.views import RigView
 from pdcd.sensor.profile import SensorProfile
 
@@ -48,7 +49,7 @@ class Run:
         self._config, self._rig, self._profile = config, rig, profile
         self._camera: CameraInfo = rig.camera_info
         self._hands, self._folder, self._job = hands, folder, job
-        self._taken = 0  # shots
+        self._shots: list[ShotRecord] = []
         self._journal = Journal(job, folder, rig.clock, [])
         self._taker = ShotTaker(config, rig, self._camera, profile, hands, self._journal)
 
@@ -64,8 +65,8 @@ class Run:
         self._journal.notify(events.Started(job=job.name, goal=job.request.goal))
         self._hands.do(job.watch(), Desk.begin, folder.path)
         planned = self._take_all(planned)
-        self._journal.notify(events.Decoding(shots=self._taken))
-        developed = self._hands.do(job.watch(), Desk.develop)
+        self._journal.notify(events.Decoding(shots=len(self._shots)))
+        developed = self._hands.do(job.watch(), Desk.develop, self._shots)
         mock = self._rig.mock
         for text in warnings_of(developed, self._config, self._profile, mock=mock):
             self._journal.warn(text)
@@ -107,13 +108,11 @@ class Run:
         """Take shot after shot, as far as need be; returns the plan as it came to be."""
         until = self._job.request.until_error
         convergence = None if until is None else Convergence(until)
-        while self._taken < len(planned.plan.recipe.shots):
+        while len(self._shots) < len(planned.plan.recipe.shots):
             planned = self._learn(planned)
             plan = planned.plan
-            shot = plan.recipe.shots[self._taken]
-            taken = self._taker.take(plan, shot)
-            self._hands.do(self._job.watch(), Desk.add, taken)
-            self._taken += 1
+            shot = plan.recipe.shots[len(self._shots)]
+            self._shots.append(self._taker.take(plan, shot))
             if convergence is not None and self._good_enough(plan, convergence, shot):
                 break
         return planned
@@ -121,12 +120,12 @@ class Run:
     def _learn(self, planned: Planned) -> Planned:
         """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
         linked cells apart in the codes that follow."""
-        plan = planned.plan
-        scouts = scouted(plan, self._taken)
-        if not scouts and not piloted(plan, self._taken):
+        plan, taken = planned.plan, len(self._shots)
+        scouts = scouted(plan, taken)
+        if not scouts and not piloted(plan, taken):
             return planned
         self._journal.notify(events.Learning(photos=SCOUTS if scouts else plan.how.pilot))
-        learnt = self._hands.do(self._job.watch(), Desk.learn)
+        learnt = self._hands.do(self._job.watch(), Desk.learn, self._shots)
         planned = learnt.planned or planned
         if learnt.outcome == "stopped":
             self._journal.warn(
@@ -141,7 +140,8 @@ class Run:
         """Whether the parts taken so far reach the error asked for; tells how far they are."""
         if not convergence.after(plan.recipe, shot):
             return False
-        self._journal.notify(convergence.see(self._hands.do(self._job.watch(), Desk.see)))
+        seen = self._hands.do(self._job.watch(), Desk.see, self._shots)
+        self._journal.notify(convergence.see(seen))
         if not convergence.met and shot is plan.recipe.shots[-1]:
             self._journal.warn(convergence.warning)
         return convergence.met

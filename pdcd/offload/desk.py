@@ -108,7 +108,7 @@ class Desk:
         return self._planned(plan)
 
     def begin(self, watch: Watch, folder: Path) -> None:
-        """Store the codes of the plan in a run folder; shots that are added lie there, too.
+        """Store the codes of the plan in a run folder; shots will lie there, too.
 
         Raises NoSpaceError, or DiskError for any other refusal of the disk.
         """
@@ -141,14 +141,13 @@ class Desk:
             expected=expected_share(frame.planes, job.ratio, saturation_dn, cells),
         )
 
-    def add(self, watch: Watch, shot: ShotRecord) -> None:
-        """One more shot was taken."""
-        self._darkroom().add(shot)
-
-    def learn(self, watch: Watch) -> Learnt:
+    def learn(self, watch: Watch, shots: Sequence[ShotRecord]) -> Learnt:
         """Look at the photos of a pilot: at its scouts, or at all; where they call for it, the job
-        goes on by another plan, whose codes are stored. Raises DecodeError."""
-        job, darkroom = self._of_job(), self._darkroom()
+        goes on by another plan, whose codes are stored.
+
+        shots : all that were taken so far, as for `see` and `develop`. Raises DecodeError.
+        """
+        job, darkroom = self._of_job(), self._darkroom(shots)
         scouts = scouted(job.plan, len(darkroom.record.shots))
         learned = darkroom.learned(watch)
         if learned is None or (scouts and learned.promising):
@@ -167,21 +166,21 @@ class Desk:
         darkroom.replan(self._record(job, darkroom.record.shots, darkroom.record.cells))
         return Learnt(outcome, self._planned(plan))
 
-    def see(self, watch: Watch) -> Seen:
+    def see(self, watch: Watch, shots: Sequence[ShotRecord]) -> Seen:
         """Look at the pictures so far; the answer is written as `RUNNING`. Raises DecodeError."""
-        decoded = self._darkroom().decoded(watch)
+        decoded = self._darkroom(shots).decoded(watch)
         path = self._folder() / RUNNING
         with disk_errors(str(path.parent)):
             write_png(path, preview(decoded.answer.image))
         parts = len(part_numbers(decoded.recipe))
         return Seen(parts, rms_sigma(decoded.answer), decoded.answer.kind)
 
-    def develop(self, watch: Watch) -> Developed:
+    def develop(self, watch: Watch, shots: Sequence[ShotRecord]) -> Developed:
         """Make all pictures and write them into the run folder; the job is forgotten then.
 
         Raises DecodeError, NoSpaceError.
         """
-        job, darkroom, facts = self._of_job(), self._darkroom(), self._facts
+        job, darkroom, facts = self._of_job(), self._darkroom(shots), self._facts
         decoded = darkroom.decoded(watch)
         write_pictures(self._folder(), decoded)
         record, picture = darkroom.record, decoded.answer
@@ -213,10 +212,13 @@ class Desk:
             raise PdcdError("there is no plan to work on")
         return self._job
 
-    def _darkroom(self) -> Darkroom:
+    def _darkroom(self, shots: Sequence[ShotRecord]) -> Darkroom:
+        """The job's darkroom, which then knows of these shots; those it knew come first."""
         darkroom = self._of_job().darkroom
         if darkroom is None:
             raise PdcdError("the job has no run folder yet")
+        for shot in shots[len(darkroom.record.shots) :]:
+            darkroom.add(shot)
         return darkroom
 
     def _folder(self) -> Path:

@@ -18,7 +18,6 @@ WORK: Mapping[str, Task] = MappingProxyType(
         "begin": Desk.begin,
         "meter_pairs": Desk.meter_pairs,
         "metered": Desk.metered,
-        "add": Desk.add,
         "learn": Desk.learn,
         "see": Desk.see,
         "develop": Desk.develop,

@@ -301,7 +301,7 @@ def test_without_a_plan_there_is_no_work(engine: Engine) -> None:
     child = child_of(engine)
     child.do(Watch(), Desk.plan, REQUEST, None, None)
     with pytest.raises(PdcdError, match="no run folder"):
-        child.do(Watch(), Desk.develop)
+        child.do(Watch(), Desk.develop, [])
     with pytest.raises(PdcdError, match="no work is called"):
         child.do(Watch(), Desk.forget)
 

@@ -62,7 +62,8 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
 
 @pytest.mark.parametrize("kind", TYPES)
 def test_what_was_sent_is_what_is_read(kind: str) -> None:
-    fields = {"goal": "white", "rms_sigma": None, "cause": "late", "name": "x-1", "shot": "x"}
+    words = {"goal": "white", "cause": "late", "name": "x-1", "shot": "x", "stage": "codes"}
+    fields = {**words, "rms_sigma": None}
     numbers = dict.fromkeys(
         ("ahead", "photos", "frames", "frame", "missed", "part", "target", "shots", "done"), 1
     )
