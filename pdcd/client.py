@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import socket
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, TypeVar
 
 import msgspec
 
 from pdcd.errors import PdcdError, ProtocolError
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.inputs.sending import Sendable, parcels
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, Sent
 from pdcd.runs.events import Event, read
 from pdcd.server.messages import MAX_LINE, PROTOCOL, Admitted, Hello, JobList, JobView, Status
 
@@ -27,6 +28,12 @@ T = TypeVar("T")
 OnEvent = Callable[[Event], None]
 """Takes one event, a struct of `pdcd.runs.events`; `type` names its kind."""
 
+Arrays = Mapping[str, Sendable]
+"""Arrays of a request by field: paths, or numpy arrays."""
+NONE: Arrays = MappingProxyType({})
+
+INTAKE_TIMEOUT_S = 30.0
+"""Time allowed to the daemon for reading the arrays of a request, in seconds."""
 ENGINE_TIMEOUT_S = 60.0
 """Time allowed to an answer that needs the devices, in seconds."""
 
@@ -103,11 +110,16 @@ class Client:
         self,
         request: CaptureRequest,
         *,
+        arrays: Arrays = NONE,
         detach: bool = False,
         queue: bool = False,
         on_event: OnEvent | None = None,
     ) -> CaptureResult:
         """Take a photo and wait for its end; with `detach`, only start it.
+
+        `arrays` are those of the request by field, as paths that this process may read, or as
+        numpy arrays: "illumination", "kernel" ..., and "prior" for the file of a transport matrix.
+        They are passed on as open files; the daemon needs no right to them.
 
         A detached job is returned as it stands (queued or running). On KeyboardInterrupt the job
         is cancelled, its end is awaited, and its result is returned.
@@ -115,9 +127,9 @@ class Client:
         if on_event is not None:
             self.call("events.subscribe", {"jobs": "own"})
         params = {**msgspec.to_builtins(request), "detach": detach, "queue": queue}
-        request_id = self._send("capture.start", params)
+        request_id = self._send_with(arrays, "capture.start", params)
         try:
-            started = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
+            started = _typed(self._answer(request_id, INTAKE_TIMEOUT_S, on_event), Admitted)
         except KeyboardInterrupt:
             # The job's first events may come before the answer that names it.
             late = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
@@ -147,10 +159,10 @@ class Client:
         """The jobs that the daemon knows, oldest first."""
         return _typed(self.call("capture.list"), JobList).jobs
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
-        """What a capture would do."""
-        answer = self.call("capture.plan", msgspec.to_builtins(request), timeout_s=ENGINE_TIMEOUT_S)
-        return _typed(answer, PlanSummary)
+    def plan(self, request: CaptureRequest, *, arrays: Arrays = NONE) -> PlanSummary:
+        """What a capture would do; `arrays` as in `capture`."""
+        request_id = self._send_with(arrays, "capture.plan", msgspec.to_builtins(request))
+        return _typed(self._answer(request_id, ENGINE_TIMEOUT_S, None), PlanSummary)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
@@ -187,14 +199,28 @@ class Client:
         request_id = self._send(method, {"job": job})
         return _typed(self._answer(request_id, None, only_this), CaptureResult)
 
-    def _send(self, method: str, params: Mapping[str, object] | None) -> int:
+    def _send_with(self, arrays: Arrays, method: str, params: Mapping[str, object]) -> int:
+        """Send a request with its arrays as open files. Raises RequestError."""
+        with parcels(arrays) as opened:
+            sent = {
+                name: Sent(fd=index, file=parcel.file)
+                for index, (name, parcel) in enumerate(opened.items())
+            }
+            descriptors = [parcel.descriptor for parcel in opened.values()]
+            return self._send(method, {**params, **msgspec.to_builtins(sent)}, descriptors)
+
+    def _send(
+        self, method: str, params: Mapping[str, object] | None, descriptors: Sequence[int] = ()
+    ) -> int:
         self._next_id += 1
-        message = {
+        message: dict[str, object] = {
             "jsonrpc": "2.0",
             "id": self._next_id,
             "method": method,
             "params": params or {},
         }
+        if descriptors:
+            message["fds"] = len(descriptors)
         line = msgspec.json.encode(message) + b"\n"
         if len(line) > MAX_LINE:
             raise ProtocolError(
@@ -202,7 +228,9 @@ class Client:
             )
         try:
             self._sock.settimeout(self._timeout_s)
-            self._sock.sendall(line)
+            # Descriptors go with the first byte; the rest of a long line follows.
+            gone = socket.send_fds(self._sock, [line], descriptors) if descriptors else 0
+            self._sock.sendall(line[gone:])
         except OSError as err:
             raise Unreachable(f"the daemon on {self._path} went away: {err}") from err
         return self._next_id

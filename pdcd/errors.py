@@ -3,7 +3,8 @@
 ::
 
     PdcdError                kind            what happened
-    ├── ConfigError          config          a setting, request or input file is wrong
+    ├── ConfigError          config          a setting of the operator is wrong
+    ├── RequestError         request         what a client asked for, or sent, is wrong
     ├── ProtocolError        protocol        a message on the socket is malformed or unknown
     ├── BusyError            busy            another capture holds the rig
     ├── DriverUnavailable    driver_unavailable   a driver is unknown or cannot be loaded
@@ -44,9 +45,15 @@ class PdcdError(Exception):
 
 
 class ConfigError(PdcdError):
-    """A setting, a request or an input file is wrong or out of range."""
+    """A setting of the configuration or the command line is wrong or out of range."""
 
     kind = "config"
+
+
+class RequestError(PdcdError):
+    """A request, or an array that came with it, is wrong or cannot be done on this rig."""
+
+    kind = "request"
 
 
 class ProtocolError(PdcdError):

@@ -20,6 +20,7 @@ from pdcd.planning.choose import choose, wants_choice
 from pdcd.planning.guards import asks_for_lag
 from pdcd.planning.guided import plan_for, summary
 from pdcd.planning.outlook import Setting
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Emit
 from pdcd.runs.folder import RunFolder, read_manifest
@@ -88,15 +89,15 @@ class Engine:
             scene=None if rig.scene is None else rig.scene.name,
         )
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
-        """What a request would do. Raises ConfigError."""
+    def plan(self, request: CaptureRequest, given: Given = NOTHING) -> PlanSummary:
+        """What a request would do; `given` holds its arrays. Raises RequestError."""
         if not wants_choice(request):
             lag_s = self._rig.mask_lag_s() if asks_for_lag(request, self._config) else None
-            plan = plan_for(request, self._config, self.grid, lag_s)
+            plan = plan_for(request, self._config, self.grid, lag_s, given)
             return summary(plan, self._config.limits.max_exposure_s)
         camera, lag_s = self._rig.look_at_camera(), self._rig.mask_lag_s()
         setting = Setting(self._config, camera, self._profile, lag_s)
-        plan = choose(request, setting, self.grid, self._rig.scene).plan
+        plan = choose(request, setting, self.grid, self._rig.scene, given=given).plan
         return summary(plan, self._config.limits.max_exposure_s)
 
     def show(self, pattern: str, index: int = 0) -> None:
@@ -140,6 +141,7 @@ class Engine:
     def capture(
         self,
         request: CaptureRequest,
+        given: Given = NOTHING,
         *,
         job: str,
         owner: OwnerView | None = None,
@@ -150,12 +152,13 @@ class Engine:
         """Run one job to its end; never raises for what goes wrong in it.
 
         When it returns, panels are black and the shutter is closed, whatever the result says.
+        `given` holds the arrays of the request: no file that a request names is opened here.
         `emit(event)` is told of every step; `cancelled()` is asked at every one of them.
         """
         if parent is None:
             parent = Path(request.out) if request.out else state_dir(self._config) / "captures"
         folder = RunFolder(parent.resolve(), job)
-        ordered = Job(job, request, owner, emit, cancelled)
+        ordered = Job(job, request, owner, emit, cancelled, given)
         self._rig.pulse.heard_by = cancelled
         safe = False
         try:

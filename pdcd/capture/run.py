@@ -97,11 +97,12 @@ class Run:
 
     def _plan(self) -> Plan:
         """The plan as asked for, or as a wanted error or time has it."""
-        request, rig = self._job.request, self._rig
+        request, given, rig = self._job.request, self._job.given, self._rig
         if not wants_choice(request):
-            return plan_for(request, self._config, rig.grid, rig.mask_lag_s())
+            return plan_for(request, self._config, rig.grid, rig.mask_lag_s(), given)
         setting = Setting(self._config, self._camera, self._profile, rig.mask_lag_s())
-        return choose(request, setting, rig.grid, rig.scene, self._job.look_for_cancel).plan
+        alive = self._job.look_for_cancel
+        return choose(request, setting, rig.grid, rig.scene, alive, given).plan
 
     def _take_all(self, plan: Plan, darkroom: Darkroom) -> Plan:
         """Take shot after shot, as far as need be; returns the plan as it came to be."""

@@ -16,4 +16,5 @@ CANCELLED = 130
 
 def exit_code(kind: str | None) -> int:
     """Exit code for an error of this `kind` (see `pdcd.errors`)."""
-    return {"config": USAGE, "busy": BUSY, "cancelled": CANCELLED}.get(kind or "", FAILED)
+    codes = {"config": USAGE, "request": USAGE, "busy": BUSY, "cancelled": CANCELLED}
+    return codes.get(kind or "", FAILED)

@@ -57,10 +57,11 @@ class Access:
         if peer.uid in self.uids or (self.group is not None and peer.gid == self.group):
             return True
         # The kernel gives one group only; the others are looked up by name.
-        return self.group is not None and self.group in _groups_of(peer)
+        return self.group is not None and self.group in groups_of(peer)
 
 
-def _groups_of(peer: Peer) -> list[int]:
+def groups_of(peer: Peer) -> list[int]:
+    """All groups of a peer, by the system's tables; none for a user that they do not name."""
     try:
         return os.getgrouplist(pwd.getpwuid(peer.uid).pw_name, peer.gid)
     except KeyError:

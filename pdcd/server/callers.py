@@ -25,6 +25,8 @@ class Caller:
         self.number = number
         self.peer = peer
         self.interest: Interest = "none"
+        self.gone = False
+        """True once the client has left."""
         self._writer = writer
         self._lines: deque[tuple[bytes, bool]] = deque()
         self._changed = asyncio.Event()

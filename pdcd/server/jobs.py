@@ -20,7 +20,8 @@ from typing import Protocol
 
 import msgspec
 
-from pdcd.errors import BusyError, Cancelled, ConfigError, PdcdError
+from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.runs.events import Emit, Event
 from pdcd.runs.views import OwnerView, Preview, RigView
@@ -52,13 +53,15 @@ class EngineLike(Protocol):
         """The rig as found."""
         ...
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
-        """What the capture would do. Raises ConfigError when it cannot be done."""
+    def plan(self, request: CaptureRequest, given: Given) -> PlanSummary:
+        """What the capture would do; `given` are its arrays. Raises RequestError when it cannot
+        be done."""
         ...
 
     def capture(
         self,
         request: CaptureRequest,
+        given: Given,
         *,
         job: str,
         owner: OwnerView,
@@ -105,6 +108,8 @@ class Job:
     owner: Owner
     detach: bool
     created_utc: str
+    given: Given = field(default_factory=dict)
+    """Arrays of the request; let go of at the end."""
     state: JobState = "queued"
     result: CaptureResult | None = None
     cancel_flag: threading.Event = field(default_factory=threading.Event)
@@ -142,7 +147,15 @@ class JobTable:
         self.stopping = False
         """True once no more jobs are taken."""
 
-    def admit(self, request: CaptureRequest, owner: Owner, *, detach: bool, queue: bool) -> Job:
+    def admit(
+        self,
+        request: CaptureRequest,
+        given: Given,
+        owner: Owner,
+        *,
+        detach: bool,
+        queue: bool,
+    ) -> Job:
         """Take a job: it runs at once (state running) if the rig is free, else waits its turn.
 
         Raises BusyError when the rig is taken and `queue` is false, when the queue is full, or
@@ -157,7 +170,7 @@ class JobTable:
                 raise BusyError(
                     f"{len(self.queue)} jobs are waiting already", hint="wait until some have ended"
                 )
-        job = Job(self._new_name(), request, owner, detach, _utc_now())
+        job = Job(self._new_name(), request, owner, detach, _utc_now(), given)
         self._jobs[job.name] = job
         if self.running is None:
             self._run(job)
@@ -177,11 +190,11 @@ class JobTable:
         )
 
     def get(self, name: str) -> Job:
-        """The job of that name. Raises ConfigError when it is unknown or forgotten."""
+        """The job of that name. Raises RequestError when it is unknown or forgotten."""
         try:
             return self._jobs[name]
         except KeyError as err:
-            raise ConfigError(
+            raise RequestError(
                 f"no job {name!r}",
                 hint=f"capture.list names the jobs; the last {self._history} that ended are kept",
             ) from err
@@ -225,6 +238,7 @@ class JobTable:
     def _end(self, job: Job, result: CaptureResult) -> None:
         job.state = result.state
         job.result = result
+        job.given = NOTHING
         self._ended.append(job)
         if len(self._ended) > self._history:
             del self._jobs[self._ended.popleft().name]

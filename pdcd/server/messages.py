@@ -43,6 +43,7 @@ CODES: Mapping[str, int] = MappingProxyType(
     {
         "protocol": INVALID_REQUEST,
         "config": INVALID_PARAMS,
+        "request": INVALID_PARAMS,
         "internal": INTERNAL_ERROR,
         # The range left to applications; the order is frozen, new kinds go to the end.
         "busy": -32001,

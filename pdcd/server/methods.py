@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
@@ -12,11 +13,13 @@ import msgspec
 
 from pdcd import __version__
 from pdcd.bench.tables import Config
-from pdcd.errors import BusyError, ConfigError
+from pdcd.errors import BusyError, Cancelled, RequestError
+from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
 from pdcd.server.callers import Caller
+from pdcd.server.intake import Intake
 from pdcd.server.jobs import EngineLike, Owner
 from pdcd.server.messages import (
     Admitted,
@@ -66,14 +69,14 @@ class Methods:
         self._connections = connections
         self._started_ns = time.monotonic_ns()
         self._description = description
+        folder = config.server.arrays
+        self._intake = Intake(None if folder is None else Path(folder), description.grid)
         self._table: dict[str, Callable[[Caller, Any], Awaitable[msgspec.Struct]]] = {
             "hello": self._hello,
             "ping": self._ping,
             "rig.status": self._status,
             "rig.describe": self._describe,
             "config.get": self._config_get,
-            "capture.plan": self._plan,
-            "capture.start": self._start,
             "capture.wait": self._wait,
             "capture.cancel": self._cancel,
             "capture.list": self._list,
@@ -109,10 +112,17 @@ class Methods:
 
     async def handle(self, caller: Caller, request: Request) -> msgspec.Struct:
         """Do what is asked and return the result. Raises PdcdError."""
-        return await self._table[request.method](caller, request.params)
+        params = request.params
+        if not isinstance(params, CaptureRequest):
+            return await self._table[request.method](caller, params)
+        params, given = await self._intake.take(params, request.fds, caller.peer)
+        if isinstance(params, StartParams):
+            return self._start(caller, params, given)
+        return await self._plan(params, given)
 
     def gone(self, caller: Caller) -> None:
         """The client has left: its jobs end."""
+        caller.gone = True
         self._runner.drop(caller.number)
 
     async def _hello(self, caller: Caller, params: msgspec.Struct) -> Agreed:
@@ -142,15 +152,21 @@ class Methods:
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config
 
-    async def _plan(self, caller: Caller, request: CaptureRequest) -> PlanSummary:
+    async def _plan(self, request: CaptureRequest, given: Given) -> PlanSummary:
         self._refuse_if_taken()
-        return await self._worker.call(self._engine.plan, self._confined(request))
+        return await self._worker.call(self._engine.plan, self._confined(request), given)
 
-    async def _start(self, caller: Caller, params: StartParams) -> Admitted:
+    def _start(self, caller: Caller, params: StartParams, given: Given) -> Admitted:
+        if caller.gone and not params.detach:  # while its arrays were read
+            raise Cancelled("the client has gone")
         peer = caller.peer
         owner = Owner(peer.uid, peer.pid, peer.user, caller.number)
         job = self._runner.start(
-            self._confined(params.request()), owner, detach=params.detach, queue=params.queue
+            self._confined(params.request()),
+            given,
+            owner,
+            detach=params.detach,
+            queue=params.queue,
         )
         return Admitted(job=job.name, state=job.state)
 
@@ -188,25 +204,38 @@ class Methods:
             raise self._runner.table.busy()
 
     def _confined(self, request: CaptureRequest) -> CaptureRequest:
-        """The request with `out` made absolute. Raises ConfigError when it leaves the state folder.
+        """The request with `out` made absolute; RequestError when it leaves the state folder.
 
         A relative path is taken from the state folder; symbolic links are followed first.
         """
         if request.out is None:
             return request
+        if not _usable(request.out):
+            raise RequestError(
+                f"out is no usable path: {request.out[:80]!r}",
+                hint="take characters that print, names of up to 255 bytes, 1024 bytes in all",
+            )
         try:
             home = self._state_dir.resolve()
             out = (home / request.out).resolve()
         except (OSError, ValueError, RuntimeError) as err:
-            raise ConfigError(
+            raise RequestError(
                 f"out is not a usable path: {err}", hint="name a folder below the state folder"
             ) from err
         if not out.is_relative_to(home):
-            raise ConfigError(
+            raise RequestError(
                 f"out leaves the daemon's state folder: {out}",
                 hint=f"choose a folder below {home}, or run pdcd capture --local",
             )
         return msgspec.structs.replace(request, out=str(out))
+
+
+def _usable(path: str) -> bool:
+    """Whether a path can be one on this system, and be told in one line."""
+    if not path.isprintable():  # control characters, and what no encoding knows
+        return False
+    encoded = os.fsencode(path)
+    return len(encoded) <= 1024 and all(len(part) <= 255 for part in encoded.split(b"/"))
 
 
 def _clock() -> ClockAnchor:

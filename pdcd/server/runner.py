@@ -10,6 +10,7 @@ from collections.abc import Callable
 import msgspec
 
 from pdcd.errors import PdcdError
+from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs import events
 from pdcd.runs.events import Event
@@ -38,10 +39,16 @@ class Runner:
         self._task: asyncio.Task[None] | None = None
 
     def start(
-        self, request: CaptureRequest, owner: Owner, *, detach: bool = False, queue: bool = False
+        self,
+        request: CaptureRequest,
+        given: Given,
+        owner: Owner,
+        *,
+        detach: bool = False,
+        queue: bool = False,
     ) -> Job:
         """Take a job and return at once. Raises BusyError as `JobTable.admit` does."""
-        job = self.table.admit(request, owner, detach=detach, queue=queue)
+        job = self.table.admit(request, given, owner, detach=detach, queue=queue)
         self._ended[job.name] = asyncio.Event()
         logger.info(
             "capture admitted job=%s state=%s goal=%s uid=%d user=%s detach=%s",
@@ -52,7 +59,7 @@ class Runner:
         return job
 
     async def wait(self, name: str) -> CaptureResult:
-        """The result of a job, when it has ended. Raises ConfigError for an unknown job."""
+        """The result of a job, when it has ended. Raises RequestError for an unknown job."""
         job = self.table.get(name)
         ended = self._ended.get(name)
         if ended is not None:
@@ -64,7 +71,7 @@ class Runner:
     async def cancel(self, name: str) -> CaptureResult:
         """End a job and return its result when it has ended; harmless on an ended one.
 
-        Raises ConfigError for an unknown job.
+        Raises RequestError for an unknown job.
         """
         job = self.table.get(name)
         self._cancel(job)
@@ -141,7 +148,12 @@ class Runner:
 
         try:
             result = self._engine.capture(
-                job.request, job=job.name, owner=job.owner.view(), emit=emit, cancelled=cancelled
+                job.request,
+                job.given,
+                job=job.name,
+                owner=job.owner.view(),
+                emit=emit,
+                cancelled=cancelled,
             )
         finally:
             flush()

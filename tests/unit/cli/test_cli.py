@@ -15,7 +15,15 @@ from pdcd import words
 from pdcd.cli import output, parser
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
-from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
+from pdcd.errors import (
+    BusyError,
+    Cancelled,
+    ConfigError,
+    DeviceLost,
+    PdcdError,
+    RequestError,
+    SyncError,
+)
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Decoded, Decoding, Progress
 from tests.unit.cli.cli_stubs import (
@@ -143,6 +151,17 @@ def test_capture_leaves_defaults_to_the_rig(daemon: type[StubClient], tmp_path: 
     assert daemon.asked == [tmp_path / "pdcd.sock", (wanted, False, False), "closed"]
 
 
+def test_files_are_opened_here_and_never_named_to_the_daemon(
+    daemon: type[StubClient], tmp_path: Path
+) -> None:
+    line = "capture filtered --kernel k.npy --illumination l.png --prior t.npz"
+    assert main(line.split()) == 0
+    files = {"kernel": Path("k.npy"), "illumination": Path("l.png"), "prior": Path("t.npz")}
+    assert daemon.asked[1] == (CaptureRequest(goal="filtered"), False, False, files)
+    assert main(["plan", "indirect", "--prior", "decay:3"]) == 0
+    assert daemon.asked[-2] == ("plan", CaptureRequest(goal="indirect", prior="decay:3"))
+
+
 def test_socket_comes_from_the_configuration(daemon: type[StubClient], tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text("[server]\nsocket = 'lab.sock'\n")
     assert main(["status", "--config", str(tmp_path / "rig.toml")]) == 0
@@ -260,6 +279,7 @@ def test_capture_json_ends_with_the_result_unchanged(
     [
         (ended("failed", "device_lost"), 5),
         (ended("failed", "config"), 2),
+        (ended("failed", "request"), 2),
         (ended("failed", "busy"), 4),
         (ended("failed", "something new"), 5),
         (CaptureResult(job=JOB, state="failed"), 5),
@@ -288,7 +308,8 @@ def test_end_of_the_job_gives_the_exit_code(
     ("error", "code", "kind", "line"),
     [
         (BusyError("the rig is taken", hint="by ada"), 4, "busy", "the rig is taken (by ada)"),
-        (ConfigError("no such goal"), 2, "config", "no such goal"),
+        (ConfigError("no such key"), 2, "config", "no such key"),
+        (RequestError("no such goal"), 2, "request", "no such goal"),
         (SyncError("3 late", device="mask"), 5, "sync", "mask: 3 late"),
         (DeviceLost("gone", device="camera"), 5, "device_lost", "camera: gone"),
         (Cancelled("ended"), 130, "cancelled", "ended"),
