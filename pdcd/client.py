@@ -13,13 +13,14 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, TypeVar
 
 import msgspec
 
 from pdcd.errors import BusyError, PdcdError, ProtocolError
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.inputs.sending import Sendable, parcels
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, Sent
 from pdcd.runs.events import Event, read
 from pdcd.runs.stored import StoredRun
 from pdcd.server.messages import (
@@ -41,6 +42,12 @@ OnEvent = Callable[[Event], None]
 CONNECT_INTERVAL_S = 0.02
 """Pause in seconds before a full backlog is tried again."""
 
+Arrays = Mapping[str, Sendable]
+"""Arrays of a request by field: paths, or numpy arrays."""
+NONE: Arrays = MappingProxyType({})
+
+INTAKE_TIMEOUT_S = 30.0
+"""Time allowed to the daemon for reading the arrays of a request, in seconds."""
 ENGINE_TIMEOUT_S = 60.0
 """Time allowed to an answer that needs the devices, in seconds."""
 
@@ -118,11 +125,16 @@ class Client:
         self,
         request: CaptureRequest,
         *,
+        arrays: Arrays = NONE,
         detach: bool = False,
         queue: bool = False,
         on_event: OnEvent | None = None,
     ) -> CaptureResult:
         """Take a photo and wait for its end; with `detach`, only start it.
+
+        `arrays` are those of the request by field, as paths that this process may read, or as
+        numpy arrays: "illumination", "kernel" ..., and "prior" for the file of a transport matrix.
+        They are passed on as open files; the daemon needs no right to them.
 
         A detached job is returned as it stands (queued or running). On KeyboardInterrupt the job
         is cancelled, its end is awaited, and its result is returned.
@@ -130,9 +142,9 @@ class Client:
         if on_event is not None:
             self.call("events.subscribe", {"jobs": "own"})
         params = {**msgspec.to_builtins(request), "detach": detach, "queue": queue}
-        request_id = self._send("capture.start", params)
+        request_id = self._send_with(arrays, "capture.start", params)
         try:
-            started = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
+            started = _typed(self._answer(request_id, INTAKE_TIMEOUT_S, on_event), Admitted)
         except KeyboardInterrupt:
             # The job's first events may come before the answer that names it.
             late = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
@@ -166,10 +178,10 @@ class Client:
         """The runs in the daemon's state folder, newest first, up to 1000 of them."""
         return tuple(_typed(self.call("capture.list", {"runs": newest}), JobList).runs)
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
-        """What a capture would do."""
-        answer = self.call("capture.plan", msgspec.to_builtins(request), timeout_s=ENGINE_TIMEOUT_S)
-        return _typed(answer, PlanSummary)
+    def plan(self, request: CaptureRequest, *, arrays: Arrays = NONE) -> PlanSummary:
+        """What a capture would do; `arrays` as in `capture`."""
+        request_id = self._send_with(arrays, "capture.plan", msgspec.to_builtins(request))
+        return _typed(self._answer(request_id, ENGINE_TIMEOUT_S, None), PlanSummary)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
@@ -220,6 +232,16 @@ class Client:
 
         request_id = self._send(method, {"job": job})
         return _typed(self._answer(request_id, None, only_this), CaptureResult)
+
+    def _send_with(self, arrays: Arrays, method: str, params: Mapping[str, object]) -> int:
+        """Send a request with its arrays as open files. Raises RequestError."""
+        with parcels(arrays) as opened:
+            sent = {
+                name: Sent(fd=index, file=parcel.file)
+                for index, (name, parcel) in enumerate(opened.items())
+            }
+            descriptors = [parcel.descriptor for parcel in opened.values()]
+            return self._send(method, {**params, **msgspec.to_builtins(sent)}, descriptors)
 
     def _send(
         self, method: str, params: Mapping[str, object] | None, fds: Sequence[int] = ()

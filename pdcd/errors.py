@@ -3,8 +3,8 @@
 ::
 
     PdcdError                kind            what happened
-    ├── ConfigError          config          a setting, request or input file is wrong
-    ├── RequestError         request         a client asked for something that cannot be
+    ├── ConfigError          config          a setting of the operator is wrong
+    ├── RequestError         request         what a client asked for, or sent, is wrong
     ├── ProtocolError        protocol        a message on the socket is malformed or unknown
     ├── BusyError            busy            another capture holds the rig
     ├── DeniedError          denied          the user may not do this
@@ -48,13 +48,13 @@ class PdcdError(Exception):
 
 
 class ConfigError(PdcdError):
-    """A setting, a request or an input file is wrong or out of range."""
+    """A setting of the configuration or the command line is wrong or out of range."""
 
     kind = "config"
 
 
 class RequestError(PdcdError):
-    """A request asks for something that cannot be had: a value, a path or a file is wrong."""
+    """A request, or an array that came with it, is wrong or cannot be done on this rig."""
 
     kind = "request"
 

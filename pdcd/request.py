@@ -24,8 +24,34 @@ from pdcd.words import (
     WindowName,
 )
 
-Table = str | tuple[tuple[float, ...], ...]
-"""Path of an image or `.npy` file that the daemon can read, or rows of numbers."""
+Name = Annotated[str, Meta(max_length=4096)]
+
+
+class Sent(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True
+):
+    """An array that comes as the content of a file: by descriptor, or within the line.
+
+    A client gives `fd` or `npy`, and may give `file`. In the manifest, `file` and `sha256` say what
+    was given.
+    """
+
+    fd: Annotated[int, Meta(ge=0, le=63)] | None = None
+    """Which of the descriptors that came with the line, from 0."""
+    npy: str | None = None
+    """Base64 of a .npy, .npz or PNG file."""
+    file: Annotated[str, Meta(max_length=255)] | None = None
+    """What the client calls the file, for people: nothing is opened by it."""
+    sha256: str | None = None
+    """Of the content; written by whoever has read it."""
+
+
+Rows = tuple[tuple[float, ...], ...]
+Table = Name | Sent | Rows
+"""Rows of numbers; the content of a file; or a name below the daemon's folder of arrays."""
+
+ARRAYS = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
+"""Fields of a request that are arrays; `prior` may be one."""
 
 
 class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -75,11 +101,11 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Wanted RMS error relative to the RMS of the picture; codes and exposures then follow."""
     confidence: Annotated[float, Meta(ge=0.5, lt=1.0)] | None = None
     """With which probability `error` is to be kept; None: 0.95."""
-    seconds: Annotated[float, Meta(gt=0.0)] | None = None
+    seconds: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None
     """Total time of all exposures, from which codes and exposures follow instead."""
-    prior: str | None = None
-    """What the scene is like, to guide the codes and foresee errors by: the path of a transport
-    matrix, "scene:" and the name of a preset, or "decay:" and a distance in cells."""
+    prior: Name | Sent | None = None
+    """What the scene is like, to guide the codes and foresee errors by: "scene:" and the name of a
+    preset, "decay:" and a distance in cells, or a transport matrix, given as other arrays are."""
     smooth: bool | None = None
     """Correct an indirect photo for what its codes get wrong of smoothly spread light, by a model
     that the photo itself gives. None: with the family hadamard; others show what they are."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,7 @@ from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import Codes
 from pdcd.frames.patterns import Patterns, pack
+from pdcd.planning.given import from_path, read_given
 from pdcd.probing.wanted import Match, Uniform, Wanted
 from pdcd.request import CaptureRequest, CaptureResult
 
@@ -107,6 +110,13 @@ def bench_of_rig(rig: Rig) -> Bench:
     return Bench.of(rig._context)
 
 
-def capture(engine: Engine, request: CaptureRequest, job: str = "job") -> CaptureResult:
-    """Run one job with nobody listening."""
-    return engine.capture(request, job=job, emit=lambda _: None, cancelled=lambda: False)
+def capture(
+    engine: Engine,
+    request: CaptureRequest,
+    job: str = "job",
+    files: Mapping[str, Path] = MappingProxyType({}),
+) -> CaptureResult:
+    """Run one job with nobody listening; `files` are those of the request, by field."""
+    sources = {name: from_path(path) for name, path in files.items()}
+    asked, given = read_given(request, sources, engine.grid)
+    return engine.capture(asked, given, job=job, emit=lambda _: None, cancelled=lambda: False)

@@ -18,6 +18,7 @@ from jsonschema import Draft202012Validator
 
 from pdcd.capture.engine import Engine
 from pdcd.client import Client
+from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Emit, Event
 from pdcd.server import connections, messages, protocol
@@ -82,7 +83,7 @@ class Heard:
             return message
 
         def captured(
-            engine: Engine, request: CaptureRequest, *, emit: Emit, **given: Any
+            engine: Engine, request: CaptureRequest, *arrays: Given, emit: Emit, **given: Any
         ) -> CaptureResult:
             counted: Counter[str] = Counter()
 
@@ -92,7 +93,7 @@ class Heard:
                 counted[event.type] += 1
                 emit(event)
 
-            return capture(engine, request, emit=told, **given)
+            return capture(engine, request, *arrays, emit=told, **given)
 
         patch.setattr(connections, "encode_notification", encode_notification)
         patch.setattr(Client, "_receive", received)

@@ -8,7 +8,7 @@ file is reported at once.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -55,14 +55,19 @@ def read(source: Path) -> tuple[Config, list[Fault]]:
     """
     try:
         table = tomllib.loads(source.read_text(encoding="utf-8"))
+        beyond = list(_beyond_64_bits(table))
     except OSError as err:
         raise ConfigError(
             f"cannot read the configuration {source}: {err.strerror}",
             hint="give an existing file with --config, or none for the mock bench",
         ) from err
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
+    except RecursionError as err:
+        raise ConfigError(f"{source} is nested too deeply") from err
+    except ValueError as err:  # not TOML, not UTF-8, or a number of thousands of digits
         raise ConfigError(f"{source} is not TOML: {err}") from err
 
+    if beyond:
+        raise _told(source, [f"{key}: a number has more than 64 bits" for key in beyond])
     faults: list[Fault] = []
     config = _overlay(Config(), table, "", faults)
     config = _resolve(config, source.absolute().parent)
@@ -70,6 +75,12 @@ def read(source: Path) -> tuple[Config, list[Fault]]:
     # A key that could not be read stands at its default; what follows from that is no news.
     faults += [fault for fault in cross_faults(config) if known.isdisjoint(fault.keys)]
     return config, faults
+
+
+def _told(source: Path, faults: list[str]) -> ConfigError:
+    count = f"{len(faults)} faults" if len(faults) > 1 else "1 fault"
+    lines = "\n  ".join(faults)
+    return ConfigError(f"{count} in {source}:\n  {lines}")
 
 
 def find(path: Path | str | None = None) -> Path | None:
@@ -104,6 +115,18 @@ def show(config: Config) -> str:
 def schema() -> dict[str, Any]:
     """JSON Schema of the file."""
     return msgspec.json.schema(Config)
+
+
+def _beyond_64_bits(value: Any, key: str = "") -> Iterator[str]:
+    """Keys of integers that TOML does not know, and that floats cannot always hold."""
+    if isinstance(value, dict):
+        for name, held in value.items():
+            yield from _beyond_64_bits(held, f"{key}.{name}" if key else name)
+    elif isinstance(value, list):
+        for held in value:
+            yield from _beyond_64_bits(held, key)
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        yield key
 
 
 def _overlay(base: _S, given: Any, where: str, faults: list[Fault]) -> _S:
@@ -141,7 +164,7 @@ def _resolve(config: Config, folder: Path) -> Config:
         camera = msgspec.structs.replace(camera, profile=_input_path(camera.profile, folder))
     places = {
         key: str(folder / _expand(value))
-        for key in ("socket", "state_dir")
+        for key in ("socket", "state_dir", "arrays")
         if (value := getattr(server, key)) is not None
     }
     server = msgspec.structs.replace(server, **places)

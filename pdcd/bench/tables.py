@@ -191,6 +191,9 @@ class ServerConfig(_Table, frozen=True):
     """None: $RUNTIME_DIRECTORY/../pdcd.sock under systemd, else $XDG_RUNTIME_DIR/pdcd.sock."""
     state_dir: str | None = None
     """None: $STATE_DIRECTORY under systemd, else $XDG_STATE_HOME/pdcd, else ~/.local/state/pdcd."""
+    arrays: str | None = None
+    """Folder in which requests may name arrays, each client those that it may read itself; None:
+    nowhere."""
     allow_uids: tuple[int, ...] = ()
     """More users than the daemon's own, root and its group's members (by socket mode). They may
     shoot, as those in `shoot.uids` may."""

@@ -22,6 +22,7 @@ from pdcd.offload.hands import Hands, Here
 from pdcd.offload.keeper import Child
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Emit
 from pdcd.runs.folder import RunFolder, read_manifest
@@ -108,12 +109,16 @@ class Engine:
     def plan(
         self,
         request: CaptureRequest,
+        given: Given = NOTHING,
         *,
         emit: Emit = lambda _: None,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> PlanSummary:
-        """What a request would do. `emit` is told how far the plan is, `cancelled()` is asked as
-        for a capture. Raises ConfigError, PlanError, Cancelled."""
+        """What a request would do; `given` holds its arrays.
+
+        `emit` is told how far the plan is, `cancelled()` is asked as for a capture. Raises
+        RequestError, PlanError, Cancelled.
+        """
 
         def look_for_cancel() -> None:
             if cancelled():
@@ -124,7 +129,7 @@ class Engine:
         asked = choice or asks_for_lag(request, self._config)
         lag_s = self._rig.mask_lag_s() if asked else None
         watch = planning(emit, look_for_cancel)
-        return self._hands.do(watch, Desk.plan, request, camera, lag_s).summary
+        return self._hands.do(watch, Desk.plan, request, given, camera, lag_s).summary
 
     def show(self, pattern: str, index: int = 0) -> None:
         """Hold a pattern on both panels: black, white, checker, grid, or one code by its number."""
@@ -167,6 +172,7 @@ class Engine:
     def capture(
         self,
         request: CaptureRequest,
+        given: Given = NOTHING,
         *,
         job: str,
         owner: OwnerView | None = None,
@@ -177,10 +183,11 @@ class Engine:
         """Run one job to its end; never raises for what goes wrong in it.
 
         When it returns, panels are black and the shutter is closed, whatever the result says.
+        `given` holds the arrays of the request: no file that a request names is opened here.
         `emit(event)` is told of every step; `cancelled()` is asked at every one of them. The run
         goes into `parent`, which stays open; without, to where request and configuration say.
         """
-        ordered = Job(job, request, owner, emit, cancelled)
+        ordered = Job(job, request, owner, emit, cancelled, given)
         self._rig.pulse.heard_by = cancelled
         safe, folder = False, None
         with ExitStack() as held:

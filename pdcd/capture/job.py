@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pdcd.bench.devices import Clock
 from pdcd.errors import Cancelled
 from pdcd.pictures.watch import Watch
+from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest
 from pdcd.runs.events import Decoded, Emit, Event, Planning, logged
 from pdcd.runs.folder import RunFolder
@@ -23,6 +24,8 @@ class Job:
     owner: OwnerView | None
     emit: Emit
     cancelled: Callable[[], bool]
+    given: Given = field(default_factory=dict)
+    """The arrays of the request."""
 
     def look_for_cancel(self) -> None:
         """Raise Cancelled when somebody asked for it."""

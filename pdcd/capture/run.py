@@ -101,7 +101,12 @@ class Run:
         """The plan as asked for, or as a wanted error or time has it."""
         job = self._job
         return self._hands.do(
-            job.planning(), Desk.plan, job.request, self._camera, self._rig.mask_lag_s()
+            job.planning(),
+            Desk.plan,
+            job.request,
+            job.given,
+            self._camera,
+            self._rig.mask_lag_s(),
         )
 
     def _take_all(self, planned: Planned) -> Planned:

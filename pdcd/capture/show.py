@@ -6,7 +6,7 @@ import numpy as np
 
 from pdcd.bench.tables import Config
 from pdcd.codes.make import make_codes
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.frames.frames import WHITE, Frames
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import pack
@@ -21,7 +21,7 @@ GRID_CELLS = 8
 def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Config) -> Frames:
     """One refresh: the projector shows the pattern, the mask its complement (white, grid: both).
 
-    Raises ConfigError for a pattern that is not known or a code that does not exist.
+    Raises RequestError for a pattern that is not known or a code that does not exist.
     """
     rows, cols = grid
     primal = np.zeros((rows, cols), dtype=np.bool_)
@@ -33,11 +33,13 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
     elif pattern == "code":
         schedule = config.schedule
         if not 0 <= index < schedule.codes:
-            raise ConfigError(f"code {index} does not exist", hint=f"0 to {schedule.codes - 1}")
+            raise RequestError(f"code {index} does not exist", hint=f"0 to {schedule.codes - 1}")
         codes = make_codes(schedule.family, grid, schedule.codes, dual="complement")
         primal = codes.primal[index].reshape(grid)
     elif pattern != "white":
-        raise ConfigError(f"unknown pattern {pattern!r}", hint=f"take black, {', '.join(PATTERNS)}")
+        raise RequestError(
+            f"unknown pattern {pattern!r}", hint=f"take black, {', '.join(PATTERNS)}"
+        )
     dual = primal if pattern == "grid" else ~primal
     which = WHITE if pattern == "white" else 0
     one = np.array([which], dtype=np.int32)

@@ -7,7 +7,7 @@ import os
 import pwd
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -20,11 +20,9 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import percent, progress, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
+from pdcd.recipes.arrays import Given
+from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.runs.views import OwnerView
-
-FILES = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
-"""Options that name a file the daemon is to read."""
 
 GUARDS = {
     "none": "without guards",
@@ -43,17 +41,23 @@ def capture(args: argparse.Namespace) -> int:
         raise ConfigError(
             f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
         )
-    result = take(args, request_of(args, out=args.out), detach=args.detach, queue=args.queue)
+    asked = request_of(args, out=args.out)
+    result = take(args, asked, arrays_of(args), detach=args.detach, queue=args.queue)
     return say_result(result, as_json=args.json)
 
 
 def take(
-    args: argparse.Namespace, request: CaptureRequest, *, detach: bool = False, queue: bool = False
+    args: argparse.Namespace,
+    request: CaptureRequest,
+    files: Mapping[str, Path],
+    *,
+    detach: bool = False,
+    queue: bool = False,
 ) -> CaptureResult:
     """Take a photo in this process or over the socket, as `args` say, with progress shown."""
     if args.local:
         with progress("planning") as on_event:
-            return _capture_here(args.config, request, on_event)
+            return _capture_here(args.config, request, files, on_event)
     path = daemon_socket(args)
     # A terminated command must end its job in good order, as an interrupted one does.
     with (
@@ -61,7 +65,7 @@ def take(
         progress() as on_event,
         Client(path) as client,
     ):
-        return client.capture(request, detach=detach, queue=queue, on_event=on_event)
+        return client.capture(request, arrays=files, detach=detach, queue=queue, on_event=on_event)
 
 
 def wait(args: argparse.Namespace) -> int:
@@ -73,7 +77,7 @@ def wait(args: argparse.Namespace) -> int:
 
 def plan(args: argparse.Namespace) -> int:
     """Print what a capture would do, without doing it."""
-    summary = _plan(args, request_of(args, out=None))
+    summary = _plan(args, request_of(args, out=None), arrays_of(args))
     if args.json:
         say_json(summary)
         return DONE
@@ -127,17 +131,13 @@ def daemon_socket(args: argparse.Namespace) -> Path:
 
 
 def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
-    """Check what was typed against the types of a request. Raises ConfigError."""
-    # The daemon has another current folder than we.
-    files = {
-        name: None if path is None else str(path.absolute())
-        for name in FILES
-        for path in [getattr(args, name)]
-    }
+    """Check what was typed against the types of a request. Raises ConfigError.
+
+    Its files are left out: see `arrays_of`.
+    """
     fields = {
-        **files,
         "goal": args.goal,
-        "prior": None if args.prior is None else _prior(args.prior),
+        "prior": args.prior if _in_words(args.prior) else None,
         "pilot": args.pilot,
         "smooth": args.smooth,
         "parts": args.parts,
@@ -171,29 +171,49 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
 
 
-def _prior(text: str) -> str:
-    """A prior as the daemon understands it: a file by its full path, all else as it is."""
-    named = text.startswith(("scene:", "decay:"))
-    return text if named else str(Path(text).absolute())
+def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
+    """The files that were named, by the request's field; this command opens them itself."""
+    given: dict[str, Path | None] = {name: getattr(args, name) for name in ARRAYS}
+    if args.prior is not None and not _in_words(args.prior):
+        given["prior"] = Path(args.prior)
+    return {name: path for name, path in given.items() if path is not None}
 
 
-def _plan(args: argparse.Namespace, request: CaptureRequest) -> PlanSummary:
+def _in_words(prior: str | None) -> bool:
+    return prior is not None and prior.startswith(("scene:", "decay:"))
+
+
+def _plan(
+    args: argparse.Namespace, request: CaptureRequest, files: Mapping[str, Path]
+) -> PlanSummary:
     """Ask the daemon, unless told to plan here; plan here too when no daemon was named or found."""
     if args.local and args.socket is not None:
         raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
     if not args.local and args.config is None:
         try:
             with Client(daemon_socket(args)) as client:
-                return client.plan(request)
+                return client.plan(request, arrays=files)
         except Unreachable:
             if args.socket is not None:
                 raise
     from pdcd.capture.engine import Engine
 
-    return Engine.from_config(load(args.config)).plan(request)
+    engine = Engine.from_config(load(args.config))
+    return engine.plan(*_read(request, files, engine.grid))
 
 
-def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEvent) -> CaptureResult:
+def _read(
+    request: CaptureRequest, files: Mapping[str, Path], grid: tuple[int, int]
+) -> tuple[CaptureRequest, Given]:
+    """Read files with this user's rights, for a rig in this process. Raises RequestError."""
+    from pdcd.planning.given import from_path, read_given
+
+    return read_given(request, {name: from_path(path) for name, path in files.items()}, grid)
+
+
+def _capture_here(
+    config: Path | None, request: CaptureRequest, files: Mapping[str, Path], on_event: OnEvent
+) -> CaptureResult:
     """Run one capture with the rig in this process; panels black and shutter closed on return."""
     from pdcd.capture.engine import Engine
 
@@ -207,11 +227,17 @@ def _capture_here(config: Path | None, request: CaptureRequest, on_event: OnEven
         interrupted.set()
 
     engine = Engine.from_config(load(config))
+    asked, given = _read(request, files, engine.grid)
     with signals_to(interrupt):
         try:
             engine.start()
             return engine.capture(
-                request, job=job, owner=_owner(), emit=on_event, cancelled=interrupted.is_set
+                asked,
+                given,
+                job=job,
+                owner=_owner(),
+                emit=on_event,
+                cancelled=interrupted.is_set,
             )
         finally:
             engine.stop()

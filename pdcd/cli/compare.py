@@ -6,7 +6,7 @@ import argparse
 
 import msgspec
 
-from pdcd.cli.capture import request_of, take
+from pdcd.cli.capture import arrays_of, request_of, take
 from pdcd.cli.exits import DONE
 from pdcd.cli.options import METHODS
 from pdcd.cli.output import say_json, say_result, say_table
@@ -38,10 +38,11 @@ def compare(args: argparse.Namespace) -> int:
     """Take the photo by all methods, one after the other; ends at the first that fails."""
     if args.local and args.socket is not None:
         raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
-    asked = request_of(args, out=args.out)
+    asked, files = request_of(args, out=args.out), arrays_of(args)
+    without_prior = {name: path for name, path in files.items() if name != "prior"}
     rows = []
     for method in METHODS:
-        result = take(args, by_method(asked, method))
+        result = take(args, by_method(asked, method), files if method == "coded" else without_prior)
         if result.state != "done":
             return say_result(result, as_json=args.json)
         rows.append(_compared(method, result))

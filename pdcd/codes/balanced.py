@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 
 _MAX_COUNT = 65536
 """Largest number of codes that a hint proposes; requests allow no more."""
@@ -25,11 +25,11 @@ def balanced(
 
     Raises
     ------
-    ConfigError
+    RequestError
         p * K is not a whole number between 1 and K - 1.
     """
     if not _fits(p, count):
-        raise ConfigError(
+        raise RequestError(
             f"balanced codes cannot light a cell in p*K = {p:g} * {count} = {p * count:g} codes",
             hint=_advice(p, count),
         )

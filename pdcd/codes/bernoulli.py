@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 
 
 def bernoulli(
@@ -40,11 +40,11 @@ def rademacher(
 
     Raises
     ------
-    ConfigError
+    RequestError
         p is not 1/2.
     """
     if p != 0.5:
-        raise ConfigError(
+        raise RequestError(
             f"rademacher codes are +1 and -1 equally often, not lit with p = {p:g}",
             hint="take the family 'bernoulli' for other p",
         )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pdcd.codes.colouring import colour_lattice, phase_lattice
 from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders
 from pdcd.codes.spread import spread_codes, spread_size
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 
 
 def hadamard(
@@ -34,7 +34,7 @@ def hadamard(
 
     Raises
     ------
-    ConfigError
+    RequestError
         p is no power of 1/2; for p = 1/2 no Hadamard matrix of order K >= 2 can be constructed
         here; for smaller p, K is no power of two from 1/p^2 on.
     """
@@ -51,7 +51,7 @@ def _seldom(
     mantissa, exponent = math.frexp(p)
     t = 1 - exponent
     if mantissa != 0.5 or t < 2:
-        raise ConfigError(
+        raise RequestError(
             f"hadamard codes light cells in 1/2, 1/4, 1/8 ... of the codes, not p = {p:g}",
             hint="take the family 'balanced' for other p",
         )
@@ -59,7 +59,7 @@ def _seldom(
         least = 4**t
         below = 1 << (count.bit_length() - 1)
         near = [n for n in (below, 2 * below) if n >= least] or [least]
-        raise ConfigError(
+        raise RequestError(
             f"hadamard codes of p = {p:g} do not come in sets of K = {count}",
             hint=f"take {' or '.join(str(n) for n in near)} codes, or the family 'balanced'",
         )
@@ -78,10 +78,10 @@ def hadamard_fits(count: int, p: float) -> bool:
 
 
 def check_order(count: int) -> None:
-    """Raise ConfigError, naming the nearest numbers that work, unless `count` codes can be made."""
+    """Raise RequestError, naming the nearest numbers that work, if `count` codes cannot be made."""
     if count < 2 or not is_order(count):
         near = " or ".join(str(n) for n in nearest_orders(count))
-        raise ConfigError(
+        raise RequestError(
             f"hadamard codes do not come in sets of K = {count}", hint=f"take {near} codes"
         )
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.colouring import colour_lattice
 from pdcd.codes.hadamard import check_order, coloured
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 
 
 def prior_codes(
@@ -42,7 +42,7 @@ def prior_codes(
 
     Raises
     ------
-    ConfigError
+    RequestError
         No Hadamard matrix of order K >= 2 can be constructed here, or the links do not fit the
         lattice, are negative or are not finite.
     """
@@ -56,17 +56,17 @@ def symmetric(links: Any, cells: int) -> Any:
 
     Raises
     ------
-    ConfigError
+    RequestError
         The links are not (L, L) with finite entries of at least 0.
     """
     matrix = scipy.sparse.csr_array(links, dtype=np.float64)
     if matrix.shape != (cells, cells):
-        raise ConfigError(
+        raise RequestError(
             f"links of shape {matrix.shape} do not fit a lattice of {cells} cells",
             hint=f"give a matrix of {cells} x {cells} strengths",
         )
     if not (np.isfinite(matrix.data).all() and (matrix.data >= 0.0).all()):
-        raise ConfigError(
+        raise RequestError(
             "links hold strengths that are negative or not finite", hint="clip them at 0"
         )
     both = matrix.maximum(matrix.T).tocoo()

@@ -13,7 +13,7 @@ from pdcd.codes.balanced import balanced
 from pdcd.codes.bernoulli import bernoulli, rademacher
 from pdcd.codes.hadamard import hadamard
 from pdcd.codes.singer import singer
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 
 Family = Callable[[tuple[int, int], int, float, np.random.Generator], NDArray[np.bool_]]
 """(lattice, count K, p, rng) -> (K, L) bool: which cells the projector lights in each code."""
@@ -81,7 +81,7 @@ def make_codes(
 
     Raises
     ------
-    ConfigError
+    RequestError
         An argument is out of range, or the family cannot serve this `count` and `p`.
     """
     _check(family, lattice, count, dual, p, seed)
@@ -101,21 +101,23 @@ def make_codes(
 def _check(
     family: str, lattice: tuple[int, int], count: int, dual: str, p: float, seed: int
 ) -> None:
-    """Raise ConfigError for an argument that is out of range."""
+    """Raise RequestError for an argument that is out of range."""
     rows, cols = lattice
     if rows < 1 or cols < 1:
-        raise ConfigError(
+        raise RequestError(
             f"a lattice of {rows} x {cols} cells is empty", hint="give at least 1 row and 1 column"
         )
     if count < 1:
-        raise ConfigError(f"{count} codes were asked for", hint="take at least 1 code")
+        raise RequestError(f"{count} codes were asked for", hint="take at least 1 code")
     if not 0.0 < p < 1.0:
-        raise ConfigError(f"p = {p} is not between 0 and 1", hint="take p = 0.5 for indirect light")
+        raise RequestError(
+            f"p = {p} is not between 0 and 1", hint="take p = 0.5 for indirect light"
+        )
     if seed < 0:
-        raise ConfigError(f"seed {seed} is negative", hint="take a seed of 0 or more")
+        raise RequestError(f"seed {seed} is negative", hint="take a seed of 0 or more")
     if dual not in ("complement", "same"):
-        raise ConfigError(f"unknown dual {dual!r}", hint="take 'complement' or 'same'")
+        raise RequestError(f"unknown dual {dual!r}", hint="take 'complement' or 'same'")
     if family not in FAMILIES:
-        raise ConfigError(
+        raise RequestError(
             f"unknown code family {family!r}", hint=f"take one of {', '.join(FAMILIES)}"
         )

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 
 
 def is_order(order: int) -> bool:
@@ -44,13 +44,13 @@ def hadamard_columns(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
 
     Raises
     ------
-    ConfigError
+    RequestError
         `is_order` does not hold for `order`.
     """
     factors = _factors(order)
     if factors is None:
         near = " or ".join(str(n) for n in nearest_orders(max(order, 1)))
-        raise ConfigError(
+        raise RequestError(
             f"no Hadamard matrix of order {order} can be built", hint=f"take the order {near}"
         )
     columns = np.ones((1, index.size), dtype=np.int8)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.codes.colouring import colour_lattice
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 
 LARGEST = 31
 """Largest order q of the planes made here; its codes come in sets of 993."""
@@ -43,13 +43,13 @@ def singer(
 
     Raises
     ------
-    ConfigError
+    RequestError
         There is no plane of that order here, or `count` is no multiple of v.
     """
     lines, q = line_count(p), round(1.0 / p) - 1
     if count % lines:
         near = [n for n in (count // lines * lines, -(-count // lines) * lines) if n]
-        raise ConfigError(
+        raise RequestError(
             f"singer codes of p = 1/{q + 1} do not come in sets of K = {count}",
             hint=f"take {' or '.join(str(n) for n in near)} codes",
         )
@@ -68,13 +68,13 @@ def line_count(p: float) -> int:
 
     Raises
     ------
-    ConfigError
+    RequestError
         There is no plane of that order here.
     """
     q = round(1.0 / p) - 1
     if abs(p * (q + 1) - 1.0) > 1e-9 or not 2 <= q <= LARGEST or _prime_of(q) is None:
         shares = ", ".join(f"1/{n + 1}" for n in range(2, LARGEST + 1) if _prime_of(n))
-        raise ConfigError(
+        raise RequestError(
             f"singer codes keep the share 1/(q+1) of indirect light, not p = {p:g}",
             hint=f"take the goal fraction with a p of {shares}",
         )
@@ -91,12 +91,12 @@ def difference_set(q: int) -> tuple[int, ...]:
 
     Raises
     ------
-    ConfigError
+    RequestError
         q is no power of a prime from 2 to `LARGEST`.
     """
     prime = _prime_of(q)
     if prime is None or q > LARGEST:
-        raise ConfigError(
+        raise RequestError(
             f"no projective plane of order {q} is made here",
             hint=f"take a power of a prime up to {LARGEST}",
         )

@@ -37,6 +37,7 @@ from pdcd.planning.guided import plan_for, scouted, stopped, summary, with_links
 from pdcd.planning.metering import expected_share, metered_pairs, peak_share
 from pdcd.planning.outlook import Setting
 from pdcd.planning.plan import Plan
+from pdcd.recipes.arrays import Given
 from pdcd.recipes.parts import part_numbers
 from pdcd.request import CaptureRequest
 from pdcd.runs.folder import write_patterns
@@ -86,24 +87,25 @@ class Desk:
         self,
         watch: Watch,
         request: CaptureRequest,
+        given: Given,
         camera: CameraInfo | None,
         mask_lag_s: float | None,
     ) -> Planned:
         """Plan a request; what was kept of the job before is forgotten.
 
         `camera` may be None where the request wants no choice (`wants_choice`) and no pictures will
-        be made. Raises ConfigError.
+        be made. `given` holds the request's arrays. Raises RequestError.
         """
         self._job = None
         facts = self._facts
         watch.stage = "codes"
         if not wants_choice(request):
-            plan = plan_for(request, facts.config, facts.grid, mask_lag_s, watch)
+            plan = plan_for(request, facts.config, facts.grid, mask_lag_s, given, watch)
         elif camera is None:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
             setting = Setting(facts.config, camera, facts.profile, mask_lag_s)
-            plan = choose(request, setting, facts.grid, facts.scene, watch).plan
+            plan = choose(request, setting, facts.grid, facts.scene, given, watch).plan
         self._job = _Job(request, camera, plan)
         return self._planned(plan)
 

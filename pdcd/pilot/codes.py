@@ -6,7 +6,7 @@ import numpy as np
 
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import is_order
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.pilot.matching import MOST_CELLS
 from pdcd.pilot.signs import Bools
 
@@ -54,12 +54,12 @@ def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
 
     Raises
     ------
-    ConfigError
+    RequestError
         No pilot has that many codes, the lattice is empty, or too fine to look for a map.
     """
     if count == SCOUTS or count in MATCHED:
         if count > SCOUTS and lattice[0] * lattice[1] > MOST_CELLS:
-            raise ConfigError(
+            raise RequestError(
                 f"a pilot of {count} codes looks for a map of at most {MOST_CELLS} cells",
                 hint=f"take a power of two from {POWERS[0]}, or a coarser grid",
             )
@@ -67,7 +67,7 @@ def pilot_codes(lattice: tuple[int, int], count: int, seed: int) -> Bools:
         return np.concatenate([scouts, _varied(lattice, count - SCOUTS, seed)])
     quarter = count // 4
     if count % 4 or not is_order(quarter) or count < POWERS[0]:
-        raise ConfigError(
+        raise RequestError(
             f"a pilot of {count} codes cannot be made",
             hint=f"take one of {MATCHED}, or a power of two from {POWERS[0]}",
         )

@@ -19,7 +19,7 @@ import numpy as np
 
 from pdcd.codes.hadamard import hadamard_fits
 from pdcd.codes.singer import line_count
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_share
@@ -32,6 +32,7 @@ from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CaptureRequest, Prediction
 from pdcd.scene.scene import Scene
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
@@ -79,30 +80,30 @@ class Choice:
 
 
 def wants_choice(request: CaptureRequest) -> bool:
-    """Whether a request leaves its parameters to this module. Raises ConfigError when it
+    """Whether a request leaves its parameters to this module. Raises RequestError when it
     contradicts itself."""
     asked = [name for name in ("error", "seconds") if getattr(request, name) is not None]
     if not asked:
         if request.confidence is not None:
-            raise ConfigError(
+            raise RequestError(
                 "confidence goes with a wanted error only",
                 hint="give an error, or seconds, and leave the number of codes open",
             )
         return False
     if len(asked) == 2:
-        raise ConfigError(
+        raise RequestError(
             "an error and a time are both asked for",
             hint="give one; the plan says what the other comes to",
         )
     defaults = CaptureRequest(goal=request.goal)
     given = [name for name in SETTLED if getattr(request, name) != getattr(defaults, name)]
     if given:
-        raise ConfigError(
+        raise RequestError(
             f"{' and '.join(given)} and {asked[0]} are both asked for",
             hint=f"{asked[0]} decides on codes, pilot, exposure and repetitions: leave them out",
         )
     if request.method != "coded" or request.family in ("isolation", "confocal"):
-        raise ConfigError(
+        raise RequestError(
             f"{asked[0]} is for coded photos",
             hint="leave method and family out",
         )
@@ -114,6 +115,7 @@ def choose(
     setting: Setting,
     grid: tuple[int, int],
     scene: Scene | None,
+    given: Given = NOTHING,
     watch: Watch | None = None,
 ) -> Choice:
     """The plan that a request with a wanted error or a time comes to, its prediction included.
@@ -124,17 +126,18 @@ def choose(
     setting : the rig.
     grid : rows and columns of cells.
     scene : what stands before the rig, where that is known; `request.prior` goes before it.
+    given : the request's arrays.
     watch : hears of every shot that is thought through and of every candidate, and may end the
         work. What there is to do grows where pilots turn out to be worth a look.
 
     Raises
     ------
-    ConfigError
+    RequestError
         The error cannot be had within the limits, or the time is too short for any plan.
     """
-    given = None if request.prior is None else load_prior(request.prior, grid)
-    known = _known(request, given, scene)
-    search = _Search(request, setting, grid, known, given, watch or Watch())
+    prior = None if request.prior is None else load_prior(request.prior, grid, given)
+    known = _known(request, prior, scene)
+    search = _Search(request, given, setting, grid, known, prior, watch or Watch())
     best = search.run()
     confidence = request.confidence or CONFIDENCE
     prediction = Prediction(
@@ -150,13 +153,13 @@ def choose(
 
 
 def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | None) -> Scene | Prior:
-    """What the scene is taken to be. Raises ConfigError."""
+    """What the scene is taken to be. Raises RequestError."""
     if given is not None and given.scene is not None:
         return given.scene
     if scene is not None:
         return scene
     if request.goal not in GOALS:
-        raise ConfigError(
+        raise RequestError(
             f"the error of the goal {request.goal} cannot be foreseen for an unknown scene",
             hint="give a transport matrix as prior, or the number of codes",
         )
@@ -169,13 +172,14 @@ class _Search:
     def __init__(
         self,
         request: CaptureRequest,
+        arrays: Given,
         setting: Setting,
         grid: tuple[int, int],
         prior: Scene | Prior,
         given: GivenPrior | None,
         watch: Watch,
     ) -> None:
-        self.request, self.setting, self.grid = request, setting, grid
+        self.request, self.arrays, self.setting, self.grid = request, arrays, setting, grid
         self.prior, self.given, self.watch = prior, given, watch
         self.confidence = request.confidence or CONFIDENCE
         self.best: Choice | None = None
@@ -191,7 +195,7 @@ class _Search:
         return f"scene {self.prior.name}" if isinstance(self.prior, Scene) else str(self.prior)
 
     def run(self) -> Choice:
-        """The best candidate. Raises ConfigError when none will do."""
+        """The best candidate. Raises RequestError when none will do."""
         self._climb_all("codes", list(product((None,), self._blacks(), self._schedules())))
         plain = self.best
         if self._takes_pilot() and (plain is None or self.request.seconds is not None):
@@ -301,7 +305,7 @@ class _Search:
             if by_map is not None and not share:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
-            plan = make_plan(request, self.setting.config, self.grid)
+            plan = make_plan(request, self.setting.config, self.grid, given=self.arrays)
             if self.given is not None and guidable(plan):
                 plan = by_prior(plan, self.given, request.seed)
             if any(program.coded for program in plan.recipe.programs.values()):
@@ -392,19 +396,19 @@ class _Search:
         extra = int((self.request.seconds - one_s) / (two_s - one_s) + 1e-9)
         return min(MOST_REPEATS, 1 + max(0, extra))
 
-    def _refusal(self) -> ConfigError:
+    def _refusal(self) -> RequestError:
         """Why no candidate will do, and what would."""
         if self.request.error is None:
-            return ConfigError(
+            return RequestError(
                 f"no plan fits into {self.request.seconds:g} s: {self.refused}",
                 hint="give more time, or leave the white shot out",
             )
         asked = f"an RMS error of {100.0 * self.request.error:.3g} % cannot be had"
         if self.closest is None:
-            return ConfigError(f"{asked}: {self.refused}", hint="give less light or more codes")
+            return RequestError(f"{asked}: {self.refused}", hint="give less light or more codes")
         closest, estimate = self.closest, self.closest.estimate
         within = 100.0 * self._bound(closest)
-        return ConfigError(
+        return RequestError(
             f"{asked}: {closest.plan.how.coded} codes, {MOST_REPEATS} times, leave {within:.2g} % "
             f"({100.0 * estimate.code:.2g} % by the codes, "
             f"{100.0 * estimate.sensor / MOST_REPEATS**0.5:.2g} % by the sensor), within "

@@ -9,13 +9,14 @@ from scipy.sparse import csr_array
 
 from pdcd.bench.tables import Config
 from pdcd.codes.orders import is_order
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.make import make_plan
 from pdcd.planning.pairs import linked_pairs
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded, Program, Signed, Under
 from pdcd.request import CaptureRequest, PilotCost, PlanSummary
@@ -26,6 +27,7 @@ def plan_for(
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
+    given: Given = NOTHING,
     watch: Watch | None = None,
 ) -> Plan:
     """Resolve a request that names its number of codes, and follow its prior.
@@ -34,28 +36,28 @@ def plan_for(
 
     Raises
     ------
-    ConfigError
+    RequestError
         As `make_plan`, or the prior is unsound, comes with a pilot, or cannot guide these codes.
     """
     if request.pilot == SCOUTS:
-        raise ConfigError(
+        raise RequestError(
             f"a pilot of {SCOUTS} codes finds nothing", hint=f"take one of {MATCHED}, or from 32"
         )
-    plan = make_plan(request, config, grid, mask_lag_s, watch)
+    plan = make_plan(request, config, grid, mask_lag_s, given, watch)
     if request.prior is None:
         return plan
     if plan.how.pilot:
-        raise ConfigError(
+        raise RequestError(
             "a prior and a pilot are both asked for",
             hint="give one: a pilot learns what a prior tells",
         )
     if not guidable(plan):
-        raise ConfigError(
+        raise RequestError(
             f"a prior cannot guide the codes of goal {request.goal}, family {plan.family}",
             hint="it guides hadamard codes of the goals indirect, direct, diagonal, split and "
             "short-range; leave out the prior",
         )
-    return by_prior(plan, load_prior(request.prior, grid), request.seed)
+    return by_prior(plan, load_prior(request.prior, grid, given), request.seed)
 
 
 def with_links(plan: Plan, links: csr_array, seed: int) -> Plan:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import msgspec
 
 from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError
+from pdcd.errors import ConfigError, RequestError
 from pdcd.frames.bitplanes import check_binary
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
@@ -16,7 +16,7 @@ from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.guards import choose_schedule, choose_window, lag_rows
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
-from pdcd.recipes.arrays import target_of
+from pdcd.recipes.arrays import NOTHING, Given, target_of
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
 from pdcd.recipes.isolation import check_isolation
 from pdcd.recipes.make import draft_of, finished
@@ -31,16 +31,18 @@ def make_plan(
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
+    given: Given = NOTHING,
     watch: Watch | None = None,
 ) -> Plan:
     """Resolve a request against the configuration.
 
     `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
-    A `watch` is told how many programs have their codes, and may end the work.
-    Raises ConfigError when the request contradicts itself, the rig, or the limits.
+    `given` holds the request's arrays. A `watch` is told how many programs have their codes, and
+    may end the work. Raises RequestError when the request contradicts itself, the rig, or the
+    limits.
     """
     how = _how(request, config)
-    draft = draft_of(target_of(request, grid), how)
+    draft = draft_of(target_of(request, given, grid), how)
     smoothable = _smoothable(draft, request)
     lattice = Lattice(grid, _window(request, config, grid))
     schedule = _schedule(request, config, mask_lag_s)
@@ -79,11 +81,12 @@ def make_plan(
     if how.coded:
         return plan
     scouts_first = msgspec.structs.replace(request, pilot=SCOUTS)
-    return replace(plan, otherwise=make_plan(scouts_first, config, grid, mask_lag_s, watch))
+    otherwise = make_plan(scouts_first, config, grid, mask_lag_s, given, watch)
+    return replace(plan, otherwise=otherwise)
 
 
 def _how(request: CaptureRequest, config: Config) -> How:
-    """How to photograph, before the family is settled. Raises ConfigError."""
+    """How to photograph, before the family is settled. Raises RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
     how = How(
         codes=total,
@@ -96,7 +99,7 @@ def _how(request: CaptureRequest, config: Config) -> How:
         white=request.white,
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
-        raise ConfigError(
+        raise RequestError(
             f"a pilot of {how.pilot} leaves none of {total} codes",
             hint="the pilot's codes are counted among all: ask for more codes or a smaller pilot",
         )
@@ -105,10 +108,10 @@ def _how(request: CaptureRequest, config: Config) -> How:
 
 
 def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
-    """Whether there is a photo whose smooth light can be corrected. Raises ConfigError."""
+    """Whether there is a photo whose smooth light can be corrected. Raises RequestError."""
     found = draft.coded is not None and draft.coded.wanted.uniform == (0.0, 1.0)
     if request.smooth and not found:
-        raise ConfigError(
+        raise RequestError(
             f"goal {request.goal} takes no photo of indirect light under full light to smooth",
             hint="leave out smooth",
         )
@@ -137,15 +140,15 @@ def _schedule(request: CaptureRequest, config: Config, mask_lag_s: float | None)
 def _check_family(family: FamilyName, how: How, draft: Recipe) -> None:
     """Refuse what a family of codes cannot do."""
     if how.pilot and family != "hadamard":
-        raise ConfigError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
+        raise RequestError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
     if family in ISOLATION and how.method != "coded":
-        raise ConfigError(
+        raise RequestError(
             f"method {how.method} does not isolate paths", hint="take the family hadamard"
         )
     if family in ISOLATION and how.parts > 1:
-        raise ConfigError(f"{family} has no codes to split", hint="leave out the parts")
+        raise RequestError(f"{family} has no codes to split", hint="leave out the parts")
     if how.repeat > 1 and (how.parts > 1 or how.method != "coded" or draft.sums):
-        raise ConfigError(
+        raise RequestError(
             "only a coded photo in one piece can be repeated", hint="leave out repeat, or the parts"
         )
 
@@ -173,7 +176,7 @@ def _passes(
         return 1
     passes = int(request.exposure_s / one_pass_s + 1e-9)
     if passes < 1:
-        raise ConfigError(
+        raise RequestError(
             f"an exposure of {request.exposure_s:g} s is shorter than one pass over "
             f"{shown} codes ({one_pass_s:.3g} s)",
             hint="ask for fewer codes or a longer exposure",
@@ -184,7 +187,7 @@ def _passes(
 def _check_limit(exposure_s: float, config: Config) -> None:
     """Refuse exposures that the rig's limits do not allow."""
     if exposure_s > config.limits.max_exposure_s:
-        raise ConfigError(
+        raise RequestError(
             f"the plan needs an exposure of {exposure_s:.1f} s; the limit is "
             f"{config.limits.max_exposure_s:g} s",
             hint="ask for fewer codes, or raise limits.max_exposure_s",

@@ -1,7 +1,7 @@
 """What is said to be known of a scene before the first photo: a prior, as a request names it.
 
 ======================  ============================================================
-``FILE.npz``            a transport matrix over the rig's cells, as scenes are read
+a file, or its name     a transport matrix over the rig's cells, stored as scenes are
 ``scene:NAME``          a preset scene over the rig's grid, such as ``scene:disco-ball``
 ``decay:CELLS``         light that falls off as ``exp(-d / CELLS)`` with the distance d
 ======================  ============================================================
@@ -18,8 +18,10 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse import csr_array
 
-from pdcd.errors import ConfigError
-from pdcd.scene.matrix import load_matrix, matrix_effects
+from pdcd.errors import RequestError
+from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.request import Sent
+from pdcd.scene.matrix import matrix_effects
 from pdcd.scene.presets import PRESETS
 from pdcd.scene.scene import Scene
 
@@ -27,7 +29,11 @@ MOST_CELLS = 6144
 """Cells beyond which the paths between all pairs of them, 300 MB here, are too many to hold."""
 FAINT = 1e-3
 """Share of the strength between neighbours below which a decay counts as none."""
-FORMS = "give the absolute path of an .npz file, scene:NAME or decay:CELLS"
+FORMS = "give an .npz file with a transport matrix, scene:NAME or decay:CELLS"
+GRID = "prior.grid"
+"""Beside the transport "prior", the array [[rows, columns]] of its own grid."""
+NAMED = ("scene:", "decay:")
+"""Beginnings of priors that are said in words."""
 
 
 @dataclass(frozen=True)
@@ -44,27 +50,33 @@ class GivenPrior:
     scene: Scene | None
 
 
-def load_prior(text: str, grid: tuple[int, int]) -> GivenPrior:
-    """Read a prior for a rig of that grid.
+def load_prior(prior: str | Sent, grid: tuple[int, int], given: Given = NOTHING) -> GivenPrior:
+    """The prior that a request names, for a rig of that grid.
+
+    Parameters
+    ----------
+    given : with the transport "prior", (N, N), and its `GRID`, where the prior is a file.
 
     Raises
     ------
-    ConfigError
-        The text is none of the forms above, the file is unsound or of another grid, or the grid has
-        too many cells.
+    RequestError
+        The text is none of the forms above, the matrix is of another grid, or the grid has too
+        many cells.
     """
     cells = grid[0] * grid[1]
     if cells > MOST_CELLS:
-        raise ConfigError(
+        raise RequestError(
             f"a prior for {cells} cells has too many paths; the most is {MOST_CELLS} cells",
             hint="leave out the prior, or use a coarser grid",
         )
-    kind, colon, rest = text.partition(":")
-    if colon and kind == "decay":
-        return _decay(rest, grid)
-    scene = _preset(rest, grid) if colon and kind == "scene" else _file(text, grid)
-    name = f"scene {scene.name}" if colon and kind == "scene" else f"file {Path(text).name}"
-    return GivenPrior(name, links_of(scene), scene)
+    if isinstance(prior, str) and prior.startswith("decay:"):
+        return _decay(prior.removeprefix("decay:"), grid)
+    if isinstance(prior, str) and prior.startswith("scene:"):
+        scene = _preset(prior.removeprefix("scene:"), grid)
+        return GivenPrior(f"scene {scene.name}", links_of(scene), scene)
+    file = prior if isinstance(prior, str) else prior.file or "without a name"
+    scene = _file(Path(file).name, given, grid)
+    return GivenPrior(f"file {Path(file).name}", links_of(scene), scene)
 
 
 def links_of(scene: Scene) -> csr_array:
@@ -83,7 +95,7 @@ def _decay(text: str, grid: tuple[int, int]) -> GivenPrior:
     except ValueError:
         length = np.nan
     if not (np.isfinite(length) and length > 0.0):
-        raise ConfigError(
+        raise RequestError(
             f"the prior decay:{text} names no distance above 0",
             hint="say over how many cells light falls to 37 %, such as decay:3",
         )
@@ -96,21 +108,20 @@ def _decay(text: str, grid: tuple[int, int]) -> GivenPrior:
 
 def _preset(name: str, grid: tuple[int, int]) -> Scene:
     if name not in PRESETS:
-        raise ConfigError(
+        raise RequestError(
             f"the prior scene:{name} is no preset scene",
             hint=f"one of {', '.join(sorted(PRESETS))}",
         )
     return PRESETS[name](grid, {})
 
 
-def _file(text: str, grid: tuple[int, int]) -> Scene:
-    path = Path(text)
-    if not path.is_file():
-        raise ConfigError(f"there is no prior {text}", hint=FORMS)
-    transport, own = load_matrix(path)
-    if own != grid:
-        raise ConfigError(
-            f"the prior {path} is of {own[0]} x {own[1]} cells, the rig of {grid[0]} x {grid[1]}",
+def _file(name: str, given: Given, grid: tuple[int, int]) -> Scene:
+    if "prior" not in given:
+        raise RequestError(f"there is no prior {name}", hint=FORMS)
+    rows, columns = given[GRID].astype(int).ravel().tolist()
+    if (rows, columns) != grid:
+        raise RequestError(
+            f"the prior {name} is of {rows} x {columns} cells, the rig of {grid[0]} x {grid[1]}",
             hint="give a transport matrix over the rig's cells",
         )
-    return Scene(path.stem, own, matrix_effects(transport))
+    return Scene(Path(name).stem, grid, matrix_effects(given["prior"]))

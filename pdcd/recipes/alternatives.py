@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.recipes.goals import Target
 
 Floats = NDArray[np.float64]
@@ -103,16 +103,16 @@ def checkers(grid: tuple[int, int], block: int = BLOCK_CELLS) -> Floats:
 def shares(target: Target, method: str) -> tuple[float, float]:
     """How much of direct and of indirect light a goal asks for.
 
-    Raises ConfigError for goals that are more than that.
+    Raises RequestError for goals that are more than that.
     """
     known = {"direct": (1.0, 0.0), "indirect": (0.0, 1.0), "fraction": (1.0, target.goal.p or 0.0)}
     if target.goal.name not in known:
-        raise ConfigError(
+        raise RequestError(
             f"method {method} cannot do the goal {target.goal.name}",
             hint=f"it does {', '.join(known)}; take the method coded",
         )
     if target.light is not None:
-        raise ConfigError(
+        raise RequestError(
             f"method {method} takes no illumination", hint="leave it out, or take the method coded"
         )
     return known[target.goal.name]

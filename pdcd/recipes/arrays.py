@@ -1,68 +1,74 @@
-"""Arrays that a request names: images, `.npy` files or lists -> float64, shape-checked later."""
+"""Arrays of a request by the name of their field, and the goal that is made of them.
+
+No file is opened here: who takes the request reads them first (`pdcd.planning.given`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
+from types import MappingProxyType
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.recipes.goals import MATRICES, PLANES, Target, check_target
-from pdcd.request import CaptureRequest, Goal
+from pdcd.request import ARRAYS, CaptureRequest, Goal, Rows, Sent
 
 Floats = NDArray[np.float64]
-Given = str | tuple[tuple[float, ...], ...]
-"""A path, or rows of numbers."""
+Given = Mapping[str, Floats]
+"""Arrays by the request's field, read and finite, (rows, columns) float64."""
+
+NOTHING: Given = MappingProxyType({})
+
+MOST_ELEMENTS = 6144**2
+"""Numbers in the largest array that is taken; 300 MB here. Pairs of cells of 64 x 96 cells."""
+FEWEST_ELEMENTS = 2**16
+"""Numbers that are read of any array, so that one of a wrong shape is refused by its shape."""
 
 
-def load(name: str, given: Given) -> Floats:
-    """A two-dimensional array. Images become grey, full scale 1. Raises ConfigError."""
-    if not isinstance(given, str):
-        if len({len(row) for row in given}) != 1:
-            raise ConfigError(f"{name} has rows of unequal length", hint="give a full rectangle")
-        return np.array(given, dtype=np.float64)
-    path = Path(given)
-    try:
-        data = path.read_bytes()
-    except OSError as err:
-        raise ConfigError(
-            f"cannot read {name} from {path}: {err.strerror}", hint="give an absolute path"
-        ) from err
-    array = _numpy(name, path) if path.suffix == ".npy" else _image(name, path, data)
-    if array.ndim != 2:
-        raise ConfigError(f"{name} in {path} has {array.ndim} dimensions, not 2")
-    return array
+def most_elements(name: str, grid: tuple[int, int]) -> int:
+    """The most numbers that an array of this field can mean on a rig of that grid."""
+    rows, columns = grid
+    if name in PLANES:
+        useful = rows * columns
+    elif name == "kernel":
+        useful = (2 * rows - 1) * (2 * columns - 1)
+    else:
+        useful = (rows * columns) ** 2
+    return min(max(useful, FEWEST_ELEMENTS), MOST_ELEMENTS)
 
 
-def _numpy(name: str, path: Path) -> Floats:
-    try:
-        return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
-    except (OSError, ValueError, EOFError, TypeError) as err:
-        raise ConfigError(f"{name}: {path} is no array of numbers", hint=str(err)) from err
+def of_rows(name: str, rows: Rows) -> Floats:
+    """Rows of numbers as an array. Raises RequestError."""
+    if len({len(row) for row in rows}) != 1:
+        raise RequestError(f"{name} has rows of unequal length", hint="give a full rectangle")
+    return np.array(rows, dtype=np.float64)
 
 
-def _image(name: str, path: Path, data: bytes) -> Floats:
-    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_ANYDEPTH)
-    if image is None:
-        raise ConfigError(
-            f"{name}: {path} is no image",
-            hint="take PNG, TIFF or another format of OpenCV, or .npy",
-        )
-    full = {"uint8": 255.0, "uint16": 65535.0}.get(str(image.dtype), 1.0)
-    return image.astype(np.float64) / full
+def target_of(request: CaptureRequest, given: Given, grid: tuple[int, int]) -> Target:
+    """What a request asks for.
 
+    Parameters
+    ----------
+    given : arrays that came as files; those that came as rows are taken from the request.
 
-def target_of(request: CaptureRequest, grid: tuple[int, int]) -> Target:
-    """What a request asks for, with all its arrays read. Raises ConfigError."""
-    given = {name: getattr(request, name) for name in (*PLANES, *MATRICES)}
-    arrays = {name: load(name, v) for name, v in given.items() if v is not None}
+    Raises RequestError, also for an array that nobody has read.
+    """
+    arrays = {name: given[name] for name in ARRAYS if name in given}
+    for name in ARRAYS:
+        value = getattr(request, name)
+        if name in arrays or value is None:
+            continue
+        if isinstance(value, str | Sent):
+            raise RequestError(
+                f"{name} was named, but not read", hint="hand the array over beside the request"
+            )
+        arrays[name] = of_rows(name, value)
     for name in PLANES:
         if name in arrays and arrays[name].shape != grid:
-            raise ConfigError(
-                f"{name} is {arrays[name].shape[0]} x {arrays[name].shape[1]}, the grid is "
+            raise RequestError(
+                f"{name} is {' x '.join(map(str, arrays[name].shape))}, the grid is "
                 f"{grid[0]} x {grid[1]} cells",
                 hint="give one value for each cell",
             )

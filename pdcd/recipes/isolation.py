@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.frames.lattice import Lattice
 from pdcd.probing.wanted import Wanted
 from pdcd.recipes.programs import Bools, Floats, Pairs, Program
@@ -90,7 +90,7 @@ def isolated(recipe: Recipe, family: FamilyName) -> Recipe:
 
 def check_isolation(recipe: Recipe, *, slot_s: float, limit_s: float) -> None:
     """Refuse path isolation of which an exposure would take longer than `limit_s`, or too much
-    memory, before anything large is made; `slot_s` is the time of one pair. Raises ConfigError."""
+    memory, before anything large is made; `slot_s` is the time of one pair. Raises RequestError."""
     for program in recipe.programs.values():
         if isinstance(program, Isolation):
             _check(program, slot_s, limit_s)
@@ -99,13 +99,13 @@ def check_isolation(recipe: Recipe, *, slot_s: float, limit_s: float) -> None:
 def _check(program: Isolation, slot_s: float, limit_s: float) -> None:
     count = program.count()
     if count * slot_s > limit_s:
-        raise ConfigError(
+        raise RequestError(
             f"path isolation of {count} pairs of cells takes {count * slot_s:.0f} s a photo; "
             f"the limit is {limit_s:g} s",
             hint="use codes, a coarser grid, or raise limits.max_exposure_s",
         )
     if count * program.wanted.cells > MAX_LEVELS:
-        raise ConfigError(
+        raise RequestError(
             f"path isolation of {count} pairs of cells takes {count * slot_s:.0f} s a photo and "
             "more memory than is sensible",
             hint="use codes or a coarser grid",

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.recipes.alternatives import checkers, fitted_weights, masked_weights, shares
 from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
@@ -32,7 +32,7 @@ def recipe_of(target: Target, how: How) -> Recipe:
     Black exposures measure what leaks and are subtracted (limitations L1-L3). Where a pilot leaves
     no codes, the coded photo is made of the pilot's.
 
-    Raises ConfigError when the goal cannot be photographed like that.
+    Raises RequestError when the goal cannot be photographed like that.
     """
     return finished(draft_of(target, how), how)
 
@@ -54,7 +54,7 @@ def _whole(target: Target, how: How) -> Recipe:
     maker = Maker(target, how.black_level)
     if how.method != "coded":
         if how.pilot:
-            raise ConfigError(f"method {how.method} takes no pilot", hint="leave it out")
+            raise RequestError(f"method {how.method} takes no pilot", hint="leave it out")
         return _multi_image(maker, how.codes) if how.method == "multi-image" else _nayar(maker)
     pictures = RECIPES[target.goal.name](maker, how.white, how.coded)
     recipe = Recipe(target, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
@@ -66,7 +66,7 @@ def _whole(target: Target, how: How) -> Recipe:
 def _with_pilot(recipe: Recipe, count: int) -> Recipe:
     """The same with `count` photos of single codes through an open mask before the coded shots."""
     if "coded" not in recipe.programs or recipe.target.goal.name == "fraction":
-        raise ConfigError(
+        raise RequestError(
             f"goal {recipe.target.goal.name} takes no pilot",
             hint="a pilot helps indirect and direct light",
         )
@@ -83,13 +83,13 @@ def _with_pilot(recipe: Recipe, count: int) -> Recipe:
 def _pilot_alone(recipe: Recipe) -> Recipe:
     """The same with the pilot's photos, masked in software, in the place of the coded shot."""
     if recipe.target.goal.name not in ("indirect", "direct"):
-        raise ConfigError(
+        raise RequestError(
             f"a pilot leaves no codes for the goal {recipe.target.goal.name}",
             hint="ask for more codes or a smaller pilot",
         )
     coded = recipe.coded
     if coded is None or len(coded.shots) > 1 or recipe.target.light is not None:
-        raise ConfigError(
+        raise RequestError(
             "a pilot of all codes takes neither black exposures nor an illumination",
             hint="leave them out, or ask for more codes",
         )
@@ -106,9 +106,9 @@ def _multi_image(maker: Maker, codes: int) -> Recipe:
     target = maker.target
     direct, indirect = shares(target, "multi-image")
     if codes < 2:
-        raise ConfigError("the method multi-image needs at least 2 codes")
+        raise RequestError("the method multi-image needs at least 2 codes")
     if maker.blacks:
-        raise ConfigError(
+        raise RequestError(
             "the method multi-image takes no black exposures", hint="take the black level none"
         )
     stack = tuple(Shot(f"photo-{k + 1:04d}", "photos", only=k) for k in range(codes))

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.request import CaptureRequest
 
@@ -25,14 +25,14 @@ def in_parts(recipe: Recipe, parts: int) -> Recipe:
     """Return the recipe with every shot of codes taken in `parts` exposures, part by part.
 
     Programs and shots get the number of their part, from 1, behind the name of the program; shots
-    that are not split come first. One part leaves the recipe as it is. Raises ConfigError when
+    that are not split come first. One part leaves the recipe as it is. Raises RequestError when
     there are no codes to split.
     """
     if parts == 1:
         return recipe
     split = [s for s in recipe.shots if _splits(recipe, s)]
     if not split:
-        raise ConfigError(
+        raise RequestError(
             f"goal {recipe.target.goal.name} has no coded photo to split into {parts} parts",
             hint="leave out the parts: this photo has no code error",
         )
@@ -58,9 +58,9 @@ def in_parts(recipe: Recipe, parts: int) -> Recipe:
 
 
 def check_parts(request: CaptureRequest) -> int:
-    """Number of parts asked for. Raises ConfigError for a target that they cannot measure."""
+    """Number of parts asked for. Raises RequestError for a target that they cannot measure."""
     if request.until_error is not None and request.parts < FEWEST_PARTS:
-        raise ConfigError(
+        raise RequestError(
             f"{request.parts} parts cannot tell when the error is low enough",
             hint=f"take at least {FEWEST_PARTS} parts: their spread measures the error",
         )
@@ -113,9 +113,9 @@ def coin_signs(bits: NDArray[np.bool_], seed: int) -> NDArray[np.bool_]:
 
 
 def part_codes(codes: int, parts: int) -> int:
-    """Codes of each part. Raises ConfigError when they cannot be shared out evenly."""
+    """Codes of each part. Raises RequestError when they cannot be shared out evenly."""
     if codes % parts:
-        raise ConfigError(
+        raise RequestError(
             f"{codes} codes cannot be shared out to {parts} parts",
             hint=f"take {max(1, codes // parts) * parts} codes",
         )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.probing.wanted import Wanted
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Bools, Floats, Program
@@ -116,10 +116,10 @@ class Recipe:
     def wanted(self) -> Wanted:
         """The goal's own wanted matrix: that of the answer.
 
-        Raises ConfigError for answers that no single matrix gives.
+        Raises RequestError for answers that no single matrix gives.
         """
         if isinstance(self.answer, Extremes):
-            raise ConfigError(f"goal {self.target.goal.name} is no sum of photos")
+            raise RequestError(f"goal {self.target.goal.name} is no sum of photos")
         photos = {photo.name: photo.wanted for photo in self.photos}
         parts = [
             (coefficient * weight, part)

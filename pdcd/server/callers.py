@@ -31,6 +31,8 @@ class Caller:
         self.peer = peer
         self.role = role
         self.interest: Interest = "none"
+        self.gone = False
+        """True once the client has left."""
         self.active_s = asyncio.get_running_loop().time()
         """When it last wanted something, by the loop's clock."""
         self._stream = stream

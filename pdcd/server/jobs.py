@@ -20,7 +20,8 @@ from typing import Protocol
 
 import msgspec
 
-from pdcd.errors import BusyError, Cancelled, ConfigError, PdcdError
+from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.runs.events import Emit, Event
 from pdcd.runs.place import Place
@@ -54,17 +55,24 @@ class EngineLike(Protocol):
         ...
 
     def plan(
-        self, request: CaptureRequest, *, emit: Emit, cancelled: Callable[[], bool]
+        self,
+        request: CaptureRequest,
+        given: Given,
+        *,
+        emit: Emit,
+        cancelled: Callable[[], bool],
     ) -> PlanSummary:
-        """What the capture would do. Raises ConfigError when it cannot be done.
+        """What the capture would do; `given` are its arrays.
 
-        `emit` takes the events `Planning`; `cancelled` is asked as in a capture.
+        Raises RequestError when it cannot be done. `emit` takes the events `Planning`; `cancelled`
+        is asked as in a capture.
         """
         ...
 
     def capture(
         self,
         request: CaptureRequest,
+        given: Given,
         *,
         job: str,
         owner: OwnerView,
@@ -113,6 +121,8 @@ class Job:
     owner: Owner
     detach: bool
     created_utc: str
+    given: Given = field(default_factory=dict)
+    """Arrays of the request; let go of at the end."""
     place: Place | None = None
     """Where its run is to go; held open until it has ended."""
     state: JobState = "queued"
@@ -155,6 +165,7 @@ class JobTable:
     def admit(
         self,
         request: CaptureRequest,
+        given: Given,
         owner: Owner,
         *,
         detach: bool,
@@ -176,7 +187,7 @@ class JobTable:
                 raise BusyError(
                     f"{len(self.queue)} jobs are waiting already", hint="wait until some have ended"
                 )
-        job = Job(self._new_name(), request, owner, detach, _utc_now(), place)
+        job = Job(self._new_name(), request, owner, detach, _utc_now(), given, place)
         self._jobs[job.name] = job
         if self.running is None:
             self._run(job)
@@ -196,11 +207,11 @@ class JobTable:
         )
 
     def get(self, name: str) -> Job:
-        """The job of that name. Raises ConfigError when it is unknown or forgotten."""
+        """The job of that name. Raises RequestError when it is unknown or forgotten."""
         try:
             return self._jobs[name]
         except KeyError as err:
-            raise ConfigError(
+            raise RequestError(
                 f"no job {name!r}",
                 hint=f"capture.list names the jobs; the last {self._history} that ended are kept",
             ) from err
@@ -244,6 +255,7 @@ class JobTable:
     def _end(self, job: Job, result: CaptureResult) -> None:
         job.state = result.state
         job.result = result
+        job.given = NOTHING
         if job.place is not None:
             job.place.close()
         self._ended.append(job)

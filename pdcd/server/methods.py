@@ -14,13 +14,15 @@ import msgspec
 
 from pdcd import __version__
 from pdcd.bench.tables import Config
-from pdcd.errors import BusyError, DeniedError
+from pdcd.errors import BusyError, Cancelled, DeniedError
+from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.place import Place
 from pdcd.runs.stored import stored_runs
 from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
 from pdcd.server.callers import Caller
+from pdcd.server.intake import Intake
 from pdcd.server.jobs import EngineLike, Owner
 from pdcd.server.messages import (
     Admitted,
@@ -72,14 +74,14 @@ class Methods:
         self._connections = connections
         self._started_ns = time.monotonic_ns()
         self._description = description
+        folder = config.server.arrays
+        self._intake = Intake(None if folder is None else Path(folder), description.grid)
         self._table: dict[str, Callable[[Caller, Any], Awaitable[msgspec.Struct]]] = {
             "hello": self._hello,
             "ping": self._ping,
             "rig.status": self._status,
             "rig.describe": self._describe,
             "config.get": self._config_get,
-            "capture.plan": self._plan,
-            "capture.start": self._start,
             "capture.wait": self._wait,
             "capture.cancel": self._cancel,
             "capture.list": self._list,
@@ -116,7 +118,13 @@ class Methods:
     async def handle(self, caller: Caller, request: Request) -> msgspec.Struct:
         """Do what is asked and return the result. Raises PdcdError."""
         self._permit(caller, request)
-        return await self._table[request.method](caller, request.params)
+        params = request.params
+        if not isinstance(params, CaptureRequest):
+            return await self._table[request.method](caller, params)
+        params, given = await self._intake.take(params, request.fds, caller.peer)
+        if isinstance(params, StartParams):
+            return self._start(caller, params, given)
+        return await self._plan(params, given)
 
     def engaged(self, caller: Caller) -> bool:
         """Whether jobs would end with this client."""
@@ -124,6 +132,7 @@ class Methods:
 
     def gone(self, caller: Caller) -> None:
         """The client has left: its jobs end."""
+        caller.gone = True
         self._runner.drop(caller.number)
 
     def _permit(self, caller: Caller, request: Request) -> None:
@@ -172,7 +181,7 @@ class Methods:
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config
 
-    async def _plan(self, caller: Caller, request: CaptureRequest) -> PlanSummary:
+    async def _plan(self, request: CaptureRequest, given: Given) -> PlanSummary:
         self._refuse_if_taken()
         with self._place(request.out, make=False):
             pass
@@ -185,11 +194,14 @@ class Methods:
         return await self._worker.call(
             self._engine.plan,
             request,
+            given,
             emit=lambda event: None,
             cancelled=cancelled,
         )
 
-    async def _start(self, caller: Caller, params: StartParams) -> Admitted:
+    def _start(self, caller: Caller, params: StartParams, given: Given) -> Admitted:
+        if caller.gone and not params.detach:  # while its arrays were read
+            raise Cancelled("the client has gone")
         peer = caller.peer
         owner = Owner(peer.uid, peer.pid, peer.user, caller.number)
         if params.queue:
@@ -200,7 +212,7 @@ class Methods:
             if request.out is not None:
                 request = msgspec.structs.replace(request, out=str(place.real))
             job = self._runner.start(
-                request, owner, detach=params.detach, queue=params.queue, place=place
+                request, given, owner, detach=params.detach, queue=params.queue, place=place
             )
         except BaseException:
             place.close()
@@ -262,6 +274,14 @@ class Methods:
         if out is None and make:
             return Place.at(self._state_dir / "captures")
         return Place.below(self._state_dir, out or ".", make=make)
+
+
+def _usable(path: str) -> bool:
+    """Whether a path can be one on this system, and be told in one line."""
+    if not path.isprintable():  # control characters, and what no encoding knows
+        return False
+    encoded = os.fsencode(path)
+    return len(encoded) <= 1024 and all(len(part) <= 255 for part in encoded.split(b"/"))
 
 
 def _clock() -> ClockAnchor:

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from pdcd.errors import ConfigError, PdcdError, ProtocolError
+from pdcd.errors import PdcdError, ProtocolError, RequestError
 from pdcd.server import messages
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.messages import MAX_FDS, MAX_LINE, METHODS, PROTOCOL, HelloParams
@@ -43,6 +43,7 @@ class Request:
     method: str
     params: msgspec.Struct
     fds: tuple[int, ...] = ()
+    """Descriptors that came with the line; whoever answers the request closes them."""
 
 
 @dataclass(frozen=True)
@@ -240,8 +241,9 @@ def _agree(wanted: tuple[int, int]) -> None:
 def _params(method: str, raw: Any, kind: type[msgspec.Struct]) -> msgspec.Struct:
     try:
         return msgspec.convert(raw, kind)
-    except msgspec.ValidationError as err:
-        raise ConfigError(f"{method}: {_short(str(err))}", hint=_hint(kind, str(err))) from err
+    # Besides its own errors, what numbers and depths beyond all measure make Python raise.
+    except (ValueError, OverflowError, RecursionError) as err:
+        raise RequestError(f"{method}: {_short(str(err))}", hint=_hint(kind, str(err))) from err
 
 
 def _hint(kind: type[msgspec.Struct], message: str) -> str:

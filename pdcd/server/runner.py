@@ -10,6 +10,7 @@ from collections.abc import Callable
 import msgspec
 
 from pdcd.errors import PdcdError
+from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs import events
 from pdcd.runs.events import Event
@@ -41,6 +42,7 @@ class Runner:
     def start(
         self,
         request: CaptureRequest,
+        given: Given,
         owner: Owner,
         *,
         detach: bool = False,
@@ -48,7 +50,7 @@ class Runner:
         place: Place | None = None,
     ) -> Job:
         """Take a job and return at once. Raises BusyError as `JobTable.admit` does."""
-        job = self.table.admit(request, owner, detach=detach, queue=queue, place=place)
+        job = self.table.admit(request, given, owner, detach=detach, queue=queue, place=place)
         self._ended[job.name] = asyncio.Event()
         logger.info(
             "capture admitted job=%s state=%s goal=%s uid=%d user=%s detach=%s",
@@ -59,7 +61,7 @@ class Runner:
         return job
 
     async def wait(self, name: str) -> CaptureResult:
-        """The result of a job, when it has ended. Raises ConfigError for an unknown job."""
+        """The result of a job, when it has ended. Raises RequestError for an unknown job."""
         job = self.table.get(name)
         ended = self._ended.get(name)
         if ended is not None:
@@ -71,7 +73,7 @@ class Runner:
     async def cancel(self, name: str) -> CaptureResult:
         """End a job and return its result when it has ended; harmless on an ended one.
 
-        Raises ConfigError for an unknown job.
+        Raises RequestError for an unknown job.
         """
         job = self.table.get(name)
         self._cancel(job)
@@ -149,6 +151,7 @@ class Runner:
         try:
             result = self._engine.capture(
                 job.request,
+                job.given,
                 job=job.name,
                 owner=job.owner.view(),
                 emit=emit,

@@ -7,15 +7,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 
 import msgspec
 
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
+from pdcd.planning.given import from_path, read_given
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.place import Place
 from pdcd.scene.presets import PRESETS
@@ -101,10 +103,18 @@ def opened(config: Config) -> Iterator[Engine]:
         engine.stop()
 
 
-def capture_with(engine: Engine, request: CaptureRequest, folder: Path, job: str) -> CaptureResult:
+def capture_with(
+    engine: Engine,
+    request: CaptureRequest,
+    folder: Path,
+    job: str,
+    files: Mapping[str, Path] = MappingProxyType({}),
+) -> CaptureResult:
+    """A finished capture; `files` are those of the request, by field."""
+    sources = {name: from_path(path) for name, path in files.items()}
     with Place.at(folder) as parent:
         result = engine.capture(
-            request,
+            *read_given(request, sources, engine.grid),
             job=job,
             emit=lambda _: None,
             cancelled=lambda: False,

@@ -79,8 +79,11 @@ def _error(scene: str, request: CaptureRequest, seed: int) -> float:
     camera = msgspec.structs.replace(config.camera, noise="none")
     config = msgspec.structs.replace(config, camera=camera)
     request = msgspec.structs.replace(request, seed=seed)
+    files = {}
+    if isinstance(request.prior, str) and not request.prior.startswith("scene:"):
+        files["prior"] = Path(request.prior)
     with opened(config) as engine, tempfile.TemporaryDirectory() as folder:
-        result = capture_with(engine, request, Path(folder), f"pilot-{seed}")
+        result = capture_with(engine, request, Path(folder), f"pilot-{seed}", files)
     return float(str(result.summary["rms_error"]))
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig
 from pdcd.capture.engine import Engine
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.frames.lattice import Lattice
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning.make import make_plan
@@ -128,7 +128,7 @@ def test_a1_isolation_of_too_many_pairs_is_refused_before_anything_is_built(
     grid: tuple[int, int], limit_s: float, words: str
 ) -> None:
     config = Config(limits=LimitsConfig(max_exposure_s=limit_s))
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(RequestError, match=words):
         make_plan(CaptureRequest(goal="indirect", family="isolation"), config, grid)
 
 

@@ -170,4 +170,4 @@ def test_methods_do_not_isolate_paths(tmp_path: Path) -> None:
     engine = engine_on(tmp_path, bench_rig.transport(GRID))
     fields = {"goal": "indirect", "method": "nayar", "family": "isolation"}
     result = bench_rig.capture(engine, msgspec.convert(fields, CaptureRequest))
-    assert result.error is not None and result.error["kind"] == "config"
+    assert result.error is not None and result.error["kind"] == "request"

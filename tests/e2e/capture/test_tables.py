@@ -6,7 +6,10 @@ RAW file. The wanted matrices are built in the tests by loops, from the rows of 
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import cv2
@@ -115,11 +118,13 @@ CASES: dict[str, tuple[dict[str, Any], np.ndarray]] = {
 }  # fmt: skip
 
 
-def run(folder: Path, **fields: Any) -> tuple[np.ndarray, dict[str, Any], Path]:
+def run(
+    folder: Path, files: Mapping[str, Path] = MappingProxyType({}), **fields: Any
+) -> tuple[np.ndarray, dict[str, Any], Path]:
     engine = Engine.from_config(bench_rig.config(folder))
     engine.start()
     request = msgspec.convert(fields, CaptureRequest)
-    result = bench_rig.capture(engine, request)
+    result = bench_rig.capture(engine, request, files=files)
     assert result.error is None and result.folder is not None, result.error
     with np.load(Path(result.folder) / "probe.npz") as data:
         return data["image"], dict(result.summary), Path(result.folder)
@@ -212,7 +217,7 @@ def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_pa
         ({"goal": "illuminated", "illumination": [[1.0]]}, "the grid is"),
         ({"goal": "illuminated", "illumination": (LIGHT - 1.0).tolist()}, "between 0 and 1"),
         ({"goal": "illuminated", "illumination": (LIGHT * 0.0).tolist()}, "black everywhere"),
-        ({"goal": "illuminated", "illumination": "/nowhere.npy"}, "cannot read"),
+        ({"goal": "illuminated", "illumination": "/nowhere.npy"}, "not read"),
         ({"goal": "illuminated", "illumination": [[1.0, 0.0], [1.0]]}, "unequal length"),
         ({"goal": "warped", "warp": (WARP + 1).tolist()}, "leaves the grid"),
         ({"goal": "warped", "warp": (WARP + 0.5).tolist()}, "leaves the grid"),
@@ -233,7 +238,7 @@ def test_bad_parameters_say_what_to_change(
     engine.start()
     result = bench_rig.capture(engine, msgspec.convert(fields, CaptureRequest))
     assert result.state == "failed" and result.error is not None
-    assert result.error["kind"] == "config"
+    assert result.error["kind"] == "request"
     assert what in f"{result.error['message']} {result.error['hint']}"
 
 
@@ -245,6 +250,11 @@ def test_planes_come_from_images_and_npy_files(tmp_path: Path) -> None:
     for name in ("light.png", "light.npy"):
         folder = tmp_path / name.replace(".", "-")
         folder.mkdir()
-        path = str(tmp_path / name)
-        images.append(run(folder, goal="illuminated", illumination=path, codes=8)[0])
+        files = {"illumination": tmp_path / name}
+        image, _, kept = run(folder, files=files, goal="illuminated", codes=8)
+        images.append(image)
+        manifest = read_manifest(kept)
+        assert decode_folder(kept).identical
+        digest = hashlib.sha256(files["illumination"].read_bytes()).hexdigest()
+        assert manifest.request["illumination"] == {"file": name, "sha256": digest}
     np.testing.assert_array_equal(images[0], images[1])

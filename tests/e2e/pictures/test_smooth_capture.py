@@ -71,4 +71,4 @@ def test_lost_codes_and_weights_of_each_cell_are_known_to_it(tmp_path: Path) -> 
 def test_goals_without_an_indirect_photo_refuse(tmp_path: Path) -> None:
     request = CaptureRequest(goal="fraction", p=0.5, codes=32, smooth=True)
     result = run(tmp_path / "run", request)
-    assert result.error is not None and result.error["kind"] == "config"
+    assert result.error is not None and result.error["kind"] == "request"

@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, LimitsConfig, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder
 from pdcd.pilot.codes import SCOUTS
 from pdcd.request import CaptureRequest, CaptureResult
@@ -182,7 +182,7 @@ def test_plan_says_what_a_pilot_costs(tmp_path: Path) -> None:
 )
 def test_refusals(request_: CaptureRequest, what: str, tmp_path: Path) -> None:
     result = run(tmp_path, request_)
-    assert result.error is not None and result.error["kind"] == "config"
+    assert result.error is not None and result.error["kind"] == "request"
     assert what in f"{result.error['message']} {result.error['hint']}"
     assert not np.any([p.suffix == ".dng" for p in tmp_path.rglob("*")])
 
@@ -266,7 +266,7 @@ def test_what_a_pilot_of_all_codes_cannot_do(
     tmp_path: Path, wrong: dict[str, object], message: str
 ) -> None:
     asked = {"goal": "indirect", "codes": 8, "pilot": 8, "guards": True, **wrong}
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(RequestError, match=message):
         Engine.from_config(bench_rig.config(tmp_path, scene=CORNER)).plan(
             CaptureRequest(**asked)  # type: ignore[arg-type]
         )

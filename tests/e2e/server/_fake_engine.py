@@ -18,6 +18,7 @@ import msgspec
 
 from pdcd.bench.tables import Config, RigConfig, ServerConfig
 from pdcd.errors import DeviceLost
+from pdcd.recipes.arrays import Floats, Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
 from pdcd.runs.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
 from pdcd.runs.place import Place
@@ -35,6 +36,7 @@ class FakeEngine:
         self.threads: set[int] = set()
         self.owners: list[OwnerView] = []
         self.requests: list[CaptureRequest] = []
+        self.given: list[dict[str, Floats]] = []
         self.shutter_open = False
 
     def _note(self, call: str) -> None:
@@ -54,9 +56,15 @@ class FakeEngine:
         return RigView(name=self.config.rig.name, mock=False, grid=(4, 6), drivers={})
 
     def plan(
-        self, request: CaptureRequest, *, emit: Emit, cancelled: Callable[[], bool]
+        self,
+        request: CaptureRequest,
+        given: Given,
+        *,
+        emit: Emit,
+        cancelled: Callable[[], bool],
     ) -> PlanSummary:
         self._note("plan")
+        self.given.append(dict(given))
         codes = request.codes or 8
         shot = ShotSummary(
             name=request.goal, codes=codes, refreshes=8 * codes, exposure_s=1.0, light_share=0.25
@@ -80,6 +88,7 @@ class FakeEngine:
     def capture(
         self,
         request: CaptureRequest,
+        given: Given,
         *,
         job: str,
         owner: OwnerView,
@@ -89,6 +98,7 @@ class FakeEngine:
     ) -> CaptureResult:
         self._note("capture")
         self.requests.append(request)
+        self.given.append(dict(given))
         self.owners.append(owner)
         verb, _, value = request.note.partition(":")
         if verb == "raise":

@@ -23,7 +23,7 @@ REQUESTS = {
     # The very first exposure is spoilt, hence discarded.
     "converging": CaptureRequest(goal="indirect", codes=64, parts=4, until_error=0.9, white=False),
     "learning": CaptureRequest(goal="indirect", codes=64, pilot=8),
-    "failed": CaptureRequest(goal="illuminated", illumination="/nowhere.npy"),
+    "failed": CaptureRequest(goal="illuminated", illumination=((1.0,),)),
 }
 
 

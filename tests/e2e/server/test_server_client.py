@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from pdcd.client import Client, Unreachable
-from pdcd.errors import BusyError, ConfigError, DeviceLost, PdcdError, ProtocolError
+from pdcd.errors import BusyError, DeviceLost, PdcdError, ProtocolError, RequestError
 from pdcd.request import CaptureRequest
 from pdcd.runs.events import Event
 from pdcd.server.messages import MAX_LINE, PROTOCOL
@@ -79,7 +79,7 @@ def test_a_detached_capture_is_waited_for_from_elsewhere(tmp_path: Path) -> None
 
 def test_errors_come_back_as_the_same_errors(tmp_path: Path) -> None:
     with threaded_daemon(tmp_path) as running, Client(running.path) as client:
-        with pytest.raises(ConfigError, match="codes") as config:
+        with pytest.raises(RequestError, match="codes") as config:
             client.call("capture.start", {"goal": "white", "codes": 0})
         assert config.value.hint
         with pytest.raises(ProtocolError, match="nonsense"):
@@ -88,7 +88,7 @@ def test_errors_come_back_as_the_same_errors(tmp_path: Path) -> None:
             client.call("ping", {"x": "y" * 2**20})
         with pytest.raises(PdcdError) as internal:
             client.call("preview.grab", {"x": 1})
-        assert internal.value.kind == "config"
+        assert internal.value.kind == "request"
         client.capture(SLOW, detach=True)
         with pytest.raises(BusyError, match="holds the rig"):
             client.capture(WHITE)

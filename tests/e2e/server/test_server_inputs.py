@@ -62,14 +62,14 @@ def test_bad_lines_are_answered_and_the_connection_goes_on(tmp_path: Path) -> No
     [
         ("nonsense", {}, "protocol"),
         ("calibrate.start", {}, "protocol"),
-        ("capture.start", {"goal": "sideways"}, "config"),
-        ("capture.start", {"goal": "white", "family": "random"}, "config"),
-        ("capture.start", {"goal": "white", "codes": 0}, "config"),
-        ("capture.start", {"goal": "white", "codes": "many"}, "config"),
-        ("capture.start", {"goal": "white", "colour": "red"}, "config"),
-        ("capture.wait", {"job": "20260101T000000Z-0000"}, "config"),
-        ("capture.cancel", {"job": "20260101T000000Z-0000"}, "config"),
-        ("capture.wait", {"job": 1}, "config"),
+        ("capture.start", {"goal": "sideways"}, "request"),
+        ("capture.start", {"goal": "white", "family": "random"}, "request"),
+        ("capture.start", {"goal": "white", "codes": 0}, "request"),
+        ("capture.start", {"goal": "white", "codes": "many"}, "request"),
+        ("capture.start", {"goal": "white", "colour": "red"}, "request"),
+        ("capture.wait", {"job": "20260101T000000Z-0000"}, "request"),
+        ("capture.cancel", {"job": "20260101T000000Z-0000"}, "request"),
+        ("capture.wait", {"job": 1}, "request"),
     ],
 )
 def test_a_bad_request_starts_nothing(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ from hypothesis import strategies as st
 from pdcd.bench import checks, config, tables
 from pdcd.bench.tables import Config
 from pdcd.bench.toml_text import emit
+from pdcd.cli.main import main
 from pdcd.errors import ConfigError
+from tests.hostile import files
 
 plain_text = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 values: st.SearchStrategy[Any] = (
@@ -183,6 +186,40 @@ def test_limits_themselves_are_sound() -> None:
 def test_check_finds_what_python_callers_got_wrong() -> None:
     rig = Config(rig=tables.RigConfig(settle_s=math.nan))
     assert checks.check(rig) == ["rig.settle_s: must be a finite number, not nan"]
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("x = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+        ("x = " + "{a=" * 5000 + "1" + "}" * 5000, "nested too deeply"),
+        ("a" + ".a" * 5000 + " = 1", "nested too deeply"),
+        ("[rig]\nretries = " + "9" * 5000, "is not TOML"),
+        ("[rig]\nsettle_s = 1" + "0" * 400, "rig.settle_s: a number has more"),
+        ("[scene]\noptions = {a = [1, {b = 18446744073709551616}]}", "scene.options.a.b: a num"),
+    ],
+)
+def test_numbers_and_depths_beyond_all_measure_are_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, what: str
+) -> None:
+    assert main(["config", "check", "--config", str(write(tmp_path, text))]) == 2
+    said = capsys.readouterr().err
+    assert what in said and len(said.splitlines()) <= 2 and len(said) < 400
+
+
+def test_a_matrix_file_that_is_none_ends_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(tmp_path / "fifo.npz")
+    (tmp_path / "bomb.npz").write_bytes(files._bomb())
+    (tmp_path / "crowd.npz").write_bytes(files._crowd())
+    (tmp_path / "cut.npz").write_bytes(files._bomb()[:1000])
+    for name in ("fifo", "bomb", "crowd", "cut"):
+        text = f'[scene]\nkind = "matrix"\npath = "{name}.npz"'
+        command = ["plan", "white", "--local", "--config", str(write(tmp_path, text))]
+        assert main(command) == 2
+        *_, line = said = capsys.readouterr().err.splitlines()
+        assert f"{name}.npz" in line and len(said) <= 2
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from pdcd import words
 from pdcd.bench.tables import Config
 from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
+from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
 from pdcd.runs.events import Armed, Emit, Event, read
 from pdcd.runs.stored import StoredRun
@@ -113,11 +114,17 @@ class StubClient:
         return self.result
 
     def capture(
-        self, wanted: CaptureRequest, *, detach: bool, queue: bool, on_event: OnEvent
+        self,
+        wanted: CaptureRequest,
+        *,
+        arrays: Mapping[str, Path],
+        detach: bool,
+        queue: bool,
+        on_event: OnEvent,
     ) -> CaptureResult:
         for event in EVENTS:
             on_event(event)
-        return self._answer(wanted, detach, queue)
+        return self._answer(wanted, detach, queue, *[dict(arrays)] * bool(arrays))
 
     def wait(self, job: str, on_event: OnEvent) -> CaptureResult:
         for event in EVENTS:
@@ -127,8 +134,8 @@ class StubClient:
     def cancel(self, job: str) -> CaptureResult:
         return self._answer("cancel", job)
 
-    def plan(self, wanted: CaptureRequest) -> PlanSummary:
-        self._answer("plan", wanted)
+    def plan(self, wanted: CaptureRequest, *, arrays: Mapping[str, Path]) -> PlanSummary:
+        self._answer("plan", wanted, *[dict(arrays)] * bool(arrays))
         return PLAN
 
     def status(self) -> Status:
@@ -151,6 +158,7 @@ class StubEngine:
     run: Callable[[Callable[[], bool]], CaptureResult]
     start_error: PdcdError | None = None
     calls: list[Any]
+    grid = (2, 3)
 
     @classmethod
     def from_config(cls, config: Config) -> StubEngine:
@@ -167,20 +175,21 @@ class StubEngine:
     def stop(self) -> None:
         self.calls.append("stop")
 
-    def plan(self, wanted: CaptureRequest) -> PlanSummary:
-        self.calls.append(("plan", wanted))
+    def plan(self, wanted: CaptureRequest, given: Given) -> PlanSummary:
+        self.calls.append(("plan", wanted, *given.values()))
         return PLAN
 
     def capture(
         self,
         wanted: CaptureRequest,
+        given: Given,
         *,
         job: str,
         owner: OwnerView,
         emit: Emit,
         cancelled: Callable[[], bool],
     ) -> CaptureResult:
-        self.calls.append(("capture", wanted, job, owner))
+        self.calls.append(("capture", wanted, job, owner, *given.values()))
         emit(Armed(shot="coded", frames=24))
         return type(self).run(cancelled)
 

@@ -22,6 +22,7 @@ from pdcd.errors import (
     DeviceLost,
     DriverUnavailable,
     PdcdError,
+    RequestError,
     SyncError,
 )
 from pdcd.request import CaptureRequest, CaptureResult
@@ -152,6 +153,17 @@ def test_capture_leaves_defaults_to_the_rig(daemon: type[StubClient], tmp_path: 
     assert daemon.asked == [tmp_path / "pdcd.sock", (wanted, False, False), "closed"]
 
 
+def test_files_are_opened_here_and_never_named_to_the_daemon(
+    daemon: type[StubClient], tmp_path: Path
+) -> None:
+    line = "capture filtered --kernel k.npy --illumination l.png --prior t.npz"
+    assert main(line.split()) == 0
+    files = {"kernel": Path("k.npy"), "illumination": Path("l.png"), "prior": Path("t.npz")}
+    assert daemon.asked[1] == (CaptureRequest(goal="filtered"), False, False, files)
+    assert main(["plan", "indirect", "--prior", "decay:3"]) == 0
+    assert daemon.asked[-2] == ("plan", CaptureRequest(goal="indirect", prior="decay:3"))
+
+
 def test_socket_comes_from_the_configuration(daemon: type[StubClient], tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text("[server]\nsocket = 'lab.sock'\n")
     assert main(["status", "--config", str(tmp_path / "rig.toml")]) == 0
@@ -269,6 +281,7 @@ def test_capture_json_ends_with_the_result_unchanged(
     [
         (ended("failed", "device_lost"), 5),
         (ended("failed", "config"), 2),
+        (ended("failed", "request"), 2),
         (ended("failed", "busy"), 4),
         (ended("failed", "something new"), 5),
         (CaptureResult(job=JOB, state="failed"), 5),
@@ -297,7 +310,8 @@ def test_end_of_the_job_gives_the_exit_code(
     ("error", "code", "kind", "line"),
     [
         (BusyError("the rig is taken", hint="by ada"), 4, "busy", "the rig is taken (by ada)"),
-        (ConfigError("no such goal"), 2, "config", "no such goal"),
+        (ConfigError("no such key"), 2, "config", "no such key"),
+        (RequestError("no such goal"), 2, "request", "no such goal"),
         (DriverUnavailable("no driver is called 'x'", device="display"), 2, "driver_unavailable",
          "display: no driver is called 'x'"),
         (SyncError("3 late", device="mask"), 5, "sync", "mask: 3 late"),

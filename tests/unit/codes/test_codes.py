@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdcd.cli import options
 from pdcd.codes.make import FAMILIES, Codes, make_codes
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.frames.patterns import pack
 from pdcd.words import FamilyName
 
@@ -153,14 +153,14 @@ def test_out_of_range_arguments_are_refused(
     family: str, change: dict[str, Any], words: str
 ) -> None:
     arguments: dict[str, Any] = {"lattice": (4, 4), "count": 8, "dual": "same"} | change
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(RequestError) as caught:
         make_codes(family, **arguments)
     assert words in caught.value.message
     assert caught.value.hint
 
 
 def test_an_unknown_family_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"'fourier'.*bernoulli, rademacher, .* singer"):
+    with pytest.raises(RequestError, match=r"'fourier'.*bernoulli, rademacher, .* singer"):
         make_codes("fourier", (4, 4), 8, dual="same")
 
 
@@ -177,11 +177,11 @@ def test_an_unknown_family_is_refused_with_the_known_ones() -> None:
     ],
 )
 def test_balanced_names_the_counts_that_fit_p(p: float, count: int, hint: str) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(RequestError) as caught:
         make_codes("balanced", (4, 4), count, dual="same", p=p)
     assert hint in str(caught.value.hint)
 
 
 def test_rademacher_refuses_shares_other_than_a_half() -> None:
-    with pytest.raises(ConfigError, match="equally often"):
+    with pytest.raises(RequestError, match="equally often"):
         make_codes("rademacher", (4, 4), 8, dual="same", p=0.25)

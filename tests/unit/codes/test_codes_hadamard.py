@@ -11,7 +11,7 @@ from pdcd.codes.colouring import colour_lattice
 from pdcd.codes.hadamard import hadamard_fits
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 
 ORDERS = [n for n in range(1, 133) if is_order(n)]
 
@@ -40,7 +40,7 @@ def test_chosen_columns_are_those_of_the_whole_matrix(order: int) -> None:
 
 @pytest.mark.parametrize("order", [-2, 0, 3, 10, 52])
 def test_columns_of_an_order_that_is_none_are_refused(order: int) -> None:
-    with pytest.raises(ConfigError, match=f"order {order} .*take the order"):
+    with pytest.raises(RequestError, match=f"order {order} .*take the order"):
         hadamard_columns(order, np.arange(1))
 
 
@@ -115,7 +115,7 @@ def test_two_codes_use_the_one_column_with_both_signs() -> None:
     [(1, "take 2 codes"), (10, "take 8 or 12 codes"), (52, "take 48 or 56 codes")],
 )
 def test_counts_that_are_no_order_are_refused_with_the_nearest(count: int, hint: str) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(RequestError) as caught:
         make_codes("hadamard", (4, 4), count, dual="complement")
     assert f"K = {count}" in caught.value.message
     assert caught.value.hint == hint
@@ -134,7 +134,7 @@ def test_counts_that_are_no_order_are_refused_with_the_nearest(count: int, hint:
 )
 def test_shares_and_counts_without_columns_are_refused(count: int, p: float, hint: str) -> None:
     assert not hadamard_fits(count, p)
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(RequestError) as caught:
         make_codes("hadamard", (4, 4), count, dual="same", p=p)
     assert hint in str(caught.value.hint)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.hadamard import hadamard
 from pdcd.codes.linked import prior_codes, symmetric
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from tests.places import DATA
 
 
@@ -107,11 +107,11 @@ def test_links_become_symmetric_by_the_stronger_way() -> None:
     ],
 )
 def test_unfit_links_are_refused(links: Any, words: str) -> None:
-    with pytest.raises(ConfigError, match=words) as caught:
+    with pytest.raises(RequestError, match=words) as caught:
         prior_codes((2, 3), 4, links, rng(0))
     assert caught.value.hint
 
 
 def test_a_count_that_is_no_order_is_refused_with_its_neighbours() -> None:
-    with pytest.raises(ConfigError, match="take 8 or 12 codes"):
+    with pytest.raises(RequestError, match="take 8 or 12 codes"):
         prior_codes((4, 4), 10, np.ones((16, 16)), rng(0))

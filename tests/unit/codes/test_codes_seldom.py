@@ -16,7 +16,7 @@ from pdcd.capture.engine import Engine
 from pdcd.codes.make import Codes, make_codes
 from pdcd.codes.singer import difference_set, line_count
 from pdcd.codes.spread import partial_spread, spread_size
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.request import CaptureRequest
 from pdcd.scene.presets import PRESETS
 from tests import bench_rig
@@ -86,11 +86,11 @@ def test_every_difference_comes_once(q: int) -> None:
 
 @pytest.mark.parametrize("q", [0, 1, 6, 10, 12, 32, 37])
 def test_orders_without_a_plane_here_are_refused(q: int) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(RequestError) as caught:
         make_codes("singer", (2, 2), 7, dual="same", p=1.0 / (q + 1.001 if q == 0 else q + 1))
     assert "1/3, 1/4, 1/5, 1/6, 1/8" in str(caught.value.hint)
     if q > 1:
-        with pytest.raises(ConfigError):
+        with pytest.raises(RequestError):
             difference_set(q)
 
 
@@ -128,7 +128,7 @@ def test_each_set_of_singer_codes_gives_the_lines_out_anew() -> None:
 
 def test_singer_names_the_counts_that_fit() -> None:
     for count, hint in ((20, "take 21 codes"), (22, "take 21 or 42 codes")):
-        with pytest.raises(ConfigError) as caught:
+        with pytest.raises(RequestError) as caught:
             make_codes("singer", (4, 4), count, dual="same", p=0.2)
         assert str(caught.value.hint) == hint
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdcd.errors import ConfigError, DecodeError
+from pdcd.errors import DecodeError, RequestError
 from pdcd.pictures.combine import Exposed, Picture, combine, pictures_of
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
@@ -35,7 +35,7 @@ def exposed(matrix: np.ndarray, light: float, *, blown: bool = False) -> Exposed
     ("name", "p"), [("indirect", 0.5), ("fraction", None), ("fraction", 1.0), ("sideways", None)]
 )
 def test_contradictory_goals_are_refused(name: str, p: float | None) -> None:
-    with pytest.raises(ConfigError):
+    with pytest.raises(RequestError):
         check_target(Target(Goal(name=name, p=p), GRID))  # type: ignore[arg-type]
 
 

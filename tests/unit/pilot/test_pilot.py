@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.linked import prior_codes
 from pdcd.codes.make import make_codes
-from pdcd.errors import ConfigError
+from pdcd.errors import ConfigError, RequestError
 from pdcd.pilot.codes import SCOUTS, pilot_codes, pilot_share
 from pdcd.pilot.links import SHARP, correction, estimate_links, sharpness
 from pdcd.pilot.worth import Worth, worth
@@ -252,7 +252,7 @@ def test_worth_compares_what_is_left_to_do() -> None:
 
 @pytest.mark.parametrize("count", [0, 2, 7, 10, 20, 30, 44])
 def test_pilots_that_cannot_be_made_are_refused(count: int) -> None:
-    with pytest.raises(ConfigError, match=f"pilot of {count} codes"):
+    with pytest.raises(RequestError, match=f"pilot of {count} codes"):
         pilot_codes((4, 4), count, seed=0)
 
 

@@ -13,9 +13,10 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.pilot.codes import MATCHED
 from pdcd.planning.choose import choose, wants_choice
+from pdcd.planning.given import from_path, read_given
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.request import CaptureRequest, PlanSummary
 from tests import bench_rig
@@ -50,7 +51,7 @@ def setting(config: Config) -> Setting:
     ],
 )
 def test_contradictions_are_refused(fields: dict[str, Any], what: str) -> None:
-    with pytest.raises(ConfigError, match=what) as caught:
+    with pytest.raises(RequestError, match=what) as caught:
         wants_choice(CaptureRequest(goal="indirect", **fields))
     assert caught.value.hint
 
@@ -61,7 +62,7 @@ def test_explicit_requests_are_left_alone() -> None:
 
 def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) -> None:
     small = SceneConfig(kind="wax-disk", grid=(9, 12))
-    with pytest.raises(ConfigError, match=r"0\.01 % cannot be had.*codes.*sensor") as caught:
+    with pytest.raises(RequestError, match=r"0\.01 % cannot be had.*codes.*sensor") as caught:
         plan(tmp_path, CaptureRequest(goal="indirect", error=1e-4), scene=small)
     words = str(caught.value.hint).split()
     reachable = float(words[2]) / 100.0
@@ -71,9 +72,9 @@ def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) 
 
 def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
     short = LimitsConfig(min_free_bytes=0, max_exposure_s=0.5)
-    with pytest.raises(ConfigError, match=r"cannot be had.*0\.5 s"):
+    with pytest.raises(RequestError, match=r"cannot be had.*0\.5 s"):
         plan(tmp_path, CaptureRequest(goal="indirect", error=0.01), limits=short)
-    with pytest.raises(ConfigError, match=r"no plan fits into 0\.1 s"):
+    with pytest.raises(RequestError, match=r"no plan fits into 0\.1 s"):
         plan(tmp_path, CaptureRequest(goal="indirect", seconds=0.1))
 
 
@@ -94,7 +95,7 @@ def test_a_leak_is_measured_where_that_pays(tmp_path: Path) -> None:
     request = msgspec.structs.replace(request, black_level="both")
     assert len(blacks(mask=leaking)) == 6
     request = msgspec.structs.replace(request, error=0.03, black_level="none")
-    with pytest.raises(ConfigError, match="3 % cannot be had"):
+    with pytest.raises(RequestError, match="3 % cannot be had"):
         blacks(mask=leaking)
 
 
@@ -148,7 +149,7 @@ def test_a_dim_rig_gets_longer_exposures_or_gain(tmp_path: Path) -> None:
 
 
 def test_a_fixed_aperture_that_saturates_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="saturates"):
+    with pytest.raises(RequestError, match="saturates"):
         plan(
             tmp_path,
             CaptureRequest(goal="indirect", error=0.05),
@@ -166,25 +167,23 @@ def test_unknown_scenes_are_guessed(tmp_path: Path) -> None:
     assert many.prediction.bound <= 0.01 < few.prediction.bound <= 0.05
     assert many.how.coded > few.how.coded
     assert "50 paths" in few.prediction.prior
-    with pytest.raises(ConfigError, match="unknown scene"):
+    with pytest.raises(RequestError, match="unknown scene"):
         choose(CaptureRequest(goal="long-range", radius=1, error=0.05), rig, grid, None)
 
 
 def test_a_prior_file_stands_for_the_scene(tmp_path: Path) -> None:
     rig, grid = setting(bench_rig.config(tmp_path, camera=NOISY)), (24, 32)
-    known = choose(
-        CaptureRequest(goal="indirect", error=0.02, prior=str(MIRROR.path)), rig, grid, None
-    )
+    files = {"prior": from_path(Path(str(MIRROR.path)))}
+    asked, given = read_given(CaptureRequest(goal="indirect", error=0.02), files, grid)
+    known = choose(asked, rig, grid, None, given=given)
     same = plan(tmp_path, CaptureRequest(goal="indirect", error=0.02))
     assert known.plan.prediction is not None and same.prediction is not None
     assert known.plan.prediction.prior == "file mirror_32x24.npz"
     assert known.plan.prediction.bound <= 0.02
     assert known.plan.how.coded < same.codes  # the codes avoid the paths of the prior
     assert known.plan.prior == "file mirror_32x24.npz" and same.prior is None
-    with pytest.raises(ConfigError, match="24 x 32 cells, the rig of 3 x 4"):
-        choose(
-            CaptureRequest(goal="indirect", error=0.02, prior=str(MIRROR.path)), rig, (3, 4), None
-        )
+    with pytest.raises(RequestError, match="24 x 32 cells, the rig of 3 x 4"):
+        choose(asked, rig, (3, 4), None, given=given)
 
 
 def test_the_bound_is_kept_as_often_as_it_says() -> None:

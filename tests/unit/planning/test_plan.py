@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.bench.tables import Config, LimitsConfig, RigConfig
-from pdcd.errors import ConfigError
+from pdcd.errors import ConfigError, RequestError
 from pdcd.planning.make import make_plan
 from pdcd.request import CaptureRequest
 
@@ -46,7 +46,7 @@ def test_plan_counts_the_frames_it_will_build() -> None:
 def test_exposure_becomes_whole_passes() -> None:
     assert plan_of(codes=128, exposure_s=30.0).passes == 4  # 6.4 s a pass
     assert plan_of(codes=128, exposure_s=6.4).passes == 1
-    with pytest.raises(ConfigError, match="shorter than one pass"):
+    with pytest.raises(RequestError, match="shorter than one pass"):
         plan_of(codes=128, exposure_s=6.0)
 
 
@@ -68,10 +68,10 @@ def test_a_fraction_takes_hadamard_codes_where_they_are_defined(
 
 
 def test_a_family_that_is_named_is_not_replaced() -> None:
-    with pytest.raises(ConfigError, match="hadamard"):
+    with pytest.raises(RequestError, match="hadamard"):
         plan_of(goal="fraction", p=0.2, codes=100, family="hadamard")
     assert plan_of(goal="fraction", p=0.2, codes=21, family="singer").family == "singer"
-    with pytest.raises(ConfigError, match="goal fraction"):
+    with pytest.raises(RequestError, match="goal fraction"):
         plan_of(goal="indirect", codes=21, family="singer")
 
 
@@ -104,7 +104,7 @@ def test_smooth_light_is_corrected_with_hadamard_codes_unless_told(
     ],
 )
 def test_refusals(fields: dict[str, Any], what: str) -> None:
-    with pytest.raises(ConfigError, match=what):
+    with pytest.raises(RequestError, match=what):
         plan_of(Config(limits=LimitsConfig(max_exposure_s=60.0)), **fields)
 
 

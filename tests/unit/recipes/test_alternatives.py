@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.recipes.alternatives import checkers, fitted_weights, masked_weights, shares
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
@@ -123,20 +123,20 @@ def test_every_cell_takes_every_place_of_a_block_lit_and_dark(block: int) -> Non
 @pytest.mark.parametrize("method", ["multi-image", "nayar"])
 @pytest.mark.parametrize("goal", ["white", "split", "diagonal"])
 def test_other_goals_are_refused(goal: str, method: str) -> None:
-    with pytest.raises(ConfigError, match="cannot do the goal"):
+    with pytest.raises(RequestError, match="cannot do the goal"):
         recipe_of(Target(Goal(name=goal), GRID), How(method=method))  # type: ignore[arg-type]
 
 
 def test_what_methods_cannot_use_is_refused() -> None:
     goal = Target(Goal(name="indirect"), GRID)
     lit = Target(Goal(name="indirect"), GRID, planes={"illumination": np.ones(N)})
-    with pytest.raises(ConfigError, match="takes no illumination"):
+    with pytest.raises(RequestError, match="takes no illumination"):
         recipe_of(lit, How(method="nayar"))
-    with pytest.raises(ConfigError, match="takes no pilot"):
+    with pytest.raises(RequestError, match="takes no pilot"):
         recipe_of(goal, How(method="multi-image", pilot=4, codes=132))
-    with pytest.raises(ConfigError, match="black exposures"):
+    with pytest.raises(RequestError, match="black exposures"):
         recipe_of(goal, How(method="multi-image", black_level="mask"))
-    with pytest.raises(ConfigError, match="at least 2"):
+    with pytest.raises(RequestError, match="at least 2"):
         recipe_of(goal, How(method="multi-image", codes=1))
 
 

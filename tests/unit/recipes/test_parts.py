@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.planning.make import make_plan
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
@@ -135,11 +135,11 @@ def test_coins_take_the_common_error_out_of_parts() -> None:
     ],
 )
 def test_refusals(request_: CaptureRequest, what: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(RequestError) as caught:
         make_plan(request_, bench_rig.config(tmp_path), GRID)
     assert what in str(caught.value)
 
 
 def test_too_few_codes_for_the_parts_name_a_number_that_works() -> None:
-    with pytest.raises(ConfigError, match="take 8 codes"):
+    with pytest.raises(RequestError, match="take 8 codes"):
         part_codes(3, 8)

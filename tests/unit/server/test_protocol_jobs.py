@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.errors import BusyError, Cancelled, ConfigError, DeviceLost
+from pdcd.errors import BusyError, Cancelled, DeviceLost, RequestError
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Learning, Progress
 from pdcd.server.jobs import ENDED, Coalescer, Job, JobTable, Owner, failed_result
@@ -20,7 +20,7 @@ BERT = Owner(uid=1001, pid=12, user="bert", connection=2)
 
 
 def admit(table: JobTable, owner: Owner = ANNA, *, queue: bool = True, detach: bool = False) -> Job:
-    return table.admit(WHITE, owner, queue=queue, detach=detach)
+    return table.admit(WHITE, {}, owner, queue=queue, detach=detach)
 
 
 def frame(number: int) -> Progress:
@@ -111,7 +111,7 @@ def test_history_is_bounded_and_forgets_the_oldest() -> None:
         table.finish(jobs[-1], done(jobs[-1]))
     assert table.all() == jobs[2:]
     assert table.get(jobs[3].name) is jobs[3]
-    with pytest.raises(ConfigError, match="no job"):
+    with pytest.raises(RequestError, match="no job"):
         table.get(jobs[0].name)
 
 

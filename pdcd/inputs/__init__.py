@@ -1,0 +1,3 @@
+"""Files that somebody else wrote: opened with rights, read with limits, never trusted."""
+
+from __future__ import annotations

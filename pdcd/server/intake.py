@@ -1,0 +1,140 @@
+"""What clients give beside a request, read before the request gets any further.
+
+The daemon opens nothing that a client names, but for names below the folder that the operator gave
+it for this. All else the client opens itself and passes on.
+"""
+
+from __future__ import annotations
+
+import os
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from pdcd.errors import RequestError
+from pdcd.inputs.opening import Asker
+from pdcd.planning.given import (
+    Source,
+    file_fields,
+    from_descriptor,
+    from_folder,
+    from_text,
+    long_rows,
+    read_given,
+)
+from pdcd.recipes.arrays import NOTHING, Floats, Given, most_elements
+from pdcd.request import CaptureRequest, Sent
+from pdcd.server.access import Peer
+from pdcd.server.readers import Readers
+
+HELD_BYTES = 256 * 2**20
+"""Arrays of all requests that wait; one request alone may have more."""
+
+
+class Intake:
+    """Reads the arrays of requests for a rig of that grid. Used from one event loop.
+
+    `folder` is where names are looked up, None for nowhere.
+    """
+
+    def __init__(
+        self, folder: Path | None, grid: tuple[int, int], readers: Readers | None = None
+    ) -> None:
+        self._folder, self._grid = folder, grid
+        self._readers = readers or Readers()
+        self._held: weakref.WeakValueDictionary[int, Floats] = weakref.WeakValueDictionary()
+        self._expected: dict[object, int] = {}
+
+    async def take(
+        self, request: CaptureRequest, descriptors: Sequence[int], peer: Peer
+    ) -> tuple[CaptureRequest, Given]:
+        """The request as it is to be kept, and its arrays; at once where nothing is to be read.
+
+        `descriptors` came with it, and stay the caller's. Raises RequestError for what cannot be
+        taken, BusyError when too much waits already.
+        """
+        fields, rows = file_fields(request), long_rows(request)
+        if not fields and not rows:
+            return request, NOTHING
+        size = 8 * (sum(rows.values()) + sum(most_elements(f, self._grid) for f in fields))
+        ticket = object()
+
+        def prepare() -> Callable[[Callable[[], None]], tuple[CaptureRequest, Given]]:
+            own = ExitStack()
+            with ExitStack() as on_error:
+                on_error.push(own)
+                sources = self._sources(fields, descriptors, own)
+                on_error.pop_all()
+            self._expected[ticket] = size
+
+            def read(alive: Callable[[], None]) -> tuple[CaptureRequest, Given]:
+                with own:  # closing a file may take as long as reading it
+                    asker = Asker(peer.uid, frozenset({peer.gid, *peer.groups}))
+                    made = {name: make(asker) for name, make in sources.items()}
+                    return read_given(request, made, self._grid, alive)
+
+            return read
+
+        try:
+            kept, given = await self._readers.run(peer.uid, prepare, lambda: self._room(size))
+        finally:
+            self._expected.pop(ticket, None)
+        for array in given.values():
+            self._held[id(array)] = array
+        return kept, given
+
+    def _room(self, size: int) -> bool:
+        """Whether so many bytes may be read beside what is held; a lone request may have all."""
+        held = sum(self._expected.values()) + sum(a.nbytes for a in self._held.values())
+        return not held or held + size <= HELD_BYTES
+
+    def _sources(
+        self, fields: Mapping[str, str | Sent], descriptors: Sequence[int], own: ExitStack
+    ) -> dict[str, Callable[[Asker], Source]]:
+        """Where each field comes from, on whose behalf; descriptors of our own go to `own`."""
+        sources: dict[str, Callable[[Asker], Source]] = {}
+        for name, value in fields.items():
+            if isinstance(value, str):
+                sources[name] = self._named(name, value)
+                continue
+            file = _label(name, value)
+            if value.fd is not None and value.npy is None and value.sha256 is None:
+                if value.fd >= len(descriptors):
+                    raise RequestError(
+                        f"{name} is descriptor {value.fd}; {len(descriptors)} came with the line",
+                        hint='pass them with the line (SCM_RIGHTS), and say how many in "fds"',
+                    )
+                # Ours, as the caller may close its own while a read still hangs.
+                copy = os.dup(descriptors[value.fd])
+                own.callback(os.close, copy)
+                sources[name] = _always(from_descriptor(copy, file))
+            elif value.npy is not None and value.fd is None and value.sha256 is None:
+                sources[name] = _always(from_text(value.npy, file))
+            else:
+                raise RequestError(
+                    f"{name} is neither a descriptor nor a file",
+                    hint='give {"fd": index} or {"npy": base64}, and "file" if it has a name',
+                )
+        return sources
+
+    def _named(self, name: str, value: str) -> Callable[[Asker], Source]:
+        folder = self._folder
+        if folder is None:
+            raise RequestError(
+                f"{name} is a name, and this daemon has no folder of arrays",
+                hint="pass the file itself, as pdcd capture does, or set [server] arrays",
+            )
+        if not value.isprintable():
+            raise RequestError(f"{name}: {value[:80]!r} is no name of a file")
+        return lambda asker: from_folder(folder, value, asker)
+
+
+def _always(source: Source) -> Callable[[Asker], Source]:
+    return lambda asker: source
+
+
+def _label(name: str, value: Sent) -> str | None:
+    if value.file is not None and not value.file.isprintable():
+        raise RequestError(f"{name}: {value.file[:80]!r} is no name of a file")
+    return value.file

@@ -1,0 +1,131 @@
+"""Threads that read what clients gave, so that a disk that hangs holds up nobody else.
+
+A read from a network mount, or from a file system that a client itself serves, may never return,
+and no time limit ends it. So each read has a thread of its own, which is left behind when its time
+is over. Threads are counted until they really end, for each user and for all: who gives files that
+hang soon can give no more, and others still can.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import TypeVar
+
+from pdcd.errors import BusyError, RequestError
+
+T = TypeVar("T")
+Alive = Callable[[], None]
+
+LIMIT_S = 10.0
+"""Time for reading all arrays of one request, in seconds."""
+EACH, ALL = 2, 8
+"""Threads that read for one user, and for all."""
+
+
+class _Over(Exception):  # noqa: N818 - reads as the state it reports
+    """Nobody waits for this read any more."""
+
+
+class Readers:
+    """Runs calls in threads that may be left behind. Used from one event loop."""
+
+    def __init__(self, *, each: int = EACH, total: int = ALL, limit_s: float = LIMIT_S) -> None:
+        self._each, self._total, self._limit_s = each, total, limit_s
+        self._busy: Counter[int] = Counter()
+        self._lock = threading.Lock()
+
+    async def run(
+        self,
+        uid: int,
+        prepare: Callable[[], Callable[[Alive], T]],
+        room: Callable[[], bool] = lambda: True,
+    ) -> T:
+        """What a read returns or raises, for a user.
+
+        Parameters
+        ----------
+        prepare : called in the loop when there may be one more thread; returns the read, which is
+            handed a call to make often: it raises when the time is over.
+        room : whether there is memory for it.
+
+        Raises BusyError when for all the time there is no thread or no room, RequestError when the
+        read takes longer.
+        """
+        # A moment for those before it to end: requests of one client come in bursts.
+        give_up = time.monotonic() + self._limit_s
+        while not (room() and self._taken(uid)):
+            if time.monotonic() > give_up:
+                raise BusyError(
+                    "requests that wait hold too many arrays", hint="wait until some are answered"
+                )
+            await asyncio.sleep(0.01)
+        try:
+            function = prepare()
+        except BaseException:
+            self._give_back(uid)
+            raise
+        done, over = self._started(uid, function)
+        try:
+            return await asyncio.wait_for(done, self._limit_s)
+        except (TimeoutError, _Over) as err:
+            raise RequestError(
+                f"its arrays could not be read within {self._limit_s:g} s",
+                hint="give files of a disk that answers",
+            ) from err
+        finally:
+            over.set()
+
+    def _started(
+        self, uid: int, function: Callable[[Alive], T]
+    ) -> tuple[asyncio.Future[T], threading.Event]:
+        """Run the function in a thread; its future, and the event that tells it to end."""
+        loop = asyncio.get_running_loop()
+        done: asyncio.Future[T] = loop.create_future()
+        over = threading.Event()
+
+        def alive() -> None:
+            if over.is_set():
+                raise _Over
+
+        def body() -> None:
+            try:
+                tell = partial(_result, done, function(alive))
+            # Whatever it was, it is the asker's to hear.
+            except BaseException as err:
+                tell = partial(_failure, done, err)
+            self._give_back(uid)
+            with suppress(RuntimeError):  # the loop has ended meanwhile
+                loop.call_soon_threadsafe(tell)
+
+        threading.Thread(target=body, name="pdcd-reader", daemon=True).start()
+        return done, over
+
+    def _give_back(self, uid: int) -> None:
+        with self._lock:
+            self._busy[uid] -= 1
+            if not self._busy[uid]:
+                del self._busy[uid]
+
+    def _taken(self, uid: int) -> bool:
+        """Count a thread for this user, if there may be one more."""
+        with self._lock:
+            if self._busy[uid] >= self._each or self._busy.total() >= self._total:
+                return False
+            self._busy[uid] += 1
+            return True
+
+
+def _result(future: asyncio.Future[T], value: T) -> None:
+    if not future.done():
+        future.set_result(value)
+
+
+def _failure(future: asyncio.Future[T], error: BaseException) -> None:
+    if not future.done():
+        future.set_exception(error)

@@ -1,0 +1,341 @@
+"""Arrays that come with a request: FIFOs, devices and disks that hang hold up nobody."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import gc
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import RigConfig, ServerConfig
+from pdcd.client import Client
+from pdcd.errors import BusyError, PdcdError, RequestError
+from pdcd.inputs import opening
+from pdcd.inputs.read import read_array
+from pdcd.inputs.sending import Sendable
+from pdcd.request import CaptureRequest, Sent
+from pdcd.server.access import Peer
+from pdcd.server.intake import Intake
+from pdcd.server.protocol import Request, parse
+from pdcd.server.readers import Readers
+from tests.e2e.server._server_harness import daemon, nothing_left
+from tests.e2e.server.test_daemon_real import connect
+from tests.e2e.server.test_daemon_real import daemon as real_daemon
+from tests.hostile import files
+from tests.hostile.trial import trial
+
+GRID = (4, 6)
+LIGHT = np.round(np.random.default_rng(3).random(GRID), 3)
+SELF = Peer(os.getpid(), os.getuid(), os.getgid(), "me")
+NOBODY = Peer(os.getpid(), 65534, 65534, "nobody")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left() -> Iterator[None]:
+    with nothing_left():
+        yield
+        for thread in threading.enumerate():  # they tell their result, and then end
+            if thread.name == "pdcd-reader":
+                thread.join(10.0)
+
+
+def taken(intake: Intake, value: Any, *fds: int, peer: Peer = SELF) -> Any:
+    """The recorded value and the array of an illumination that a client gives."""
+
+    async def scenario() -> Any:
+        request = CaptureRequest(goal="illuminated", illumination=value)
+        kept, given = await intake.take(request, fds, peer)
+        return kept.illumination, given["illumination"]
+
+    try:
+        return asyncio.run(scenario())
+    finally:
+        for descriptor in fds:
+            os.close(descriptor)
+
+
+def descriptor_of(path: Path, flags: int = os.O_RDONLY) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def test_an_array_comes_by_descriptor_within_the_line_and_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "light.npy"
+    np.save(path, LIGHT)
+    intake = Intake(tmp_path, GRID)
+    text = base64.b64encode(path.read_bytes()).decode()
+    for value, fds, file in (
+        (Sent(fd=0, file="light.npy"), [descriptor_of(path)], "light.npy"),
+        (Sent(fd=1), [descriptor_of(path), descriptor_of(path)], None),
+        (Sent(npy=text), [], None),
+        ("light.npy", [], "light.npy"),
+    ):
+        kept, array = taken(intake, value, *fds)
+        np.testing.assert_array_equal(array, LIGHT)
+        assert kept == Sent(file=file, sha256=kept.sha256) and len(kept.sha256) == 64
+
+
+@pytest.mark.parametrize(
+    ("value", "what"),
+    [
+        (Sent(fd=0), "0 came with the line"),
+        (Sent(), "neither"),
+        (Sent(fd=0, npy="AA=="), "neither"),
+        (Sent(sha256="0" * 64), "neither"),
+        (Sent(npy="no base64!"), "not base64"),
+        (Sent(npy="AAAA", file="a\nb"), "no name of a file"),
+        ("a\nb", "no name of a file"),
+        ("../light.npy", "no name below"),
+        ("none.npy", "No such file"),
+        ("secret", "may not read"),
+        ("fifo", "a FIFO"),
+    ],
+)
+def test_what_cannot_be_taken_says_why(tmp_path: Path, value: Any, what: str) -> None:
+    files.kinds(tmp_path / "arrays")
+    for folder in (tmp_path, tmp_path.parent, tmp_path.parent.parent):
+        folder.chmod(0o755)
+    with pytest.raises(RequestError, match=what) as caught:
+        taken(Intake(tmp_path / "arrays", GRID), value, peer=NOBODY)
+    assert caught.value.kind == "request"
+
+
+def test_without_a_folder_of_arrays_every_name_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "light.npy", LIGHT)
+    for name in ("light.npy", str(tmp_path / "light.npy")):
+        with pytest.raises(RequestError, match="no folder of arrays") as caught:
+            taken(Intake(None, GRID), name)
+        assert "[server] arrays" in str(caught.value.hint)
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("name", ["fifo", "zero", "folder", "sparse"])
+def test_descriptors_of_fifos_devices_and_giants_are_refused_at_once(
+    tmp_path: Path, name: str
+) -> None:
+    found = files.kinds(tmp_path)[name]
+    begun_s = time.monotonic()
+    with pytest.raises(RequestError, match=r"not a regular file|bytes; at most"):
+        taken(Intake(None, GRID), Sent(fd=0), descriptor_of(found))
+    assert time.monotonic() - begun_s < 2.0
+
+
+class Hanging:
+    """Reads that never return, as from a file system whose server is gone, until they are let."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.let = threading.Event()
+        self.ended: list[bool] = []
+        whole = opening.contents
+
+        def contents(descriptor: int, limits: Any) -> bytes:
+            if os.fstat(descriptor).st_size == 1:
+                self.ended.append(self.let.wait(20.0))
+            return whole(descriptor, limits)
+
+        monkeypatch.setattr("pdcd.planning.given.contents", contents)
+
+
+def test_a_disk_that_hangs_costs_its_user_two_threads_and_others_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hanging = Hanging(monkeypatch)
+    (tmp_path / "hangs").write_bytes(b"x")
+    np.save(tmp_path / "light.npy", LIGHT)
+    hung, sound = descriptor_of(tmp_path / "hangs"), descriptor_of(tmp_path / "light.npy")
+    intake = Intake(None, GRID, Readers(each=2, total=3, limit_s=0.3))
+    request = CaptureRequest(goal="illuminated", illumination=Sent(fd=0))
+
+    async def scenario() -> None:
+        async def take(descriptor: int, peer: Peer) -> Any:
+            return await intake.take(request, [descriptor], peer)
+
+        four = await asyncio.gather(*(take(hung, SELF) for _ in range(4)), return_exceptions=True)
+        kinds = [type(err) for err in four]
+        assert kinds.count(RequestError) == 2 and kinds.count(BusyError) == 2
+        assert any("within 0.3 s" in str(err) for err in four)
+        with pytest.raises(BusyError):
+            await take(sound, SELF)
+        other = replace(SELF, uid=12345)
+        _, given = await take(sound, other)
+        np.testing.assert_array_equal(given["illumination"], LIGHT)
+        hanging.let.set()
+        while len(hanging.ended) < 2 or intake._readers._busy:
+            await asyncio.sleep(0.01)
+        await take(sound, SELF)
+
+    asyncio.run(scenario())
+    os.close(hung)
+    os.close(sound)
+
+
+def test_a_descriptor_is_read_though_its_sender_closes_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The server may close its own in the middle of a read; the number may be another file then."""
+    np.save(tmp_path / "light.npy", LIGHT)
+    descriptor = descriptor_of(tmp_path / "light.npy")
+    whole = opening.contents
+
+    def closing(mine: int, limits: Any) -> bytes:
+        os.close(descriptor)
+        np.save(tmp_path / "other.npy", LIGHT + 1.0)
+        again = descriptor_of(tmp_path / "other.npy")
+        assert again == descriptor
+        return whole(mine, limits)
+
+    monkeypatch.setattr("pdcd.planning.given.contents", closing)
+    _, array = taken(Intake(None, GRID), Sent(fd=0), descriptor)
+    np.testing.assert_array_equal(array, LIGHT)
+
+
+def test_arrays_that_wait_are_bounded_and_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdcd.server.intake.HELD_BYTES", 10**6)
+    intake = Intake(None, GRID, Readers(limit_s=0.2))
+    text = base64.b64encode(files.npy(np.ones((250, 250)))).decode()
+    request = CaptureRequest(goal="illuminated", illumination=Sent(npy=text))
+
+    async def scenario() -> None:
+        held = [(await intake.take(request, (), SELF))[1]]
+        with pytest.raises(BusyError, match="too many arrays"):
+            while len(held) < 5:
+                held.append((await intake.take(request, (), SELF))[1])
+        assert len(held) == 1  # 0.5 MB are held, and 0.5 MB might come
+        held.clear()
+        gc.collect()
+        await intake.take(request, (), SELF)
+
+    asyncio.run(scenario())
+
+
+def test_long_rows_become_an_array_and_short_ones_stay() -> None:
+    async def scenario() -> None:
+        intake = Intake(None, (100, 100))
+        for size, kept_as in ((64, tuple), (65, Sent)):
+            rows = ((0.5,) * size,) * 64
+            request = CaptureRequest(goal="illuminated", illumination=rows)
+            kept, given = await intake.take(request, (), SELF)
+            assert isinstance(kept.illumination, kept_as)
+            assert ("illumination" in given) == (kept_as is Sent)
+
+    asyncio.run(scenario())
+
+
+def test_the_engine_gets_the_arrays_and_jobs_let_go_of_them(tmp_path: Path) -> None:
+    text = base64.b64encode(files.npy(LIGHT)).decode()
+
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            for method in ("capture.plan", "capture.start"):
+                answer = await wire.result(
+                    method, goal="illuminated", illumination={"npy": text, "file": "l.npy"}
+                )
+                if method == "capture.start":
+                    await wire.result("capture.wait", job=answer["job"])
+                np.testing.assert_array_equal(running.engine.given[-1]["illumination"], LIGHT)
+            recorded = running.engine.requests[-1].illumination
+            assert isinstance(recorded, Sent) and recorded.npy is None and recorded.sha256
+            bad = await wire.error(
+                "capture.start", goal="illuminated", illumination={"npy": "AA=="}
+            )
+            assert bad["data"]["kind"] == "request" and bad["code"] == -32602
+
+    asyncio.run(scenario())
+
+
+def test_a_client_that_leaves_while_its_arrays_are_read_starts_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reading, let = threading.Event(), threading.Event()
+    whole = read_array
+
+    def slow(*args: Any) -> Any:
+        reading.set()
+        let.wait(10.0)
+        return whole(*args)
+
+    monkeypatch.setattr("pdcd.planning.given.read_array", slow)
+    text = base64.b64encode(files.npy(LIGHT)).decode()
+
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as other:
+            async with running.wire() as wire:
+                params = {"goal": "illuminated", "illumination": {"npy": text}}
+                await wire.send(
+                    {"jsonrpc": "2.0", "id": 1, "method": "capture.start", "params": params}
+                )
+                while not reading.is_set():
+                    await asyncio.sleep(0.005)
+                await other.result("ping")
+                wire.writer.write_eof()
+                while (await other.result("rig.status"))["connections"] > 1:
+                    await asyncio.sleep(0.005)
+                let.set()
+                error = (await wire.answer(1))["error"]
+                assert error["data"]["kind"] == "cancelled"
+            assert (await other.result("capture.list"))["jobs"] == []
+
+    asyncio.run(scenario())
+
+
+def test_descriptors_are_sent_with_their_line(tmp_path: Path) -> None:
+    """What `Client` puts on the wire, taken apart by hand on the other end of a socket pair."""
+    np.save(tmp_path / "warp.npy", LIGHT)
+    here, there = socket.socketpair()
+    client = Client.__new__(Client)
+    client._sock, client._timeout_s, client._next_id, client._path = here, 5.0, 0, "pair"
+    arrays: dict[str, Sendable] = {"illumination": LIGHT, "warp": tmp_path / "warp.npy"}
+    with here, there:
+        client._send_with(arrays, "capture.plan", {"goal": "white", "note": "n" * 3000})
+        line, fds, _, _ = socket.recv_fds(there, 65536, 8)
+        request = parse(line.strip())
+        assert isinstance(request, Request) and isinstance(request.params, CaptureRequest)
+        assert b'"fds":2' in line and len(fds) == 2
+        assert request.params.warp == Sent(fd=1, file="warp.npy")
+
+        async def take() -> Any:
+            return await Intake(None, GRID).take(request.params, fds, SELF)  # type: ignore[arg-type]
+
+        _, given = asyncio.run(take())
+        np.testing.assert_array_equal(given["illumination"], LIGHT)
+        np.testing.assert_array_equal(given["warp"], LIGHT)
+        for descriptor in fds:
+            os.close(descriptor)
+
+
+@pytest.mark.timeout(60)
+def test_a_fifo_hangs_neither_ping_nor_cancel_nor_sigterm(tmp_path: Path) -> None:
+    found = files.kinds(tmp_path / "arrays")
+    server = ServerConfig(state_dir=str(tmp_path / "state"), arrays=str(tmp_path / "arrays"))
+    tables: dict[str, Any] = {"server": server, "rig": RigConfig(clock="real")}
+    with real_daemon(tmp_path, **tables) as (process, path), connect(path) as client:
+        for name in ("fifo", "zero", "sparse", str(found["fifo"]), "/dev/zero"):
+            request = CaptureRequest(goal="illuminated", illumination=name)
+            for ask in (client.plan, client.capture):
+                with pytest.raises(PdcdError) as caught:
+                    ask(request)
+                assert caught.value.kind == "request"
+        client.call("ping")
+        job = client.call("capture.start", {"goal": "indirect", "codes": 512, "white": False})
+        assert client.cancel(job["job"]).state == "cancelled"
+        process.terminate()
+        assert process.wait(10.0) == 0
+
+
+def test_hostile_requests_get_results_or_refusals_of_a_kind(tmp_path: Path) -> None:
+    """A few hundred; ten thousand by ``python -m tests.hostile --count 10000``."""
+    count = int(os.environ.get("PDCD_HOSTILE", "150"))
+    outcome = trial(tmp_path, 7, count)
+    assert not outcome.broken, "\n".join(outcome.broken[:3])
+    assert sum(outcome.kinds.values()) == count
+    assert outcome.kinds["request"] > count // 3 and outcome.kinds["done"] > count // 20
+    assert outcome.slowest_s < 20.0, outcome.slowest
