@@ -17,10 +17,19 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from pdcd.errors import PdcdError, ProtocolError
+from pdcd.errors import PdcdError, ProtocolError, of_kind
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Event, read
-from pdcd.server.messages import MAX_LINE, PROTOCOL, Admitted, Hello, JobList, JobView, Status
+from pdcd.server.messages import (
+    MAX_LINE,
+    PROTOCOL,
+    Admitted,
+    Hello,
+    JobList,
+    JobView,
+    Shown,
+    Status,
+)
 
 T = TypeVar("T")
 
@@ -147,10 +156,17 @@ class Client:
         """The jobs that the daemon knows, oldest first."""
         return _typed(self.call("capture.list"), JobList).jobs
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
-        """What a capture would do."""
-        answer = self.call("capture.plan", msgspec.to_builtins(request), timeout_s=ENGINE_TIMEOUT_S)
-        return _typed(answer, PlanSummary)
+    def plan(self, request: CaptureRequest, *, queue: bool = False) -> PlanSummary:
+        """What a capture would do; with `queue` after whatever holds the rig, however long."""
+        params = {**msgspec.to_builtins(request), "queue": queue}
+        request_id = self._send("capture.plan", params)
+        limit_s = None if queue else ENGINE_TIMEOUT_S
+        return _typed(self._answer(request_id, limit_s, None), PlanSummary)
+
+    def show(self, pattern: str, index: int = 0, *, detach: bool = False) -> Shown:
+        """Put a pattern on both panels, where it stays until its job ends: see `cancel`."""
+        params = {"pattern": pattern, "index": index, "detach": detach}
+        return _typed(self.call("display.show", params, timeout_s=ENGINE_TIMEOUT_S), Shown)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
@@ -270,6 +286,6 @@ def _event(message: dict[str, Any]) -> Event:
 def _error_from(wire: dict[str, Any]) -> PdcdError:
     """The error of our own tree for an error on the wire; an unknown kind becomes the base."""
     data = wire.get("data") or {}
-    kinds = {kind.kind: kind for kind in PdcdError.__subclasses__()}
-    made = kinds.get(str(data.get("kind")), PdcdError)
-    return made(str(wire.get("message")), device=data.get("device"), hint=data.get("hint"))
+    return of_kind(
+        str(data.get("kind")), str(wire.get("message")), data.get("device"), data.get("hint")
+    )

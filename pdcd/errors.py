@@ -3,7 +3,8 @@
 ::
 
     PdcdError                kind            what happened
-    ├── ConfigError          config          a setting, request or input file is wrong
+    ├── ConfigError          config          a setting or an input file is wrong
+    ├── RequestError         request         a request asks for what cannot be
     ├── ProtocolError        protocol        a message on the socket is malformed or unknown
     ├── BusyError            busy            another capture holds the rig
     ├── DriverUnavailable    driver_unavailable   a driver is unknown or cannot be loaded
@@ -47,6 +48,12 @@ class ConfigError(PdcdError):
     """A setting, a request or an input file is wrong or out of range."""
 
     kind = "config"
+
+
+class RequestError(PdcdError):
+    """A client asks for something out of range, or for what this rig cannot do."""
+
+    kind = "request"
 
 
 class ProtocolError(PdcdError):
@@ -105,6 +112,14 @@ class Cancelled(PdcdError):  # noqa: N818
 
 KINDS = tuple(sorted({c.kind for c in PdcdError.__subclasses__()} | {PdcdError.kind}))
 """Every `kind` a client may meet."""
+
+
+def of_kind(
+    kind: str | None, message: str | None, device: str | None = None, hint: str | None = None
+) -> PdcdError:
+    """The error that a result or a message on the wire tells of; an unknown kind is the base."""
+    known = {c.kind: c for c in PdcdError.__subclasses__()}
+    return known.get(kind or "", PdcdError)(message or "", device=device, hint=hint)
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,21 +11,34 @@ from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import Config
 from pdcd.capture.account import failure_of
 from pdcd.capture.job import Job
+from pdcd.capture.previews import forget_old
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.show import pattern_frames
-from pdcd.errors import DeviceLost, PdcdError
+from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
 from pdcd.planning.choose import choose, wants_choice
 from pdcd.planning.guards import asks_for_lag
 from pdcd.planning.guided import plan_for, summary
 from pdcd.planning.outlook import Setting
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
-from pdcd.runs.events import Emit
+from pdcd.runs.events import Emit, Event
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.views import CameraView, DriverView, OwnerView, Preview, RigView
 from pdcd.sensor.profile import load_profile
 
 logger = logging.getLogger(__name__)
+
+Asked = Callable[[], bool]
+"""Whether the job is to end; asked at every step, which also shows that the thread lives."""
+
+
+def _unheard(event: Event) -> None:
+    """Nobody listens."""
+
+
+def _never() -> bool:
+    """Nobody cancels."""
+    return False
 
 
 class Engine:
@@ -88,45 +100,60 @@ class Engine:
             scene=None if rig.scene is None else rig.scene.name,
         )
 
-    def plan(self, request: CaptureRequest) -> PlanSummary:
-        """What a request would do. Raises ConfigError."""
+    def plan(
+        self, request: CaptureRequest, *, emit: Emit = _unheard, cancelled: Asked = _never
+    ) -> PlanSummary:
+        """What a request would do. Raises RequestError, ConfigError, and Cancelled when `cancelled`
+        says so, which is asked between the steps of the work."""
+
+        def alive() -> None:
+            if cancelled():
+                raise Cancelled("the plan was cancelled", hint="nothing was exposed")
+
+        alive()
         if not wants_choice(request):
             lag_s = self._rig.mask_lag_s() if asks_for_lag(request, self._config) else None
-            plan = plan_for(request, self._config, self.grid, lag_s)
+            plan = plan_for(request, self._config, self.grid, lag_s, alive)
             return summary(plan, self._config.limits.max_exposure_s)
         camera, lag_s = self._rig.look_at_camera(), self._rig.mask_lag_s()
         setting = Setting(self._config, camera, self._profile, lag_s)
-        plan = choose(request, setting, self.grid, self._rig.scene).plan
+        plan = choose(request, setting, self.grid, self._rig.scene, alive).plan
         return summary(plan, self._config.limits.max_exposure_s)
 
     def show(self, pattern: str, index: int = 0) -> None:
-        """Hold a pattern on both panels: black, white, checker, grid, or one code by its number."""
+        """Hold a pattern on both panels: black, white, checker, grid, or one code by its number.
+
+        Raises DeviceLost when the panels do not go black.
+        """
         if pattern == "black":
-            self._rig.display.black()
+            if not self._rig.make_safe():
+                raise DeviceLost(
+                    "the panels may still be lit", device="display", hint="see the daemon's log"
+                )
             return
         self._rig.display.show(pattern_frames(pattern, index, self.grid, self._config))
 
-    def preview(self, alive: Callable[[], object] = lambda: None) -> Preview:
-        """A short white photo as PNG below the state folder.
+    def preview(
+        self,
+        *,
+        job: str,
+        owner: OwnerView | None = None,
+        emit: Emit = _unheard,
+        cancelled: Asked = _never,
+    ) -> Preview:
+        """A short white photo as PNG below the state folder, which keeps the last few.
 
-        `alive()` is called at least ten times a second, from this thread.
+        `emit` and `cancelled` are those of `capture`. Raises the error that the photo ended by.
         """
-
-        def cancelled() -> bool:
-            alive()
-            return False
-
         parent = state_dir(self._config) / "preview"
         request = CaptureRequest(goal="white", codes=4, window="whole", guards=False)
         result = self.capture(
-            request,
-            job=f"preview-{time.time_ns()}",
-            emit=lambda *_: None,
-            cancelled=cancelled,
-            parent=parent,
+            request, job=job, owner=owner, emit=emit, cancelled=cancelled, parent=parent
         )
+        forget_old(parent)
         if result.folder is None or result.state != "done":
-            raise DeviceLost("the preview could not be taken", hint=str(result.error))
+            error = result.error or {}
+            raise of_kind(*(error.get(f) for f in ("kind", "message", "device", "hint")))
         folder = Path(result.folder)
         path = folder / "preview" / "white.png"
         cells = read_manifest(folder).run.cells

@@ -184,7 +184,7 @@ def _plan(args: argparse.Namespace, request: CaptureRequest) -> PlanSummary:
     if not args.local and args.config is None:
         try:
             with Client(daemon_socket(args)) as client:
-                return client.plan(request)
+                return client.plan(request, queue=args.queue)
         except Unreachable:
             if args.socket is not None:
                 raise

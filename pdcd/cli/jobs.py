@@ -40,8 +40,8 @@ def list_jobs(args: argparse.Namespace) -> int:
     if args.json:
         say_json(JobList(jobs))
         return DONE
-    rows = [[j.job, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
-    say_table([["job", "state", "goal", "user", "folder"], *rows])
+    rows = [[j.job, j.kind, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
+    say_table([["job", "kind", "state", "goal", "user", "folder"], *rows])
     return DONE
 
 
@@ -85,4 +85,4 @@ def _say_event(event: Event, *, as_json: bool) -> None:
 
 
 def _job_words(job: JobView) -> str:
-    return f"{job.job} {job.goal} by {job.owner.user}"
+    return f"{job.job} {job.kind} {job.goal} by {job.owner.user}"

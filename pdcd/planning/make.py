@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import msgspec
@@ -30,10 +31,12 @@ def make_plan(
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
+    alive: Callable[[], None] = lambda: None,
 ) -> Plan:
     """Resolve a request against the configuration.
 
     `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
+    `alive` is called before the patterns of each program are made, and may raise to end the work.
     Raises ConfigError when the request contradicts itself, the rig, or the limits.
     """
     how = _how(request, config)
@@ -50,7 +53,7 @@ def make_plan(
     slot_s = slot_rows(schedule) / config.row_hz
     check_isolation(recipe, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     passes = _passes(request, config, recipe, how, lattice, slot_s)
-    patterns = pairs_of(recipe, how, family, lattice, p=request.p, seed=request.seed)
+    patterns = pairs_of(recipe, how, family, lattice, p=request.p, seed=request.seed, alive=alive)
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
             check_binary(*pair)
@@ -74,7 +77,7 @@ def make_plan(
     if how.coded:
         return plan
     scouts_first = msgspec.structs.replace(request, pilot=SCOUTS)
-    return replace(plan, otherwise=make_plan(scouts_first, config, grid, mask_lag_s))
+    return replace(plan, otherwise=make_plan(scouts_first, config, grid, mask_lag_s, alive))
 
 
 def _how(request: CaptureRequest, config: Config) -> How:

@@ -22,7 +22,7 @@ from pdcd.errors import KINDS, PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
 from pdcd.runs.views import OwnerView, Preview, RigView
-from pdcd.words import JobState
+from pdcd.words import JobKind, JobState
 
 PROTOCOL = (1, 0)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
@@ -43,6 +43,7 @@ CODES: Mapping[str, int] = MappingProxyType(
     {
         "protocol": INVALID_REQUEST,
         "config": INVALID_PARAMS,
+        "request": INVALID_PARAMS,
         "internal": INTERNAL_ERROR,
         # The range left to applications; the order is frozen, new kinds go to the end.
         "busy": -32001,
@@ -86,6 +87,16 @@ class StartParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_on
         return CaptureRequest(**{f: getattr(self, f) for f in CaptureRequest.__struct_fields__})
 
 
+class PlanParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`capture.plan`: the request, and whether it may wait while the rig is taken."""
+
+    queue: bool = False
+
+    def request(self) -> CaptureRequest:
+        """The request alone, as the engine takes it."""
+        return CaptureRequest(**{f: getattr(self, f) for f in CaptureRequest.__struct_fields__})
+
+
 class JobParams(_Params, frozen=True):
     """Names one job."""
 
@@ -93,10 +104,12 @@ class JobParams(_Params, frozen=True):
 
 
 class ShowParams(_Params, frozen=True):
-    """`display.show`: a test picture; `index` picks the code of the pattern "code"."""
+    """`display.show`: a test picture; `index` picks the code of the pattern "code", and `detach`
+    leaves it on when the connection ends."""
 
     pattern: Literal["black", "white", "checker", "grid", "code"]
     index: Annotated[int, Meta(ge=0, lt=2**31)] = 0
+    detach: bool = False
 
 
 class SubscribeParams(_Params, frozen=True):
@@ -132,11 +145,15 @@ class Admitted(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JobView(msgspec.Struct, frozen=True, kw_only=True):
-    """One job as `capture.list` and `rig.status` show it."""
+    """One job as `capture.list` and `rig.status` show it.
+
+    `goal` is that of a capture or a plan, the pattern of a show, "white" for a preview.
+    """
 
     job: str
     state: JobState
     goal: str
+    kind: JobKind = "capture"
     owner: OwnerView
     detach: bool
     created_utc: str
@@ -144,7 +161,7 @@ class JobView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JobList(msgspec.Struct, frozen=True):
-    """Answer of `capture.list`: oldest first; finished jobs are kept up to a bound."""
+    """Answer of `capture.list`: oldest first; finished jobs of each kind are kept up to a bound."""
 
     jobs: list[JobView]
 
@@ -175,10 +192,11 @@ class Subscription(msgspec.Struct, frozen=True):
 
 
 class Shown(msgspec.Struct, frozen=True):
-    """Answer of `display.show`: what both panels show now."""
+    """Answer of `display.show`: what both panels show now, and the job that keeps them at it."""
 
     pattern: str
     index: int
+    job: str
 
 
 class Pong(msgspec.Struct, frozen=True):
@@ -224,7 +242,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "rig.status": Method(NoParams, Status),
         "rig.describe": Method(NoParams, Described),
         "config.get": Method(NoParams, Config),
-        "capture.plan": Method(CaptureRequest, PlanSummary),
+        "capture.plan": Method(PlanParams, PlanSummary),
         "capture.start": Method(StartParams, Admitted),
         "capture.wait": Method(JobParams, CaptureResult),
         "capture.cancel": Method(JobParams, CaptureResult),

@@ -6,18 +6,18 @@ import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from pdcd import __version__
 from pdcd.bench.tables import Config
-from pdcd.errors import BusyError, ConfigError
+from pdcd.errors import ConfigError, PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
 from pdcd.server.callers import Caller
-from pdcd.server.jobs import EngineLike, Owner
+from pdcd.server.jobs import EngineLike, Job, Owner
 from pdcd.server.messages import (
     Admitted,
     Agreed,
@@ -26,6 +26,7 @@ from pdcd.server.messages import (
     Hello,
     JobList,
     JobParams,
+    PlanParams,
     Pong,
     RigState,
     Shown,
@@ -38,6 +39,8 @@ from pdcd.server.messages import (
 from pdcd.server.protocol import Request
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
+
+A = TypeVar("A", PlanSummary, Shown, Preview)
 
 
 class Methods:
@@ -85,7 +88,7 @@ class Methods:
 
     @property
     def state(self) -> RigState:
-        """Idle, busy with a capture, or about to end."""
+        """Idle, busy with a job, or about to end."""
         if self._runner.table.stopping:
             return "stopping"
         return "idle" if self._runner.table.running is None else "busy"
@@ -134,7 +137,7 @@ class Methods:
         )
 
     async def _describe(self, caller: Caller, params: msgspec.Struct) -> Described:
-        # During a capture the last description must do: the engine's thread is taken.
+        # During a job the last description must do: the engine's thread is taken.
         if self.state == "idle":
             self._description = await self._worker.call(self._engine.describe)
         return Described(self._description, messages.schema())
@@ -142,16 +145,14 @@ class Methods:
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config
 
-    async def _plan(self, caller: Caller, request: CaptureRequest) -> PlanSummary:
-        self._refuse_if_taken()
-        return await self._worker.call(self._engine.plan, self._confined(request))
+    async def _plan(self, caller: Caller, params: PlanParams) -> PlanSummary:
+        request = self._confined(params.request())
+        job = self._runner.start(request, _owner(caller), kind="plan", queue=params.queue)
+        return await self._answer(job, PlanSummary)
 
     async def _start(self, caller: Caller, params: StartParams) -> Admitted:
-        peer = caller.peer
-        owner = Owner(peer.uid, peer.pid, peer.user, caller.number)
-        job = self._runner.start(
-            self._confined(params.request()), owner, detach=params.detach, queue=params.queue
-        )
+        request = self._confined(params.request())
+        job = self._runner.start(request, _owner(caller), detach=params.detach, queue=params.queue)
         return Admitted(job=job.name, state=job.state)
 
     async def _wait(self, caller: Caller, params: JobParams) -> CaptureResult:
@@ -164,13 +165,12 @@ class Methods:
         return JobList([job.view() for job in self._runner.table.all()])
 
     async def _show(self, caller: Caller, params: ShowParams) -> Shown:
-        self._refuse_if_taken()
-        await self._worker.call(self._engine.show, params.pattern, params.index)
-        return Shown(params.pattern, params.index)
+        job = self._runner.start(params, _owner(caller), kind="show", detach=params.detach)
+        return await self._answer(job, Shown)
 
     async def _preview(self, caller: Caller, params: msgspec.Struct) -> Preview:
-        self._refuse_if_taken()
-        return await self._worker.call(self._engine.preview, self._worker.beat)
+        job = self._runner.start(CaptureRequest(goal="white"), _owner(caller), kind="preview")
+        return await self._answer(job, Preview)
 
     async def _subscribe(self, caller: Caller, params: SubscribeParams) -> Subscription:
         caller.interest = params.jobs
@@ -180,12 +180,12 @@ class Methods:
         caller.interest = "none"
         return Subscription(caller.interest)
 
-    def _refuse_if_taken(self) -> None:
-        """Raise BusyError while a capture holds the rig: a short call would wait for all of it."""
-        if self._runner.table.stopping:
-            raise BusyError("the daemon is stopping", hint="ask again in a moment")
-        if self._runner.table.running is not None:
-            raise self._runner.table.busy()
+    async def _answer(self, job: Job, kind: type[A]) -> A:
+        """The answer of a job that was started for it. Raises the error that the job ended by."""
+        answer = await self._runner.answer(job.name)
+        if not isinstance(answer, kind):
+            raise PdcdError(f"job {job.name} gave no {kind.__name__}")
+        return answer
 
     def _confined(self, request: CaptureRequest) -> CaptureRequest:
         """The request with `out` made absolute. Raises ConfigError when it leaves the state folder.
@@ -207,6 +207,11 @@ class Methods:
                 hint=f"choose a folder below {home}, or run pdcd capture --local",
             )
         return msgspec.structs.replace(request, out=str(out))
+
+
+def _owner(caller: Caller) -> Owner:
+    peer = caller.peer
+    return Owner(peer.uid, peer.pid, peer.user, caller.number)
 
 
 def _clock() -> ClockAnchor:

@@ -136,6 +136,7 @@ async def daemon(folder: Path, *, connections: int = 16) -> AsyncIterator[Daemon
     assert asyncio.all_tasks() == {asyncio.current_task()}
     assert engine.calls[-1] == "stop"
     assert not engine.shutter_open
+    assert engine.lit is None
     assert len(engine.threads) == 1
     assert threading.get_ident() not in engine.threads
 

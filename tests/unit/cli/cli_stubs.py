@@ -121,7 +121,7 @@ class StubClient:
     def cancel(self, job: str) -> CaptureResult:
         return self._answer("cancel", job)
 
-    def plan(self, wanted: CaptureRequest) -> PlanSummary:
+    def plan(self, wanted: CaptureRequest, *, queue: bool = False) -> PlanSummary:
         self._answer("plan", wanted)
         return PLAN
 

@@ -180,14 +180,15 @@ def test_plan_with_a_configuration_asks_no_daemon(
 
 def test_status(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["status"]) == 0
-    assert f"running      {JOB} indirect by ada" in capsys.readouterr().out
+    assert f"running      {JOB} capture indirect by ada" in capsys.readouterr().out
     assert main(["status", "--json"]) == 0
     assert last_object(capsys.readouterr().out) == msgspec.to_builtins(STATUS)
 
 
 def test_list(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
-    assert capsys.readouterr().out.splitlines()[1].split() == [JOB, "running", "indirect", "ada"]
+    row = capsys.readouterr().out.splitlines()[1].split()
+    assert row == [JOB, "capture", "running", "indirect", "ada"]
     assert main(["list", "--json"]) == 0
     assert last_object(capsys.readouterr().out)["jobs"][0]["job"] == JOB
 
