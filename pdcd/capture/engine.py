@@ -113,7 +113,7 @@ class Engine:
         alive()
         if not wants_choice(request):
             lag_s = self._rig.mask_lag_s() if asks_for_lag(request, self._config) else None
-            plan = plan_for(request, self._config, self.grid, lag_s, alive)
+            plan = plan_for(request, self._config, self.grid, lag_s)
             return summary(plan, self._config.limits.max_exposure_s)
         camera, lag_s = self._rig.look_at_camera(), self._rig.mask_lag_s()
         setting = Setting(self._config, camera, self._profile, lag_s)

@@ -27,6 +27,7 @@ from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
 from pdcd.planning.guess import GOALS, Prior, guess
 from pdcd.planning.guided import by_prior, guidable
 from pdcd.planning.make import make_plan
+from pdcd.planning.memory import MemoryLimitError
 from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
@@ -123,8 +124,7 @@ def choose(
     setting : the rig.
     grid : rows and columns of cells.
     scene : what stands before the rig, where that is known; `request.prior` goes before it.
-    alive : called at every candidate and every shot that is thought through, and may raise to end
-        the work.
+    alive : called before every shot that is thought through, and may raise to end the work.
 
     Raises
     ------
@@ -238,7 +238,6 @@ class _Search:
         errors: list[float] = []
         sensor = 0.0
         for plan in self._plans(schedule, black, by_map):
-            self.alive()
             least_s = _seconds(plan.scaled(1, 1))
             budget_s = self.request.seconds
             if budget_s is not None and least_s > budget_s:
@@ -291,7 +290,11 @@ class _Search:
             if by_map is not None and not share:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
-            plan = make_plan(request, self.setting.config, self.grid, alive=self.alive)
+            try:
+                plan = make_plan(request, self.setting.config, self.grid)
+            except MemoryLimitError as err:
+                self.refused = self.refused or err.message
+                return  # and more codes take more
             if self.given is not None and guidable(plan):
                 plan = by_prior(plan, self.given, request.seed)
             if any(program.coded for program in plan.recipe.programs.values()):
@@ -334,12 +337,10 @@ class _Search:
         limit_s = self.setting.config.limits.max_exposure_s
         plainest = None
         for iso in self.setting.isos:
-            self.alive()
             once = outlook.judge(iso, 1)
             plainest = plainest or once
             passes = 1
             while passes <= max(1.0, once.headroom) and _longest(plan) * passes <= limit_s:
-                self.alive()
                 estimate = once if passes == 1 else outlook.judge(iso, passes)
                 if estimate.saturates:
                     self.refused = f"at f/{self.setting.config.camera.f_number} the light saturates"
@@ -362,7 +363,6 @@ class _Search:
             if self.closest is None or self._bound(most) < self._bound(self.closest):
                 self.closest = most
             for repeat in range(1, MOST_REPEATS + 1):
-                self.alive()
                 if estimate.bound(self.confidence, repeat) <= self.request.error:
                     found = choice(repeat)
                     if self.best is None or found.seconds < self.best.seconds:

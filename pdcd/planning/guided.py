@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import msgspec
@@ -26,11 +25,8 @@ def plan_for(
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
-    alive: Callable[[], None] = lambda: None,
 ) -> Plan:
     """Resolve a request that names its number of codes, and follow its prior.
-
-    `alive` is called between the steps of the work, and may raise to end it.
 
     Raises
     ------
@@ -41,10 +37,9 @@ def plan_for(
         raise ConfigError(
             f"a pilot of {SCOUTS} codes finds nothing", hint=f"take one of {MATCHED}, or from 32"
         )
-    plan = make_plan(request, config, grid, mask_lag_s, alive)
+    plan = make_plan(request, config, grid, mask_lag_s)
     if request.prior is None:
         return plan
-    alive()
     if plan.how.pilot:
         raise ConfigError(
             "a prior and a pilot are both asked for",

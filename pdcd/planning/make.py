@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import msgspec
@@ -14,6 +13,7 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.guards import choose_schedule, choose_window, lag_rows
+from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import target_of
@@ -31,12 +31,10 @@ def make_plan(
     config: Config,
     grid: tuple[int, int],
     mask_lag_s: float | None = None,
-    alive: Callable[[], None] = lambda: None,
 ) -> Plan:
     """Resolve a request against the configuration.
 
     `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
-    `alive` is called before the patterns of each program are made, and may raise to end the work.
     Raises ConfigError when the request contradicts itself, the rig, or the limits.
     """
     how = _how(request, config)
@@ -53,7 +51,9 @@ def make_plan(
     slot_s = slot_rows(schedule) / config.row_hz
     check_isolation(recipe, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     passes = _passes(request, config, recipe, how, lattice, slot_s)
-    patterns = pairs_of(recipe, how, family, lattice, p=request.p, seed=request.seed, alive=alive)
+    needed = memory_bytes(recipe, how, family, lattice, passes, config)
+    check_memory(needed, config, grid)
+    patterns = pairs_of(recipe, how, family, lattice, p=request.p, seed=request.seed)
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
             check_binary(*pair)
@@ -71,13 +71,14 @@ def make_plan(
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         iso=config.camera.iso,
+        memory_bytes=needed,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
     if how.coded:
         return plan
     scouts_first = msgspec.structs.replace(request, pilot=SCOUTS)
-    return replace(plan, otherwise=make_plan(scouts_first, config, grid, mask_lag_s, alive))
+    return replace(plan, otherwise=make_plan(scouts_first, config, grid, mask_lag_s))
 
 
 def _how(request: CaptureRequest, config: Config) -> How:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -39,24 +37,15 @@ def settled_family(
 
 
 def pairs_of(
-    recipe: Recipe,
-    how: How,
-    family: FamilyName,
-    lattice: Lattice,
-    *,
-    p: float | None,
-    seed: int,
-    alive: Callable[[], None] = lambda: None,
+    recipe: Recipe, how: How, family: FamilyName, lattice: Lattice, *, p: float | None, seed: int
 ) -> dict[str, Pair]:
     """Patterns of every program; each part of a split photo has codes of its own.
 
-    `p` is the share of lit cells that the request names, None where it leaves that open. `alive` is
-    called before each program, and may raise to end the work.
+    `p` is the share of lit cells that the request names, None where it leaves that open.
     """
     part_of = {shot.program: shot.part for shot in recipe.shots}
     patterns = {}
     for name, program in recipe.programs.items():
-        alive()
         part = part_of.get(name, 0)
         own_seed = part_seed(seed, how.parts, part)
         if not program.coded:

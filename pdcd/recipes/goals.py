@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
+from pdcd.recipes.bounds import check_bounds
 from pdcd.request import Goal
 
 Floats = NDArray[np.float64]
@@ -79,19 +80,20 @@ class Target:
 
 
 def check_target(target: Target) -> Target:
-    """The target itself, or ConfigError that says what to change."""
+    """The target itself, or RequestError that says what to change."""
     goal = target.goal
     if goal.name not in GOALS:
-        raise ConfigError(f"unknown goal {goal.name!r}", hint=f"known goals: {', '.join(GOALS)}")
+        raise RequestError(f"unknown goal {goal.name!r}", hint=f"known goals: {', '.join(GOALS)}")
     needs, _ = GOALS[goal.name]
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
     missing, spare = sorted({*needs} - given), sorted(given - {*needs, "illumination"})
     if missing:
-        raise ConfigError(f"goal {goal.name} needs {', '.join(missing)}")
+        raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
-        raise ConfigError(f"goal {goal.name} takes no {', '.join(spare)}", hint="leave it out")
+        raise RequestError(f"goal {goal.name} takes no {', '.join(spare)}", hint="leave it out")
+    check_bounds(target.goal, target.grid, target.matrices)
     _check_numbers(target)
     for name, plane in target.planes.items():
         _check_plane(target, name, plane)
@@ -103,71 +105,62 @@ def check_target(target: Target) -> Target:
 def _check_numbers(target: Target) -> None:
     goal, grid = target.goal, target.grid
     if goal.p is not None and not 0.0 < goal.p < 1.0:
-        raise ConfigError(
+        raise RequestError(
             f"p = {goal.p} is not between 0 and 1",
             hint="p is the share of indirect light to keep beside the direct, such as 0.25",
         )
     if goal.radius is not None and goal.radius < 0:
-        raise ConfigError(f"radius {goal.radius} is negative", hint="count cells from 0")
+        raise RequestError(f"radius {goal.radius} is negative", hint="count cells from 0")
     if goal.name == "long-range" and goal.radius is not None and goal.radius >= max(grid) - 1:
-        raise ConfigError(
+        raise RequestError(
             f"no cell is further than {goal.radius} cells from another",
             hint="take a smaller radius",
         )
-    if goal.shift is not None:
-        down, right = goal.shift
-        if abs(down) >= grid[0] or abs(right) >= grid[1]:
-            raise ConfigError(
-                f"a shift of {goal.shift} leaves the grid of {grid[0]} x {grid[1]} cells",
-                hint="take a shift smaller than the grid",
-            )
-        if goal.name == "descattered" and goal.shift == (0, 0):
-            raise ConfigError("descattered needs a shift other than 0 0", hint="such as 0 -1")
-    if goal.period is not None and (goal.period % 4 or not 4 <= goal.period <= grid[1]):
-        raise ConfigError(
+    if goal.name == "descattered" and goal.shift == (0, 0):
+        raise RequestError("descattered needs a shift other than 0 0", hint="such as 0 -1")
+    if goal.period is not None and (goal.period % 4 or goal.period < 4):
+        raise RequestError(
             f"stripes with a period of {goal.period} cells cannot be moved by a quarter of it "
             f"across {grid[1]} columns",
             hint="take 4, or another multiple of 4 that fits the grid",
         )
     if goal.mix is not None and not np.isfinite(goal.mix).all():
-        raise ConfigError("the two weights must be finite numbers")
+        raise RequestError("the two weights must be finite numbers")
 
 
 def _check_plane(target: Target, name: str, plane: Floats) -> None:
     cells, (rows, cols) = target.cells, target.grid
     if plane.size != cells:
-        raise ConfigError(
+        raise RequestError(
             f"{name} has {plane.size} values, the grid has {rows} x {cols} cells",
             hint="give one value for each cell",
         )
     if not np.isfinite(plane).all():
-        raise ConfigError(f"{name} has values that are not finite")
+        raise RequestError(f"{name} has values that are not finite")
     if name.startswith("warp"):
         if np.any(plane != np.rint(plane)) or plane.min() < -1 or plane.max() >= cells:
-            raise ConfigError(
+            raise RequestError(
                 f"{name} leaves the grid",
                 hint=f"cells are numbered 0 to {cells - 1}; -1 is none",
             )
         if plane.max() < 0:
-            raise ConfigError(f"{name} pairs no cell at all")
+            raise RequestError(f"{name} pairs no cell at all")
     elif plane.min() < 0.0 or plane.max() > 1.0:
-        raise ConfigError(f"{name} must lie between 0 and 1", hint="light cannot be negative")
+        raise RequestError(f"{name} must lie between 0 and 1", hint="light cannot be negative")
     if name.startswith("region") and np.any((plane != 0.0) & (plane != 1.0)):
-        raise ConfigError(f"{name} must be 0 or 1 in every cell")
+        raise RequestError(f"{name} must be 0 or 1 in every cell")
     if name == "illumination" and plane.max() == 0.0:
-        raise ConfigError("the illumination is black everywhere")
+        raise RequestError("the illumination is black everywhere")
 
 
 def _check_matrix(target: Target, name: str, matrix: Floats) -> None:
     cells = target.cells
     if matrix.ndim != 2 or not np.isfinite(matrix).all():
-        raise ConfigError(f"{name} must be a two-dimensional array of finite numbers")
+        raise RequestError(f"{name} must be a two-dimensional array of finite numbers")
     if not matrix.any():
-        raise ConfigError(f"{name} is zero everywhere")
+        raise RequestError(f"{name} is zero everywhere")
     if name == "matrix" and matrix.shape != (cells, cells):
-        raise ConfigError(f"matrix is {matrix.shape}, not {(cells, cells)}")
+        raise RequestError(f"matrix is {matrix.shape}, not {(cells, cells)}")
     if name == "kernel":
         if matrix.shape[0] % 2 == 0 or matrix.shape[1] % 2 == 0:
-            raise ConfigError(f"kernel is {matrix.shape}", hint="its sides must be odd")
-        if matrix.shape[0] // 2 >= target.grid[0] or matrix.shape[1] // 2 >= target.grid[1]:
-            raise ConfigError(f"kernel is {matrix.shape}, wider than the grid reaches")
+            raise RequestError(f"kernel is {matrix.shape}", hint="its sides must be odd")

@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.pictures.combine import Exposed, combine
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.develop import read_tiff
@@ -82,7 +82,7 @@ def test_split_under_an_illumination_keeps_its_share_of_the_light(tmp_path: Path
 
 @pytest.mark.parametrize("period", [None, 2, 6, 12])
 def test_periods_that_cannot_be_quartered_are_refused(period: int | None) -> None:
-    with pytest.raises(ConfigError, match="period"):
+    with pytest.raises(RequestError, match="period"):
         check_target(Target(Goal(name="split", period=period), GRID))
 
 

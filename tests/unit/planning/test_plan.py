@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.bench.tables import Config, LimitsConfig, RigConfig
-from pdcd.errors import ConfigError
+from pdcd.errors import ConfigError, RequestError
 from pdcd.planning.make import make_plan
 from pdcd.request import CaptureRequest
 
@@ -104,7 +104,7 @@ def test_smooth_light_is_corrected_with_hadamard_codes_unless_told(
     ],
 )
 def test_refusals(fields: dict[str, Any], what: str) -> None:
-    with pytest.raises(ConfigError, match=what):
+    with pytest.raises((ConfigError, RequestError), match=what):
         plan_of(Config(limits=LimitsConfig(max_exposure_s=60.0)), **fields)
 
 
