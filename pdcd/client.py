@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from pdcd.errors import BusyError, PdcdError, ProtocolError
+from pdcd.errors import BusyError, PdcdError, ProtocolError, of_kind
 from pdcd.inputs.sending import Sendable, parcels
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, Sent
 from pdcd.runs.events import Event, read
@@ -31,6 +31,7 @@ from pdcd.server.messages import (
     Hello,
     JobList,
     JobView,
+    Shown,
     Status,
 )
 
@@ -178,10 +179,20 @@ class Client:
         """The runs in the daemon's state folder, newest first, up to 1000 of them."""
         return tuple(_typed(self.call("capture.list", {"runs": newest}), JobList).runs)
 
-    def plan(self, request: CaptureRequest, *, arrays: Arrays = NONE) -> PlanSummary:
-        """What a capture would do; `arrays` as in `capture`."""
-        request_id = self._send_with(arrays, "capture.plan", msgspec.to_builtins(request))
-        return _typed(self._answer(request_id, ENGINE_TIMEOUT_S, None), PlanSummary)
+    def plan(
+        self, request: CaptureRequest, *, arrays: Arrays = NONE, queue: bool = False
+    ) -> PlanSummary:
+        """What a capture would do; `arrays` as in `capture`. With `queue` after whatever holds the
+        rig, however long."""
+        params = {**msgspec.to_builtins(request), "queue": queue}
+        request_id = self._send_with(arrays, "capture.plan", params)
+        limit_s = None if queue else ENGINE_TIMEOUT_S
+        return _typed(self._answer(request_id, limit_s, None), PlanSummary)
+
+    def show(self, pattern: str, index: int = 0, *, detach: bool = False) -> Shown:
+        """Put a pattern on both panels, where it stays until its job ends: see `cancel`."""
+        params = {"pattern": pattern, "index": index, "detach": detach}
+        return _typed(self.call("display.show", params, timeout_s=ENGINE_TIMEOUT_S), Shown)
 
     def events(self, jobs: str = "all") -> Iterator[Event]:
         """Subscribe, then yield events as they come, until the daemon closes the connection."""
@@ -346,6 +357,6 @@ def _event(message: dict[str, Any]) -> Event:
 def _error_from(wire: dict[str, Any]) -> PdcdError:
     """The error of our own tree for an error on the wire; an unknown kind becomes the base."""
     data = wire.get("data") or {}
-    kinds = {kind.kind: kind for kind in PdcdError.__subclasses__()}
-    made = kinds.get(str(data.get("kind")), PdcdError)
-    return made(str(wire.get("message")), device=data.get("device"), hint=data.get("hint"))
+    return of_kind(
+        str(data.get("kind")), str(wire.get("message")), data.get("device"), data.get("hint")
+    )

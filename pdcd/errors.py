@@ -135,6 +135,14 @@ KINDS = tuple(sorted({c.kind for c in PdcdError.__subclasses__()} | {PdcdError.k
 """Every `kind` a client may meet."""
 
 
+def of_kind(
+    kind: str | None, message: str | None, device: str | None = None, hint: str | None = None
+) -> PdcdError:
+    """The error that a result or a message on the wire tells of; an unknown kind is the base."""
+    known = {c.kind: c for c in PdcdError.__subclasses__()}
+    return known.get(kind or "", PdcdError)(message or "", device=device, hint=hint)
+
+
 @contextmanager
 def disk_errors(device: str) -> Iterator[None]:
     """Turn a full disk into NoSpaceError and any other refusal of the disk into DiskError."""

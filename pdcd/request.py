@@ -53,6 +53,12 @@ Table = Name | Sent | Rows
 ARRAYS = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
 """Fields of a request that are arrays; `prior` may be one."""
 
+MOST_CELLS = 65536
+"""No panel has more pixels along a side; what the rig's own grid allows is less
+(`pdcd.recipes.bounds`)."""
+Step = Annotated[int, Meta(ge=-MOST_CELLS, le=MOST_CELLS)]
+Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
+
 
 class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One wanted photo, as `capture.start` and `pdcd capture` take it.
@@ -68,12 +74,12 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     codes: Annotated[int, Meta(ge=1, le=65536)] | None = None
     family: FamilyName | None = None
     p: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
-    shift: tuple[int, int] | None = None
+    shift: tuple[Step, Step] | None = None
     """Cells down and right from each camera cell to its projector cell."""
-    radius: Annotated[int, Meta(ge=0)] | None = None
-    mix: tuple[float, float] | None = None
+    radius: Annotated[int, Meta(ge=0, le=MOST_CELLS)] | None = None
+    mix: tuple[Weight, Weight] | None = None
     """Weights of `warp` and `warp_b`."""
-    period: Annotated[int, Meta(ge=4, multiple_of=4)] | None = None
+    period: Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None = None
     """Cells from one stripe of the goal "split" to the next."""
     illumination: Table | None = None
     warp: Table | None = None
@@ -101,8 +107,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Wanted RMS error relative to the RMS of the picture; codes and exposures then follow."""
     confidence: Annotated[float, Meta(ge=0.5, lt=1.0)] | None = None
     """With which probability `error` is to be kept; None: 0.95."""
-    seconds: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None
-    """Total time of all exposures, from which codes and exposures follow instead."""
+    seconds: Annotated[float, Meta(gt=0.0, le=86400.0)] | None = None
+    """Total time of all exposures, from which codes and exposures follow instead; at most a day."""
     prior: Name | Sent | None = None
     """What the scene is like, to guide the codes and foresee errors by: "scene:" and the name of a
     preset, "decay:" and a distance in cells, or a transport matrix, given as other arrays are."""
@@ -227,6 +233,8 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float
     light_share: float
     raw_files: int
+    memory_bytes: int = 0
+    """Foreseen peak of planning, taking and decoding, beside the program itself and the scene."""
     pilot: int = 0
     pilot_cost: PilotCost | None = None
     prediction: Prediction | None = None

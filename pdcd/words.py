@@ -34,4 +34,6 @@ GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
 WindowName = Literal["auto", "whole", "quarter"]
 BlackLevel = Literal["none", "mask", "ambient", "both"]
 NormaliseName = Literal["auto", "scalar", "row"]
+JobKind = Literal["capture", "plan", "show", "preview"]
+"""What of the rig a job uses: all of it, the arithmetic alone, the panels, all for a quick look."""
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -162,6 +162,8 @@ class LimitsConfig(_Table, frozen=True):
     """[limits] what the daemon refuses to exceed."""
 
     max_exposure_s: Positive = 600.0
+    memory_bytes: Annotated[int, Meta(ge=2**26)] | None = None
+    """Most memory that a job may be foreseen to take; None: half of the machine's."""
     min_free_bytes: Annotated[int, Meta(ge=0)] = 256 * 1024 * 1024
     connections: Annotated[int, Meta(ge=1)] = 16
     """Clients at a time. Beyond these, places are kept for root and the daemon's own user."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,10 +12,11 @@ from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import Config
 from pdcd.capture.account import failure_of
 from pdcd.capture.job import Job, planning
+from pdcd.capture.previews import forget_old
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.show import pattern_frames
-from pdcd.errors import Cancelled, DeviceLost, PdcdError
+from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
 from pdcd.offload.desk import Desk, Facts
 from pdcd.offload.hands import Hands, Here
 from pdcd.offload.keeper import Child
@@ -24,13 +24,25 @@ from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
-from pdcd.runs.events import Emit
+from pdcd.runs.events import Emit, Event
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.place import Place
 from pdcd.runs.views import CameraView, DriverView, OwnerView, Preview, RigView
 from pdcd.sensor.profile import load_profile
 
 logger = logging.getLogger(__name__)
+
+Asked = Callable[[], bool]
+"""Whether the job is to end; asked at every step, which also shows that the thread lives."""
+
+
+def _unheard(event: Event) -> None:
+    """Nobody listens."""
+
+
+def _never() -> bool:
+    """Nobody cancels."""
+    return False
 
 
 class Engine:
@@ -111,8 +123,8 @@ class Engine:
         request: CaptureRequest,
         given: Given = NOTHING,
         *,
-        emit: Emit = lambda _: None,
-        cancelled: Callable[[], bool] = lambda: False,
+        emit: Emit = _unheard,
+        cancelled: Asked = _never,
     ) -> PlanSummary:
         """What a request would do; `given` holds its arrays.
 
@@ -122,7 +134,7 @@ class Engine:
 
         def look_for_cancel() -> None:
             if cancelled():
-                raise Cancelled("the plan was cancelled")
+                raise Cancelled("the plan was cancelled", hint="nothing was exposed")
 
         choice = wants_choice(request)
         camera = self._rig.look_at_camera() if choice else None
@@ -132,33 +144,39 @@ class Engine:
         return self._hands.do(watch, Desk.plan, request, given, camera, lag_s).summary
 
     def show(self, pattern: str, index: int = 0) -> None:
-        """Hold a pattern on both panels: black, white, checker, grid, or one code by its number."""
+        """Hold a pattern on both panels: black, white, checker, grid, or one code by its number.
+
+        Raises DeviceLost when the panels do not go black.
+        """
         if pattern == "black":
-            self._rig.display.black()
+            if not self._rig.make_safe():
+                raise DeviceLost(
+                    "the panels may still be lit", device="display", hint="see the daemon's log"
+                )
             return
         self._rig.display.show(pattern_frames(pattern, index, self.grid, self._config))
 
-    def preview(self, alive: Callable[[], object] = lambda: None) -> Preview:
-        """A short white photo as PNG below the state folder.
+    def preview(
+        self,
+        *,
+        job: str,
+        owner: OwnerView | None = None,
+        emit: Emit = _unheard,
+        cancelled: Asked = _never,
+    ) -> Preview:
+        """A short white photo as PNG below the state folder, which keeps the last few.
 
-        `alive()` is called at least ten times a second, from this thread.
+        `emit` and `cancelled` are those of `capture`. Raises the error that the photo ended by.
         """
-
-        def cancelled() -> bool:
-            alive()
-            return False
-
         request = CaptureRequest(goal="white", codes=4, window="whole", guards=False)
         with Place.at(state_dir(self._config) / "preview") as parent:
             result = self.capture(
-                request,
-                job=f"preview-{time.time_ns()}",
-                emit=lambda *_: None,
-                cancelled=cancelled,
-                parent=parent,
+                request, job=job, owner=owner, emit=emit, cancelled=cancelled, parent=parent
             )
+            forget_old(parent.path)
         if result.folder is None or result.state != "done":
-            raise DeviceLost("the preview could not be taken", hint=str(result.error))
+            error = result.error or {}
+            raise of_kind(*(error.get(f) for f in ("kind", "message", "device", "hint")))
         folder = Path(result.folder)
         path = folder / "preview" / "white.png"
         cells = read_manifest(folder).run.cells

@@ -90,6 +90,7 @@ def plan(args: argparse.Namespace) -> int:
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
         ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
+        ["memory", f"{summary.memory_bytes / 2**20:.0f} MiB at most"],
     ]
     cost = summary.pilot_cost
     if cost is not None:
@@ -192,7 +193,7 @@ def _plan(
     if not args.local and args.config is None:
         try:
             with Client(daemon_socket(args)) as client:
-                return client.plan(request, arrays=files)
+                return client.plan(request, arrays=files, queue=args.queue)
         except Unreachable:
             if args.socket is not None:
                 raise

@@ -44,12 +44,12 @@ def list_jobs(args: argparse.Namespace) -> int:
         return DONE
     known = {j.job for j in jobs}
     rows = [
-        [r.job, r.state, r.goal or "?", r.user or "?", r.folder]
+        [r.job, "capture", r.state, r.goal or "?", r.user or "?", r.folder]
         for r in reversed(runs)
         if r.job not in known
     ]
-    rows += [[j.job, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
-    say_table([["job", "state", "goal", "user", "folder"], *rows])
+    rows += [[j.job, j.kind, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
+    say_table([["job", "kind", "state", "goal", "user", "folder"], *rows])
     return DONE
 
 
@@ -93,4 +93,4 @@ def _say_event(event: Event, *, as_json: bool) -> None:
 
 
 def _job_words(job: JobView) -> str:
-    return f"{job.job} {job.goal} by {job.owner.user}"
+    return f"{job.job} {job.kind} {job.goal} by {job.owner.user}"

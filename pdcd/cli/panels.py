@@ -1,22 +1,80 @@
-"""`pdcd show` and `pdcd timing`: the panels alone, without camera and daemon."""
+"""`pdcd show` and `pdcd timing`: the panels alone, without a camera."""
 
 from __future__ import annotations
 
 import argparse
+import signal
 import time
 
 import msgspec
 
 from pdcd.bench.config import load
+from pdcd.cli.capture import daemon_socket, signals_to
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table, tell
+from pdcd.client import Client, Unreachable
+from pdcd.errors import BusyError
+
+MOCK = "mock"
+NOTHING_TO_SEE = "these are the mock bench's panels, which exist as numbers only: nothing to see"
+"""What to say where the driver is `MOCK`, lest one look for a window."""
 
 LOOP_S = 60.0
 """Length of one pass of `pdcd show --loop`; a few black refreshes lie between two."""
 
 
 def show(args: argparse.Namespace) -> int:
-    """Hold a pattern, or run all codes over and over, until Ctrl-C or for some time."""
+    """Hold a pattern until Ctrl-C or for some time: by the daemon where one answers, as the panels
+    are its own, else in this process."""
+    try:
+        client = Client(daemon_socket(args))
+    except Unreachable:
+        if args.socket is not None or args.detach:
+            raise
+        return _show_here(args)
+    with client:
+        return _show_there(args, client)
+
+
+def _show_there(args: argparse.Namespace, client: Client) -> int:
+    """Ask the daemon; the picture stays as long as this command does, or for good if detached."""
+    if args.loop:
+        raise BusyError(
+            "the daemon has the panels, and shows single patterns only",
+            hint="leave out --loop, or end the daemon for as long as you look",
+        )
+    shown = client.show(args.pattern, args.index, detach=args.detach)
+    if args.json:
+        say_json(shown)
+    else:
+        say(f"{_picture(shown.pattern, shown.index)}: job {shown.job}")
+    if client.hello.drivers.get("display") == MOCK:
+        tell(NOTHING_TO_SEE)
+    if args.pattern == "black":
+        return DONE
+    if args.detach:
+        tell(f"it stays: pdcd cancel {shown.job}, or pdcd show black, ends it")
+        return DONE
+    with signals_to(signal.default_int_handler):
+        try:
+            tell("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
+            if args.seconds is None:
+                client.wait(shown.job)
+            else:
+                client.call("capture.wait", {"job": shown.job}, timeout_s=args.seconds)
+        except KeyboardInterrupt:
+            client.cancel(shown.job)
+        except Unreachable:
+            if args.seconds is None:
+                raise
+            client.cancel(shown.job)  # its time is over; a daemon that has gone is told apart here
+        else:
+            tell("ended by another command")
+    return DONE
+
+
+def _show_here(args: argparse.Namespace) -> int:
+    """Drive the panels from this process."""
     from pdcd.capture.rig import Rig
     from pdcd.capture.show import loop_frames, pattern_frames
     from pdcd.errors import Cancelled
@@ -30,11 +88,23 @@ def show(args: argparse.Namespace) -> int:
     grid = rig.grid
     end_s = time.monotonic() + (args.seconds if args.seconds is not None else float("inf"))
     display = rig.display
+    black = args.pattern == "black" and not args.loop
+    frames = None if args.loop or black else pattern_frames(args.pattern, args.index, grid, config)
+    if args.json:
+        say_json({"pattern": "loop" if args.loop else args.pattern, "index": args.index})
+    if config.display.driver == MOCK:
+        what = "all codes" if args.loop else _picture(args.pattern, args.index)
+        sizes = (f"{p.size_px[0]} x {p.size_px[1]} px" for p in (config.projector, config.mask))
+        tell("{}: would be on a projector of {} and a mask of {}".format(what, *sizes))
+        tell(NOTHING_TO_SEE)
+        return DONE
     try:
         display.connect()
+        if black:
+            return DONE
         tell("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
-        if not args.loop:
-            display.show(pattern_frames(args.pattern, args.index, grid, config))
+        if frames is not None:
+            display.show(frames)
             while time.monotonic() < end_s:
                 rig.clock.sleep_until_ns(rig.clock.now_ns() + 50_000_000)
             return DONE
@@ -47,6 +117,14 @@ def show(args: argparse.Namespace) -> int:
         return DONE
     finally:
         display.disconnect()
+
+
+def _picture(pattern: str, index: int) -> str:
+    """What both panels show, for people; a mask's pattern is as `pdcd.capture.show` has it."""
+    name = f"code {index}" if pattern == "code" else pattern
+    if pattern in ("white", "grid", "black"):
+        return f"{name} on projector and mask"
+    return f"{name} on the projector, its complement on the mask"
 
 
 def timing(args: argparse.Namespace) -> int:

@@ -94,6 +94,7 @@ def _photo_commands(add: Add) -> None:
     plan.usage = capture.usage
     request_options(plan)
     method_option(plan)
+    plan.add_argument("--queue", action="store_true", help="wait while the rig is taken")
 
 
 def _job_commands(add: Add) -> None:
@@ -127,14 +128,17 @@ def _bench_commands(add: Add) -> None:
     )
     held = add("show", "panels:show", "show a pattern on both panels, without a camera")
     held.add_argument(
-        "pattern", nargs="?", default="grid", choices=("white", "checker", "grid", "code")
+        "pattern", nargs="?", default="grid", choices=("black", "white", "checker", "grid", "code")
     )
     held.add_argument("--index", type=int, default=0, metavar="N", help="which code")
     held.add_argument(
         "--loop", action="store_true", help="all codes over and over: see through the mask"
     )
     held.add_argument("--seconds", type=float, metavar="S", help="end by itself")
-    held.add_argument("--config", type=Path, metavar="FILE", help="where the panels are named")
+    held.add_argument(
+        "--detach", action="store_true", help="leave it on the daemon's panels and return"
+    )
+    client_options(held)
     timing = add("timing", "panels:timing", "measure how regularly the panels show codes")
     timing.add_argument("--frames", type=int, default=3000, metavar="N", help="refreshes to show")
     timing.add_argument("--out", type=Path, metavar="PNG", help="write histograms of the times")

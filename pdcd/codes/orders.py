@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 
+ROWS = 64
+"""Rows of a matrix whose entries are looked up together; bounds the memory."""
+
 
 def is_order(order: int) -> bool:
     """Whether a Hadamard matrix of this order can be built here."""
@@ -108,6 +111,19 @@ def _residues(q: int) -> NDArray[np.int8]:
     return character
 
 
+def _circulant(character: NDArray[np.int8], column: NDArray[np.int64]) -> NDArray[np.int8]:
+    """``character[(row - column) % q]``, (q, columns) int8, for all q rows.
+
+    In blocks of rows: indices take eight times as much memory as what they pick.
+    """
+    q = character.size
+    found = np.empty((q, column.size), dtype=np.int8)
+    for start in range(0, q, ROWS):
+        row = np.arange(start, min(start + ROWS, q))[:, None]
+        found[start : start + ROWS] = character[(row - column) % q]
+    return found
+
+
 def _paley_one(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
     """Columns of Paley's first matrix, I + S with S skew, rows below the first negated."""
     q = order - 1
@@ -115,7 +131,7 @@ def _paley_one(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
     character[0] = 1  # the identity falls on the zeros of the character
     columns = np.ones((order, index.size), dtype=np.int8)
     inner = index > 0
-    columns[1:, inner] = -character[(np.arange(q)[:, None] - (index[inner] - 1)) % q]
+    columns[1:, inner] = -_circulant(character, index[inner] - 1)
     return columns
 
 
@@ -129,7 +145,7 @@ def _paley_two(order: int, index: NDArray[np.int64]) -> NDArray[np.int8]:
     conference = np.ones((q + 1, index.size), dtype=np.int8)
     conference[0, block == 0] = 0
     inner = block > 0
-    conference[1:, inner] = _residues(q)[(np.arange(q)[:, None] - (block[inner] - 1)) % q]
+    conference[1:, inner] = _circulant(_residues(q), block[inner] - 1)
     identity = (np.arange(q + 1)[:, None] == block).astype(np.int8)
     flip = (1 - 2 * side).astype(np.int8)  # +1 for the left column of a block, -1 for the right
     upper = conference + identity * flip

@@ -28,6 +28,7 @@ from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
 from pdcd.planning.guess import GOALS, Prior, guess
 from pdcd.planning.guided import by_prior, guidable
 from pdcd.planning.make import make_plan
+from pdcd.planning.memory import MemoryLimitError
 from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
@@ -305,7 +306,11 @@ class _Search:
             if by_map is not None and not share:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
-            plan = make_plan(request, self.setting.config, self.grid, given=self.arrays)
+            try:
+                plan = make_plan(request, self.setting.config, self.grid, given=self.arrays)
+            except MemoryLimitError as err:
+                self.refused = self.refused or err.message
+                return  # and more codes take more
             if self.given is not None and guidable(plan):
                 plan = by_prior(plan, self.given, request.seed)
             if any(program.coded for program in plan.recipe.programs.values()):

@@ -14,6 +14,7 @@ from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.guards import choose_schedule, choose_window, lag_rows
+from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -55,6 +56,8 @@ def make_plan(
     slot_s = slot_rows(schedule) / config.row_hz
     check_isolation(recipe, slot_s=slot_s, limit_s=config.limits.max_exposure_s)
     passes = _passes(request, config, recipe, how, lattice, slot_s)
+    needed = memory_bytes(recipe, how, family, lattice, passes, config)
+    check_memory(needed, config, grid)
     patterns = pairs_of(
         recipe, how, family, lattice, p=request.p, seed=request.seed, watch=watch or Watch()
     )
@@ -75,6 +78,7 @@ def make_plan(
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         iso=config.camera.iso,
+        memory_bytes=needed,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)

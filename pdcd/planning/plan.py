@@ -42,6 +42,8 @@ class Plan:
     """Time by which the mask is sent its frames later, or earlier."""
     iso: int | None = None
     """None: the camera's lowest."""
+    memory_bytes: int = 0
+    """Foreseen peak of planning, taking and decoding (`pdcd.planning.memory`)."""
     smooth: bool = False
     """Whether the indirect photo is to be corrected for its smooth light
     (`pdcd.pictures.smooth`)."""
@@ -174,6 +176,7 @@ class Plan:
             seconds=sum(s.exposure_s * s.exposures for s in shots),
             light_share=next(s.light_share for s in shots if s.name == main),
             raw_files=len(self.recipe.shots),
+            memory_bytes=self.memory_bytes,
             pilot=self.how.pilot,
             prediction=self.prediction,
             prior=self.prior,

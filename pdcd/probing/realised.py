@@ -138,16 +138,31 @@ def bench_factors(
 
 
 def collect(chunks: Iterable[Factors]) -> Factors:
-    """One `Factors` from all chunks; of rank at most N, whatever the number of codes was."""
-    parts = list(chunks)
-    cells = parts[0].coaxial.size
-    if sum(p.left.shape[0] for p in parts) > cells:
-        matrix = sum((p.dense() for p in parts), np.zeros((cells, cells)))
-        left, right = np.eye(cells), matrix
+    """One `Factors` from all chunks; of rank at most N, whatever the number of codes was.
+
+    No more than N rows of factors are kept at a time, so that long exposures take no more memory
+    than a matrix of all pairs of cells.
+    """
+    parts: list[Factors] = []
+    coaxial, open_s = [], []
+    matrix: Floats | None = None
+    for chunk in chunks:
+        coaxial.append(chunk.coaxial)
+        open_s.append(chunk.open_s)
+        parts.append(chunk)
+        cells = chunk.coaxial.size
+        if matrix is None and sum(len(p.left) for p in parts) > cells:
+            matrix = np.zeros((cells, cells))
+        if matrix is not None:
+            for part in parts:
+                matrix += part.dense()
+            parts = []
+    if matrix is not None:
+        left, right = np.eye(len(matrix)), matrix
     else:
         left = np.concatenate([p.left for p in parts])
         right = np.concatenate([p.right for p in parts])
-    return Factors(left, right, sum_of(p.coaxial for p in parts), sum_of(p.open_s for p in parts))
+    return Factors(left, right, sum_of(coaxial), sum_of(open_s))
 
 
 def sum_of(arrays: Iterable[Floats]) -> Floats:

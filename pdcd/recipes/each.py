@@ -6,10 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pdcd.probing.convolved import Kernel
 from pdcd.probing.wanted import Full, Indices, Match, Near, Outer, Uniform, Wanted, shifted
+from pdcd.recipes.factored import distinct_rows, factors_of
 from pdcd.recipes.maker import Maker, itself
 from pdcd.recipes.programs import (
     Coded,
+    Convolved,
     Far,
     Signed,
     SignedBlocks,
@@ -22,8 +25,8 @@ Partner = Indices | tuple[int, int] | None
 STRIPES = 4
 """Positions of the stripes of the goal "split"."""
 
-RANK_TOLERANCE = 1e-10
-"""Singular values below this share of the largest count as zero."""
+MANY_TAPS = 256
+"""Taps of a kernel from which they are not added up one by one."""
 
 
 def _all_but_direct(maker: Maker) -> None:
@@ -141,6 +144,10 @@ def _filtered(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     """``sum_w f_w T_{n, n-w}``: tap w of the kernel pairs n with n - w (Table 2, row 7; X11)."""
     target = maker.target
     kernel = target.matrices["kernel"]
+    if np.count_nonzero(kernel) >= MANY_TAPS:
+        part = Kernel(target.grid, kernel)
+        maker.signed("filtered", lambda positive: Convolved(kernel, positive), (1.0, part))
+        return {"filtered": ((1.0, "filtered"),)}
     centre = (kernel.shape[0] // 2, kernel.shape[1] // 2)
     taps = []
     for down, right in zip(*np.nonzero(kernel), strict=True):
@@ -178,17 +185,16 @@ def _relit(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     matrix = target.matrices["matrix"]
     light = np.ones(target.cells) if target.light is None else target.light
     wanted = Wanted(target.grid, ((1.0, Full(matrix)),), target.light)
-    distinct, which = np.unique(matrix, axis=0, return_inverse=True)
     answer: dict[str, Rule] = {"relit": ((1.0, "relit"),)}
-    if matrix.min() >= 0.0 and len(distinct) <= codes:
-        camera = [(which.ravel() == d).astype(np.float64) for d in range(len(distinct))]
+    few = distinct_rows(matrix, codes) if matrix.min() >= 0.0 else None
+    if few is not None:
+        distinct, which = few
+        camera = [(which == d).astype(np.float64) for d in range(len(distinct))]
         maker.exact("relit", wanted, camera, list(light * distinct / distinct.max()))
         return answer
-    u, s, vt = np.linalg.svd(matrix)
-    rank = int(np.sum(s > RANK_TOLERANCE * s[0]))
-    if 2 * rank <= codes:
-        root = np.sqrt(s[:rank])
-        camera_side, projector_side = (u[:, :rank] * root).T, vt[:rank] * root[:, None] * light
+    sides = factors_of(matrix, codes // 2)
+    if sides is not None:
+        camera_side, projector_side = sides[0], sides[1] * light
         maker.signed(
             "relit",
             lambda positive: SignedBlocks(camera_side, projector_side, positive),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
+from pdcd.recipes.bounds import WEIGHTS, check_bounds
 from pdcd.request import Goal
 
 Floats = NDArray[np.float64]
@@ -32,10 +33,6 @@ MATRICES: dict[str, str] = {
     "kernel": "weights of shifts, an array with odd sides whose centre is the shift (0, 0)",
     "matrix": "weight of every pair of cells, N x N",
 }
-
-STRONGEST = 1e6
-"""Largest weight of a filter, a matrix or a mix; the least that the largest may be is 1 over it.
-Beyond that numbers overflow on the way, or vanish in those of 32 bits that pictures are kept in."""
 
 # name -> (parameters it needs, what it keeps). All goals but "illuminated" and "relit" may also be
 # taken under an illumination (Table 1, row 7).
@@ -96,6 +93,7 @@ def check_target(target: Target) -> Target:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
         raise RequestError(f"goal {goal.name} takes no {', '.join(spare)}", hint="leave it out")
+    check_bounds(target.goal, target.grid, target.matrices)
     _check_numbers(target)
     for name, plane in target.planes.items():
         _check_plane(target, name, plane)
@@ -118,21 +116,9 @@ def _check_numbers(target: Target) -> None:
             f"no cell is further than {goal.radius} cells from another",
             hint="take a smaller radius",
         )
-    if goal.name == "short-range" and goal.radius is not None and goal.radius >= max(grid):
-        raise RequestError(
-            f"a radius of {goal.radius} is wider than the grid of {grid[0]} x {grid[1]} cells",
-            hint="take a smaller radius, or the goal indirect for all of it",
-        )
-    if goal.shift is not None:
-        down, right = goal.shift
-        if abs(down) >= grid[0] or abs(right) >= grid[1]:
-            raise RequestError(
-                f"a shift of {goal.shift} leaves the grid of {grid[0]} x {grid[1]} cells",
-                hint="take a shift smaller than the grid",
-            )
-        if goal.name == "descattered" and goal.shift == (0, 0):
-            raise RequestError("descattered needs a shift other than 0 0", hint="such as 0 -1")
-    if goal.period is not None and (goal.period % 4 or not 4 <= goal.period <= grid[1]):
+    if goal.name == "descattered" and goal.shift == (0, 0):
+        raise RequestError("descattered needs a shift other than 0 0", hint="such as 0 -1")
+    if goal.period is not None and (goal.period % 4 or goal.period < 4):
         raise RequestError(
             f"stripes with a period of {goal.period} cells cannot be moved by a quarter of it "
             f"across {grid[1]} columns",
@@ -140,8 +126,6 @@ def _check_numbers(target: Target) -> None:
         )
     if goal.mix is not None and not np.isfinite(goal.mix).all():
         raise RequestError("the two weights must be finite numbers")
-    if goal.mix is not None:
-        _check_strength("mix", np.array(goal.mix))
 
 
 def _check_plane(target: Target, name: str, plane: Floats) -> None:
@@ -165,7 +149,7 @@ def _check_plane(target: Target, name: str, plane: Floats) -> None:
         raise RequestError(f"{name} must lie between 0 and 1", hint="light cannot be negative")
     if name.startswith("region") and np.any((plane != 0.0) & (plane != 1.0)):
         raise RequestError(f"{name} must be 0 or 1 in every cell")
-    if name == "illumination" and plane.max() < 1.0 / STRONGEST:
+    if name == "illumination" and plane.max() < WEIGHTS[0]:
         raise RequestError("the illumination is black everywhere")
 
 
@@ -175,20 +159,8 @@ def _check_matrix(target: Target, name: str, matrix: Floats) -> None:
         raise RequestError(f"{name} must be a two-dimensional array of finite numbers")
     if not matrix.any():
         raise RequestError(f"{name} is zero everywhere")
-    _check_strength(name, matrix)
     if name == "matrix" and matrix.shape != (cells, cells):
         raise RequestError(f"matrix is {matrix.shape}, not {(cells, cells)}")
     if name == "kernel":
         if matrix.shape[0] % 2 == 0 or matrix.shape[1] % 2 == 0:
             raise RequestError(f"kernel is {matrix.shape}", hint="its sides must be odd")
-        if matrix.shape[0] // 2 >= target.grid[0] or matrix.shape[1] // 2 >= target.grid[1]:
-            raise RequestError(f"kernel is {matrix.shape}, wider than the grid reaches")
-
-
-def _check_strength(name: str, weights: Floats) -> None:
-    largest = float(np.abs(weights).max())
-    if largest and not 1.0 / STRONGEST <= largest <= STRONGEST:
-        raise RequestError(
-            f"the largest weight of {name} is {largest:.3g}",
-            hint=f"scale it: between {1.0 / STRONGEST:g} and {STRONGEST:g}",
-        )

@@ -8,18 +8,20 @@ comes as two shots whose difference is wanted (eq. 10 of the paper).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.frames.lattice import Lattice
+from pdcd.probing.convolved import convolved
 from pdcd.probing.wanted import Indices, shifted
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Levels = Floats | Bools
+L = TypeVar("L", Floats, Bools)
 Pairs = tuple[Levels, Levels]
 """Levels 0..1 of projector and mask, (P, L) each."""
 
@@ -130,7 +132,23 @@ class Signed:
         for weight, partner in self.taps:
             where = on_lattice(partner, lattice)
             mask += weight * np.where(where >= 0, h[:, where], 0.0)
-        return _halves(h, mask, self.positive)
+        return _halves(bits, mask, self.positive)
+
+
+@dataclass(frozen=True, eq=False)
+class Convolved:
+    """`Signed` with a tap for every shift: taps[w] pairs each cell n with n - w, w counted from the
+    centre of `taps` (odd sides). Its sums are made by FFT."""
+
+    taps: Floats
+    positive: bool
+    coded: bool = True
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """2 K pairs; mask levels are scaled so that the largest is 1."""
+        h = np.where(bits, 1.0, -1.0)
+        return _halves(bits, convolved(h, self.taps, lattice.shape), self.positive)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +166,7 @@ class SignedMatrix:
         rows, cols = lattice.grid
         inner = h.reshape(-1, *lattice.shape)[:, :rows, :cols].reshape(len(h), -1)
         mask = extended(inner @ self.matrix.T, lattice)
-        return _halves(h, mask, self.positive)
+        return _halves(bits, mask, self.positive)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +183,8 @@ class SignedBlocks:
         """2 D pairs."""
         scaled = self.projector / np.abs(self.projector).max()
         plus, minus = np.maximum(scaled, 0.0), np.maximum(-scaled, 0.0)
-        return _pair_up(plus, minus, self.camera / np.abs(self.camera).max(), self.positive)
+        mask = self.camera / np.abs(self.camera).max()
+        return _pair_up(_in_turn(plus, minus), mask, self.positive)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,17 +238,25 @@ def extended(values: Floats, lattice: Lattice) -> Floats:
     return np.pad(full, widths, mode="edge").reshape(*values.shape[:-1], -1)
 
 
-def _halves(h: Floats, mask: Floats, positive: bool) -> Pairs:
-    """Pairs (i+, m+), (i-, m-), or (i+, m-), (i-, m+) for the half that is subtracted."""
-    largest = np.abs(mask).max()
-    scaled = mask / largest if largest > 0.0 else mask
-    return _pair_up(0.5 * (1.0 + h), 0.5 * (1.0 - h), scaled, positive)
+def _halves(bits: Bools, mask: Floats, positive: bool) -> Pairs:
+    """Pairs (i+, m+), (i-, m-), or (i+, m-), (i-, m+) for the half that is subtracted; `mask` is
+    written to."""
+    largest = max(mask.max(), -mask.min())
+    if largest > 0.0:
+        mask /= largest
+    return _pair_up(_in_turn(bits, ~bits), mask, positive)
 
 
-def _pair_up(plus: Floats, minus: Floats, mask: Floats, positive: bool) -> Pairs:
+def _pair_up(lights: Levels, mask: Floats, positive: bool) -> Pairs:
     """Both pairs of a code follow each other, so that any few codes show what all of them do."""
-    sign = 1.0 if positive else -1.0
-    first, second = np.maximum(sign * mask, 0.0), np.maximum(-sign * mask, 0.0)
-    cells = mask.shape[1]
-    lights = np.stack([plus, minus], axis=1).reshape(-1, cells)
-    return lights, np.stack([first, second], axis=1).reshape(-1, cells)
+    masks = np.empty((2 * len(mask), mask.shape[1]))
+    signed = mask if positive else -mask
+    np.maximum(signed, 0.0, out=masks[0::2])
+    np.negative(signed, out=signed)
+    np.maximum(signed, 0.0, out=masks[1::2])
+    return lights, masks
+
+
+def _in_turn(first: L, second: L) -> L:
+    """Rows of two arrays (K, N) in turn, (2 K, N)."""
+    return np.stack([first, second], axis=1).reshape(-1, first.shape[1])

@@ -151,7 +151,7 @@ async def _serve(
 
     def publish(job: Job, event: Event) -> None:
         server.publish(job, event)
-        status.follow(event)
+        status.follow(job, event)
 
     runner = Runner(engine, worker, publish)
     methods = Methods(
@@ -199,20 +199,20 @@ class _Status:
         self._notifier = notifier
         self._last_ns = 0
 
-    def follow(self, event: Event) -> None:
+    def follow(self, job: Job, event: Event) -> None:
         """Take note of an event of any job."""
         if isinstance(event, THINNED):
             now_ns = time.monotonic_ns()
             if now_ns - self._last_ns < STATUS_INTERVAL_NS:
                 return
             self._last_ns = now_ns
-        text = f"capture {event.job} {event.type}"
+        text = f"{job.kind} {event.job} {event.type}"
         if isinstance(event, Progress):
-            text = f"capture {event.job} {event.frame}/{event.frames}"
+            text = f"{job.kind} {event.job} {event.frame}/{event.frames}"
         elif isinstance(event, Planning):
-            text = f"capture {event.job} planning {event.done / event.total:.0%}"
+            text = f"{job.kind} {event.job} planning {event.done / event.total:.0%}"
         elif isinstance(event, Decoded):
-            text = f"capture {event.job} decoding {event.done / event.total:.0%}"
+            text = f"{job.kind} {event.job} decoding {event.done / event.total:.0%}"
         elif isinstance(event, ENDS):
-            text = f"idle, last capture {event.job} {event.type}"
+            text = f"idle, last {job.kind} {event.job} {event.type}"
         self._notifier.send(f"STATUS={text}")

@@ -1,11 +1,13 @@
-"""The job table: who may capture when, and what a job has told so far. No sockets, no threads.
+"""The job table: who may use the rig when, and what a job has told so far. No sockets, no threads.
 
 ::
 
     admit ──> queued ──> running ──> done | failed | cancelled
                 └── cancel ──> cancelled
 
-One job runs at a time. All of this is used from one thread (the event loop's); only
+Every use of the rig is a job: a capture, a plan, a picture held on the panels (show), a preview.
+One runs at a time. A show has no end of its own, and gives way to whatever else its owner asks for.
+All of this is used from one thread (the event loop's); only
 `Job.cancel_flag` and `Coalescer` are touched by the thread that captures.
 """
 
@@ -26,8 +28,8 @@ from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.runs.events import Emit, Event
 from pdcd.runs.place import Place
 from pdcd.runs.views import OwnerView, Preview, RigView
-from pdcd.server.messages import JobView, error_fields
-from pdcd.words import JobState
+from pdcd.server.messages import JobView, Shown, ShowParams, error_fields
+from pdcd.words import JobKind, JobState
 
 ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
 """States that a job never leaves."""
@@ -64,8 +66,8 @@ class EngineLike(Protocol):
     ) -> PlanSummary:
         """What the capture would do; `given` are its arrays.
 
-        Raises RequestError when it cannot be done. `emit` takes the events `Planning`; `cancelled`
-        is asked as in a capture.
+        `emit` takes the events `Planning`; `cancelled` is asked as in a capture. Raises
+        RequestError or ConfigError when it cannot be done, Cancelled when it was cancelled.
         """
         ...
 
@@ -93,8 +95,10 @@ class EngineLike(Protocol):
         """Both panels show "black", "white", "checker", "grid" or pattern `index` of "code"."""
         ...
 
-    def preview(self, alive: Callable[[], object]) -> Preview:
-        """Take a test photo. `alive()` is called meanwhile, as `cancelled` is in a capture."""
+    def preview(
+        self, *, job: str, owner: OwnerView, emit: Emit, cancelled: Callable[[], bool]
+    ) -> Preview:
+        """Take a test photo, with the promises of `capture`. Raises the PdcdError that ended it."""
         ...
 
 
@@ -112,12 +116,17 @@ class Owner:
         return OwnerView(uid=self.uid, pid=self.pid, user=self.user)
 
 
+Answer = PlanSummary | Shown | Preview
+"""What the request that started a job is told, where that is more than its result."""
+
+
 @dataclass(eq=False)
 class Job:
-    """One wanted capture and what became of it."""
+    """One wanted use of the rig and what became of it."""
 
     name: str
-    request: CaptureRequest
+    kind: JobKind
+    request: CaptureRequest | ShowParams
     owner: Owner
     detach: bool
     created_utc: str
@@ -127,8 +136,22 @@ class Job:
     """Where its run is to go; held open until it has ended."""
     state: JobState = "queued"
     result: CaptureResult | None = None
+    answer: Answer | None = None
+    given_up: bool = False
+    """Of a show: its owner wants the panels for something else."""
     cancel_flag: threading.Event = field(default_factory=threading.Event)
     _next_seq: int = 0
+
+    @property
+    def goal(self) -> str:
+        """What it is about, in a word."""
+        request = self.request
+        return request.pattern if isinstance(request, ShowParams) else request.goal
+
+    def gives_way_to(self, owner: Owner) -> bool:
+        """Whether this user's next job may take its place: a picture of one's own is in nobody's
+        way."""
+        return self.kind == "show" and self.owner.uid == owner.uid
 
     def numbered(self, event: Event, t_mono_ns: int) -> Event:
         """The event as the next one of this job, whatever its common fields were."""
@@ -141,7 +164,8 @@ class Job:
         return JobView(
             job=self.name,
             state=self.state,
-            goal=self.request.goal,
+            goal=self.goal,
+            kind=self.kind,
             owner=self.owner.view(),
             detach=self.detach,
             created_utc=self.created_utc,
@@ -150,13 +174,14 @@ class Job:
 
 
 class JobTable:
-    """All jobs: the running one, those that wait, and the last `history` that ended."""
+    """All jobs: the running one, those that wait, and of each kind the last `history` that ended,
+    so that many plans do not make one forget a capture."""
 
     def __init__(self, *, history: int = 64, queue_limit: int = 64) -> None:
         self._history = history
         self._queue_limit = queue_limit
         self._jobs: dict[str, Job] = {}
-        self._ended: deque[Job] = deque()
+        self._ended: dict[JobKind, deque[Job]] = {}
         self.queue: deque[Job] = deque()
         self.running: Job | None = None
         self.stopping = False
@@ -164,36 +189,46 @@ class JobTable:
 
     def admit(
         self,
-        request: CaptureRequest,
+        request: CaptureRequest | ShowParams,
         given: Given,
         owner: Owner,
         *,
+        kind: JobKind = "capture",
         detach: bool,
         queue: bool,
         place: Place | None = None,
     ) -> Job:
         """Take a job: it runs at once (state running) if the rig is free, else waits its turn.
 
-        A job that was taken owns its `place`, and closes it when it has ended. Raises BusyError
-        when the rig is taken and `queue` is false, when the queue is full, or when the daemon is
-        stopping.
+        Its owner's own show is no reason to refuse it: the job is the next one then, and the caller
+        ends the show. A job that was taken owns its `place`, and closes it when it has ended.
+        Raises BusyError when the rig is taken and `queue` is false, when the queue is full, or when
+        the daemon is stopping.
         """
         if self.stopping:
-            raise BusyError("the daemon is stopping", hint="start the capture again in a moment")
-        if self.running is not None:
+            raise BusyError("the daemon is stopping", hint="ask again in a moment")
+        if self.running is not None and not self._next_after_show(owner):
             if not queue:
                 raise self.busy()
             if len(self.queue) >= self._queue_limit:
                 raise BusyError(
                     f"{len(self.queue)} jobs are waiting already", hint="wait until some have ended"
                 )
-        job = Job(self._new_name(), request, owner, detach, _utc_now(), given, place)
+        job = Job(self._new_name(), kind, request, owner, detach, _utc_now(), given, place)
         self._jobs[job.name] = job
         if self.running is None:
             self._run(job)
+        elif self._next_after_show(owner):
+            self.queue.appendleft(job)
         else:
             self.queue.append(job)
         return job
+
+    def _next_after_show(self, owner: Owner) -> bool:
+        """Whether the running job is a show of this user that nothing is to follow as yet."""
+        show = self.running
+        free = show is not None and (not show.given_up or not self.queue)
+        return free and show is not None and show.gives_way_to(owner)
 
     def busy(self) -> BusyError:
         """The refusal that names the holder of the rig."""
@@ -202,7 +237,7 @@ class JobTable:
             return BusyError("the rig is busy", hint="try again in a moment")
         owner = holder.owner
         return BusyError(
-            f"job {holder.name} of {owner.user} (uid {owner.uid}) holds the rig",
+            f"job {holder.name} ({holder.kind}) of {owner.user} (uid {owner.uid}) holds the rig",
             hint='wait for it with capture.wait, or start with "queue": true',
         )
 
@@ -213,7 +248,8 @@ class JobTable:
         except KeyError as err:
             raise RequestError(
                 f"no job {name!r}",
-                hint=f"capture.list names the jobs; the last {self._history} that ended are kept",
+                hint=f"capture.list names the jobs; of each kind the last {self._history} that "
+                "ended are kept",
             ) from err
 
     def all(self) -> list[Job]:
@@ -231,7 +267,7 @@ class JobTable:
         if job.state != "queued":
             return False
         self.queue.remove(job)
-        error = Cancelled("cancelled before it began", hint="nothing was exposed")
+        error = Cancelled("cancelled before it began", hint="the rig was not touched")
         self._end(job, CaptureResult(job=job.name, state="cancelled", error=error_fields(error)))
         return True
 
@@ -258,9 +294,10 @@ class JobTable:
         job.given = NOTHING
         if job.place is not None:
             job.place.close()
-        self._ended.append(job)
-        if len(self._ended) > self._history:
-            del self._jobs[self._ended.popleft().name]
+        ended = self._ended.setdefault(job.kind, deque())
+        ended.append(job)
+        if len(ended) > self._history:
+            del self._jobs[ended.popleft().name]
 
     def _new_name(self) -> str:
         # Four random digits a second can meet by chance; the folder must not.

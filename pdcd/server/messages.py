@@ -24,7 +24,7 @@ from pdcd.runs import events
 from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.roles import Role
-from pdcd.words import JobState
+from pdcd.words import JobKind, JobState
 
 PROTOCOL = (1, 1)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
@@ -99,6 +99,16 @@ class StartParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_on
         return CaptureRequest(**{f: getattr(self, f) for f in CaptureRequest.__struct_fields__})
 
 
+class PlanParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`capture.plan`: the request, and whether it may wait while the rig is taken."""
+
+    queue: bool = False
+
+    def request(self) -> CaptureRequest:
+        """The request alone, as the engine takes it."""
+        return CaptureRequest(**{f: getattr(self, f) for f in CaptureRequest.__struct_fields__})
+
+
 class JobParams(_Params, frozen=True):
     """Names one job."""
 
@@ -112,10 +122,12 @@ class ListParams(_Params, frozen=True):
 
 
 class ShowParams(_Params, frozen=True):
-    """`display.show`: a test picture; `index` picks the code of the pattern "code"."""
+    """`display.show`: a test picture; `index` picks the code of the pattern "code", and `detach`
+    leaves it on when the connection ends."""
 
     pattern: Literal["black", "white", "checker", "grid", "code"]
     index: Annotated[int, Meta(ge=0, lt=2**31)] = 0
+    detach: bool = False
 
 
 class SubscribeParams(_Params, frozen=True):
@@ -151,11 +163,15 @@ class Admitted(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JobView(msgspec.Struct, frozen=True, kw_only=True):
-    """One job as `capture.list` and `rig.status` show it."""
+    """One job as `capture.list` and `rig.status` show it.
+
+    `goal` is that of a capture or a plan, the pattern of a show, "white" for a preview.
+    """
 
     job: str
     state: JobState
     goal: str
+    kind: JobKind = "capture"
     owner: OwnerView
     detach: bool
     created_utc: str
@@ -163,8 +179,8 @@ class JobView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JobList(msgspec.Struct, frozen=True):
-    """Answer of `capture.list`: jobs oldest first, finished ones up to a bound; and the runs of
-    the state folder that were asked for, newest first, those of the jobs among them."""
+    """Answer of `capture.list`: jobs oldest first, finished ones of each kind up to a bound; and the
+    runs of the state folder that were asked for, newest first, those of the jobs among them."""
 
     jobs: list[JobView]
     runs: list[StoredRun] = []
@@ -196,10 +212,11 @@ class Subscription(msgspec.Struct, frozen=True):
 
 
 class Shown(msgspec.Struct, frozen=True):
-    """Answer of `display.show`: what both panels show now."""
+    """Answer of `display.show`: what both panels show now, and the job that keeps them at it."""
 
     pattern: str
     index: int
+    job: str
 
 
 class Pong(msgspec.Struct, frozen=True):
@@ -251,7 +268,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "rig.describe": Method(NoParams, Described),
         # It holds paths, ports, and who may do what: nothing that a mere onlooker needs.
         "config.get": Method(NoParams, Config, Role.SHOOT),
-        "capture.plan": Method(CaptureRequest, PlanSummary, Role.SHOOT, takes_fds=True),
+        "capture.plan": Method(PlanParams, PlanSummary, Role.SHOOT, takes_fds=True),
         "capture.start": Method(StartParams, Admitted, Role.SHOOT, takes_fds=True),
         "capture.wait": Method(JobParams, CaptureResult),
         # Another user's job: administrators only (`pdcd.server.methods`).

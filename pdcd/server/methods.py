@@ -8,14 +8,14 @@ import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from pdcd import __version__
 from pdcd.bench.tables import Config
-from pdcd.errors import BusyError, Cancelled, DeniedError
-from pdcd.recipes.arrays import Given
+from pdcd.errors import BusyError, Cancelled, DeniedError, PdcdError
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.place import Place
 from pdcd.runs.stored import stored_runs
@@ -23,7 +23,7 @@ from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
 from pdcd.server.callers import Caller
 from pdcd.server.intake import Intake
-from pdcd.server.jobs import EngineLike, Owner
+from pdcd.server.jobs import EngineLike, Job, Owner
 from pdcd.server.messages import (
     Admitted,
     Agreed,
@@ -33,6 +33,7 @@ from pdcd.server.messages import (
     JobList,
     JobParams,
     ListParams,
+    PlanParams,
     Pong,
     RigState,
     Shown,
@@ -46,6 +47,8 @@ from pdcd.server.protocol import Request
 from pdcd.server.roles import Role
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
+
+A = TypeVar("A", PlanSummary, Shown, Preview)
 
 
 class Methods:
@@ -93,7 +96,7 @@ class Methods:
 
     @property
     def state(self) -> RigState:
-        """Idle, busy with a capture, or about to end."""
+        """Idle, busy with a job, or about to end."""
         if self._runner.table.stopping:
             return "stopping"
         return "idle" if self._runner.table.running is None else "busy"
@@ -124,7 +127,9 @@ class Methods:
         params, given = await self._intake.take(params, request.fds, caller.peer)
         if isinstance(params, StartParams):
             return self._start(caller, params, given)
-        return await self._plan(params, given)
+        if isinstance(params, PlanParams):
+            return await self._plan(caller, params, given)
+        raise PdcdError(f"{request.method} takes no request for a photo")
 
     def engaged(self, caller: Caller) -> bool:
         """Whether jobs would end with this client."""
@@ -173,7 +178,7 @@ class Methods:
         )
 
     async def _describe(self, caller: Caller, params: msgspec.Struct) -> Described:
-        # During a capture the last description must do: the engine's thread is taken.
+        # During a job the last description must do: the engine's thread is taken.
         if self.state == "idle":
             self._description = await self._worker.call(self._engine.describe)
         return Described(self._description, messages.schema())
@@ -181,29 +186,21 @@ class Methods:
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config
 
-    async def _plan(self, request: CaptureRequest, given: Given) -> PlanSummary:
-        self._refuse_if_taken()
-        with self._place(request.out, make=False):
+    async def _plan(self, caller: Caller, params: PlanParams, given: Given) -> PlanSummary:
+        if caller.gone:  # while its arrays were read
+            raise Cancelled("the client has gone")
+        if params.queue:
+            self._refuse_many(caller)
+        with self._place(params.out, make=False):
             pass
-        table = self._runner.table
-
-        def cancelled() -> bool:
-            self._worker.beat()
-            return table.stopping
-
-        return await self._worker.call(
-            self._engine.plan,
-            request,
-            given,
-            emit=lambda event: None,
-            cancelled=cancelled,
+        job = self._runner.start(
+            params.request(), given, _owner(caller), kind="plan", queue=params.queue
         )
+        return await self._answer(job, PlanSummary)
 
     def _start(self, caller: Caller, params: StartParams, given: Given) -> Admitted:
         if caller.gone and not params.detach:  # while its arrays were read
             raise Cancelled("the client has gone")
-        peer = caller.peer
-        owner = Owner(peer.uid, peer.pid, peer.user, caller.number)
         if params.queue:
             self._refuse_many(caller)
         place = self._place(params.out)
@@ -212,7 +209,12 @@ class Methods:
             if request.out is not None:
                 request = msgspec.structs.replace(request, out=str(place.real))
             job = self._runner.start(
-                request, given, owner, detach=params.detach, queue=params.queue, place=place
+                request,
+                given,
+                _owner(caller),
+                detach=params.detach,
+                queue=params.queue,
+                place=place,
             )
         except BaseException:
             place.close()
@@ -232,13 +234,14 @@ class Methods:
         return JobList([job.view() for job in self._runner.table.all()], runs)
 
     async def _show(self, caller: Caller, params: ShowParams) -> Shown:
-        self._refuse_if_taken()
-        await self._worker.call(self._engine.show, params.pattern, params.index)
-        return Shown(params.pattern, params.index)
+        job = self._runner.start(params, NOTHING, _owner(caller), kind="show", detach=params.detach)
+        return await self._answer(job, Shown)
 
     async def _preview(self, caller: Caller, params: msgspec.Struct) -> Preview:
-        self._refuse_if_taken()
-        return await self._worker.call(self._engine.preview, self._worker.beat)
+        job = self._runner.start(
+            CaptureRequest(goal="white"), NOTHING, _owner(caller), kind="preview"
+        )
+        return await self._answer(job, Preview)
 
     async def _subscribe(self, caller: Caller, params: SubscribeParams) -> Subscription:
         caller.interest = params.jobs
@@ -248,12 +251,12 @@ class Methods:
         caller.interest = "none"
         return Subscription(caller.interest)
 
-    def _refuse_if_taken(self) -> None:
-        """Raise BusyError while a capture holds the rig: a short call would wait for all of it."""
-        if self._runner.table.stopping:
-            raise BusyError("the daemon is stopping", hint="ask again in a moment")
-        if self._runner.table.running is not None:
-            raise self._runner.table.busy()
+    async def _answer(self, job: Job, kind: type[A]) -> A:
+        """The answer of a job that was started for it. Raises the error that the job ended by."""
+        answer = await self._runner.answer(job.name)
+        if not isinstance(answer, kind):
+            raise PdcdError(f"job {job.name} gave no {kind.__name__}")
+        return answer
 
     def _refuse_many(self, caller: Caller) -> None:
         """Raise BusyError when enough jobs of this user wait; whose daemon it is has no limit."""
@@ -282,6 +285,11 @@ def _usable(path: str) -> bool:
         return False
     encoded = os.fsencode(path)
     return len(encoded) <= 1024 and all(len(part) <= 255 for part in encoded.split(b"/"))
+
+
+def _owner(caller: Caller) -> Owner:
+    peer = caller.peer
+    return Owner(peer.uid, peer.pid, peer.user, caller.number)
 
 
 def _clock() -> ClockAnchor:

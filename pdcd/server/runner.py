@@ -9,15 +9,26 @@ from collections.abc import Callable
 
 import msgspec
 
-from pdcd.errors import PdcdError
+from pdcd.errors import Cancelled, PdcdError, of_kind
 from pdcd.recipes.arrays import Given
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
 from pdcd.runs.events import Event
 from pdcd.runs.place import Place
-from pdcd.server.jobs import ENDED, Coalescer, EngineLike, Job, JobTable, Owner, failed_result
-from pdcd.server.messages import plain
+from pdcd.runs.views import Preview
+from pdcd.server.jobs import (
+    ENDED,
+    Answer,
+    Coalescer,
+    EngineLike,
+    Job,
+    JobTable,
+    Owner,
+    failed_result,
+)
+from pdcd.server.messages import Shown, ShowParams, plain
 from pdcd.server.worker import Worker
+from pdcd.words import JobKind
 
 logger = logging.getLogger(__name__)
 
@@ -37,25 +48,39 @@ class Runner:
         self._worker = worker
         self._publish = publish
         self._ended: dict[str, asyncio.Event] = {}
+        self._answered: dict[str, asyncio.Event] = {}
+        self._let_go: dict[str, asyncio.Event] = {}
+        """Set when a show is to end."""
         self._task: asyncio.Task[None] | None = None
 
     def start(
         self,
-        request: CaptureRequest,
+        request: CaptureRequest | ShowParams,
         given: Given,
         owner: Owner,
         *,
+        kind: JobKind = "capture",
         detach: bool = False,
         queue: bool = False,
         place: Place | None = None,
     ) -> Job:
-        """Take a job and return at once. Raises BusyError as `JobTable.admit` does."""
-        job = self.table.admit(request, given, owner, detach=detach, queue=queue, place=place)
-        self._ended[job.name] = asyncio.Event()
-        logger.info(
-            "capture admitted job=%s state=%s goal=%s uid=%d user=%s detach=%s",
-            *(job.name, job.state, request.goal, owner.uid, owner.user, detach),
+        """Take a job and return at once; a show of the same user ends for it.
+
+        Raises BusyError as `JobTable.admit` does.
+        """
+        holder = self.table.running
+        job = self.table.admit(
+            request, given, owner, kind=kind, detach=detach, queue=queue, place=place
         )
+        for marks in (self._ended, self._answered, self._let_go):
+            marks[job.name] = asyncio.Event()
+        logger.info(
+            "%s admitted job=%s state=%s goal=%s uid=%d user=%s detach=%s",
+            *(kind, job.name, job.state, job.goal, owner.uid, owner.user, detach),
+        )
+        if holder is not None and holder.gives_way_to(owner):
+            holder.given_up = True
+            self._let_go[holder.name].set()
         # One turn of the loop later, so that the caller learns the job's name before its events.
         asyncio.get_running_loop().call_soon(self._begin, job)
         return job
@@ -69,6 +94,20 @@ class Runner:
         if job.result is None:
             raise PdcdError(f"job {name} ended without a result")
         return job.result
+
+    async def answer(self, name: str) -> Answer:
+        """What a plan, a show or a preview is answered with, when it is known.
+
+        Raises the error that the job ended by, Cancelled among them.
+        """
+        job = self.table.get(name)
+        answered = self._answered.get(name)
+        if answered is not None:
+            await answered.wait()
+        if job.answer is None:
+            error = {} if job.result is None else job.result.error or {}
+            raise of_kind(*(error.get(f) for f in ("kind", "message", "device", "hint")))
+        return job.answer
 
     async def cancel(self, name: str) -> CaptureResult:
         """End a job and return its result when it has ended; harmless on an ended one.
@@ -110,17 +149,41 @@ class Runner:
         current: Job | None = job
         while current is not None:
             try:
-                result = await self._worker.call(self._capture, current, asyncio.get_running_loop())
+                if isinstance(current.request, ShowParams):
+                    result = await self._hold(current, current.request)
+                else:
+                    result, current.answer = await self._worker.call(
+                        self._use, current, current.request, asyncio.get_running_loop()
+                    )
             # The job must end for its waiters whatever the engine did, so nothing is let through.
             except Exception as err:
-                logger.exception("engine raised job=%s", current.name)
+                if not isinstance(err, PdcdError):
+                    logger.exception("engine raised job=%s", current.name)
                 result = failed_result(current, err)
             following = self.table.finish(current, result)
             self._announce_end(current, result)
             current = following
         self._task = None
 
-    def _capture(self, job: Job, loop: asyncio.AbstractEventLoop) -> CaptureResult:
+    async def _hold(self, job: Job, shown: ShowParams) -> CaptureResult:
+        """Keep a pattern on the panels until the show is to end; then both are black."""
+        try:
+            if not job.cancel_flag.is_set():
+                await self._worker.call(self._engine.show, shown.pattern, shown.index)
+                job.answer = Shown(shown.pattern, shown.index, job.name)
+                self._answered[job.name].set()
+                if shown.pattern != "black":
+                    await self._let_go[job.name].wait()
+        finally:
+            if shown.pattern != "black":
+                await self._worker.call(self._engine.show, "black", 0)
+        if job.cancel_flag.is_set():
+            raise Cancelled("the show was ended", hint="both panels are black")
+        return CaptureResult(job=job.name, state="done")
+
+    def _use(
+        self, job: Job, request: CaptureRequest, loop: asyncio.AbstractEventLoop
+    ) -> tuple[CaptureResult, Answer | None]:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
         thinned = Coalescer()
 
@@ -148,30 +211,42 @@ class Runner:
             self._worker.beat()
             return job.cancel_flag.is_set()
 
+        engine, owner = self._engine, job.owner.view()
+        answer: PlanSummary | Preview | None = None
+        result = CaptureResult(job=job.name, state="done")
         try:
-            result = self._engine.capture(
-                job.request,
-                job.given,
-                job=job.name,
-                owner=job.owner.view(),
-                emit=emit,
-                cancelled=cancelled,
-                parent=job.place,
-            )
+            if job.kind == "plan":
+                answer = engine.plan(request, job.given, emit=emit, cancelled=cancelled)
+            elif job.kind == "preview":
+                answer = engine.preview(job=job.name, owner=owner, emit=emit, cancelled=cancelled)
+            else:
+                result = engine.capture(
+                    request,
+                    job.given,
+                    job=job.name,
+                    owner=owner,
+                    emit=emit,
+                    cancelled=cancelled,
+                    parent=job.place,
+                )
         finally:
             flush()
         if result.state not in ENDED:
             raise PdcdError(f"the engine returned in state {result.state}")
         # By way of JSON types, so that nothing unencodable gets as far as the socket.
-        return msgspec.convert(plain(result), CaptureResult)
+        told = None if answer is None else msgspec.convert(plain(answer), type(answer))
+        return msgspec.convert(plain(result), CaptureResult), told
 
     def _cancel(self, job: Job) -> None:
+        if job.name in self._let_go:
+            self._let_go[job.name].set()
         if self.table.cancel(job) and job.result is not None:
             self._announce_end(job, job.result)
 
     def _announce_end(self, job: Job, result: CaptureResult) -> None:
-        logger.info("capture ended job=%s state=%s", job.name, result.state)
-        self._ended.pop(job.name).set()
+        logger.info("%s ended job=%s state=%s", job.kind, job.name, result.state)
+        for marks in (self._answered, self._ended, self._let_go):
+            marks.pop(job.name).set()
         self._tell(job, time.monotonic_ns(), events.end_of(result))
 
     def _tell(self, job: Job, t_mono_ns: int, event: Event) -> None:

@@ -18,7 +18,8 @@ from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, Scen
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest
+from pdcd.request import CaptureRequest, new_job_id
+from pdcd.runs.events import Event
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig, tampered
 from tests.places import DATA
@@ -289,9 +290,9 @@ def test_show_and_preview(tmp_path: Path) -> None:
         assert not bench.panels_black
     engine.show("black")
     assert bench.panels_black
-    signs: list[None] = []
-    preview = engine.preview(lambda: signs.append(None))
-    assert signs
+    told: list[Event] = []
+    preview = engine.preview(job=new_job_id(), emit=told.append)
+    assert {"shutter_open", "shutter_closed"} <= {event.type for event in told}
     assert preview.shape == (3, 4, 3)
     assert cv2.imread(preview.path) is not None
     engine.stop()

@@ -225,10 +225,10 @@ def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_pa
           "region_b": REGION_B.tolist()}, "0 or 1"),
         ({"goal": "filtered", "kernel": [[1.0, 2.0]]}, "odd"),
         ({"goal": "filtered", "kernel": [[0.0]]}, "zero everywhere"),
-        ({"goal": "filtered", "kernel": np.ones((7, 1)).tolist()}, "wider"),
+        ({"goal": "filtered", "kernel": np.ones((7, 1)).tolist()}, "reaches further"),
         ({"goal": "relit", "matrix": [[1.0]]}, "not"),
         ({"goal": "descattered", "shift": [0, 0]}, "other than"),
-        ({"goal": "long-range", "radius": 40}, "no cell is further"),
+        ({"goal": "long-range", "radius": 40}, "larger than anything"),
     ],
 )  # fmt: skip
 def test_bad_parameters_say_what_to_change(

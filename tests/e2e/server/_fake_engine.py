@@ -1,8 +1,8 @@
 """An engine without a rig: does what the request's note says, and can be run as a daemon.
 
-Notes: "" a short run; "slow" runs until cancelled; "fail:KIND" fails with that kind; "raise"
-raises what no engine should; "freeze:SECONDS" blocks, deaf to cancels; "flood:N" tells N times
-of progress.
+Notes of captures and plans: "" a short run; "slow" runs until cancelled; "fail:KIND" fails with
+that kind; "raise" raises what no engine should; of captures only: "freeze:SECONDS" blocks, deaf to
+cancels; "flood:N" tells N times of progress.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.tables import Config, RigConfig, ServerConfig
-from pdcd.errors import DeviceLost
+from pdcd.errors import Cancelled, DeviceLost, RequestError, of_kind
 from pdcd.recipes.arrays import Floats, Given
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
 from pdcd.runs.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
@@ -38,6 +38,15 @@ class FakeEngine:
         self.requests: list[CaptureRequest] = []
         self.given: list[dict[str, Floats]] = []
         self.shutter_open = False
+        self.lit: str | None = None
+        """The pattern that `show` left on the panels."""
+        self.slow_previews = False
+
+    def _until_cancelled(self, slow: bool, cancelled: Callable[[], bool]) -> None:
+        while slow:
+            if cancelled():
+                raise Cancelled("cancelled")
+            time.sleep(0.002)
 
     def _note(self, call: str) -> None:
         self.calls.append(call)
@@ -65,6 +74,12 @@ class FakeEngine:
     ) -> PlanSummary:
         self._note("plan")
         self.given.append(dict(given))
+        verb, _, value = request.note.partition(":")
+        if verb == "raise":
+            raise RuntimeError("a fault of the program")
+        if verb == "fail":
+            raise of_kind(value, "it broke", "camera", "mend it")
+        self._until_cancelled(verb == "slow", cancelled)
         codes = request.codes or 8
         shot = ShotSummary(
             name=request.goal, codes=codes, refreshes=8 * codes, exposure_s=1.0, light_share=0.25
@@ -97,6 +112,7 @@ class FakeEngine:
         parent: Place | None = None,
     ) -> CaptureResult:
         self._note("capture")
+        assert self.lit is None
         self.requests.append(request)
         self.given.append(dict(given))
         self.owners.append(owner)
@@ -137,9 +153,21 @@ class FakeEngine:
 
     def show(self, pattern: str, index: int) -> None:
         self._note(f"show {pattern} {index}")
+        if pattern == "code" and index > 99:
+            raise RequestError(f"code {index} does not exist", hint="0 to 99")
+        self.lit = None if pattern == "black" else pattern
 
-    def preview(self, alive: Callable[[], object]) -> Preview:
+    def preview(
+        self, *, job: str, owner: OwnerView, emit: Emit, cancelled: Callable[[], bool]
+    ) -> Preview:
         self._note("preview")
+        assert self.lit is None  # a picture on the panels would be in the photo
+        self.shutter_open = True
+        try:
+            emit(ShutterOpen(shot="white"))
+            self._until_cancelled(self.slow_previews, cancelled)
+        finally:
+            self.shutter_open = False
         return Preview(path="/nowhere/preview.png", sha256="0" * 64, shape=(4, 6, 3))
 
 
@@ -158,7 +186,7 @@ def main() -> int:
         return engines[-1]
 
     code = run(config, socket=given.socket, engine_factory=make)
-    told = [{"calls": e.calls, "shutter_open": e.shutter_open} for e in engines]
+    told = [{"calls": e.calls, "shutter_open": e.shutter_open, "lit": e.lit} for e in engines]
     sys.stdout.write(msgspec.json.encode(told).decode() + "\n")
     return code
 

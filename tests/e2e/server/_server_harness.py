@@ -139,6 +139,7 @@ async def daemon(
     assert asyncio.all_tasks() == {asyncio.current_task()}
     assert engine.calls[-1] == "stop"
     assert not engine.shutter_open
+    assert engine.lit is None
     assert len(engine.threads) == 1
     assert threading.get_ident() not in engine.threads
 

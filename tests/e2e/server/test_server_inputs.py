@@ -174,12 +174,13 @@ def test_every_method_of_the_idle_rig(tmp_path: Path) -> None:
             plan = await wire.result("capture.plan", goal="indirect", codes=32)
             assert plan["codes"] == 32 and plan["shots"][0]["refreshes"] == 256
             shown = await wire.result("display.show", pattern="code", index=3)
-            assert shown == {"pattern": "code", "index": 3}
+            job = (await wire.result("rig.status"))["running"]["job"]
+            assert shown == {"pattern": "code", "index": 3, "job": job}
             assert len((await wire.result("preview.grab"))["sha256"]) == 64
             assert await wire.result("events.subscribe", jobs="all") == {"jobs": "all"}
             assert await wire.result("events.unsubscribe") == {"jobs": "none"}
             assert (await wire.result("ping"))["clock"]["mono_ns"] > 0
-            asked = ["describe", "plan", "show code 3", "preview"]
+            asked = ["describe", "plan", "show code 3", "show black 0", "preview"]
             assert running.engine.calls[2:] == asked
 
     asyncio.run(scenario())

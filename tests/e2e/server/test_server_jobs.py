@@ -184,11 +184,16 @@ def test_a_start_followed_at_once_by_the_end_of_the_stream_is_cancelled(tmp_path
 def test_requests_before_the_end_of_the_stream_are_answered(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with daemon(tmp_path) as running, running.wire() as wire:
-            plan = b'{"jsonrpc":"2.0","id":%d,"method":"capture.plan","params":{"goal":"white"}}'
-            await wire.send(plan % 1 + b"\n" + plan % 2)
+            status = b'{"jsonrpc":"2.0","id":1,"method":"rig.status"}\n'
+            plan = (
+                b'{"jsonrpc":"2.0","id":2,"method":"capture.plan",'
+                b'"params":{"goal":"white","note":"slow"}}'
+            )
+            await wire.send(status + plan)
             wire.writer.write_eof()
             assert "result" in await wire.answer(1)
-            assert "result" in await wire.answer(2)
+            # A plan ends with its client, too, and says so.
+            assert (await wire.answer(2))["error"]["data"]["kind"] == "cancelled"
             assert await wire.ended()
 
     asyncio.run(scenario())

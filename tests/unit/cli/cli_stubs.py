@@ -134,7 +134,9 @@ class StubClient:
     def cancel(self, job: str) -> CaptureResult:
         return self._answer("cancel", job)
 
-    def plan(self, wanted: CaptureRequest, *, arrays: Mapping[str, Path]) -> PlanSummary:
+    def plan(
+        self, wanted: CaptureRequest, *, arrays: Mapping[str, Path], queue: bool = False
+    ) -> PlanSummary:
         self._answer("plan", wanted, *[dict(arrays)] * bool(arrays))
         return PLAN
 

@@ -180,7 +180,7 @@ def test_plan_with_a_configuration_asks_no_daemon(
 
 def test_status(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["status"]) == 0
-    assert f"running      {JOB} indirect by ada" in capsys.readouterr().out
+    assert f"running      {JOB} capture indirect by ada" in capsys.readouterr().out
     assert main(["status", "--json"]) == 0
     assert last_object(capsys.readouterr().out) == msgspec.to_builtins(STATUS)
 
@@ -188,10 +188,10 @@ def test_status(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) ->
 def test_list(daemon: type[StubClient], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     assert [line.split() for line in capsys.readouterr().out.splitlines()] == [
-        ["job", "state", "goal", "user", "folder"],
-        ["20251230T000000Z-dead", "damaged", "?", "?", "/runs/d"],
-        ["20251231T000000Z-beef", "done", "white", "bo", "/runs/b"],
-        [JOB, "running", "indirect", "ada"],  # once: its folder of now is no other run
+        ["job", "kind", "state", "goal", "user", "folder"],
+        ["20251230T000000Z-dead", "capture", "damaged", "?", "?", "/runs/d"],
+        ["20251231T000000Z-beef", "capture", "done", "white", "bo", "/runs/b"],
+        [JOB, "capture", "running", "indirect", "ada"],  # once: its folder of now is no other run
     ]
     assert daemon.asked[1] == ("runs", 50)
     assert main(["list", "--json", "--newest", "0"]) == 0

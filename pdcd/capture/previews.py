@@ -1,0 +1,34 @@
+"""Previews are looked at once: of their folders the last few are kept."""
+
+from __future__ import annotations
+
+import logging
+import re
+import shutil
+from pathlib import Path
+
+logger = logging.getLogger(__name__)
+
+KEPT = 8
+"""Previews that stay on the disk."""
+
+_OWN = re.compile(r"(\d{8}T\d{6}Z-[0-9a-f]{4}|preview-\d+)(\.partial)?")
+"""How previews are called: by their job, which begins with the time; earlier ones by a number."""
+
+
+def forget_old(folder: Path) -> None:
+    """Remove all previews below `folder` but the last `KEPT`; whatever else lies there stays.
+
+    What cannot be removed is logged and left: a full disk or a lost right is no reason to fail.
+    """
+    try:
+        found = [p for p in folder.iterdir() if _OWN.fullmatch(p.name) and not p.is_symlink()]
+    except OSError as err:
+        logger.warning("cannot look for old previews folder=%s error=%s", folder, err)
+        return
+    # Names that begin with a letter are those of earlier versions, hence older.
+    for old in sorted(found, key=lambda p: (p.name[0].isdigit(), p.name))[:-KEPT]:
+        try:
+            shutil.rmtree(old)  # does not follow links
+        except OSError as err:
+            logger.warning("cannot remove an old preview folder=%s error=%s", old, err)

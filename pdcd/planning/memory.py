@@ -1,0 +1,162 @@
+"""How much memory a job will take at its peak, foreseen before any of it is taken.
+
+Bytes of arrays over codes and cells, counted in what the code that makes them holds at a time: of
+the codes while they are made, of the patterns while they are compiled, and of what decoding holds,
+which are all shots' factors and pictures. The counts are upper bounds, at most `SLACK` times what
+is really taken once that is more than `BASE`; `tests/e2e/planning/test_memory.py` measures it.
+"""
+
+from __future__ import annotations
+
+import os
+
+from pdcd.bench.tables import Config
+from pdcd.errors import RequestError
+from pdcd.frames.lattice import Lattice
+from pdcd.planning.plan import windowed
+from pdcd.recipes.isolation import Isolation
+from pdcd.recipes.parts import part_codes
+from pdcd.recipes.programs import (
+    Blocks,
+    Coded,
+    Convolved,
+    Far,
+    Program,
+    Signed,
+    SignedBlocks,
+    SignedMatrix,
+    Under,
+)
+from pdcd.recipes.recipe import Recipe
+from pdcd.request import How
+from pdcd.words import FamilyName
+
+BASE = 32 * 2**20
+"""Bytes of all that is small: frames and logs, blocks of fixed size, one RAW file."""
+SLACK = 5.0
+"""Largest factor by which the estimate may be above what is measured."""
+REAL_QUADS = 3_100_000
+"""Bayer quads of the largest frame of a supported camera; its size is known from the first photo
+on only."""
+PICTURE_BYTES = 24
+"""A picture takes three float64 a quad."""
+
+MAKING = {"bernoulli": 10, "rademacher": 2, "balanced": 4, "hadamard": 4, "singer": 4}
+"""Bytes a code and cell while codes of a family are made."""
+
+
+def memory_bytes(
+    recipe: Recipe, how: How, family: FamilyName, lattice: Lattice, passes: int, config: Config
+) -> int:
+    """Peak of planning, taking and decoding, in bytes beside the program itself and the scene."""
+    target = recipe.target
+    given = sum(a.nbytes for a in (*target.planes.values(), *target.matrices.values()))
+    planning, kept = planning_bytes(recipe, how, family, lattice)
+    decoding = kept + decoding_bytes(recipe, how, lattice, passes, config)
+    return BASE + 3 * given + max(planning, decoding)
+
+
+def planning_bytes(
+    recipe: Recipe, how: How, family: FamilyName, lattice: Lattice
+) -> tuple[int, int]:
+    """Peak while all patterns are made, and what they take then."""
+    planning = kept = 0
+    for name, program in recipe.programs.items():
+        codes = how.pilot if name == "pilot" else part_codes(how.coded, how.parts)
+        making, compiling, left = _of_program(program, recipe, family, codes or how.codes, lattice)
+        planning = max(planning, kept + max(making, compiling))
+        kept += left
+    return planning, kept
+
+
+class MemoryLimitError(RequestError):
+    """A job would take more memory than the rig allows it."""
+
+
+def check_memory(needed: int, config: Config, grid: tuple[int, int]) -> None:
+    """Refuse a job that needs more than the rig's limit. Raises MemoryLimitError."""
+    limit = memory_limit(config)
+    if needed > limit:
+        raise MemoryLimitError(
+            f"this takes {_mega(needed)} of memory on a grid of {grid[0]} x {grid[1]} cells; the "
+            f"limit is {_mega(limit)}",
+            hint="ask for fewer codes, photos or passes, or raise limits.memory_bytes",
+        )
+
+
+def memory_limit(config: Config) -> int:
+    """Most bytes that a job may take: as configured, else half of the machine's memory."""
+    if config.limits.memory_bytes is not None:
+        return config.limits.memory_bytes
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+
+
+def _of_program(
+    program: Program, recipe: Recipe, family: FamilyName, codes: int, lattice: Lattice
+) -> tuple[int, int, int]:
+    """Bytes while the codes of a program are made, while its patterns are, and of those left."""
+    own = lattice if windowed(program) else Lattice(lattice.grid)
+    cells, square = own.lattice_cells, own.cells**2
+    if isinstance(program, Isolation):
+        pairs = program.count()
+        return 0, pairs * (16 * cells + 32), pairs * 5 * cells
+    if not program.coded:
+        blocks = _exact_pairs(program)
+        return 0, blocks * 80 * cells, blocks * 16 * cells
+    inner: Program = program.program if isinstance(program, Under) else program
+    made = codes * cells
+    bits = made * MAKING.get(family, 10) + (codes**2 if family == "hadamard" else 0)
+    lit = isinstance(program, Under) or recipe.target.light is not None
+    if isinstance(inner, Signed | SignedMatrix | Convolved):
+        dense = 3 * 8 * square if isinstance(inner, SignedMatrix) else 0
+        return bits, made * (56 + 40 * lit) + dense, made * (9 + 8 * lit)
+    several = 8 if isinstance(inner, Coded | Far) else 4
+    return bits, made * (several + 30 * lit), made * (1 + 4 * lit)
+
+
+def decoding_bytes(recipe: Recipe, how: How, lattice: Lattice, passes: int, config: Config) -> int:
+    """Bytes of all shots' factors and pictures, and of the largest step in making them."""
+    cells = lattice.cells
+    speeds = [p.rise_s for p in (config.projector, config.mask)]
+    speeds += [p.fall_s for p in (config.projector, config.mask)]
+    fields = 1 + (2 if any(speeds) else 0)
+    kept = widest = 0
+    for shot in recipe.shots:
+        program = None if shot.white else recipe.programs[shot.program]
+        rows = 2 * passes * _spans(program, how, shot.only is not None) * fields
+        if program is not None and windowed(program):
+            rows *= lattice.fields
+        rank = min(rows, cells)
+        kept += 16 * rank * cells
+        widest = max(widest, rank)
+    # Folding all rows into one matrix takes two more; comparing it with the wanted one the
+    # covariance of its rows, and that of a difference of two photos four times as much.
+    step = (48 * widest * cells + 64 * widest**2) if widest else 0
+    quads = REAL_QUADS
+    if config.camera.driver == "mock":
+        quads = cells * config.camera.quads_per_cell**2
+    pictures = PICTURE_BYTES * quads * (3 * len(recipe.shots) + 6 * len(recipe.photos) + 16)
+    return kept + step + pictures
+
+
+def _spans(program: Program | None, how: How, single: bool) -> int:
+    """Times that a panel changes in one pass of a shot."""
+    if program is None or single:
+        return 1
+    if isinstance(program, Isolation):
+        return program.count()
+    if not program.coded:
+        return _exact_pairs(program)
+    codes = part_codes(how.coded, how.parts) or how.codes
+    inner = program.program if isinstance(program, Under) else program
+    return 2 * codes if isinstance(inner, Signed | SignedMatrix | Convolved) else codes
+
+
+def _exact_pairs(program: Program) -> int:
+    """Pairs of a program without codes."""
+    signed = isinstance(program, SignedBlocks)
+    return len(program.camera) * (1 + signed) if isinstance(program, Blocks | SignedBlocks) else 1
+
+
+def _mega(count: int) -> str:
+    return f"{count / 2**20:.0f} MiB"

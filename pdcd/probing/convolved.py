@@ -1,0 +1,103 @@
+"""A wanted matrix that depends on the shift between two cells alone: a filter with many taps.
+
+Few taps are as well a sum of `pdcd.probing.wanted.Match`. But a sum over pairs of parts grows with
+their square, and a kernel over a whole grid has four times as many taps as there are cells. Here
+all sums over shifts are convolutions, done by FFT: O(N log N) for each image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from pdcd.probing.wanted import Floats, Grid, Indices, Near, Part
+
+IMAGES = 16
+"""Images that are convolved together; bounds the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """``taps[n - m]``, the difference counted in (rows, columns) from the centre of `taps`, an
+    array with odd sides; 0 beyond it. `grid` is (rows, columns)."""
+
+    grid: Grid
+    taps: Floats
+
+    def rows(self, start: int, stop: int) -> Floats:
+        """Rows start..stop-1."""
+        n, m = np.arange(start, stop)[:, None], np.arange(self.grid[0] * self.grid[1])[None, :]
+        return self._at(n, m)
+
+    def others(self, images: Floats) -> Floats:
+        """See `Part.others`."""
+        own = self.taps[self._centre]
+        return np.asarray(convolved(images, self.taps, self.grid) - own * images)
+
+    def entries(self, column: Indices) -> Floats:
+        """See `Part.entries`."""
+        found = self._at(np.arange(column.size), np.maximum(column, 0))
+        return np.where(column >= 0, found, 0.0)
+
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """See `Part.overlap`."""
+        if isinstance(other, Kernel):
+            shared = self.taps * _cut(other.taps, self.taps.shape)
+        elif isinstance(other, Near):
+            side = 2 * other.radius + 1
+            shared = self.taps * _cut(np.ones((side, side)), self.taps.shape)
+        else:
+            return other.overlap(self, weights)
+        return np.asarray(Kernel(self.grid, shared).others(weights[None])[0])
+
+    def product(self) -> None:
+        """See `Part.product`: it is none."""
+
+    @property
+    def _centre(self) -> tuple[int, int]:
+        return self.taps.shape[0] // 2, self.taps.shape[1] // 2
+
+    def _at(self, n: Indices, m: Indices) -> Floats:
+        """Entries of cells n and m, numbered row by row; arrays of shapes that fit each other."""
+        up, left = self._centre
+        down = n // self.grid[1] - m // self.grid[1] + up
+        right = n % self.grid[1] - m % self.grid[1] + left
+        height, width = self.taps.shape
+        inside = (down >= 0) & (down < height) & (right >= 0) & (right < width)
+        found = self.taps[np.clip(down, 0, height - 1), np.clip(right, 0, width - 1)]
+        return np.where(inside, found, 0.0)
+
+
+def convolved(images: Floats, taps: Floats, shape: Grid) -> Floats:
+    """``sum over m of taps[n - m] images_rm``, (R, L) float64, for images (R, L) over `shape`.
+
+    `taps` has odd sides; its centre is the difference (0, 0). Nothing lies beyond the border.
+    """
+    up, left = taps.shape[0] // 2, taps.shape[1] // 2
+    full = tuple(
+        scipy.fft.next_fast_len(side + tap - 1, real=True)
+        for side, tap in zip(shape, taps.shape, strict=True)
+    )
+    spectrum = scipy.fft.rfft2(taps, full)
+    out = np.empty(images.shape)
+    for start in range(0, len(images), IMAGES):
+        some = images[start : start + IMAGES].reshape(-1, *shape)
+        whole = scipy.fft.irfft2(scipy.fft.rfft2(some, full) * spectrum, full)
+        inner = whole[:, up : up + shape[0], left : left + shape[1]]
+        out[start : start + IMAGES] = inner.reshape(len(some), -1)
+    return out
+
+
+def _cut(taps: NDArray[np.float64], shape: tuple[int, ...]) -> Floats:
+    """Odd-sided taps with another shape, the centre kept: cut off, or filled up with 0."""
+    out = np.zeros(shape)
+    spans = []
+    for have, want in zip(taps.shape, shape, strict=True):
+        half = min(have, want) // 2
+        spans.append((slice(want // 2 - half, want // 2 + half + 1),
+                      slice(have // 2 - half, have // 2 + half + 1)))  # fmt: skip
+    out[spans[0][0], spans[1][0]] = taps[spans[0][1], spans[1][1]]
+    return out
