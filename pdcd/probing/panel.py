@@ -83,6 +83,7 @@ class Trajectory:
         targets: Callable[[int], Floats],
     ) -> None:
         self._panel = panel
+        self._fields = int(panel.rates.size)
         self._starts_ns = starts_ns
         self._targets = targets
         self._state = np.full(pixels, panel.leak)
@@ -92,7 +93,7 @@ class Trajectory:
     @property
     def fields(self) -> int:
         """Fields of one span: 1, 2 or 3."""
-        return int(self._panel.rates.size)
+        return self._fields
 
     def take(self, start: int, stop: int) -> Floats:
         """Fields of spans start..stop-1, (stop - start, fields, P) float64.

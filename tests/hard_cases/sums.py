@@ -12,12 +12,12 @@ from pdcd.codes.make import make_codes
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.schedule import build_frames
 from pdcd.probing.panel import Panel
-from pdcd.probing.realised import factors
+from pdcd.probing.realised import Factors, collect, factors
 from pdcd.scene.matrix import matrix_effects
 from pdcd.scene.scene import Scene
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
-from tests.hard_cases.exposures import Exact, closing_ns, exact, log_of, photo, realised, spans
+from tests.hard_cases.exposures import Exact, closing_ns, exact, log_of, photo, spans
 
 MANY = 100_000
 GRID = bench_rig.GRID
@@ -41,9 +41,15 @@ def _exact_matrix() -> list[list[Fraction]]:
 
 
 @cache
-def _program_matrix() -> Floats:
+def _parts() -> list[Factors]:
+    """The exposure chunk by chunk, as the mock camera takes it."""
     frames, log, _ = _many()
-    return realised(frames, log, PRIMAL, DUAL).dense()
+    return list(factors(frames, log, PRIMAL, DUAL, open_ns=0, close_ns=closing_ns(log)))
+
+
+@cache
+def _program_matrix() -> Floats:
+    return collect(_parts()).dense()
 
 
 @cache
@@ -80,11 +86,10 @@ def matrix_by_fsum() -> Outcome:
 
 def photograph() -> Outcome:
     """The mock's photo, chunk by chunk, each cell relative to itself."""
-    frames, log, _ = _many()
     transport = bench_rig.transport()
     scene = Scene("test", GRID, matrix_effects(transport))
     got = np.zeros((CELLS, 3))
-    for part in factors(frames, log, PRIMAL, DUAL, open_ns=0, close_ns=closing_ns(log)):
+    for part in _parts():
         got += scene.photo(part.left, part.right, part.coaxial, part.open_s)
     want = photo(_exact_matrix(), transport)
     span_s, mask, light = _levels()

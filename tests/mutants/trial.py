@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.mutants.operators import Mutant
+from tests.tools import program
 
 MEMORY_BYTES = 8 << 30
 """Address space of a process of the tests."""
@@ -52,7 +53,7 @@ class Bench:
     def __post_init__(self) -> None:
         # A short path: sockets below it have names of 107 bytes at most.
         self.copy = Path(tempfile.mkdtemp(prefix="pm"))
-        listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+        listed = [program("git"), "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
         names = subprocess.run(listed, cwd=self.root, capture_output=True, check=True).stdout
         for name in names.decode().split("\0"):
             if name and (self.root / name).is_file():

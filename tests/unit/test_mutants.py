@@ -15,6 +15,7 @@ from tests.mutants.operators import Mutant, mutants
 from tests.mutants.related import related
 from tests.mutants.trial import Bench
 from tests.places import ROOT
+from tests.tools import needs, program
 
 SOURCE = b'''"""A module."""
 
@@ -150,10 +151,11 @@ def bench(tmp_path: Path) -> Bench:
     )
     (tmp_path / "tests/test_a.py").write_text(TESTS)
     (tmp_path / "tests/test_wrong.py").write_text("def test_w():\n    assert False\n")
-    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    subprocess.run([program("git"), "init", "-q"], cwd=tmp_path, check=True)
     return Bench(tmp_path, {})
 
 
+@needs("git")
 def test_what_is_tested_is_noticed_and_nothing_else(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import struct
 import subprocess
 from datetime import datetime
 from pathlib import Path
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
+from pdcd.sensor import tiff
 from pdcd.sensor.raw import read_raw
 from pdcd.sensor.tiff import read_tags
 from tests.cr2 import LEFT_450D, SIZE_450D, TOP_450D, write_cr2
@@ -265,6 +267,21 @@ def test_damaged_headers_give_typed_errors_only(
 def test_tags_of_any_bytes_are_read_without_an_exception(order: bytes, rest: bytes) -> None:
     tags = read_tags(order + rest)
     assert tags is not None and tags.needs_bytes >= 8
+
+
+@pytest.mark.parametrize("words_at", [0, 1])
+def test_places_and_sizes_that_are_words_say_nothing_of_the_end(words_at: int) -> None:
+    """Of each pair of tags one is a number and one a word, as in a damaged file."""
+    for pair in tiff._DATA:
+        entries = [
+            struct.pack("<HHI4s", tag, 2, 4, b"abc\0")
+            if place == words_at
+            else struct.pack("<HHII", tag, 4, 1, 10**6)
+            for place, tag in enumerate(pair)
+        ]
+        data = b"II*\0" + struct.pack("<IH", 8, 2) + b"".join(entries) + bytes(4)
+        tags = read_tags(data)
+        assert tags is not None and tags.needs_bytes == len(data)
 
 
 def test_other_files_have_no_tags() -> None:
