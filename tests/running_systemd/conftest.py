@@ -42,7 +42,7 @@ def _install(machine: Machine) -> None:
     shutil.copy(UNITS / "pdcd.sysusers.conf", sysusers / "pdcd.conf")
     machine.run("systemd-sysusers")
     for user, groups in (("inside", "pdcd"), ("outside", "users")):
-        machine.run("useradd", "--create-home", "--groups", groups, user)
+        machine.run("useradd", "--create-home", "--user-group", "--groups", groups, user)
 
 
 @pytest.fixture
