@@ -230,13 +230,14 @@ def _take_over_controllers(machine: Machine) -> None:
 
 def _make_groups() -> list[Path]:
     """A control group of the machine's own in each hierarchy of the first version, so that nothing
-    of it is left in ours. With the second version nspawn makes its own."""
+    of it is left in ours. With the second version alone nspawn makes its own."""
     made = []
     for line in Path("/proc/self/cgroup").read_text().splitlines():
         _, controllers, path = line.split(":", 2)
-        name = controllers.removeprefix("name=")
-        if name in ("systemd", *_CONTROLLERS):
-            group = Path("/sys/fs/cgroup") / name / path.lstrip("/") / f"pdcd-test-{os.getpid()}"
+        name = controllers.removeprefix("name=") or "unified"
+        top = Path("/sys/fs/cgroup") / name
+        if name in ("unified", "systemd", *_CONTROLLERS) and top.is_dir():
+            group = top / path.lstrip("/") / f"pdcd-test-{os.getpid()}"
             group.mkdir()
             made.append(group)
     return made

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pdcd.client import Client, Unreachable
 from pdcd.runs.events import Progress
-from tests.running_systemd.machine import SLOW_S, Machine, wait_until
+from tests.running_systemd.machine import PDCD, SLOW_S, Machine, wait_until
 
 STATE = "/var/lib/pdcd"
 DROP_IN = "/run/systemd/system/pdcd.service.d/test.conf"
@@ -30,6 +30,7 @@ LONG = {"goal": "indirect", "codes": 512, "white": False, "window": "whole"}
 """A capture that is in its exposure for long."""
 
 _FAR_END = """
+import signal; signal.signal(signal.SIGPIPE, signal.SIG_DFL)
 import fcntl, os, sys, termios, time, tty
 near, far = os.openpty()
 tty.setraw(far)
@@ -142,9 +143,12 @@ class Service:
 
     def cli(self, user: str, *words: str) -> subprocess.CompletedProcess[str]:
         """The command line of a user of the machine."""
-        return self.machine.run(
-            "runuser", "-u", user, "--", "/opt/pdcd/.venv/bin/pdcd", *words, check=False
-        )
+        return self.run_as(user, PDCD, *words)
+
+    def run_as(self, user: str, *words: str) -> subprocess.CompletedProcess[str]:
+        """A command of a user of the machine, who has the groups of one who has logged in."""
+        become = ("setpriv", f"--reuid={user}", f"--regid={user}", "--init-groups", "--")
+        return self.machine.run(*become, *words, check=False)
 
     def said_at_s(self, text: str) -> float:
         """When systemd last said that of the service (s, monotonic clock). It says it soon."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 
 import pytest
@@ -11,6 +12,7 @@ from tests.e2e.systemd.test_x_service import adapted
 from tests.running_systemd.machine import UNITS, Machine, wait_until
 from tests.running_systemd.service import CAPTURE_TOML, Line, Service
 from tests.tools import missing
+from tests.xserver import FULL, QUARTER, modeline
 
 SMALL = CaptureRequest(goal="indirect", codes=16, window="whole", white=False)
 PANELS_TOML = """
@@ -19,9 +21,9 @@ clock = "real"
 on_miss = "flag"
 settle_s = 0.03
 [projector]
-size_px = [1024, 768]
+size_px = [256, 192]
 [mask]
-size_px = [1600, 1200]
+size_px = [400, 300]
 [display]
 driver = "x11"
 [display.options]
@@ -29,6 +31,7 @@ projector = "DUMMY1"
 mask = "DUMMY0"
 display = ":7"
 allow_software = true
+time_source = "present-msc"
 hang_s = 20.0
 [camera]
 noise = "none"
@@ -59,7 +62,7 @@ def panels(service: Service) -> Service:
     if gone := missing("xorg", "dummy", "xauth", "mcookie"):
         pytest.skip(gone)
     machine = service.machine
-    machine.write("/etc/pdcd/xorg.conf", adapted())
+    machine.write("/etc/pdcd/xorg.conf", _small(adapted()))
     drop_ins = machine.inside("/run/systemd/system/pdcd.service.d")
     drop_ins.mkdir(parents=True, exist_ok=True)
     shutil.copy(UNITS / "pdcd.service.d/x.conf", drop_ins)
@@ -122,6 +125,15 @@ def test_a_port_of_another_machine_needs_a_drop_in(service: Service) -> None:
     machine.run("systemctl", "reset-failed")
     machine.run("systemctl", "start", "pdcd.service", check=False)
     assert "Connection refused" in machine.journal("-n", "30")  # it got as far as the network
+
+
+def _small(text: str) -> str:
+    """The configuration with panels of a quarter of their size, which software draws in time."""
+    for size, small in zip(FULL, QUARTER, strict=True):
+        name = f"{size[0]}x{size[1]}-matched"
+        text = re.sub(f'Modeline "{name}".*', f"Modeline {modeline(name, small, 60.0)}", text)
+    text = text.replace('"Position" "1024 0"', f'"Position" "{QUARTER[0][0]} 0"')
+    return re.sub("Virtual .*", f"Virtual {QUARTER[0][0] + QUARTER[1][0]} {QUARTER[1][1]}", text)
 
 
 _LOOK = "from pdcd.presenter.xgrab import RootGrabber; print(RootGrabber(':7').grab().any())"

@@ -110,13 +110,14 @@ def test_what_runs_out_of_memory_does_not_take_the_daemon_along(
         daemon = machine.main_pid()
         if machine.shows("MemoryCurrent") == "[not set]":
             pytest.skip("no memory controller for systemd on this machine")
-        greedy = _run_in_group_of(machine, daemon, "kept = [bytearray(1 << 24) for _ in range(99)]")
+        greedy = _run_in_group_of(machine, daemon, "kept = [b'x' * (1 << 24) for _ in range(99)]")
         assert greedy == -9
         assert machine.main_pid() == daemon
         assert client.status().state == "busy"
-        client.call("jobs.cancel", {"job": job})
+        client.call("capture.cancel", {"job": job})
         line.hears("0")
-    assert exposing.connect().status().state == "idle"
+    with exposing.connect() as client:
+        assert client.status().state == "idle"
 
 
 def _install_hanging_driver(machine: Machine) -> None:
@@ -129,10 +130,12 @@ def _install_hanging_driver(machine: Machine) -> None:
 
 def _run_in_group_of(machine: Machine, pid: str, program: str) -> int:
     """Run a Python program as if that process had started it; its exit status, -9 for SIGKILL."""
-    groups = machine.inside(f"/proc/{pid}/cgroup").read_text().splitlines()
+    groups = machine.run("cat", f"/proc/{pid}/cgroup").stdout.splitlines()
     paths = {line.split(":")[1]: line.split(":")[2] for line in groups}
-    folder = f"memory{paths['memory']}" if "memory" in paths else paths[""].lstrip("/")
-    enter = f"echo $$ >/sys/fs/cgroup/{folder}/cgroup.procs; echo 500 >/proc/self/oom_score_adj"
+    folder = f"memory{paths['memory']}" if "memory" in paths else paths[""]
+    enter = (
+        f"set -e; echo $$ >/sys/fs/cgroup/{folder}/cgroup.procs; echo 500 >/proc/self/oom_score_adj"
+    )
     words = ("sh", "-c", f'{enter}; exec python -c "$1"', "sh", program)
     status = machine.run(*words, check=False).returncode
     return status if status < 128 else 128 - status

@@ -222,8 +222,6 @@ def test_a_picture_is_in_the_way_of_others_and_not_of_its_owner() -> None:
     table = JobTable()
     pattern = ShowParams(pattern="grid")
     show = table.admit(pattern, NOTHING, owner(1), kind="show", detach=True, queue=False)
-        ShowParams(pattern="grid"), NOTHING, owner(1), kind="show", detach=True, queue=False
-    )
     with pytest.raises(Exception, match=rf"{show.name} \(show\) of user1 \(uid 1\)"):
         take(table, 2)
     waiting = take(table, 2, queue=True)

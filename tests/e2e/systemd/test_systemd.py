@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.ptp.guardian import TRY_S
 from tests.places import ROOT
 from tests.tools import needs, program
 
@@ -113,6 +114,10 @@ def test_what_the_daemon_counts_on_is_set() -> None:
     service = unit("pdcd.service")["Service"]
     assert service["Type"] == ["notify"]
     assert service["KillMode"] == ["control-group"]  # with time for the guardians
+    # Guardians are deaf to it, and to nothing that ends a daemon more surely.
+    assert service["FinalKillSignal"] == ["SIGABRT"] and "WatchdogSignal" not in service
+    # A camera is tried for so long.
+    assert int(service["TimeoutStopSec"][0]) > TRY_S
     for key in ("RuntimeDirectory", "StateDirectory", "ConfigurationDirectory", "User", "Group"):
         assert service[key] == ["pdcd"], key
     assert service["RestartPreventExitStatus"] == ["2"]
@@ -128,8 +133,22 @@ def test_what_the_daemon_counts_on_is_set() -> None:
 def test_every_drop_in_of_the_readme_is_well_formed() -> None:
     text = (UNITS / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```ini\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     for block in blocks:
         parser = configparser.ConfigParser(strict=False)
         parser.read_string(block)
         assert set(parser.sections()) <= {"Unit", "Service", "Socket"}
+
+
+def test_what_the_service_may_take_is_bounded() -> None:
+    service = unit("pdcd.service")["Service"]
+    assert service["MemoryMax"] == ["6G"] and service["TasksMax"] == ["512"]
+    assert service["OOMPolicy"] == ["continue"]  # the daemon closes the shutter of a lost job
+    assert int(service["OOMScoreAdjust"][0]) < 0
+    assert service["LimitCORE"] == ["0"]
+
+
+def test_serial_ports_of_every_kind_are_allowed() -> None:
+    allowed = unit("pdcd.service")["Service"]["DeviceAllow"]
+    for kind in ("ttyUSB", "ttyACM", "ttyS"):
+        assert f"char-{kind} rw" in allowed
