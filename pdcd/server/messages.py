@@ -179,8 +179,8 @@ class JobView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JobList(msgspec.Struct, frozen=True):
-    """Answer of `capture.list`: jobs oldest first, finished ones of each kind up to a bound; and the
-    runs of the state folder that were asked for, newest first, those of the jobs among them."""
+    """Answer of `capture.list`: jobs oldest first, finished ones of each kind up to a bound; and
+    the runs of the state folder that were asked for, newest first, those of the jobs among them."""
 
     jobs: list[JobView]
     runs: list[StoredRun] = []
