@@ -141,7 +141,7 @@ class Engine:
         asked = choice or asks_for_lag(request, self._config)
         lag_s = self._rig.mask_lag_s() if asked else None
         watch = planning(emit, look_for_cancel)
-        return self._hands.do(watch, Desk.plan, request, given, camera, lag_s).summary
+        return self._hands.do(watch, Desk.plan, request, dict(given), camera, lag_s).summary
 
     def show(self, pattern: str, index: int = 0) -> None:
         """Hold a pattern on both panels: black, white, checker, grid, or one code by its number.

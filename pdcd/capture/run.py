@@ -104,7 +104,7 @@ class Run:
             job.planning(),
             Desk.plan,
             job.request,
-            job.given,
+            dict(job.given),
             self._camera,
             self._rig.mask_lag_s(),
         )

@@ -279,14 +279,6 @@ class Methods:
         return Place.below(self._state_dir, out or ".", make=make)
 
 
-def _usable(path: str) -> bool:
-    """Whether a path can be one on this system, and be told in one line."""
-    if not path.isprintable():  # control characters, and what no encoding knows
-        return False
-    encoded = os.fsencode(path)
-    return len(encoded) <= 1024 and all(len(part) <= 255 for part in encoded.split(b"/"))
-
-
 def _owner(caller: Caller) -> Owner:
     peer = caller.peer
     return Owner(peer.uid, peer.pid, peer.user, caller.number)

@@ -24,6 +24,7 @@ from pdcd.server.access import Peer
 from pdcd.server.messages import Admitted, error_fields
 from pdcd.server.methods import Methods
 from pdcd.server.protocol import Fault, parse
+from pdcd.server.roles import Role
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
 from tests import bench_rig
@@ -39,6 +40,7 @@ class Caller:
     """As much of a caller as the methods look at."""
 
     peer: Peer
+    role: Role = Role.SHOOT
     number: int = 1
     gone: bool = False
     interest: str = "none"

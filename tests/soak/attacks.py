@@ -16,9 +16,12 @@ from random import Random
 
 from pdcd.client import Client, Unreachable
 from pdcd.errors import PdcdError
+from tests.hostile import files
+from tests.hostile.requests import attacks
 from tests.soak import daemon as orders
 from tests.soak import processes
 from tests.soak.daemons import Daemon
+from tests.soak.wanted import GRID
 
 CALLS = {
     "display": ("load", "black", "play"),
@@ -131,6 +134,19 @@ def _protect_disk(daemon: Daemon, rng: Random) -> int:
     return 0
 
 
+def _hostile(daemon: Daemon, rng: Random) -> int:
+    """Requests that mean harm, over all parameters and all kinds of files."""
+    folder = daemon.bench.folder / "arrays"
+    if not folder.exists():
+        files.kinds(folder)
+    with suppress(Unreachable, PdcdError, OSError), Client(daemon.socket, timeout_s=20.0) as client:
+        for attack in attacks(rng.randrange(2**31), 20, folder, GRID):
+            socket.send_fds(client._sock, [attack.line + b"\n"], attack.fds)
+            attack.close()
+            daemon.answered(client._receive(20.0))
+    return 0
+
+
 def _idle(daemon: Daemon, rng: Random) -> int:
     """Connections that say nothing, not even goodbye in time."""
     held = []
@@ -192,6 +208,7 @@ ATTACKS = (
     Attack("the wall clock steps", _step_clock, spoils=False),
     Attack("the disk is full", _fill_disk, after=_empty_disk, on=("mocks",)),
     Attack("the disk is read-only", _protect_disk, after=_remount("rw"), on=("mocks",)),
+    Attack("hostile requests", _hostile, spoils=False),
     Attack("idle connections", _idle, spoils=False),
     Attack("garbage lines", _garbage, spoils=False),
     Attack("clients that vanish", _vanish, spoils=False),

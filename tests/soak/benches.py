@@ -56,7 +56,8 @@ class Bench:
 
 def _written(folder: Path, **tables: Any) -> Path:
     """A configuration file for a bench with its state below a folder."""
-    given = {"server": ServerConfig(state_dir=str(folder / "state")), **tables}
+    server = ServerConfig(state_dir=str(folder / "state"), arrays=str(folder / "arrays"))
+    given = {"server": server, **tables}
     path = folder / "pdcd.toml"
     path.write_text(settings.show(bench_rig.config(folder, grid=GRID, **given)))
     return path

@@ -92,7 +92,7 @@ def main(config: str, socket: str, where: str) -> int:
         ptp_shutter.GUARDIAN = (sys.executable, "-m", "tests.guarded_shutter", str(usb))
 
     def factory(config: Config) -> Engine:
-        engine = Engine.from_config(config)
+        engine = Engine.with_child(config)
         rig = engine._rig
         if usb.exists():
             rig._context.shared.usb_backend = RemoteUsb(usb)

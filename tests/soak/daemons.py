@@ -8,8 +8,10 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from contextlib import suppress
 from types import TracebackType
+from typing import Any
 
 from pdcd.client import Client, Unreachable
 from tests.places import ROOT
@@ -31,6 +33,10 @@ class Daemon:
         """Longest silence of the heart beat so far."""
         self.excused = False
         """True while a device hangs: the thread that waits for it cannot beat."""
+        self.kinds: Counter[str] = Counter()
+        """Answers to hostile requests, by kind."""
+        self.faults: list[str] = []
+        """Those of them that were faults of the program."""
         self._beat_s: float | None = None
         self._ear = self._listen()
         bench.freed()
@@ -67,6 +73,15 @@ class Daemon:
         self.process.wait()
         self._ear.close()
         self.log.close()
+
+    def answered(self, message: dict[str, Any]) -> None:
+        """Take note of an answer: none may be a fault of the program."""
+        if "error" in message:
+            self.kinds[message["error"]["data"]["kind"]] += 1
+            if message["error"]["data"]["kind"] == "internal":
+                self.faults.append(str(message["error"]))
+        elif "result" in message:
+            self.kinds["done"] += 1
 
     @property
     def alive(self) -> bool:

@@ -93,6 +93,9 @@ class Episode:
                     )
                 self._ended_politely(daemon)
             self._tally.beat_gap_s = max(self._tally.beat_gap_s, daemon.gap_s)
+            self._tally.answers += daemon.kinds
+            for fault in daemon.faults:
+                self._promise(False, f"a hostile request was answered by {fault}")
             self._promise(daemon.gap_s <= SILENT_S, f"no heart beat for {daemon.gap_s:.1f} s")
         left = processes.gone(daemon.started, GONE_S)
         self._promise(not left, f"processes outlived their daemon: {left}")

@@ -29,6 +29,8 @@ class Tally:
     folders: int = 0
     answers_s: list[float] = field(default_factory=list)
     """How long `rig.status` took an honest client beside everything else."""
+    answers: Counter[str] = field(default_factory=Counter)
+    """To hostile requests, by kind."""
     beat_gap_s: float = 0.0
     rss_mib: float = 0.0
     growth: list[tuple[int, float]] = field(default_factory=list)
@@ -56,6 +58,7 @@ class Tally:
             ("longest silence of the heart beat", f"{self.beat_gap_s:.2f} s"),
             ("largest resident memory, all processes of a daemon", f"{self.rss_mib:.0f} MiB"),
             ("growth of a daemon over 1000 captures", self._growth()),
+            ("hostile requests, by what they were answered", self._kinds()),
             ("broken promises", str(len(self.broken))),
         ]
         lines = ["| soak | |", "|---|---|", *(f"| {name} | {value} |" for name, value in head), ""]
@@ -76,6 +79,9 @@ class Tally:
             return "not asked"
         shares = (found[min(len(found) - 1, math.ceil(q * len(found)) - 1)] for q in (0.5, 0.99, 1))
         return " / ".join(f"{1e3 * s:.0f} ms" for s in shares) + f", {len(found)} answers"
+
+    def _kinds(self) -> str:
+        return ", ".join(f"{kind} {count}" for kind, count in self.answers.most_common()) or "none"
 
     def _growth(self) -> str:
         taken = sum(count for count, _ in self.growth)
