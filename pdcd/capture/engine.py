@@ -136,6 +136,7 @@ class Engine:
             if cancelled():
                 raise Cancelled("the plan was cancelled", hint="nothing was exposed")
 
+        look_for_cancel()
         choice = wants_choice(request)
         camera = self._rig.look_at_camera() if choice else None
         asked = choice or asks_for_lag(request, self._config)

@@ -159,7 +159,11 @@ def _parts_below(root: Path, out: str) -> tuple[str, ...]:
     path = Path(os.path.normpath(home / out))
     for base in (Path(os.path.normpath(home)), home.resolve()):
         if path.is_relative_to(base):
-            return path.relative_to(base).parts
+            parts = path.relative_to(base).parts
+            for name in parts:
+                if any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in name):
+                    raise _refused(f"control characters in the folder's name {name!r}")
+            return parts
     raise RequestError(
         f"out leaves the daemon's state folder: {out!r}",
         hint=f"choose a folder below {home}, or run pdcd capture --local",
@@ -196,8 +200,6 @@ def _refuse_names(parts: tuple[str, ...]) -> None:
     if len(parts) > MAX_PARTS or len("/".join(parts).encode()) > MAX_PATH_BYTES:
         raise _refused("the folder's path is too long")
     for name in parts:
-        if any(ord(letter) < 0x20 or 0x7F <= ord(letter) < 0xA0 for letter in name):
-            raise _refused(f"control characters in the folder's name {name!r}")
         if name.endswith(UNFINISHED):
             raise _inside_run(name)
 

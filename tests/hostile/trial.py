@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import dataclasses
 import os
 import resource
 import time
@@ -21,9 +20,10 @@ from pdcd.bench.tables import LimitsConfig, ServerConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError
 from pdcd.server.access import Peer
+from pdcd.server.descriptors import Descriptors
 from pdcd.server.messages import Admitted, error_fields
 from pdcd.server.methods import Methods
-from pdcd.server.protocol import Fault, parse
+from pdcd.server.protocol import Fault, Request, parse
 from pdcd.server.roles import Role
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
@@ -119,10 +119,19 @@ async def _all(methods: Methods, runner: Runner, made: Iterator[Attack], outcome
 
 
 async def _one(methods: Methods, runner: Runner, attack: Attack) -> tuple[str, Any]:
-    request = parse(attack.line)
+    held = Descriptors()
+    held.receive(map(os.dup, attack.fds))
+    try:
+        return await _answered(methods, runner, attack, parse(attack.line, held))
+    finally:
+        await held.end()
+
+
+async def _answered(
+    methods: Methods, runner: Runner, attack: Attack, request: Request | Fault
+) -> tuple[str, Any]:
     if isinstance(request, Fault):
         return request.error.kind, request.error
-    request = dataclasses.replace(request, fds=attack.fds)
     caller = cast(Any, Caller(Peer(os.getpid(), attack.uid, attack.uid, "eve")))
     try:
         answer = await methods.handle(caller, request)

@@ -19,7 +19,7 @@ from pdcd.errors import PdcdError
 from tests.hostile import files
 from tests.hostile.requests import attacks
 from tests.soak import daemon as orders
-from tests.soak import processes
+from tests.soak import disk, processes
 from tests.soak.daemons import Daemon
 from tests.soak.wanted import GRID
 
@@ -120,18 +120,13 @@ def _empty_disk(daemon: Daemon) -> None:
     (daemon.bench.state / "filler").unlink(missing_ok=True)
 
 
-def _remount(mode: str) -> Callable[[Daemon], None]:
-    def do(daemon: Daemon) -> None:
-        command = ["mount", "-o", f"remount,{mode}", str(daemon.bench.state)]
-        # Not while a file is being written; then this time it did not happen.
-        subprocess.run(command, stderr=subprocess.DEVNULL, check=False)
-
-    return do
-
-
 def _protect_disk(daemon: Daemon, rng: Random) -> int:
-    _remount("ro")(daemon)
+    disk.protect(daemon.bench.state)
     return 0
+
+
+def _allow_disk(daemon: Daemon) -> None:
+    disk.allow(daemon.bench.state)
 
 
 def _hostile(daemon: Daemon, rng: Random) -> int:
@@ -207,7 +202,7 @@ ATTACKS = (
     Attack("a device fails, hangs or is late", _fault, after=_no_fault),
     Attack("the wall clock steps", _step_clock, spoils=False),
     Attack("the disk is full", _fill_disk, after=_empty_disk, on=("mocks",)),
-    Attack("the disk is read-only", _protect_disk, after=_remount("rw"), on=("mocks",)),
+    Attack("the disk is read-only", _protect_disk, after=_allow_disk, on=("mocks",)),
     Attack("hostile requests", _hostile, spoils=False),
     Attack("idle connections", _idle, spoils=False),
     Attack("garbage lines", _garbage, spoils=False),

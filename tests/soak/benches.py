@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import select
-import subprocess
 import termios
 import threading
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from pdcd.bench.clock import RealClock
 from pdcd.bench.tables import CameraConfig, RigConfig, ServerConfig, TriggerConfig
 from pdcd.presenter.xgrab import RootGrabber
 from tests import bench_rig, remote_usb, x11_rig
+from tests.soak import disk
 from tests.soak.daemon import USB
 from tests.soak.wanted import GRID
 from tests.xserver import QUARTER, run
@@ -68,16 +68,12 @@ def _small_disk(folder: Path) -> Iterator[bool]:
     """The state folder on a file system of its own, where this user may mount one."""
     state = folder / "state"
     state.mkdir()
-    size = f"size={STATE_MIB}m"
-    command = ["mount", "-t", "tmpfs", "-o", size, "pdcd-soak", str(state)]
-    mounted = (
-        os.geteuid() == 0 and subprocess.run(command, stderr=subprocess.DEVNULL).returncode == 0
-    )
+    mounted = disk.mount(state, STATE_MIB)
     try:
         yield mounted
     finally:
         if mounted:
-            subprocess.run(["umount", "--lazy", str(state)], check=False)
+            disk.unmount(state)
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from pdcd.bench.tables import (
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import make_codes
-from pdcd.errors import ConfigError, RequestError
+from pdcd.errors import ConfigError
 from pdcd.frames.frames import BLACK, FrameLog
 from pdcd.frames.schedule import build_frames
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
@@ -198,5 +198,5 @@ def test_a_delay_of_refreshes_is_one_of_whole_pictures(tmp_path: Path) -> None:
     assert len(log) == 54
     np.testing.assert_array_equal(log.dual_shown[:30], range(30))
     np.testing.assert_array_equal(log.primal_shown[24:], range(30))
-    with pytest.raises(RequestError):
+    with pytest.raises(ConfigError, match="grid"):
         play(tmp_path, late, scene=SceneConfig(kind="open-book", grid=(6, 8)))

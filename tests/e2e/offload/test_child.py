@@ -20,7 +20,6 @@ from pdcd.errors import Cancelled, PdcdError, PlanError
 from pdcd.offload.desk import Desk
 from pdcd.offload.keeper import Child
 from pdcd.pictures.watch import Watch
-from pdcd.recipes.arrays import NOTHING
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Event, Planning
 from pdcd.runs.folder import MANIFEST, read_manifest, read_patterns
@@ -192,7 +191,7 @@ def test_a_plan_tells_how_far_it_is(engine: Engine) -> None:
 def test_errors_keep_their_kind_and_hint_on_the_way(engine: Engine) -> None:
     with pytest.raises(PdcdError) as raised:
         engine.plan(CaptureRequest(goal="white", pilot=4))
-    assert raised.value.kind == "config" and "take one of" in str(raised.value.hint)
+    assert raised.value.kind == "request" and "take one of" in str(raised.value.hint)
 
 
 @pytest.mark.parametrize(
@@ -289,7 +288,7 @@ def test_a_folder_named_by_a_descriptor_is_the_same_for_the_child(
     child = child_of(engine)
     info = engine._rig.camera_info
     assert info is not None
-    child.do(Watch(), Desk.plan, REQUEST, NOTHING, info, None)
+    child.do(Watch(), Desk.plan, REQUEST, {}, info, None)
     held = os.open(tmp_path, os.O_PATH | os.O_DIRECTORY)
     try:
         child.do(Watch(), Desk.begin, Path(f"/proc/self/fd/{held}"))
@@ -300,7 +299,7 @@ def test_a_folder_named_by_a_descriptor_is_the_same_for_the_child(
 
 def test_without_a_plan_there_is_no_work(engine: Engine) -> None:
     child = child_of(engine)
-    child.do(Watch(), Desk.plan, REQUEST, NOTHING, None, None)
+    child.do(Watch(), Desk.plan, REQUEST, {}, None, None)
     with pytest.raises(PdcdError, match="no run folder"):
         child.do(Watch(), Desk.develop, [])
     with pytest.raises(PdcdError, match="no work is called"):

@@ -61,7 +61,7 @@ def test_the_loop_goes_on_beside_a_plan_that_does_not_and_only_the_daemon_ends_i
         assert work_process(process.pid) == pid
         os.kill(pid, signal.SIGSTOP)
         asked = client._send("capture.plan", {"goal": "indirect", "codes": 8})
-        assert other.status().state == "idle"
+        assert other.status().state == "busy"
         os.kill(pid, signal.SIGKILL)
         with pytest.raises(PlanError, match="signal 9"):
             client._answer(asked, 20.0, None)

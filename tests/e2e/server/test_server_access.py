@@ -297,7 +297,7 @@ async def start(wire: Wire, **params: Any) -> str:
 async def refused(wire: Wire, *jobs: str) -> None:
     for job in jobs:
         error = await wire.error("capture.cancel", job=job)
-        assert error["data"]["kind"] == "denied" and error["code"] == -32009
+        assert error["data"]["kind"] == "denied" and error["code"] == -32010
         assert f"uid {ANNA}" in error["message"] and "administer" in error["data"]["hint"]
         # As a notification, which gets no answer, it does no more.
         await wire.send(

@@ -7,6 +7,7 @@ import base64
 import gc
 import os
 import socket
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ from pdcd.inputs.read import read_array
 from pdcd.inputs.sending import Sendable
 from pdcd.request import CaptureRequest, Sent
 from pdcd.server.access import Peer
+from pdcd.server.descriptors import Descriptors
 from pdcd.server.intake import Intake
 from pdcd.server.protocol import Request, parse
 from pdcd.server.readers import Readers
@@ -100,12 +102,12 @@ def test_an_array_comes_by_descriptor_within_the_line_and_by_name(tmp_path: Path
         ("fifo", "a FIFO"),
     ],
 )
-def test_what_cannot_be_taken_says_why(tmp_path: Path, value: Any, what: str) -> None:
-    files.kinds(tmp_path / "arrays")
-    for folder in (tmp_path, tmp_path.parent, tmp_path.parent.parent):
-        folder.chmod(0o755)
-    with pytest.raises(RequestError, match=what) as caught:
-        taken(Intake(tmp_path / "arrays", GRID), value, peer=NOBODY)
+def test_what_cannot_be_taken_says_why(value: Any, what: str) -> None:
+    with tempfile.TemporaryDirectory() as place:
+        Path(place).chmod(0o755)  # others may enter, unlike folders of pytest
+        files.kinds(Path(place) / "arrays")
+        with pytest.raises(RequestError, match=what) as caught:
+            taken(Intake(Path(place) / "arrays", GRID), value, peer=NOBODY)
     assert caught.value.kind == "request"
 
 
@@ -297,19 +299,21 @@ def test_descriptors_are_sent_with_their_line(tmp_path: Path) -> None:
     with here, there:
         client._send_with(arrays, "capture.plan", {"goal": "white", "note": "n" * 3000})
         line, fds, _, _ = socket.recv_fds(there, 65536, 8)
-        request = parse(line.strip())
-        assert isinstance(request, Request) and isinstance(request.params, CaptureRequest)
         assert b'"fds":2' in line and len(fds) == 2
-        assert request.params.warp == Sent(fd=1, file="warp.npy")
 
         async def take() -> Any:
-            return await Intake(None, GRID).take(request.params, fds, SELF)  # type: ignore[arg-type]
+            held = Descriptors()
+            held.receive(fds)
+            request = parse(line.strip(), held)
+            assert isinstance(request, Request) and isinstance(request.params, CaptureRequest)
+            assert request.params.warp == Sent(fd=1, file="warp.npy")
+            _, given = await Intake(None, GRID).take(request.params, request.fds, SELF)
+            await held.end()
+            return given
 
-        _, given = asyncio.run(take())
+        given = asyncio.run(take())
         np.testing.assert_array_equal(given["illumination"], LIGHT)
         np.testing.assert_array_equal(given["warp"], LIGHT)
-        for descriptor in fds:
-            os.close(descriptor)
 
 
 @pytest.mark.timeout(60)

@@ -9,7 +9,7 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.codes.make import make_codes
-from pdcd.errors import RequestError
+from pdcd.errors import ConfigError
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import build_frames
 from pdcd.planning.guards import choose_window
@@ -160,7 +160,7 @@ def test_r3_cells_must_be_four_times_the_misregistration(
     if served:
         assert choose_window("quarter", cells) == "quarter"
     else:
-        with pytest.raises(RequestError, match="misregistration"):
+        with pytest.raises(ConfigError, match="misregistration"):
             choose_window("quarter", cells)
 
 

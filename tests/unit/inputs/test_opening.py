@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,14 +32,13 @@ def none_left_open() -> Iterator[None]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A folder that others may enter, with files of every kind."""
-    made = tmp_path / "arrays"
-    files.kinds(made)
-    for path in (made, *made.parents):
-        if path.is_relative_to(tmp_path.parents[1]):
-            path.chmod(0o755)
-    return made
+def folder() -> Iterator[Path]:
+    """A folder that others may enter, unlike those of pytest, with files of every kind."""
+    with tempfile.TemporaryDirectory() as place:
+        Path(place).chmod(0o755)
+        made = Path(place) / "arrays"
+        files.kinds(made)
+        yield made
 
 
 def read(descriptor: int) -> bytes:

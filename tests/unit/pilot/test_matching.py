@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.errors import ConfigError
+from pdcd.errors import RequestError
 from pdcd.pilot import matching
 from pdcd.pilot.codes import MATCHED, SCOUTS, pilot_codes
 from pdcd.pilot.links import correction, match_links
@@ -162,7 +162,7 @@ def test_codes_of_a_short_pilot(count: int) -> None:
 
 
 def test_grids_too_fine_for_a_map_are_refused() -> None:
-    with pytest.raises(ConfigError, match=f"at most {MOST_CELLS} cells"):
+    with pytest.raises(RequestError, match=f"at most {MOST_CELLS} cells"):
         pilot_codes((64, 65), 8, seed=0)
 
 

@@ -69,9 +69,7 @@ def test_no_user_writes_into_a_run(tmp_path: Path, name: str) -> None:
     assert names(tmp_path) == before
 
 
-@pytest.mark.parametrize(
-    "name", ["\0", "loop", "loop/x", "x" * 300, "file", "a\x1bb", "\ud800", "a/" * 99]
-)
+@pytest.mark.parametrize("name", ["\0", "loop", "loop/x", "x" * 300, "file", "\ud800", "a/" * 99])
 def test_what_can_be_no_folder_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").touch()
@@ -81,6 +79,16 @@ def test_what_can_be_no_folder_is_refused(tmp_path: Path, name: str) -> None:
             Place.at(tmp_path / name) if local else Place.below(tmp_path, name)
         assert told.value.kind == "request" and told.value.hint
     assert names(tmp_path) == before
+
+
+def test_a_client_names_no_folder_with_control_characters_and_an_operator_may(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(RequestError, match="control characters"):
+        Place.below(tmp_path, "a\x1bb")
+    assert names(tmp_path) == []
+    with Place.at(tmp_path / "a\x1bb") as place:
+        assert place.real == tmp_path / "a\x1bb"
 
 
 def test_a_link_that_appears_on_the_way_is_not_followed(

@@ -64,7 +64,7 @@ def test_no_descriptor_is_lost_or_closed_twice(
             descriptors.receive(fresh)
             for item in connection.receive(data, lost=cut_off and count == 6):
                 if isinstance(item, Fault):
-                    assert item.error.kind in ("config", "protocol", "busy")
+                    assert item.error.kind in ("request", "protocol", "busy")
                     continue
                 assert set(item.fds) <= ledger.open and not set(item.fds) & set(held)
                 assert METHODS[item.method].takes_fds or not item.fds
