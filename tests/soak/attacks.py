@@ -136,7 +136,9 @@ def _hostile(daemon: Daemon, rng: Random) -> int:
         files.kinds(folder)
     with suppress(Unreachable, PdcdError, OSError), Client(daemon.socket, timeout_s=20.0) as client:
         for attack in attacks(rng.randrange(2**31), 20, folder, GRID):
-            socket.send_fds(client._sock, [attack.line + b"\n"], attack.fds)
+            line = attack.line + b"\n"
+            sent = socket.send_fds(client._sock, [line], attack.fds)
+            client._sock.sendall(line[sent:])
             attack.close()
             daemon.answered(client._receive(20.0))
     return 0

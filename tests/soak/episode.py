@@ -29,8 +29,8 @@ SILENT_S = 2.0
 """Longest silence of the heart beat."""
 SPARE = {"descriptors": 4, "threads": 3, "processes": 1}
 """How many more a daemon may hold in the end than after its first photo."""
-CALM = 0.4
-"""Share of photos that are left in peace."""
+CALM, KILLS = 0.4, 0.5
+"""Share of photos that are left in peace, and of attacks that are drawn among kills only."""
 
 
 class Photographer:
@@ -71,6 +71,11 @@ class Episode:
         fits = not attack.on or kinds.get(self._bench.name, "windows") in attack.on
         return fits and (self._bench.mounted or not on_disk)
 
+    def _drawn(self) -> Attack:
+        """Half of the attacks are kills."""
+        kills = [a for a in self._attacks if a.name.startswith(("kill", "SIG"))]
+        return self._rng.choice(kills if self._rng.random() < KILLS else self._attacks)
+
     def live(self, until_s: float, photos: int) -> None:
         """Take photos and attack, until a monotonic time or for so many photos."""
         with Daemon(self._bench) as daemon:
@@ -105,7 +110,7 @@ class Episode:
         """One photo, and perhaps an attack on it."""
         photo = Photographer(daemon, self._rng.choice(self._wanted))
         self._tally.captures += 1
-        attack = None if self._rng.random() < CALM else self._rng.choice(self._attacks)
+        attack = None if self._rng.random() < CALM else self._drawn()
         row = Row() if attack is None else self._tally.row(attack.name)
         if attack is not None:
             time.sleep(self._rng.uniform(0.0, 0.6))
