@@ -7,6 +7,9 @@ from pathlib import Path
 
 from tests.bench.tables import Aim, Section, Table
 
+SOAK = "## Soak"
+"""Heading of the last section, which is written by `make soak` and stays as it is here."""
+
 INTRODUCTION = (
     "Written by `make bench` (`python -m tests.bench`); every figure below was measured in one run "
     "of it, on the machine described here. Times are wall-clock. Do not edit: run it again."
@@ -35,7 +38,15 @@ def write(
         parts += [table.markdown() for table in section.tables]
         parts += [f"![{caption}]({plots}/{name})" for name, caption in section.plots]
     path.parent.mkdir(parents=True, exist_ok=True)
+    soak = path.read_text(encoding="utf-8").partition(SOAK)[2] if path.exists() else ""
+    parts += [SOAK + soak.rstrip()] if soak else []
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def write_soak(path: Path, text: str) -> None:
+    """Put what a soak found at the end of the report, in the place of the last one."""
+    report = path.read_text(encoding="utf-8").partition(SOAK)[0].rstrip()
+    path.write_text(f"{report}\n\n{SOAK}\n\n{text.strip()}\n", encoding="utf-8")
 
 
 def _value(aim: Aim, value: float) -> str:

@@ -1,4 +1,4 @@
-"""``python -m tests.soak --minutes 60 [--seed 1] [--out table.md] [--on mocks windows body]``."""
+"""``python -m tests.soak --minutes 60 [--seed 1] [--out REPORT] [--on mocks windows body]``."""
 
 from __future__ import annotations
 
@@ -14,11 +14,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 
+from tests.bench.report import write_soak
 from tests.soak.benches import BENCHES
 from tests.soak.episode import Episode
 from tests.soak.tally import Tally
 from tests.soak.wanted import requests
 
+ABOUT = (
+    "Written by `make soak`: a real daemon on three benches in turn, honest clients that want every "
+    "goal, hostile ones, kills and faults ([testing.md](testing.md)). In half of the turns other "
+    "processes want all cores. Times are seen from outside, after the end of the job or process; "
+    "0.00 s is less than one look."
+)
 TURN_S = 120.0
 """How long one bench has its turn."""
 LIVES = (15, 60, 250)
@@ -55,7 +62,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--out", type=Path, help="file for the table")
+    parser.add_argument("--out", type=Path, help="report to put the table into")
     parser.add_argument("--on", nargs="+", choices=BENCHES, default=list(BENCHES))
     parser.add_argument("--busy", type=int, default=2, help="cores kept busy meanwhile; default 2")
     parser.add_argument("--keep", type=Path, help="folder for the logs of daemons")
@@ -86,7 +93,7 @@ def main() -> int:
     table = tally.table()
     sys.stdout.write(table)
     if args.out is not None:
-        args.out.write_text(table)
+        write_soak(args.out, f"{ABOUT}\n\n{table}")
     return 1 if tally.broken else 0
 
 
