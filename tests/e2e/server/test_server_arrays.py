@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 import base64
 import gc
+import json
 import os
 import socket
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -15,8 +18,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pdcd.bench.tables import RigConfig, ServerConfig
 from pdcd.client import Client
@@ -25,11 +30,13 @@ from pdcd.inputs import opening
 from pdcd.inputs.read import read_array
 from pdcd.inputs.sending import Sendable
 from pdcd.request import CaptureRequest, Sent
+from pdcd.runs.folder import read_manifest, read_patterns
 from pdcd.server.access import Peer
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.intake import Intake
 from pdcd.server.protocol import Request, parse
 from pdcd.server.readers import Readers
+from tests import bench_rig
 from tests.e2e.server._server_harness import daemon, nothing_left
 from tests.e2e.server.test_daemon_real import connect
 from tests.e2e.server.test_daemon_real import daemon as real_daemon
@@ -333,6 +340,38 @@ def test_a_fifo_hangs_neither_ping_nor_cancel_nor_sigterm(tmp_path: Path) -> Non
         assert client.cancel(job["job"]).state == "cancelled"
         process.terminate()
         assert process.wait(10.0) == 0
+
+
+@pytest.mark.timeout(60)
+def test_files_and_arrays_of_clients_reach_a_real_daemon_by_descriptor(tmp_path: Path) -> None:
+    """A PNG and an `.npy` by path, an array of this process, and the command line."""
+    grid = bench_rig.GRID
+    light = np.round(np.random.default_rng(3).random(grid), 3)
+    levels = np.rint(light * 255.0).astype(np.uint8)
+    assert cv2.imwrite(str(tmp_path / "light.png"), levels)
+    np.save(tmp_path / "light.npy", light)
+    request = CaptureRequest(goal="illuminated", codes=8)
+    with real_daemon(tmp_path) as (process, path), connect(path) as client:
+        given: dict[str, tuple[Sendable, NDArray[np.float64]]] = {
+            "png": (tmp_path / "light.png", levels / 255.0),
+            "npy": (tmp_path / "light.npy", light),
+            "array": (light, light),
+        }
+        for source, expected in given.values():
+            result = client.capture(request, arrays={"illumination": source})
+            assert result.state == "done" and result.folder is not None, result.error
+            kept = read_patterns(Path(result.folder))["goal.illumination"]
+            np.testing.assert_array_equal(kept.reshape(grid), expected)
+            told = read_manifest(Path(result.folder)).request["illumination"]
+            assert len(told["sha256"]) == 64
+            assert told.get("file") == (source.name if isinstance(source, Path) else None)
+        held = len(list(Path(f"/proc/{process.pid}/fd").iterdir()))
+        words = ["plan", "illuminated", "--illumination", "light.npy", "--socket", str(path)]
+        command = [sys.executable, "-m", "pdcd", *words, "--json"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0 and json.loads(done.stdout)["goal"] == "illuminated"
+        client.call("ping")
+        assert len(list(Path(f"/proc/{process.pid}/fd").iterdir())) <= held
 
 
 def test_hostile_requests_get_results_or_refusals_of_a_kind(tmp_path: Path) -> None:
