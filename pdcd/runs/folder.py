@@ -36,9 +36,10 @@ from pdcd import __version__
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.patterns import Patterns
+from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.frame_table import append_frames
-from pdcd.runs.inside import hashed, opened, opened_file, path_of, printable, read_file
+from pdcd.runs.inside import hashed, opened, opened_file, path_of, read_file
 from pdcd.runs.manifest import (
     DIGEST,
     MANIFEST,
@@ -225,7 +226,7 @@ def read_manifest(folder: Path) -> Manifest:
     except (OSError, ValueError, DecodeError) as err:
         why = f": {err.message}" if isinstance(err, DecodeError) else ""
         raise DecodeError(
-            f"{printable(str(folder))} has no readable {MANIFEST}{why}",
+            f"{one_line(str(folder))} has no readable {MANIFEST}{why}",
             hint=f"give the folder of a finished run; one that ends in {UNFINISHED} is not",
         ) from err
     return parsed(data)

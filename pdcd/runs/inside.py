@@ -42,12 +42,6 @@ def path_of(descriptor: int) -> Path:
     return Path(f"/proc/self/fd/{descriptor}")
 
 
-def printable(name: str) -> str:
-    """A name as it may be shown: what is no text is written out, what is no letter escaped."""
-    text = os.fsencode(name).decode("utf-8", "backslashreplace")
-    return text if text.isprintable() else text.encode("unicode_escape").decode()
-
-
 def fault_of(name: str) -> str | None:
     """What is wrong with a file's name in a manifest, None if it leads to a file inside."""
     try:

@@ -9,14 +9,15 @@ from __future__ import annotations
 import heapq
 import os
 import re
-import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
-from pdcd.runs.folder import MANIFEST
+from pdcd.errors import DecodeError
+from pdcd.runs.inside import opened, read_file
+from pdcd.runs.manifest import MANIFEST
 
 StoredState = Literal["done", "failed", "cancelled", "unfinished", "damaged"]
 
@@ -105,11 +106,12 @@ def _looked_at(job: str, place: Path) -> StoredRun:
     if place.name != job:
         return unfinished
     try:
-        head = msgspec.json.decode(_read(place / MANIFEST), type=_Head)
+        with opened(place) as folder:
+            head = msgspec.json.decode(read_file(folder, MANIFEST, MOST_BYTES), type=_Head)
     except FileNotFoundError:
         return unfinished
     # ValueError: no JSON, or another manifest than ours; a name of unlucky bytes included.
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError, RecursionError, DecodeError):
         return msgspec.structs.replace(unfinished, state="damaged")
     if head.job != job:
         return msgspec.structs.replace(unfinished, state="damaged")
@@ -121,13 +123,3 @@ def _looked_at(job: str, place: Path) -> StoredRun:
         user=head.owner.user,
         started_utc=head.started_utc,
     )
-
-
-def _read(path: Path) -> bytes:
-    """A regular file of bounded length. Raises OSError; never waits, as a pipe would make it."""
-    number = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(number, "rb") as file:
-        found = os.fstat(number)
-        if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
-            raise OSError("not a manifest")
-        return file.read(MOST_BYTES)

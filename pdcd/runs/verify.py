@@ -17,8 +17,9 @@ from typing import Literal
 import msgspec
 
 from pdcd.errors import DecodeError
+from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, printable, read_file
+from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, read_file
 from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, digest_line, parsed
 from pdcd.runs.record import FileRecord, Manifest
 
@@ -78,7 +79,7 @@ def verify(
     check.look(folder, manifest_sha256, None)
     found = check.found
     return Verified(
-        folder=printable(str(folder)),
+        folder=one_line(str(folder)),
         whole=not found,
         job=None if check.read is None else check.read.job,
         schema=None if check.read is None else check.read.schema,
@@ -103,7 +104,7 @@ def whole_manifest(
         first = check.found[0]
         more = f", and {len(check.found) - 1} more" if len(check.found) > 1 else ""
         raise DecodeError(
-            f"{printable(str(folder))} is not a whole and unchanged run: {first.path}: "
+            f"{one_line(str(folder))} is not a whole and unchanged run: {first.path}: "
             f"{first.detail}{more}",
             hint="see pdcd verify; restore it from a copy",
         )
@@ -125,7 +126,7 @@ class _Check:
         """Note what is wrong with a file."""
         if len(self.found) < MAX_FINDINGS:
             # A forged manifest may have words of any length.
-            self.found.append(Finding(printable(name[:MAX_WORDS]), what, detail[:MAX_WORDS]))
+            self.found.append(Finding(one_line(name[:MAX_WORDS]), what, detail[:MAX_WORDS]))
 
     def look(self, folder: Path, expected: str | None, names: Collection[str] | None) -> None:
         """Look at the manifest and at the files of those names, or at all that is there."""
@@ -236,21 +237,21 @@ def _contradictions(manifest: Manifest) -> Iterator[str]:
     for name in files:
         fault = "it vouches for itself" if name in (MANIFEST, DIGEST) else fault_of(name)
         if fault is not None:
-            yield f"file {printable(name)!r}: {fault}"
+            yield f"file {one_line(name)!r}: {fault}"
         other = folded.setdefault(name.casefold(), name)
         if other != name:
-            yield f"{printable(name)!r} and {printable(other)!r} differ in case only"
+            yield f"{one_line(name)!r} and {one_line(other)!r} differ in case only"
     shots = [shot.name for shot in run.shots]
     if len(set(shots)) != len(shots):
         yield "it has two shots of one name"
     for name in (*NEEDED, *(test.raw for test in manifest.meter)):
         if name not in files:
-            yield f"it does not list {printable(name)!r}"
+            yield f"it does not list {one_line(name)!r}"
     for shot in run.shots:
         if shot.raw not in files or files[shot.raw].sha256 != shot.sha256:
-            yield f"shot {printable(shot.name)!r} and the list of files name another RAW file"
+            yield f"shot {one_line(shot.name)!r} and the list of files name another RAW file"
         if not shot.open_ns < shot.close_ns:
-            yield f"shot {printable(shot.name)!r} closed before it opened"
+            yield f"shot {one_line(shot.name)!r} closed before it opened"
 
 
 def _unchecked(schema: int) -> Iterator[str]:
