@@ -53,7 +53,7 @@ from pdcd.presenter.xpresent import PresentEvents
 
 logger = logging.getLogger(__name__)
 
-PROBES = 3
+PROBES = 5
 """How often time sources are asked before none is said to deliver."""
 IDLE_S = 0.25
 """How often the process looks at its windows while it waits."""
