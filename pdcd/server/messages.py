@@ -88,17 +88,6 @@ class HelloParams(_Params, frozen=True):
     protocol: tuple[int, int]
 
 
-class StartParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`capture.start`: the request, whether it outlives its connection, whether it may wait."""
-
-    detach: bool = False
-    queue: bool = False
-
-    def request(self) -> CaptureRequest:
-        """The request alone, as the engine takes it."""
-        return CaptureRequest(**{f: getattr(self, f) for f in CaptureRequest.__struct_fields__})
-
-
 class PlanParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`capture.plan`: the request, and whether it may wait while the rig is taken."""
 
@@ -107,6 +96,12 @@ class PlanParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_onl
     def request(self) -> CaptureRequest:
         """The request alone, as the engine takes it."""
         return CaptureRequest(**{f: getattr(self, f) for f in CaptureRequest.__struct_fields__})
+
+
+class StartParams(PlanParams, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`capture.start`: the same, and whether it outlives its connection."""
+
+    detach: bool = False
 
 
 class JobParams(_Params, frozen=True):
