@@ -6,6 +6,7 @@ import hashlib
 import logging
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from pdcd.bench.folders import state_dir
@@ -17,6 +18,7 @@ from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.show import pattern_frames
 from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
+from pdcd.offload.birth import Newborn
 from pdcd.offload.desk import Desk, Facts
 from pdcd.offload.hands import Hands, Here
 from pdcd.offload.keeper import Child
@@ -63,10 +65,11 @@ class Engine:
         return cls(config)
 
     @classmethod
-    def with_child(cls, config: Config) -> Engine:
+    def with_child(cls, config: Config, newborn: Newborn | None = None) -> Engine:
         """The same with a process of its own to plan and decode in, which may die without harm to
-        this one. To be used in one thread, which lives as long as the engine is wanted."""
-        return cls(config, Child)
+        this one. To be used in one thread, which lives as long as the engine is wanted. `newborn`
+        is that process, where it was started already."""
+        return cls(config, partial(Child, newborn=newborn))
 
     def start(self) -> None:
         """Open the rig. On return panels are black, the shutter is closed, the camera answers."""

@@ -53,7 +53,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 def _photo_commands(add: Add) -> None:
     """Add the daemon, and what takes or plans a photo."""
-    serve = add("serve", "tools:serve", "run the daemon in the foreground")
+    serve = add("serve", "serve:serve", "run the daemon in the foreground")
     rig_options(serve, socket="listen here")
     serve.add_argument("--state-dir", type=Path, metavar="DIR", help="keep runs below this folder")
     serve.add_argument(

@@ -1,11 +1,9 @@
-"""`pdcd serve`, `drivers`, `config`, `decode`, `version`: what needs no daemon."""
+"""`pdcd drivers`, `config`, `decode`, `version`: what needs no daemon."""
 
 from __future__ import annotations
 
 import argparse
 import json
-
-import msgspec
 
 from pdcd import __version__
 from pdcd.bench.config import faults_error, find, load, read, schema, show
@@ -13,18 +11,6 @@ from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import progress, say, say_json, say_table
 from pdcd.runs.events import Decoded
-
-
-def serve(args: argparse.Namespace) -> int:
-    """Run the daemon until SIGTERM or SIGINT."""
-    from pdcd.capture.engine import Engine
-    from pdcd.server.daemon import run
-
-    settings = load(args.config)
-    if args.state_dir is not None:
-        server = msgspec.structs.replace(settings.server, state_dir=str(args.state_dir.absolute()))
-        settings = msgspec.structs.replace(settings, server=server)
-    return run(settings, socket=args.socket, engine_factory=Engine.with_child, verbose=args.verbose)
 
 
 def drivers(args: argparse.Namespace) -> int:

@@ -1,13 +1,12 @@
-"""`python -m pdcd.offload FD BYTES`: the work process, on one end of a socket pair, with so much
-memory."""
+"""`python -m pdcd.offload FD`: the work process, on one end of a socket pair."""
 
 import sys
 
 if __name__ == "__main__":
-    # Bounded first: the imports that follow take memory, too.
+    # Before the imports that follow, which take long.
     from pdcd.offload.limits import confine
 
-    confine(int(sys.argv[2]))
+    confine()
     from pdcd.offload.process import main
 
     raise SystemExit(main(int(sys.argv[1])))

@@ -12,7 +12,6 @@ import select
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from pdcd.errors import PdcdError
+from pdcd.offload.birth import COMMAND, Newborn, born
 from pdcd.offload.desk import Desk, Facts
 from pdcd.offload.pipe import PIECE_BYTES, Call, Done, Failed, Inbox, Sign, Stop, packed
 from pdcd.offload.work import FIRST, SPENT, WORK, broken, out_of_memory
@@ -34,9 +34,6 @@ STOP_S = 0.1
 DEATH_S = 5.0
 """How long the kernel may take to bury a killed process."""
 
-COMMAND = (sys.executable, "-P", "-m", "pdcd.offload")
-"""With -P no module of the current folder is taken for one of ours."""
-
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -48,7 +45,10 @@ class Child:
     thread that lives as long as it is wanted.
     """
 
-    def __init__(self, facts: Facts, command: Sequence[str] = COMMAND) -> None:
+    def __init__(
+        self, facts: Facts, command: Sequence[str] = COMMAND, newborn: Newborn | None = None
+    ) -> None:
+        """`newborn` is the first process, where one was started already."""
         self._facts, self._command = facts, command
         self._limits = facts.config.limits
         self._process: subprocess.Popen[bytes] | None = None
@@ -57,6 +57,8 @@ class Child:
         self._told = self._busy = False
         self._heard_s = 0.0
         self._dying: list[subprocess.Popen[bytes]] = []
+        if newborn is not None:
+            self._take(newborn)
 
     @property
     def pid(self) -> int | None:
@@ -68,28 +70,7 @@ class Child:
         self._reap()
         if self._process is not None:
             return
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
-        with theirs:
-            try:
-                self._process = subprocess.Popen(
-                    [*self._command, str(theirs.fileno()), str(self._limits.work_bytes)],
-                    pass_fds=(theirs.fileno(),),
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    # A session of its own: the terminal's Ctrl-C and hang-up are not for it.
-                    start_new_session=True,
-                    # More threads of the linear algebra gain nothing on arrays of this size, and
-                    # each takes of the memory that the process may have.
-                    env={"OMP_NUM_THREADS": "1", **os.environ},
-                )
-            except OSError as err:
-                ours.close()
-                raise PdcdError(
-                    f"cannot start the process that plans and decodes: {err.strerror}",
-                    hint="see the log; too many processes, or too little memory?",
-                ) from err
-        ours.setblocking(False)
-        self._talk, self._inbox, self._told = ours, Inbox(), False
+        self._take(born(self._command))
 
     def stop(self) -> None:
         """End the process; returns when it is gone. Idempotent."""
@@ -138,6 +119,10 @@ class Child:
             raise answer.error
         value: R = answer.value
         return value
+
+    def _take(self, newborn: Newborn) -> None:
+        self._process, self._talk = newborn.process, newborn.talk
+        self._inbox, self._told = Inbox(), False
 
     def _see_that_it_lives(self, name: str) -> None:
         """A process to ask, a new one where there is none. Raises when it died amid a job."""

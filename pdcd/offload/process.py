@@ -10,6 +10,7 @@ import time
 
 from pdcd.errors import Cancelled, PdcdError
 from pdcd.offload.desk import Desk, Facts
+from pdcd.offload.limits import bound_memory
 from pdcd.offload.pipe import PIECE_BYTES, Call, Done, Failed, Inbox, Sign, Stop, packed
 from pdcd.offload.work import SPENT, WORK, out_of_memory
 from pdcd.pictures.watch import Watch
@@ -77,6 +78,7 @@ def serve(talk: Talk) -> None:
     while True:
         for message in talk.messages():
             if isinstance(message, Facts):
+                bound_memory(message.config.limits.work_bytes)
                 desk = Desk(message)
             elif isinstance(message, Call) and desk is not None:
                 talk.send(_answer(desk, message, talk.watch()))

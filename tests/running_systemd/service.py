@@ -124,8 +124,9 @@ class Service:
 
     def in_exposure(self, client: Client) -> str:
         """Start a long capture; returns its job once codes are on the panels."""
-        job = str(client.call("capture.start", LONG)["job"])
+        # Subscribed first: a display may tell of its first code once, and never again.
         client.call("events.subscribe", {"jobs": "all"})
+        job = str(client.call("capture.start", LONG)["job"])
         for event in client.events():
             if isinstance(event, Progress) and event.frame > 0:
                 return job

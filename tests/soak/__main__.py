@@ -82,7 +82,7 @@ def main() -> int:
             # Half of the turns on cores that others use as well.
             with _busy(args.busy * (turn % 2)), _watched(bench.folder / "s", tally):
                 while time.monotonic() < ends_s:
-                    Episode(bench, rng, tally, wanted).live(ends_s, rng.choice(LIVES))
+                    Episode(bench, rng, tally, wanted, rng.choice(LIVES)).live(ends_s)
             if args.keep is not None:
                 args.keep.mkdir(parents=True, exist_ok=True)
                 shutil.copy(bench.folder / "log", args.keep / f"{turn:03d}-{name}.log")

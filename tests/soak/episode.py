@@ -29,8 +29,13 @@ SILENT_S = 2.0
 """Longest silence of the heart beat."""
 SPARE = {"descriptors": 4, "threads": 3, "processes": 1}
 """How many more a daemon may hold in the end than after its first photo."""
+WARM = 5
+"""Photos after which a daemon has all it is going to hold."""
 CALM, KILLS = 0.4, 0.5
 """Share of photos that are left in peace, and of attacks that are drawn among kills only."""
+LONG, LONG_CALM = 100, 0.9
+"""A life of so many photos or more is ended by no attack, and more of it is left in peace: only
+such a life shows how a daemon grows."""
 
 
 class Photographer:
@@ -57,18 +62,21 @@ class Photographer:
 
 
 class Episode:
-    """Runs one daemon on a bench until a time, or until an attack ends it."""
+    """Runs one daemon on a bench for so many photos, or until an attack ends it."""
 
     def __init__(
-        self, bench: Bench, rng: Random, tally: Tally, wanted: list[CaptureRequest]
+        self, bench: Bench, rng: Random, tally: Tally, wanted: list[CaptureRequest], photos: int
     ) -> None:
         self._bench, self._rng, self._tally, self._wanted = bench, rng, tally, wanted
+        self._photos = photos
+        self._calm = LONG_CALM if photos >= LONG else CALM
         self._attacks = [a for a in ATTACKS if self._fits(a)]
 
     def _fits(self, attack: Attack) -> bool:
         kinds = {"mock bench": "mocks", "camera on USB": "body"}
         on_disk = attack.name.startswith("the disk")
         fits = not attack.on or kinds.get(self._bench.name, "windows") in attack.on
+        fits = fits and not (attack.ends and self._photos >= LONG)
         return fits and (self._bench.mounted or not on_disk)
 
     def _drawn(self) -> Attack:
@@ -76,26 +84,22 @@ class Episode:
         kills = [a for a in self._attacks if a.name.startswith(("kill", "SIG"))]
         return self._rng.choice(kills if self._rng.random() < KILLS else self._attacks)
 
-    def live(self, until_s: float, photos: int) -> None:
-        """Take photos and attack, until a monotonic time or for so many photos."""
+    def live(self, until_s: float) -> None:
+        """Take photos and attack, until a monotonic time at most."""
         with Daemon(self._bench) as daemon:
             before: dict[str, int] | None = None
-            first_mib = 0.0
+            first_mib: dict[int, float] = {}
             taken = 0
-            while daemon.alive and time.monotonic() < until_s and taken < photos:
+            while daemon.alive and time.monotonic() < until_s and taken < self._photos:
                 self._round(daemon)
                 taken += 1
-                if daemon.alive and taken == 5:
-                    before, first_mib = (
-                        processes.holdings(daemon.pid),
-                        processes.rss_mib(daemon.pid),
-                    )
+                if daemon.alive and taken == WARM:
+                    before = processes.holdings(daemon.pid)
+                    first_mib = processes.resident(daemon.pid)
             if daemon.alive:
                 self._leaks(daemon, before)
-                if taken > 25:
-                    self._tally.growth.append(
-                        (taken - 5, processes.rss_mib(daemon.pid) - first_mib)
-                    )
+                if taken >= 5 * WARM:
+                    self._grown(taken - WARM, first_mib, processes.resident(daemon.pid))
                 self._ended_politely(daemon)
             self._tally.beat_gap_s = max(self._tally.beat_gap_s, daemon.gap_s)
             self._tally.answers += daemon.kinds
@@ -110,7 +114,7 @@ class Episode:
         """One photo, and perhaps an attack on it."""
         photo = Photographer(daemon, self._rng.choice(self._wanted))
         self._tally.captures += 1
-        attack = None if self._rng.random() < CALM else self._drawn()
+        attack = None if self._rng.random() < self._calm else self._drawn()
         row = Row() if attack is None else self._tally.row(attack.name)
         if attack is not None:
             time.sleep(self._rng.uniform(0.0, 0.6))
@@ -185,6 +189,11 @@ class Episode:
         for name, count in now.items():
             kept = count <= before[name] + SPARE[name]
             self._promise(kept, f"{name} grew from {before[name]} to {count}")
+
+    def _grown(self, photos: int, first: dict[int, float], now: dict[int, float]) -> None:
+        """Take note of the growth of those processes that lived through all these photos."""
+        mib = sum(now[pid] - first[pid] for pid in first.keys() & now.keys())
+        self._tally.growth.append((photos, mib))
 
     def _ended_politely(self, daemon: Daemon) -> None:
         daemon.look()

@@ -50,13 +50,19 @@ def _alive(pid: int) -> bool:
         return False
 
 
-def rss_mib(pid: int) -> float:
-    """Resident memory of a daemon and all it started, in MiB."""
-    total = 0
+def resident(pid: int) -> dict[int, float]:
+    """Resident memory of a daemon and of all it started, in MiB, by number."""
+    found = {}
     for number in family(pid):
         with suppress(OSError, IndexError):
-            total += int(Path(f"/proc/{number}/statm").read_text().split()[1])
-    return total * os.sysconf("SC_PAGE_SIZE") / 2**20
+            pages = int(Path(f"/proc/{number}/statm").read_text().split()[1])
+            found[number] = pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return found
+
+
+def rss_mib(pid: int) -> float:
+    """Resident memory of a daemon and all it started, in MiB."""
+    return sum(resident(pid).values())
 
 
 def holdings(pid: int) -> dict[str, int]:

@@ -57,7 +57,7 @@ class Tally:
             ("`rig.status` of an honest client, p50 / p99 / max", self._answers()),
             ("longest silence of the heart beat", f"{self.beat_gap_s:.2f} s"),
             ("largest resident memory, all processes of a daemon", f"{self.rss_mib:.0f} MiB"),
-            ("growth of a daemon over 1000 captures", self._growth()),
+            ("growth of a daemon and of what lived as long, over 1000 captures", self._growth()),
             ("hostile requests, by what they were answered", self._kinds()),
             ("broken promises", str(len(self.broken))),
         ]

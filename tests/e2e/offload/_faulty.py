@@ -1,6 +1,6 @@
 """The work process with one fault in it: what it does instead of decoding a RAW file.
 
-`_faulty.py FAULT FD BYTES`; FAULT is "segfault", "abort", "hang" or "exit".
+`_faulty.py FAULT FD`; FAULT is "segfault", "abort", "hang" or "exit".
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from pdcd.offload.limits import confine
 
 
 def main() -> int:
-    fault, fd, limit_bytes = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    confine(limit_bytes)
+    fault, fd = sys.argv[1], int(sys.argv[2])
+    confine()
     import rawpy
 
     def imread(*args: Any) -> NoReturn:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ import pytest
 from pdcd.bench.tables import CameraConfig, LimitsConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import Cancelled, PdcdError, PlanError
+from pdcd.offload.birth import born
 from pdcd.offload.desk import Desk
 from pdcd.offload.keeper import Child
 from pdcd.pictures.watch import Watch
@@ -217,6 +220,22 @@ def test_a_crash_in_the_raw_library_is_a_failure_of_the_job(
         assert result.error["message"] == f"the decoding process {words}"
     finally:
         engine.stop()
+
+
+def test_a_process_that_was_started_before_is_taken(tmp_path: Path) -> None:
+    """And bounded as one that the engine starts itself."""
+    newborn = born()
+    try:
+        engine = started(tmp_path, partial(Child, newborn=newborn))
+        assert child_of(engine).pid == newborn.process.pid
+        engine.plan(REQUEST)
+        assert child_of(engine).pid == newborn.process.pid
+        bound = resource.prlimit(newborn.process.pid, resource.RLIMIT_DATA)
+        assert bound == (LimitsConfig().work_bytes,) * 2
+        engine.stop()
+        assert newborn.process.returncode == -signal.SIGKILL
+    finally:
+        newborn.end()
 
 
 def test_a_raw_library_that_hangs_is_ended(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from pdcd.bench.tables import Config
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
+from pdcd.offload.birth import Newborn
 from pdcd.pictures.decode import Compared, Comparison
 from pdcd.request import CaptureRequest, CaptureResult
 from tests.unit.cli.cli_stubs import (
@@ -282,9 +283,12 @@ def test_serve_hands_over_configuration_and_socket(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, engine: type[StubEngine]
 ) -> None:
     served: list[Any] = []
+    newborns: list[Newborn] = []
 
     def run(config: Config, *, socket: Path | None, engine_factory: Any, verbose: bool) -> int:
-        served.extend([config.server.state_dir, socket, engine_factory, verbose])
+        newborns.append(engine_factory.keywords["newborn"])
+        assert newborns[-1].process.poll() is None
+        served.extend([config.server.state_dir, socket, engine_factory.func, verbose])
         return 5
 
     monkeypatch.setattr("pdcd.server.daemon.run", run)
@@ -293,6 +297,9 @@ def test_serve_hands_over_configuration_and_socket(
     assert served == [str(tmp_path / "runs"), Path("/a.sock"), engine.with_child, False]
     assert main(["serve", "-v"]) == 5
     assert served[4:] == [None, None, engine.with_child, True]
+    # What was started before anything was read is not left behind.
+    assert [newborn.process.returncode for newborn in newborns] == [-9, -9]
+    assert [newborn.talk.fileno() for newborn in newborns] == [-1, -1]
 
 
 def test_timing_on_the_mock_bench_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,34 @@
+"""`pdcd serve`: the daemon."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+
+from pdcd.offload.birth import Newborn, born
+
+
+def serve(args: argparse.Namespace) -> int:
+    """Run the daemon until SIGTERM or SIGINT."""
+    # First of all: it imports what it needs, a second's work, while we do. Of the main thread,
+    # which lives as long as the daemon.
+    newborn = born()
+    try:
+        return _serve(args, newborn)
+    finally:
+        newborn.end()
+
+
+def _serve(args: argparse.Namespace, newborn: Newborn) -> int:
+    import msgspec
+
+    from pdcd.bench.config import load
+    from pdcd.capture.engine import Engine
+    from pdcd.server.daemon import run
+
+    settings = load(args.config)
+    if args.state_dir is not None:
+        server = msgspec.structs.replace(settings.server, state_dir=str(args.state_dir.absolute()))
+        settings = msgspec.structs.replace(settings, server=server)
+    engine = partial(Engine.with_child, newborn=newborn)
+    return run(settings, socket=args.socket, engine_factory=engine, verbose=args.verbose)
