@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, field
 
+from pdcd.maps.placing import Placing
 from pdcd.words import BlackLevel, FamilyName, GuardsName, NormaliseName, WindowName
 
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -59,7 +60,10 @@ class PanelConfig(_Table, frozen=True):
     contrast: Positive | None = None
     """White over black; None is a perfect black."""
     offset_px: tuple[float, float] = (0.0, 0.0)
-    """Mask only: its image against the projector's (right, down), in projector pixels."""
+    """Mask only: its image against the projector's (right, down), in projector pixels, as it is
+    left over: known, but not corrected. `place` corrects."""
+    place: Placing = field(default_factory=Placing)
+    """Where the panel's pixels lie on the field, for drawing."""
 
 
 class FaultsConfig(_Table, frozen=True):
@@ -113,6 +117,8 @@ class CameraConfig(_Table, frozen=True):
     homography: Homography | None = None
     """Rotation, flip and perspective of the pictures: 3 x 3 row by row, image to image, in Bayer
     quads (column, row, 1). None leaves them as the sensor has them."""
+    place: Placing = field(default_factory=Placing)
+    """Where the camera's Bayer quads lie on the field."""
     seed: Annotated[int, Meta(ge=0)] = 0
     fetch_timeout_s: Positive = 60.0
     options: dict[str, Any] = field(default_factory=dict)

@@ -1,0 +1,1 @@
+"""Where the pixels of projector, mask and camera lie on the one field that all three look at."""

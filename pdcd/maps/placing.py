@@ -1,0 +1,93 @@
+"""How a device lies on the field, said by hand: flips, a turn, a size, a shift; or exactly."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from pdcd.maps.map import Map, Matrix, matrix
+from pdcd.maps.sound import check
+
+Floats = NDArray[np.float64]
+
+
+class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """[projector.place], [mask.place] or [camera.place].
+
+    With nothing given the device fills the field, upright. Else its picture on the field is first
+    mirrored, then turned about the field's centre, then enlarged, then shifted. `homography`
+    says all of that at once instead.
+    """
+
+    flip: Literal["none", "horizontal", "vertical"] = "none"
+    """"horizontal": left and right exchanged."""
+    turn_deg: float = 0.0
+    """Clockwise, as the projector sees the scene; upside down is 180."""
+    scale: Annotated[float, Meta(gt=0.0)] = 1.0
+    """Size of the device's picture, over that of the field."""
+    offset_px: tuple[float, float] = (0.0, 0.0)
+    """Shift of the device's picture (right, down), in projector pixels."""
+    homography: Matrix | None = None
+    """3 x 3, row by row, of (x, y, 1); `homography_from` says from what to what."""
+    homography_from: Literal["pixels", "field"] = "pixels"
+    """"pixels": from the device's pixels (of a camera: Bayer quads), whose first one covers 0 to 1,
+    to the field, which covers 0 to 1 either way; "field": from the field to them."""
+    radial: tuple[float, float] = (0.0, 0.0)
+    """k1, k2 of the lens: straight = seen (1 + k1 r^2 + k2 r^4), r in half heights of the
+    picture."""
+    tangential: tuple[float, float] = (0.0, 0.0)
+    """p1, p2 of the same."""
+    map: str | None = None
+    """File of a calibration, .npz, instead of all of these."""
+
+
+def placed(
+    placing: Placing, size_px: tuple[int, int], projector_px: tuple[int, int], device: str
+) -> Map:
+    """The map of a device that is placed by hand.
+
+    size_px, projector_px : (width, height) of the device, and of the projector, whose pixels are
+        square: they say what a turn is on a field that is no square.
+
+    Raises ConfigError for a map that cannot be used (`pdcd.maps.sound`).
+    """
+    filling = Map.filling(size_px)
+    if placing.homography is None:
+        lens = filling.then(_by_hand(placing, projector_px))
+    else:
+        given: Floats = np.array(placing.homography, dtype=np.float64).reshape(3, 3)
+        if placing.homography_from == "field" and np.linalg.matrix_rank(given) == 3:
+            given = np.asarray(np.linalg.inv(given), dtype=np.float64)
+        lens = msgspec.structs.replace(filling, homography=matrix(given))
+    bent = msgspec.structs.replace(lens, radial=placing.radial, tangential=placing.tangential)
+    return check(bent, device)
+
+
+def _by_hand(placing: Placing, projector_px: tuple[int, int]) -> Floats:
+    """Flip, turn, size and shift as a homography from field to field."""
+    width, height = projector_px
+    # In projector pixels about the centre of the field, where a turn is a turn.
+    to_px = np.array([[width, 0.0, -0.5 * width], [0.0, height, -0.5 * height], [0.0, 0.0, 1.0]])
+    sides = {"none": (1.0, 1.0), "horizontal": (-1.0, 1.0), "vertical": (1.0, -1.0)}
+    flip = np.diag([*sides[placing.flip], 1.0])
+    cos, sin = _turn(placing.turn_deg)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    size = np.diag([placing.scale, placing.scale, 1.0])
+    shift = np.eye(3)
+    shift[:2, 2] = placing.offset_px
+    whole: Floats = np.linalg.inv(to_px) @ shift @ size @ turn @ flip @ to_px
+    return whole
+
+
+def _turn(degrees: float) -> tuple[float, float]:
+    """Cosine and sine, exact for quarter turns."""
+    quarters = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
+    angle = degrees % 360.0
+    return quarters.get(angle) or (
+        float(np.cos(np.radians(angle))),
+        float(np.sin(np.radians(angle))),
+    )
