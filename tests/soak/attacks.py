@@ -90,7 +90,7 @@ def _fault(daemon: Daemon, rng: Random) -> int:
     """The next call of some kind, of some device, goes wrong somehow."""
     role = rng.choice(list(CALLS))
     how = rng.choice(orders.HOWS)
-    daemon.excused = how == "hang"
+    daemon.excused, daemon.excuse_ends = how == "hang", False
     told = json.dumps({"role": role, "call": rng.choice(CALLS[role]), "how": how})
     path = daemon.bench.folder / orders.FAULT
     path.with_suffix(".new").write_text(told)
@@ -99,6 +99,7 @@ def _fault(daemon: Daemon, rng: Random) -> int:
 
 
 def _no_fault(daemon: Daemon) -> None:
+    daemon.excuse_ends = True
     (daemon.bench.folder / orders.FAULT).unlink(missing_ok=True)
 
 

@@ -32,7 +32,9 @@ class Daemon:
         self.gap_s = 0.0
         """Longest silence of the heart beat so far."""
         self.excused = False
-        """True while a device hangs: the thread that waits for it cannot beat."""
+        """True while a device may hang: the thread that waits for it cannot beat."""
+        self.excuse_ends = False
+        """True once it cannot any more; the beat after that is the first that counts again."""
         self.kinds: Counter[str] = Counter()
         """Answers to hostile requests, by kind."""
         self.faults: list[str] = []
@@ -127,4 +129,5 @@ class Daemon:
                 self._beat_s = now_s
                 if last_s is not None and not self.excused:
                     self.gap_s = max(self.gap_s, now_s - last_s)
-                self.excused = False
+                if self.excuse_ends:
+                    self.excused = self.excuse_ends = False
