@@ -27,8 +27,8 @@ from pdcd.recipes.arrays import target_with
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers, taken_parts
 from pdcd.recipes.recipe import Recipe, Shot
-from pdcd.runs.folder import read_patterns
 from pdcd.runs.frame_table import FrameTable
+from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import read_raw, rgb_variance, to_rgb

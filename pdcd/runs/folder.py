@@ -22,12 +22,10 @@ import hashlib
 import json
 import os
 import shutil
-import zlib
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +49,7 @@ from pdcd.runs.manifest import (
 from pdcd.runs.place import UNFINISHED, Place
 from pdcd.runs.record import FileRecord, Manifest
 
-__all__ = ["MANIFEST", "RunFolder", "read_manifest", "read_patterns", "sha256_of"]
+__all__ = ["MANIFEST", "RunFolder", "read_manifest", "sha256_of"]
 
 
 class RunFolder:
@@ -255,16 +253,6 @@ def write_patterns(
         arrays[f"goal.{name}"] = array
     with disk_errors(str(folder.resolve())), (folder / "codes.npz").open("wb") as file:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-
-
-def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of codes.npz, as `write_patterns` stored them."""
-    path = folder / "codes.npz"
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            return {name: data[name] for name in data.files}
-    except (OSError, KeyError, ValueError, EOFError, BadZipFile, zlib.error) as err:
-        raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
 
 
 def sha256_of(path: Path) -> str:

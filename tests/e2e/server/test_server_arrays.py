@@ -30,7 +30,8 @@ from pdcd.inputs import opening
 from pdcd.inputs.read import read_array
 from pdcd.inputs.sending import Sendable
 from pdcd.request import CaptureRequest, Sent
-from pdcd.runs.folder import read_manifest, read_patterns
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.patterns import read_patterns
 from pdcd.server.access import Peer
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.intake import Intake

@@ -1,0 +1,56 @@
+"""codes.npz of a run folder: what both panels showed, and the arrays of the request."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import IO, Any
+from zipfile import BadZipFile, ZipFile
+
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from pdcd.errors import DecodeError
+
+NAME = "codes.npz"
+MAX_BYTES = 2**31
+"""Most that its arrays may hold together: the codes of 65536 refreshes of 512 x 384 cells and more.
+A file of 1 MB may say that it holds a thousand times as much."""
+
+
+def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of codes.npz, as `pdcd.runs.folder.RunFolder` stored them. Raises DecodeError."""
+    path = folder / NAME
+    try:
+        with path.open("rb") as file, ZipFile(file) as archive:
+            members = archive.infolist()
+            if sum(member.file_size for member in members) > MAX_BYTES:
+                raise ValueError(f"its arrays would take more than {MAX_BYTES} bytes")
+            found = {}
+            for member in members:
+                with archive.open(member) as stream:
+                    _check(stream, member.file_size)
+                with archive.open(member) as stream:
+                    array = npy.read_array(stream, allow_pickle=False)
+                found[member.filename.removesuffix(".npy")] = array
+            return found
+    except (
+        OSError, KeyError, ValueError, EOFError, NotImplementedError, RuntimeError, MemoryError,
+        BadZipFile, zlib.error,
+    ) as err:  # fmt: skip
+        raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
+
+
+def _check(stream: IO[bytes], size_bytes: int) -> None:
+    """Raise ValueError where an array says that it is larger than its file: numpy takes the memory
+    before it reads."""
+    read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+    version = npy.read_magic(stream)
+    if version not in read:
+        raise ValueError(f"an array of format {version}")
+    shape, _, dtype = read[version](stream)
+    count = 1
+    for side in shape:
+        count *= side
+    if count * dtype.itemsize > size_bytes:
+        raise ValueError(f"an array of the shape {shape} in {size_bytes} bytes")
