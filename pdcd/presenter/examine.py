@@ -17,6 +17,7 @@ from Xlib import X, error
 from pdcd.bench.findings import Finding, fault
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
+from pdcd.maps.map import Map
 from pdcd.presenter import desktop, drm
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import Mode, Open, Ready
@@ -218,7 +219,7 @@ def _open(options: Options, pair: Pair, config: Config) -> Ready:
     panels = []
     for output, table in ((pair.projector, config.projector), (pair.mask, config.mask)):
         rate = table.refresh_hz if configured else output.refresh_hz or NOMINAL_HZ
-        panels.append(Mode(output.size, rate))
+        panels.append(Mode(Map.filling(output.size), rate))
     presenter = DisplayProcess(Open(options, panels[0], panels[1]))
     try:
         return presenter.ready
