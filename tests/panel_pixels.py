@@ -83,7 +83,8 @@ def _cells(panel: PanelView, grid: tuple[int, int]) -> tuple[Pixels, Pixels]:
         places = np.stack(np.meshgrid(*axes), axis=-1)
     else:
         places = panel.map.centres() * grid[::-1]
-    return places, ((places >= 0) & (places < grid[::-1])).all(axis=-1)
+    inside: Pixels = (places >= 0) & (places < grid[::-1])
+    return places, np.asarray(inside.all(axis=-1))
 
 
 def from_pictures(

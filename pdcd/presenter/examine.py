@@ -35,6 +35,10 @@ from pdcd.presenter.outputs import (
 )
 from pdcd.presenter.xconnection import answering, connect, disconnect
 
+TURNED_HINT = (
+    "the server may copy what it would else flip, so times may not be verified; flip and turn_deg "
+    "under [projector.place] and [mask.place] do the same"
+)
 NOMINAL_HZ = 60.0
 """Assumed where neither a configuration nor the server knows a rate."""
 
@@ -110,7 +114,11 @@ def _outputs(outputs: tuple[Output, ...]) -> Iterator[Finding]:
     for output in connected:
         mode = f", mode {output.mode}" if output.on else ""
         edid = "" if output.edid else "; no EDID: choose it by its name"
-        yield Finding("output", "good", f"{output}{mode}{edid}")
+        found = f"{output}{mode}{edid}"
+        if output.turned:
+            yield Finding("output", "warning", found, TURNED_HINT)
+        else:
+            yield Finding("output", "good", found)
     if not connected:
         yield Finding("output", "fault", "none is connected", "check cables and power")
 

@@ -57,7 +57,7 @@ def shown(
     if boxes is not None:
         sizes = boxes[0][2:], boxes[1][2:]
         more["positions_px"] = [box[:2] for box in boxes]
-    tables = {
+    tables: dict[str, Any] = {
         role: PanelConfig(size_px=size, place=(places or {}).get(role, Placing()))
         for role, size in zip(("projector", "mask"), sizes, strict=True)
     }

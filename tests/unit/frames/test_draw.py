@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from pdcd.frames.patterns import levels_of
 from pdcd.maps.placing import Placing, placed
 from tests.panel_pixels import planned, random_frames, upright
 
+Flip = Literal["none", "horizontal", "vertical"]
 SIZE = (90, 70)
 MASK = upright(SIZE, mask=True)
 BENT = Placing(
@@ -53,13 +54,13 @@ def test_every_pixel_under_a_map_that_bends(window: str, grey: bool, mask: bool)
 
 
 @pytest.mark.parametrize("flip", ["none", "horizontal", "vertical"])
-def test_a_mirrored_panel_shows_a_mirrored_picture(flip: str) -> None:
+def test_a_mirrored_panel_shows_a_mirrored_picture(flip: Flip) -> None:
     """No centre lies on an edge here: there a mirror changes sides."""
     frames = random_frames((7, 9), "quarter", 8)
-    for role in ("projector", "mask"):
-        panel = PanelView(role, placed(Placing(flip=flip), SIZE, SIZE, role))
+    for plain in (upright(SIZE, mask=False), MASK):
+        panel = PanelView(plain.role, placed(Placing(flip=flip), SIZE, SIZE, plain.role))
         for row in range(len(frames)):
-            picture = draw(frames, upright(SIZE, mask=role == "mask"), row)
+            picture = draw(frames, plain, row)
             wanted = {"none": picture, "horizontal": picture[:, ::-1], "vertical": picture[::-1]}
             np.testing.assert_array_equal(draw(frames, panel, row), wanted[flip])
 
