@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from drivers.mock.bench import Bench
 from drivers.mock.options import refuse_options
 from pdcd.bench.devices import Clock, DisplayInfo, DriverContext
+from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
+from pdcd.frames.atoms import check_cells
 from pdcd.frames.balance import play_all, streams
 from pdcd.frames.bitplanes import check_binary
-from pdcd.frames.cells import check_fit
 from pdcd.frames.frames import BLACK, FrameLog, Frames
 from pdcd.probing.panel import apart_s
 
@@ -42,13 +43,15 @@ class MockDisplay:
         self._bench = bench
         self._clock = clock
         self._config = config
+        self._panels = panels_of(config)
         self._rng = np.random.default_rng([config.camera.seed, 3])
         self._frames: Frames | None = None
         self._exposures = self._refreshes = self._rows = self._lost = 0
 
     @classmethod
     def create(cls, context: DriverContext) -> MockDisplay:
-        """The panels of this rig's bench. Raises ConfigError where they are given options."""
+        """The panels of this rig's bench. Raises ConfigError where they are given options, or maps
+        that cannot be used."""
         refuse_options(context.config.display.options, "display.options", "display")
         return cls(Bench.of(context), context.clock, context.config)
 
@@ -73,11 +76,11 @@ class MockDisplay:
         return apart_s(projector, mask) + mask.skew_s - projector.skew_s + delay_s
 
     def load(self, frames: Frames) -> None:
-        """Check that the code cells fit the panels, and keep them."""
+        """Check that every code cell has pixels on both panels, and keep the frames."""
         if self._config.display.planes_per_refresh > 1:
             check_binary(frames.primal_patterns, frames.dual_patterns)
-        check_fit(frames, self._config.projector.size_px, mask=False)
-        check_fit(frames, self._config.mask.size_px, mask=True)
+        check_cells(self._panels.projector, frames.grid)
+        check_cells(self._panels.mask, frames.grid)
         if frames.grid != self._bench.scene.grid:
             raise ConfigError(
                 f"frames of {frames.grid} cells for a scene of {self._bench.scene.grid}",

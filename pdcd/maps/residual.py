@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +23,9 @@ class Residual:
 
     def __init__(self, nodes: Floats, size_px: tuple[int, int]) -> None:
         """nodes : (rows, cols, 2) in pixels, at least 2 x 2; size_px : (width, height)."""
+        # The display process starts three times as fast without it, and few maps have a residual.
+        from scipy.interpolate import CubicSpline
+
         rows, cols = nodes.shape[:2]
         self._nodes, self._size = nodes, np.array(size_px, dtype=np.float64)
         self._last = np.array([cols - 1, rows - 1])
@@ -50,6 +52,8 @@ class Residual:
 
     def on_grid(self, x: Floats, y: Floats) -> Floats:
         """Displacement at all pairs of x (w,) and y (h,), in pixels, (h, w, 2)."""
+        from scipy.interpolate import CubicSpline
+
         rows, cols = self._nodes.shape[:2]
         right, down = self._in_nodes(x, 0), self._in_nodes(y, 1)
         # Splines are sums of those through a single node.
