@@ -35,8 +35,8 @@ class Scene:
     grid: tuple[int, int]
     effects: tuple[Effect, ...]
     ambient: Array | None = None
-    texture: OnFirstUse = OnFirstUse()
-    indirect_texture: OnFirstUse = OnFirstUse()
+    texture: OnFirstUse = OnFirstUse()  # noqa: RUF009 - dataclasses set such a field by itself
+    indirect_texture: OnFirstUse = OnFirstUse()  # noqa: RUF009
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process gets: a texture that can be drawn is drawn anew there."""
