@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
-from pdcd.scene.effects import Array, coloured_direct
+from pdcd.scene.effects import Array, Effect, coloured_direct
 from pdcd.scene.presets.canvas import WIDTH, Canvas, Raster, Shape, generator
 from pdcd.scene.presets.detail import DETAIL, Line, detail, grain, inked, stretched, written
 from pdcd.scene.presets.letters import Coverage, width
@@ -52,7 +52,7 @@ def open_book(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     relief = Relief(SLOPE * np.abs(canvas.cell_x), canvas.pitch)
     direct = albedo * relief.cosine.reshape(-1, 1)
     indirect = radiosity("between the pages", relief, albedo, list(np.eye(3)))
-    effects = (*coloured_direct(direct), *indirect)
+    effects: tuple[Effect, ...] = (*coloured_direct(direct), *indirect)
     return Scene("open-book", grid, effects, texture=partial(_texture, order))
 
 
@@ -89,7 +89,9 @@ def _text(order: Sequence[int]) -> Coverage:
     return stretched(written(lines), 1.0 + CURVE * np.abs(x))
 
 
-def _column(order: Sequence[int], ends: tuple[float, float], places: Array) -> Iterator[Line]:
+def _column(
+    order: Sequence[int], ends: tuple[float, float], places: Iterable[float]
+) -> Iterator[Line]:
     """Break sentences into lines that end before the right one of `ends`."""
     words = " ".join(SENTENCES[number] for number in order).split()
     for y in places:

@@ -54,7 +54,7 @@ def stretched(page: letters.Coverage, stretch: Array) -> letters.Coverage:
 
 def inked(image: Array, ink: NDArray[np.float32], colour: Sequence[float]) -> None:
     """Print on an image (rows, cols, 3) of any raster, in place; `ink` is of `DETAIL`."""
-    share = ink[..., None]
+    share = ink[..., None].astype(np.float64)
     if image.shape[:2] != ink.shape:
         share = cell_means(share, (image.shape[0], image.shape[1])).reshape(*image.shape[:2], 1)
     image += share * (np.asarray(colour) - image)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.scene.effects import Array, coloured_direct, rgb
+from pdcd.scene.effects import Array, Effect, coloured_direct, rgb
 from pdcd.scene.kernel import Kernel, gaussian
 from pdcd.scene.presets.canvas import Canvas, Raster, Shape, generator
 from pdcd.scene.presets.detail import DARKEST, detail, grain, scratched
@@ -36,7 +36,7 @@ def wax_disk(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     open_ = body * (1.0 - BLOCKED * canvas.cells(_key(canvas)))
     shallow = gaussian(grid, canvas.pitch, SHALLOW)
     deep = gaussian(grid, canvas.pitch, DEEP)
-    effects = (
+    effects: tuple[Effect, ...] = (
         *coloured_direct(canvas.cells(_surface(canvas, scratches))),
         Kernel("just below", grid, shallow, body, body, tint=rgb(*LIGHT_SHALLOW)),
         Kernel("deep inside", grid, deep, open_, open_, tint=rgb(*LIGHT_DEEP)),
