@@ -11,7 +11,7 @@ import numpy as np
 from pdcd.scene.effects import Array, rgb
 from pdcd.scene.milk import FORWARD, VEIL, milk
 from pdcd.scene.presets.canvas import Canvas, Raster, Shape, generator
-from pdcd.scene.presets.detail import DARKEST, detail, grain, inked, written
+from pdcd.scene.presets.detail import DARKEST, detail, grain, pressed, written
 from pdcd.scene.scene import Scene
 
 OPTICAL_DEPTH = 0.75
@@ -84,7 +84,9 @@ def _texture(shades: Array) -> Array:
     raster = detail()
     image = _behind(raster, shades)
     image *= np.exp(-2.0 * _depth(raster))[..., None]
-    image *= np.where(raster.y > TABLE, grain(0.10, along=32), grain(0.02))[..., None]
+    table = (raster.y > TABLE) & ~_bottle(raster)[0]
+    image *= np.where(table, grain(0.10, along=32), grain(0.02))[..., None]
+    image *= pressed(written(PRINT))[..., None]
     return image
 
 
@@ -115,7 +117,6 @@ def _label(raster: Raster, image: Array) -> None:
     image[raster.box(-0.38, 0.0, 0.38, 0.70)] = (0.85, 0.85, 0.82)
     for top in (0.05, 0.60):
         image[raster.box(-0.38, top, 0.38, top + 0.06)] = (0.75, 0.10, 0.08)
-    inked(image, written(PRINT), (0.85, 0.85, 0.82))
     letter = raster.polygon(
         [
             (-0.26, 0.54), (-0.26, 0.16), (-0.15, 0.16), (0.00, 0.34), (0.15, 0.16), (0.26, 0.16),

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from pdcd.scene.effects import Array
 from pdcd.scene.presets import letters
@@ -18,6 +19,9 @@ PIXELS = DETAIL[0] / HEIGHT
 """Pixels of a texture in one unit of the frame, along either axis."""
 DARKEST = 0.004
 """Least value of a texture, which is divided by its means over cells."""
+
+AROUND, STRENGTH = 17, 1.3
+"""Pixels over which the ground makes up for bright letters, about a cell; their contrast."""
 
 Line = tuple[str, float, float, float]
 """A text, the x of its left end, the y of its base line, and the height of its small letters."""
@@ -58,6 +62,14 @@ def inked(image: Array, ink: NDArray[np.float32], colour: Sequence[float]) -> No
     if image.shape[:2] != ink.shape:
         share = cell_means(share, (image.shape[0], image.shape[1])).reshape(*image.shape[:2], 1)
     image += share * (np.asarray(colour) - image)
+
+
+def pressed(page: letters.Coverage) -> Array:
+    """Return factors, `DETAIL`, that show a page without a change in the means of cells: letters
+    are brighter than their ground, and the ground around them is darker."""
+    near = uniform_filter(page.astype(np.float64), AROUND)
+    factors: Array = 1.0 + STRENGTH * (page - near)
+    return factors
 
 
 def grain(strength: float, along: int = 1) -> Array:
