@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pdcd.scene.effects import Array, Effect
+from pdcd.scene.texture import OnFirstUse
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,12 +22,33 @@ class Scene:
         What the scene has; an effect that is absent costs nothing.
     ambient : (N, 3) float64 or None
         Light at the camera that is not the projector's, in scene units; None: there is none.
+    texture : (H, W, 3) float64, positive, or None
+        Detail finer than cells, see `pdcd.scene.texture`; None: a cell is of one value. It may be
+        given as a function without arguments, which is called when the texture is first asked for.
+    indirect_texture : as `texture`, or None
+        Detail of the indirect light where it is not that of the surface: light that comes out of
+        wax or milk knows nothing of the scratches and letters that direct light shows. None: the
+        same as `texture`.
     """
 
     name: str
     grid: tuple[int, int]
     effects: tuple[Effect, ...]
     ambient: Array | None = None
+    texture: OnFirstUse = OnFirstUse()  # noqa: RUF009 - dataclasses set such a field by itself
+    indirect_texture: OnFirstUse = OnFirstUse()  # noqa: RUF009
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process gets: a texture that can be drawn is drawn anew there."""
+        return {name: value for name, value in vars(self).items() if not name.endswith("_drawn")}
+
+    @property
+    def textures(self) -> tuple[Array, Array] | None:
+        """Textures of the direct and of the indirect light, (H, W, 3) each; None: no detail."""
+        direct, indirect = self.texture, self.indirect_texture
+        if direct is None:
+            return None
+        return direct, direct if indirect is None else indirect
 
     @property
     def cells(self) -> int:

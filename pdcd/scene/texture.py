@@ -1,0 +1,113 @@
+"""Detail of a scene that is finer than its cells.
+
+A texture is an image (H, W, C) that is spread evenly over the field, of any size and of any
+positive numbers: pixel (k, l) covers l / W to (l + 1) / W across and k / H to (k + 1) / H down, and
+is of one value all over, as everything on the field is. What the scene sends from a point y, of
+which cells know only means, is then
+
+    texture(y) * between(cells / means)(y)
+
+with `means` those of the texture over the cells, and `between` linear between cell centres. Where
+light follows the texture, as it does on a matte surface, cells / means is smooth, and cell edges do
+not show. Only the proportions of a texture count: any factor cancels.
+
+Points of the field are (x, y), 0 to 1 to the right and down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse
+from scipy.ndimage import map_coordinates
+
+from pdcd.scene.effects import Array
+
+if TYPE_CHECKING:
+    from pdcd.scene.scene import Scene
+
+Drawing = Callable[[], Array]
+"""Draws a texture; a function of a module, or a partial of one, so that a scene can be pickled."""
+
+
+class OnFirstUse:
+    """An attribute of a scene: a texture that is given, or drawn when it is first looked at."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._given, self._drawn = f"_{name}", f"_{name}_drawn"
+
+    def __get__(self, scene: Scene | None, owner: type) -> Array | None:
+        if scene is None:
+            return None  # the default of the dataclass
+        given: Array | Drawing | None = vars(scene)[self._given]
+        if not callable(given):
+            return given
+        if self._drawn not in vars(scene):
+            vars(scene)[self._drawn] = given()
+        drawn: Array = vars(scene)[self._drawn]
+        return drawn
+
+    def __set__(self, scene: Scene, given: Array | Drawing | None) -> None:
+        vars(scene)[self._given] = given
+
+
+def cell_means(texture: Array, grid: tuple[int, int]) -> Array:
+    """Return the means (N, C) of a texture (H, W, C) over the cells of a grid (rows, cols).
+
+    A pixel that lies in several cells counts in each by its share.
+    """
+    height, width, channels = texture.shape
+    down = _shares(grid[0], height) @ texture.reshape(height, -1)
+    across = down.reshape(grid[0], width, channels).transpose(1, 0, 2).reshape(width, -1)
+    means = (_shares(grid[1], width) @ across).reshape(grid[1], grid[0], channels)
+    whole: Array = np.ascontiguousarray(means.transpose(1, 0, 2))
+    return whole.reshape(grid[0] * grid[1], channels)
+
+
+def sampled(texture: Array, points: Array) -> Array:
+    """Return a texture (H, W, C) at points of the field (..., 2): (..., C).
+
+    Beyond the field its border goes on; a point that is NaN gets the first pixel.
+    """
+    height, width, _ = texture.shape
+    x = np.clip(np.nan_to_num(points[..., 0]) * width, 0.0, width - 1).astype(np.intp)
+    y = np.clip(np.nan_to_num(points[..., 1]) * height, 0.0, height - 1).astype(np.intp)
+    found: Array = texture[y, x]
+    return found
+
+
+def between(cells: Array, grid: tuple[int, int], points: Array) -> Array:
+    """Return values of cells (N, C) at points of the field (..., 2): (..., C).
+
+    Linear between the centres of cells; beyond those of the outermost cells their values go on,
+    and a point that is NaN gets those of the first cell.
+    """
+    rows, cols = grid
+    place = np.nan_to_num(np.stack([points[..., 1] * rows, points[..., 0] * cols])) - 0.5
+    images = cells.reshape(rows, cols, -1)
+    parts = [
+        map_coordinates(images[..., channel], place, order=1, mode="nearest")
+        for channel in range(images.shape[-1])
+    ]
+    return np.stack(parts, axis=-1)
+
+
+def detailed(cells: Array, grid: tuple[int, int], texture: Array, points: Array) -> Array:
+    """Return what cells (N, 3) send with the detail of a texture (H, W, 3): (..., 3).
+
+    points : (..., 2) of the field
+    """
+    smooth = between(cells / cell_means(texture, grid), grid, points)
+    return sampled(texture, points) * smooth
+
+
+def _shares(cells: int, pixels: int) -> scipy.sparse.csr_array:
+    """Return how much each pixel of a line takes part in the mean of each cell, (cells, pixels)."""
+    edges = np.unique(
+        np.concatenate([np.arange(cells + 1) * pixels, np.arange(pixels + 1) * cells])
+    )  # of cells and pixels, in parts of which both are whole numbers
+    middle = (edges[1:] + edges[:-1]) / 2.0
+    place = ((middle / pixels).astype(np.intp), (middle / cells).astype(np.intp))
+    return scipy.sparse.csr_array((np.diff(edges) / pixels, place), shape=(cells, pixels))
