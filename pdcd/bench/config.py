@@ -101,9 +101,7 @@ def _resolve(config: Config, folder: Path) -> Config:
         if (value := getattr(server, key)) is not None
     }
     server = msgspec.structs.replace(server, **places)
-    return msgspec.structs.replace(
-        config, scene=scene, camera=camera, server=server, bench=bench
-    )
+    return msgspec.structs.replace(config, scene=scene, camera=camera, server=server, bench=bench)
 
 
 def _input_path(text: str, folder: Path) -> str:

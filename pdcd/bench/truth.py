@@ -83,8 +83,8 @@ class TrueSensor(_Table, frozen=True):
 
     gain: Positive = 1.0
     """DN for each electron, over what the profile says."""
-    read_noise: NonNegative = 1.0
-    dark: NonNegative = 1.0
+    read_noise: Positive = 1.0
+    dark: Positive = 1.0
     full_well: Positive = 1.0
     prnu: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
     """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
+from pdcd.optics.needed import optics_of
 from pdcd.pictures.combine import Picture
 from pdcd.planning.plan import Plan
 from pdcd.planning.truth import answer
 from pdcd.probing.deviation import Deviation
+from pdcd.recipes.recipe import Extremes
 from pdcd.request import CaptureRequest, PlanSummary
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.scene.scene import Scene
@@ -122,16 +123,37 @@ def rms_sigma(picture: Picture) -> float:
 def rms_error(
     plan: Plan,
     record: RunRecord,
-    image: NDArray[np.float64],
+    picture: Picture,
     scene: Scene | None,
+    config: Config,
     alive: Callable[[], None],
 ) -> float | None:
     """RMS error of an image over the RMS of the truth; None where that is not known.
 
-    A picture that was warped has no cell left to compare with.
+    On a bench of pixels the truth is seen through the same optics, and looked at where the image
+    is known and lies wholly inside the field.
     """
     if scene is None or record.homography is not None or record.cells is None:
         return None
-    truth = record.cells.spread(answer(scene, plan.recipe, alive))
-    scale = float(np.sqrt(np.mean(truth**2)))
-    return float(np.sqrt(np.mean((image - truth) ** 2))) / scale if scale else None
+    optics = optics_of(config, scene)
+    if optics is None:
+        truth = record.cells.spread(answer(scene, plan.recipe, alive))
+        inside = np.ones(truth.shape[:2], dtype=np.bool_)
+    elif optics.frame != picture.image.shape[:2] or not _told(plan, scene):
+        return None
+    else:
+        truth = optics.wanted(lambda part: answer(part, plan.recipe, alive))
+        inside = optics.inside & np.isfinite(picture.sigma).all(axis=-1)
+    scale = float(np.sum(truth[inside] ** 2))
+    error = float(np.sum((picture.image - truth)[inside] ** 2))
+    return float(np.sqrt(error / scale)) if scale else None
+
+
+def _told(plan: Plan, scene: Scene) -> bool:
+    """Whether a scene can tell what a plan's answer is on a bench of pixels: one that is linear in
+    its effects, and means the scene's own cells or none in particular."""
+    recipe = plan.recipe
+    if isinstance(recipe.answer, Extremes):
+        return False
+    wanted = recipe.wanted if recipe.meant is None else recipe.meant
+    return plan.grid == scene.grid or wanted.uniform is not None

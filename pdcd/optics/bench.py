@@ -43,6 +43,8 @@ POINTS_PER_PX = 2
 BLUR_REACH = 4.0
 """Standard deviations after which the lens's blur is cut off."""
 CHUNK_POINTS = 1 << 20
+EDGE = 1e-9
+"""Corners so little beyond the field lie on its edge."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,16 @@ class OpticalBench:
         )
         full = (driven.met.direct.other > 0).astype(np.float64)
         return self._image(driven, full, reflected, sent[driven.met.indirect.other], None)
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which quads lie wholly inside the field, (rows, cols)."""
+        rows, cols = self.frame
+        corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
+        places = self._setting.camera.to_field(corners)
+        with np.errstate(invalid="ignore"):
+            good = ((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1)
+        return np.asarray(good[1:, 1:] & good[1:, :-1] & good[:-1, 1:] & good[:-1, :-1])
 
     @property
     def _indirect(self) -> tuple[Effect, ...]:

@@ -202,17 +202,13 @@ class _Block:
     row: Numbers
     column: Numbers
 
-    def add(
-        self, table: Floats, left: Floats, right: Floats, tint: Array | None = None
-    ) -> None:
+    def add(self, table: Floats, left: Floats, right: Floats, tint: Array | None = None) -> None:
         """Add ``left.T @ right`` at the pairs, times a tint (3,) where there is one."""
         product = (left[:, self.rows].T @ right[:, self.columns])[self.row, self.column]
         table[self.where] += product if tint is None else product[:, None] * tint
 
 
-def _blocks(
-    pairs: Pairs, tile: Numbers, opened: slice, lit: slice | None
-) -> Iterator[_Block]:
+def _blocks(pairs: Pairs, tile: Numbers, opened: slice, lit: slice | None) -> Iterator[_Block]:
     """The pairs of some mask sites, and of some projector sites if said, tile by tile."""
     inside = (pairs.mask >= opened.start) & (pairs.mask < opened.stop)
     first = 0
