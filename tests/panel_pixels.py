@@ -1,10 +1,10 @@
-"""Random frames, and every pixel of them on a panel by exact fractions: an oracle of drawing."""
+"""Random frames, and every pixel of them on a panel, worked out anew: an oracle of drawing."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.lattice import Lattice
+from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import compact, levels_of
 from pdcd.frames.pixels import Recorder, Shown
+from pdcd.maps.map import Map
 
 Pixels = NDArray[Any]
 
@@ -43,29 +45,46 @@ def random_frames(
     )
 
 
-def planned(frames: Frames, row: int, size_px: tuple[int, int], *, mask: bool) -> Pixels:
-    """What one row is to put on a panel, (h, w) uint8: pixel by pixel, in exact fractions."""
-    width, height = size_px
-    index = int((frames.dual_index if mask else frames.primal_index)[row])
+def upright(size_px: tuple[int, int], *, mask: bool) -> PanelView:
+    """A panel that fills the field."""
+    return PanelView("mask" if mask else "projector", Map.filling(size_px))
+
+
+def planned(frames: Frames, row: int, panel: PanelView) -> Pixels:
+    """What one row is to put on a panel, (h, w) uint8: pixel by pixel, by where its centre lies.
+
+    In exact fractions where the panel fills the field; else by the map itself.
+    """
+    places, seen = _cells(panel, frames.grid)
+    index = int((frames.dual_index if panel.mask else frames.primal_index)[row])
     if index in (BLACK, WHITE):
-        return np.full((height, width), 255 if index == WHITE else 0, dtype=np.uint8)
-    patterns = frames.dual_patterns if mask else frames.primal_patterns
+        return np.where(seen, 255 if index == WHITE else 0, 0).astype(np.uint8)
+    patterns = frames.dual_patterns if panel.mask else frames.primal_patterns
     lattice_rows, lattice_cols = frames.lattice
     levels = levels_of(patterns, index, lattice_rows * lattice_cols)
-    levels = levels.reshape(frames.lattice)
     shift, quarter = int(frames.shift[row]), frames.window == "quarter"
-    ys, y_open = _axis(height, frames.grid[0], shift >> 1, half=mask and quarter)
-    xs, x_open = _axis(width, frames.grid[1], shift & 1, half=mask and quarter)
-    image = np.rint(levels[np.ix_(ys, xs)] * 255.0)
-    return np.asarray(image * np.outer(y_open, x_open), dtype=np.uint8)
+    moved = places + 0.5 * np.array([shift & 1, shift >> 1])
+    cell = np.where(seen[..., None], np.floor(moved), 0).astype(int)
+    image = np.rint(levels.reshape(frames.lattice)[cell[..., 1], cell[..., 0]] * 255.0)
+    if panel.mask and quarter:
+        seen = seen & ((moved % 1 >= 0.25) & (moved % 1 < 0.75)).all(axis=-1)
+    return np.asarray(image * seen, dtype=np.uint8)
 
 
-@cache
-def _axis(size_px: int, cells: int, bit: int, *, half: bool) -> tuple[list[int], list[bool]]:
-    """Cell of every pixel along an axis, and whether the pixel is inside the cell's window."""
-    places = [Fraction(x * cells, size_px) + Fraction(bit, 2) for x in range(size_px)]
-    inside = [not half or Fraction(1, 4) <= p % 1 < Fraction(3, 4) for p in places]
-    return [int(p) for p in places], inside
+@lru_cache(maxsize=8)
+def _cells(panel: PanelView, grid: tuple[int, int]) -> tuple[Pixels, Pixels]:
+    """Where pixels lie on the field, in cells (h, w, 2), and whether they do (h, w)."""
+    if panel.map == Map.filling(panel.size_px):
+        # In eighths of a cell, rounded down: no window ends in the middle of one.
+        axes = [
+            [float(Fraction((2 * k + 1) * 4 * cells, size) // 1) / 8.0 for k in range(size)]
+            for size, cells in zip(panel.size_px, grid[::-1], strict=True)
+        ]
+        places = np.stack(np.meshgrid(*axes), axis=-1)
+    else:
+        places = panel.map.centres() * grid[::-1]
+    inside: Pixels = (places >= 0) & (places < grid[::-1])
+    return places, np.asarray(inside.all(axis=-1))
 
 
 def from_pictures(

@@ -16,6 +16,7 @@ from Xlib.display import Display
 from drivers.x11 import X11Display
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig
+from pdcd.frames.pixels import Box
 from tests import bench_rig
 from tests.xserver import XServer
 
@@ -116,11 +117,16 @@ def root_pixels(server: XServer) -> Pixels:
     return np.frombuffer(image.data, dtype=np.uint8).reshape(height, width, 4)[..., 2::-1]
 
 
-def panels(server: XServer) -> tuple[Pixels, Pixels, int]:
-    """What projector and mask show, and the brightest pixel of the rest of the screen."""
+def panels(server: XServer, boxes: tuple[Box, Box] | None = None) -> tuple[Pixels, Pixels, int]:
+    """What projector and mask show, and the brightest pixel of the rest of the screen.
+
+    They fill the server's outputs, where `boxes` (x, y, width, height) do not say otherwise.
+    """
     whole = root_pixels(server).copy()
     (pw, ph), (mw, mh) = server.projector_px, server.mask_px
-    projector, mask = whole[:ph, :pw].copy(), whole[:mh, pw : pw + mw].copy()
-    whole[:ph, :pw] = 0
-    whole[:mh, pw : pw + mw] = 0
-    return projector, mask, int(whole.max())
+    found = []
+    for x, y, width, height in boxes or ((0, 0, pw, ph), (pw, 0, mw, mh)):
+        part = whole[y : y + height, x : x + width]
+        found.append(part.copy())
+        part[...] = 0
+    return found[0], found[1], int(whole.max())

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from drivers.mock.bench import Bench
 from drivers.mock.options import refuse_options
 from pdcd.bench.devices import Clock, DisplayInfo, DriverContext
+from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
+from pdcd.frames.atoms import check_cells
 from pdcd.frames.balance import play_all, streams
 from pdcd.frames.bitplanes import check_binary
-from pdcd.frames.cells import check_fit
 from pdcd.frames.frames import BLACK, FrameLog, Frames
 from pdcd.probing.panel import apart_s
 
@@ -42,13 +43,15 @@ class MockDisplay:
         self._bench = bench
         self._clock = clock
         self._config = config
+        self._panels = panels_of(config)
         self._rng = np.random.default_rng([config.camera.seed, 3])
         self._frames: Frames | None = None
         self._exposures = self._refreshes = self._rows = self._lost = 0
 
     @classmethod
     def create(cls, context: DriverContext) -> MockDisplay:
-        """The panels of this rig's bench. Raises ConfigError where they are given options."""
+        """The panels of this rig's bench. Raises ConfigError where they are given options, or maps
+        that cannot be used."""
         refuse_options(context.config.display.options, "display.options", "display")
         return cls(Bench.of(context), context.clock, context.config)
 
@@ -65,7 +68,7 @@ class MockDisplay:
         )
 
     @property
-    def _panels(self) -> tuple[PanelConfig, PanelConfig]:
+    def _true_panels(self) -> tuple[PanelConfig, PanelConfig]:
         """Projector and mask as they are, whatever is believed of them."""
         return self._bench.true.projector, self._bench.true.mask
 
@@ -80,11 +83,11 @@ class MockDisplay:
         return apart + mask.skew_s - projector.skew_s + delay_s
 
     def load(self, frames: Frames) -> None:
-        """Check that the code cells fit the panels, and keep them."""
+        """Check that every code cell has pixels on both panels, and keep the frames."""
         if self._config.display.planes_per_refresh > 1:
             check_binary(frames.primal_patterns, frames.dual_patterns)
-        check_fit(frames, self._config.projector.size_px, mask=False)
-        check_fit(frames, self._config.mask.size_px, mask=True)
+        check_cells(self._panels.projector, frames.grid)
+        check_cells(self._panels.mask, frames.grid)
         if frames.grid != self._bench.grid:
             raise ConfigError(
                 f"frames of {frames.grid} cells for a bench of {self._bench.grid}",
@@ -176,7 +179,7 @@ class MockDisplay:
         again = np.zeros(count, dtype=np.int64)
         if planes > 1:  # a DLP shows all bits again when no new picture came
             again = self._missed(flips)[1:].astype(np.int64)
-        for side, panel in enumerate(self._panels):
+        for side, panel in enumerate(self._true_panels):
             wobble = self._rng.standard_normal(count + 1) * panel.jitter_s * 1e9
             flips[side] = np.maximum.accumulate(flips[side] + np.rint(wobble).astype(np.int64))
         return self._log(asked, sent.reshape(shown.shape), shown, flips, missed, again)
@@ -201,7 +204,7 @@ class MockDisplay:
 
     def _flips(self, count: int, faults: FaultsConfig) -> NDArray[np.int64]:
         """Vblanks at which each panel takes each refresh, and black after them, (2, count + 1)."""
-        panels = self._panels
+        panels = self._true_panels
         flips = np.empty((2, count + 1), dtype=np.int64)
         late = {int(row): by for row, by in faults.late.items()}
         period_ns = 1e9 / min(p.refresh_hz for p in panels)
@@ -240,7 +243,7 @@ class MockDisplay:
         turn = np.arange(number.size) - np.repeat(np.cumsum(1 + again) - 1 - again, 1 + again)
         plane = np.arange(planes) / planes
         stamps, ends = [], []
-        for side, panel in enumerate(self._panels):
+        for side, panel in enumerate(self._true_panels):
             period_ns = 1e9 / panel.refresh_hz
             late_ns = np.rint((turn[:, None] + plane) * period_ns).astype(np.int64)
             at = (flips[side][number][:, None] + late_ns).ravel()
@@ -266,7 +269,7 @@ class MockDisplay:
     def _missed(self, flips: NDArray[np.int64]) -> NDArray[np.int32]:
         """Vblanks that passed without a new frame, before each flip; the worse of both panels."""
         lost = np.zeros(flips.shape, dtype=np.int64)
-        for side, panel in enumerate(self._panels):
+        for side, panel in enumerate(self._true_panels):
             periods = np.diff(flips[side]) * panel.refresh_hz * 1e-9
             lost[side, 1:] = np.rint(periods).astype(np.int64) - 1
         return np.asarray(lost.max(axis=0), dtype=np.int32)

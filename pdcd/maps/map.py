@@ -16,11 +16,14 @@ Bayer quad. A point of the device goes to the field in three steps:
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RectBivariateSpline
+
+if TYPE_CHECKING:
+    from scipy.interpolate import RectBivariateSpline
 
 Floats = NDArray[np.float64]
 
@@ -186,6 +189,9 @@ def _distorted(
 def _splines(
     nodes: Nodes, size_px: tuple[int, int]
 ) -> tuple[RectBivariateSpline, RectBivariateSpline]:
+    # The display process starts three times as fast without it, and few maps have a residual.
+    from scipy.interpolate import RectBivariateSpline
+
     values = np.array(nodes, dtype=np.float64)
     rows, cols = values.shape[:2]
     down, right = np.linspace(0.0, size_px[1], rows), np.linspace(0.0, size_px[0], cols)

@@ -50,10 +50,11 @@ EDGE = 1e-9
 @dataclass(frozen=True)
 class _Driven:
     """What follows from the way the panels are driven: the sites of projector and mask, and who
-    sees which. `spread` (projector sites, N) is the share of each cell that a site lights."""
+    sees which; without a mask, site 0 of it stands before everything. `spread` (projector sites, N)
+    is the share of each cell that a site lights."""
 
     lit: PanelSites
-    opened: PanelSites | None
+    opened: PanelSites
     spread: sparse.csr_array
     sights: Sights
     met: Meetings
@@ -100,7 +101,6 @@ class OpticalBench:
             for patterns in (frames.primal_patterns, frames.dual_patterns)
         )
         driven = self._driven(lit, opened)
-        assert driven.opened is not None
         products = Products(
             self.true,
             self.truth,
@@ -203,8 +203,9 @@ class OpticalBench:
         if key not in self._kept:
             drawn, truth = self._setting.drawn, self.truth
             projector = PanelSites(drawn.projector, lit, truth.projector)
-            mask = None if opened is None else PanelSites(drawn.mask, opened, truth.mask)
-            sights = look(self._looks, self._setting, self._cells, projector, mask)
+            mask = PanelSites(drawn.mask, opened or lit, truth.mask)
+            before = None if opened is None else mask
+            sights = look(self._looks, self._setting, self._cells, projector, before)
             self._kept[key] = _Driven(
                 projector,
                 mask,

@@ -17,6 +17,7 @@ from Xlib import X, error
 from pdcd.bench.findings import Finding, fault
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
+from pdcd.maps.map import Map
 from pdcd.presenter import desktop, drm
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import Mode, Open, Ready
@@ -34,6 +35,10 @@ from pdcd.presenter.outputs import (
 )
 from pdcd.presenter.xconnection import answering, connect, disconnect
 
+TURNED_HINT = (
+    "the server may copy what it would else flip, so times may not be verified; flip and turn_deg "
+    "under [projector.place] and [mask.place] do the same"
+)
 NOMINAL_HZ = 60.0
 """Assumed where neither a configuration nor the server knows a rate."""
 
@@ -109,7 +114,11 @@ def _outputs(outputs: tuple[Output, ...]) -> Iterator[Finding]:
     for output in connected:
         mode = f", mode {output.mode}" if output.on else ""
         edid = "" if output.edid else "; no EDID: choose it by its name"
-        yield Finding("output", "good", f"{output}{mode}{edid}")
+        found = f"{output}{mode}{edid}"
+        if output.turned:
+            yield Finding("output", "warning", found, TURNED_HINT)
+        else:
+            yield Finding("output", "good", found)
     if not connected:
         yield Finding("output", "fault", "none is connected", "check cables and power")
 
@@ -218,7 +227,7 @@ def _open(options: Options, pair: Pair, config: Config) -> Ready:
     panels = []
     for output, table in ((pair.projector, config.projector), (pair.mask, config.mask)):
         rate = table.refresh_hz if configured else output.refresh_hz or NOMINAL_HZ
-        panels.append(Mode(output.size, rate))
+        panels.append(Mode(Map.filling(output.size), rate))
     presenter = DisplayProcess(Open(options, panels[0], panels[1]))
     try:
         return presenter.ready

@@ -14,15 +14,21 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
+from pdcd.maps.map import Map
 from pdcd.presenter.memory import Slot
 from pdcd.presenter.options import Options
 
 
 class Mode(msgspec.Struct, frozen=True):
-    """What a panel must be: its size (width, height) and nominal refresh."""
+    """What a panel must be: where its pixels lie on the field, and its nominal refresh."""
 
-    size_px: tuple[int, int]
+    map: Map
     refresh_hz: float
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """(width, height)."""
+        return self.map.size_px
 
 
 class Rect(msgspec.Struct, frozen=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pdcd.bench.options import read_options
+from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.presenter.messages import Mode, Open
@@ -35,10 +36,10 @@ def opening(config: Config) -> Open:
         raise ConfigError(
             "real panels keep real time", device="display", hint='set rig.clock = "real"'
         )
-    projector, mask, display = config.projector, config.mask, config.display
+    panels, display = panels_of(config), config.display
     return Open(
         options,
-        Mode(projector.size_px, projector.refresh_hz),
-        Mode(mask.size_px, mask.refresh_hz),
+        Mode(panels.projector.map, config.projector.refresh_hz),
+        Mode(panels.mask.map, config.mask.refresh_hz),
         display.plane_order if display.planes_per_refresh > 1 else None,
     )

@@ -46,8 +46,9 @@ class Output:
     height: int = 0
     mode: str = ""
     refresh_hz: float | None = None
-    turned: bool = False
-    """Rotated or mirrored by the server."""
+    turned: str = ""
+    """In words how the server rotates or mirrors it; x, y, width and height are those of the
+    screen, as drawing is."""
     edid: Edid | None = None
     connector: int | None = None
     """The kernel's number of the connector, where the X driver tells it (CONNECTOR_ID)."""
@@ -69,7 +70,9 @@ class Output:
         if not self.on:
             return f"{self.name}{panel}: off"
         rate = "unknown rate" if self.refresh_hz is None else f"{self.refresh_hz:.4f} Hz"
-        return f"{self.name}{panel}: {self.width} x {self.height} at +{self.x}+{self.y}, {rate}"
+        turned = f", {self.turned} by the X server" if self.turned else ""
+        place = f"{self.width} x {self.height} at +{self.x}+{self.y}"
+        return f"{self.name}{panel}: {place}, {rate}{turned}"
 
 
 @dataclass(frozen=True)
@@ -139,10 +142,22 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
         crtc.height,
         name,
         mode_hz(mode["dot_clock"], mode["h_total"], mode["v_total"], mode["flags"]),
-        crtc.rotation != randr.Rotate_0,
+        turned(crtc.rotation),
         edid,
         connector,
     )
+
+
+def turned(rotation: int) -> str:
+    """RandR's rotation of an output in words; empty where the output is upright."""
+    words = {
+        randr.Rotate_90: "rotated by 90 degrees",
+        randr.Rotate_180: "rotated by 180 degrees",
+        randr.Rotate_270: "rotated by 270 degrees",
+        randr.Reflect_X: "mirrored left to right",
+        randr.Reflect_Y: "mirrored top to bottom",
+    }
+    return " and ".join(word for bit, word in words.items() if rotation & bit)
 
 
 def mode_hz(clock_hz: int, htotal_px: int, vtotal_px: int, flags: int = 0) -> float | None:
@@ -212,8 +227,8 @@ def find_pair(
     Raises
     ------
     ConfigError
-        One of them is not found as `find_output` says, has another size, is turned or mirrored;
-        both lie over one another; or their rates differ by more than `rate_tolerance` (relative).
+        One of them is not found as `find_output` says, or has another size; both lie over one
+        another; or their rates differ by more than `rate_tolerance` (relative).
     DeviceLost
         One of them is not connected.
     """
@@ -318,12 +333,6 @@ def _check_apart(pair: Pair) -> None:
 
 
 def _check_mode(output: Output, size: Size, role: str) -> None:
-    if output.turned:
-        raise ConfigError(
-            f"{output.name} is rotated or mirrored by the X server",
-            device=role,
-            hint=f"xrandr --output {output.name} --rotate normal --reflect normal",
-        )
     if output.size != size:
         width, height = size
         raise ConfigError(

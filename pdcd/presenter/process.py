@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
 from pdcd.frames.frames import BLACK, Frames
+from pdcd.frames.panels import PanelView
 from pdcd.presenter import desktop, drm, realtime
 from pdcd.presenter.clocks import (
     Completions,
@@ -71,8 +72,11 @@ class Presenter:
         name = self._places.name
         _start_glfw(name)
         places = self._places
+        views = (
+            PanelView("projector", request.projector.map), PanelView("mask", request.mask.map),
+        )  # fmt: skip
         self._windows = Windows(
-            options.layout, places.screen_px, places.panels, request.plane_order
+            options.layout, places.screen_px, places.panels, views, request.plane_order
         )
         if desktop.software(self._windows.renderer) and not options.allow_software:
             raise ConfigError(

@@ -23,11 +23,12 @@ QUANTILES = (50.0, 99.0, 100.0)
 
 @dataclass(frozen=True)
 class Timing:
-    """Refreshes of one run, (R,) each but `ready`.
+    """Refreshes of one run, (R,) each but `ready` and `first_draw_s`.
 
     interval_s : from each refresh to the next. missed : refreshes lost before each. late_s : from
     a refresh to the beginning of the next one's drawing. draw_s : until that was handed over.
-    cpu_s : processor time of the loop's thread.
+    cpu_s : processor time of the loop's thread. first_draw_s : drawing of the refresh before
+    them, the first of the run; a single number.
     """
 
     ready: Ready
@@ -36,6 +37,7 @@ class Timing:
     late_s: NDArray[np.float64]
     draw_s: NDArray[np.float64]
     cpu_s: NDArray[np.float64]
+    first_draw_s: float
 
     @classmethod
     def of(cls, log: Log, ready: Ready) -> Timing:
@@ -48,7 +50,9 @@ class Timing:
             np.diff(log[:, Column.CPU_NS]),
         )
         interval_s, late_s, draw_s, cpu_s = (1e-9 * ns.astype(np.float64) for ns in spans_ns)
-        return cls(ready, interval_s, np.diff(log[:, Column.MSC]) - 1, late_s, draw_s, cpu_s)
+        missed = np.diff(log[:, Column.MSC]) - 1
+        first_s = 1e-9 * float(log[0, Column.SWAP_NS] - log[0, Column.PUT_NS])
+        return cls(ready, interval_s, missed, late_s, draw_s, cpu_s, first_s)
 
     def table(self) -> list[tuple[str, float, float, float]]:
         """Name, median, 99th percentile and maximum of each time, in ms."""

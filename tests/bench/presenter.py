@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.tables import Config
+from pdcd.bench.tables import Config, PanelConfig
+from pdcd.maps.placing import Placing
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.opening import opening
 from pdcd.presenter.timing import Timing, measure, random_codes
@@ -28,7 +29,19 @@ from tests.xserver import FULL, QUARTER, XServer, run
 
 GRID = (48, 64)
 COUNTS = (128, 4096, 65536)
-HEADS = ("who", "frames", "a second", "processor time p50/p99/max", "late p50/p99/max", "missed")
+HEADS = (
+    "who",
+    "frames",
+    "a second",
+    "processor time p50/p99/max",
+    "drawing: first, p50, p99",
+    "late p50/p99/max",
+    "missed",
+)
+WARP = Placing(turn_deg=2.0, scale=1.1, radial=(0.03, -0.01), tangential=(0.002, -0.001))
+"""Turned and distorted, and larger than the field."""
+SLOWEST_HZ = 40.0
+"""What full size must reach under such a map."""
 LONG_INTERVAL = 1.5
 """Refreshes from which an interval counts as missed where nobody counts vblanks."""
 
@@ -48,7 +61,9 @@ def section(*, quick: bool, folder: Path) -> Section:
             "running is as fast as it goes; paced is 60 Hz, by the server's made-up vblank, and by "
             "sleeping in the script. Processor time is that of the loop's thread; late is from "
             "the vblank, or the time that was due, to the beginning of the drawing. Missed are "
-            "vblanks without a new frame, in the script intervals of 1.5 refreshes or more."
+            "vblanks without a new frame, in the script intervals of 1.5 refreshes or more. "
+            "Drawing is from its beginning until the frame is handed over, of the first refresh, "
+            "and of all others. Warped is turned, distorted, and larger than the field."
         ),
         tables=tables,
         aims=aims,
@@ -58,23 +73,57 @@ def section(*, quick: bool, folder: Path) -> Section:
 def _measure(*, quick: bool) -> tuple[list[Table], list[Aim]]:
     os.environ.update(LIBGL_ALWAYS_SOFTWARE="1", LP_NUM_THREADS="1")
     frames = 300 if quick else 3000
+    few = frames // 5
     table = Table("Frames of random 64x48 codes", HEADS)
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        for name, sizes in (("full size", FULL), ("a quarter", QUARTER)):
-            with run(*sizes) as server:
-                x11_rig.hurry(server)
-                config = x11_rig.config(folder, server, grid=GRID)
-                free = measure(_with(config, time_source="free"), frames // 5)
-                _add(table, f"pdcd, {name}, free running", free)
-                _plain(table, server, f"plain script, {name}, free running", frames // 5, 0.0)
-                if sizes == QUARTER:
-                    paced = measure(config, frames)
-                    _add(table, f"pdcd, {name}, paced", paced)
-                    _plain(table, server, f"plain script, {name}, paced", frames, 60.0)
-                    uploads = _uploads(config)
-    aims = [Aim("refreshes missed on a quiet machine", "refreshes", float(paced.missed.sum()), 1.0)]
+        with run(*FULL) as server:
+            x11_rig.hurry(server)
+            free, bent = (_with(c, time_source="free") for c in _configs(folder, server))
+            _add(table, "pdcd, full size, free running", measure(free, few))
+            _plain(table, server, "plain script, full size, free running", few, 0.0)
+            warped = measure(bent, few)
+            _add(table, "pdcd, full size, free running, warped", warped)
+        with run(*QUARTER) as server:
+            x11_rig.hurry(server)
+            config, bent = _configs(folder, server)
+            fastest = measure(_with(config, time_source="free"), few)
+            _add(table, "pdcd, a quarter, free running", fastest)
+            script_hz, _ = _plain(table, server, "plain script, a quarter, free running", few, 0.0)
+            again = measure(_with(bent, time_source="free"), few)
+            _add(table, "pdcd, a quarter, free running, warped", again)
+            paced = measure(config, frames)
+            _add(table, "pdcd, a quarter, paced", paced)
+            _, script_s = _plain(table, server, "plain script, a quarter, paced", frames, 60.0)
+            _add(table, "pdcd, a quarter, paced, warped", measure(bent, frames))
+            uploads = _uploads(config)
+    ours_s = float(np.median(paced.cpu_s))
+    first = paced.first_draw_s / float(np.percentile(paced.draw_s, 99))
+    aims = [
+        Aim("refreshes missed on a quiet machine", "refreshes", float(paced.missed.sum()), 1.0),
+        Aim("loop's processor time, paced", "of the plain script's", ours_s / script_s, 1.0),
+        Aim("time of a frame, a quarter", "of the plain script's", script_hz / _rate(fastest), 1.0),
+        Aim("time of a frame, full size, warped", "s", 1.0 / _rate(warped), 1.0 / SLOWEST_HZ),
+        Aim("drawing of refresh 0", "of the others' 99th percentile", first, 1.0),
+    ]
     return [table, uploads], aims
+
+
+def _configs(folder: Path, server: XServer) -> tuple[Config, Config]:
+    """Panels that fill the field, and the same ones warped."""
+    warped: dict[str, Any] = {
+        "projector": PanelConfig(size_px=server.projector_px, place=WARP),
+        "mask": PanelConfig(size_px=server.mask_px, place=WARP),
+    }
+    return (
+        x11_rig.config(folder, server, grid=GRID),
+        x11_rig.config(folder, server, grid=GRID, **warped),
+    )
+
+
+def _rate(found: Timing) -> float:
+    """Frames a second."""
+    return float(found.interval_s.size / found.interval_s.sum())
 
 
 def _with(config: Config, **options: Any) -> Config:
@@ -88,32 +137,41 @@ def _add(table: Table, name: str, found: Timing) -> None:
     table.add(
         name,
         str(found.interval_s.size),
-        f"{found.interval_s.size / found.interval_s.sum():.1f}",
+        f"{_rate(found):.1f}",
         _spread(found.cpu_s),
+        ", ".join(seconds(t) for t in (found.first_draw_s, *_quantiles(found.draw_s)[:2])),
         _spread(found.late_s) if paced else "",
         str(int(found.missed.sum())) if paced else "",
     )
 
 
-def _plain(table: Table, server: XServer, name: str, frames: int, hz: float) -> None:
+def _plain(table: Table, server: XServer, name: str, frames: int, hz: float) -> tuple[float, float]:
+    """Run the script; its frames a second, and the median processor time of its loop."""
     sizes = [str(n) for n in (*server.projector_px, *server.mask_px)]
     words = [sys.executable, "-m", "tests.bench.plain_display", str(frames), str(hz), *sizes]
     done = subprocess.run(words, env=server.env(), capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
     intervals_s = np.diff(found["stamps_s"])
     missed = np.rint(intervals_s * hz) - 1
+    rate_hz = float(intervals_s.size / intervals_s.sum())
     table.add(
         name,
         str(frames),
-        f"{intervals_s.size / intervals_s.sum():.1f}",
+        f"{rate_hz:.1f}",
         _spread(found["cpu_s"]),
+        "",
         _spread(found["late_s"]) if hz else "",
         str(int(missed[intervals_s * hz > LONG_INTERVAL].sum())) if hz else "",
     )
+    return rate_hz, float(np.median(found["cpu_s"]))
+
+
+def _quantiles(values_s: Sequence[float] | NDArray[np.float64]) -> list[float]:
+    return [float(v) for v in np.percentile(values_s, (50, 99, 100))]
 
 
 def _spread(values_s: Sequence[float] | NDArray[np.float64]) -> str:
-    return " / ".join(seconds(float(v)) for v in np.percentile(values_s, (50, 99, 100)))
+    return " / ".join(seconds(v) for v in _quantiles(values_s))
 
 
 def _uploads(config: Config) -> Table:

@@ -92,7 +92,7 @@ class TestMockDisplay(DisplayContract):
     def test_cells_that_do_not_fit_are_refused(self, tmp_path: Path) -> None:
         small = PanelConfig(size_px=(3, 2))
         display = mock_display(bench_rig.config(tmp_path, projector=small))
-        with pytest.raises(ConfigError, match="do not fit"):
+        with pytest.raises(ConfigError, match="have no pixel"):
             display.load(frames())
 
 

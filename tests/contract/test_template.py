@@ -1,4 +1,5 @@
-"""The template of docs/new-driver.md, as it is printed there, under the contract of its role."""
+"""Template and examples of docs/new-driver.md, as they are printed there: the template under the
+contract of its role."""
 
 from __future__ import annotations
 
@@ -6,26 +7,35 @@ import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from pdcd.bench import registry
-from pdcd.bench.tables import TriggerConfig
+from pdcd.bench.tables import PanelConfig, TriggerConfig
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost
+from pdcd.maps.placing import Placing
 from tests import bench_rig
 from tests.contract.test_camera import ShutterContract
 from tests.fake_serial import FakeLine, fake_line
+from tests.panel_pixels import planned, random_frames, upright
 from tests.places import ROOT
 
 PAGE = ROOT / "docs" / "new-driver.md"
 OPTIONS = {"port": "line://box"}
 
 
+def blocks() -> list[str]:
+    """All code in Python on the page."""
+    return re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
+
+
 @pytest.fixture
 def driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The last block of Python on the page, known as `serial-box`."""
-    code = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)[-1]
+    code = blocks()[-1]
     (tmp_path / "template_serial_box.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     known = {**registry.DRIVERS, ("shutter", "serial-box"): "template_serial_box:SerialBox"}
@@ -76,3 +86,17 @@ class TestTemplate(ShutterContract):
     def test_a_port_that_is_not_there(self, driver: None, tmp_path: Path) -> None:
         with pytest.raises(DeviceLost, match="cannot open"):
             make(tmp_path, port="/dev/pdcd-none").shutter.connect()
+
+
+def test_a_display_of_ones_own_needs_nothing_but_draw(tmp_path: Path) -> None:
+    """The example gives each panel its own pixels, where the configuration has placed it."""
+    (code,) = (block for block in blocks() if "def pictures(" in block)
+    names: dict[str, Any] = {}
+    exec(compile(code, str(PAGE), "exec", dont_inherit=True), names)
+    turned = PanelConfig(size_px=(40, 30), place=Placing(turn_deg=180.0))
+    config = bench_rig.config(tmp_path, projector=turned, mask=PanelConfig(size_px=(60, 45)))
+    frames = random_frames((5, 4), "quarter", 8)
+    projector, mask = names["pictures"](Rig(config)._context, frames, 1)
+    upright_px = planned(frames, 1, upright((40, 30), mask=False))
+    np.testing.assert_array_equal(projector, upright_px[::-1, ::-1])
+    np.testing.assert_array_equal(mask, planned(frames, 1, upright((60, 45), mask=True)))

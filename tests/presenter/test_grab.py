@@ -27,7 +27,7 @@ from pdcd.frames.schedule import build_frames
 from pdcd.presenter.xconnection import connect, disconnect
 from pdcd.probing.pixel_matrix import pixel_factors
 from tests import bench_rig, x11_rig
-from tests.panel_pixels import from_pictures, planned
+from tests.panel_pixels import from_pictures, planned, upright
 from tests.xserver import QUARTER, XServer, run
 
 GRID = (6, 8)
@@ -178,8 +178,8 @@ def test_cells_that_do_not_divide_the_panels_make_the_photo_of_their_pixels(
         rig.disconnect()
     rows = range(len(frames))
     wanted = from_pictures(
-        [planned(frames, r, PROJECTOR_PX, mask=False) for r in rows],
-        [planned(frames, r, MASK_PX, mask=True) for r in rows],
+        [planned(frames, r, upright(PROJECTOR_PX, mask=False)) for r in rows],
+        [planned(frames, r, upright(MASK_PX, mask=True)) for r in rows],
     )
     for found, plan in ((shown.projector, wanted.projector), (shown.mask, wanted.mask)):
         for row in rows:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,53 +13,95 @@ import numpy as np
 import pytest
 
 from drivers.x11 import X11Display
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import PanelConfig
+from pdcd.errors import ConfigError
 from pdcd.frames.draw import draw, draw_planes
 from pdcd.frames.frames import BLACK, Frames
+from pdcd.frames.panels import PanelView
+from pdcd.frames.pixels import Box
+from pdcd.maps.placing import Placing
 from tests import x11_rig
 from tests.panel_pixels import planned, random_frames
 from tests.xserver import XServer
 
+BENT = {
+    "projector": Placing(
+        flip="horizontal", turn_deg=-5.0, scale=1.2, offset_px=(2.5, -3.0), radial=(0.06, -0.02)
+    ),
+    "mask": Placing(
+        turn_deg=184.0,
+        scale=1.3,
+        offset_px=(1.3, 0.7),
+        radial=(-0.03, 0.0),
+        tangential=(0.004, -0.003),
+    ),
+}
+"""Mirrored, turned, distorted; both cover the field, and more."""
+ODD: tuple[Box, Box] = ((3, 2, 251, 187), (257, 1, 397, 299))
+"""Panels of odd sizes at odd places of the screen."""
+
 
 @contextmanager
 def shown(
-    folder: Path, server: XServer, panels: dict[str, Any] | None = None, **more: Any
-) -> Iterator[X11Display]:
-    config = x11_rig.config(folder, server, more=more)
+    folder: Path,
+    server: XServer,
+    panels: dict[str, Any] | None = None,
+    *,
+    places: dict[str, Placing] | None = None,
+    boxes: tuple[Box, Box] | None = None,
+    **more: Any,
+) -> Iterator[tuple[X11Display, Screen]]:
+    """A display, and what its screen should be compared by."""
+    sizes = server.projector_px, server.mask_px
+    if boxes is not None:
+        sizes = boxes[0][2:], boxes[1][2:]
+        more["positions_px"] = [box[:2] for box in boxes]
+    tables: dict[str, Any] = {
+        role: PanelConfig(size_px=size, place=(places or {}).get(role, Placing()))
+        for role, size in zip(("projector", "mask"), sizes, strict=True)
+    }
+    config = x11_rig.config(folder, server, more=more, **tables)
     config = msgspec.structs.replace(
         config, display=msgspec.structs.replace(config.display, **(panels or {}))
     )
+    views = panels_of(config)
     display = x11_rig.display(config)
     display.connect()
     try:
-        yield display
+        yield display, Screen(server, (views.projector, views.mask), boxes)
     finally:
         display.disconnect()
 
 
-@pytest.fixture(scope="class")
-def display(tmp_path_factory: pytest.TempPathFactory, x_quarter: XServer) -> Iterator[X11Display]:
+@dataclass(frozen=True)
+class Screen:
+    """What a server's screen holds, against what two panels must show."""
+
+    server: XServer
+    views: tuple[PanelView, PanelView]
+    boxes: tuple[Box, Box] | None
+
+    def mismatches(self, frames: Frames, row: int) -> int:
+        """Wrong pixels on both panels, and lit ones beside them."""
+        *panels, wrong = x11_rig.panels(self.server, self.boxes)
+        for found, view in zip(panels, self.views, strict=True):
+            for wanted in (planned(frames, row, view), draw(frames, view, row)):
+                wrong += int(np.count_nonzero(found != wanted[..., None]))
+        return wrong
+
+
+@pytest.fixture(scope="class", params=["upright", "bent, odd sizes"])
+def opened(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, x_quarter: XServer
+) -> Iterator[tuple[X11Display, Screen]]:
     """A display for tests that change nothing but the frames."""
+    more: dict[str, Any] = {} if request.param == "upright" else {"places": BENT, "boxes": ODD}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
         patch.setenv("LP_NUM_THREADS", "1")
-        with shown(tmp_path_factory.mktemp("panels"), x_quarter) as opened:
-            yield opened
-
-
-def mismatches(server: XServer, frames: Frames, row: int) -> int:
-    """Wrong pixels on both panels, and lit ones beside them."""
-    projector, mask, rest = x11_rig.panels(server)
-    wrong = rest
-    for found, size, is_mask in (
-        (projector, server.projector_px, False),
-        (mask, server.mask_px, True),
-    ):
-        for wanted in (
-            planned(frames, row, size, mask=is_mask),
-            draw(frames, size, row, mask=is_mask),
-        ):
-            wrong += int(np.count_nonzero(found != wanted[..., None]))
-    return wrong
+        with shown(tmp_path_factory.mktemp("panels"), x_quarter, **more) as display:
+            yield display
 
 
 def only(frames: Frames, row: int) -> Frames:
@@ -78,17 +121,23 @@ def only(frames: Frames, row: int) -> Frames:
 
 
 @pytest.mark.parametrize(
-    ("layout", "window", "codes"), [("span", "whole", 6), ("windows", "quarter", 5)]
+    ("layout", "window", "codes", "places"),
+    [("span", "whole", 6, None), ("windows", "quarter", 5, BENT)],
 )
 def test_full_size_panels_show_every_pixel(
-    tmp_path: Path, x_full: XServer, layout: str, window: str, codes: int
+    tmp_path: Path,
+    x_full: XServer,
+    layout: str,
+    window: str,
+    codes: int,
+    places: dict[str, Placing] | None,
 ) -> None:
     """In every layout and window; the last four rows have blacks and whites in them."""
     frames = random_frames((48, 64), window, codes)
-    with shown(tmp_path, x_full, layout=layout) as display:
+    with shown(tmp_path, x_full, places=places, layout=layout) as (display, screen):
         for row in range(codes):
             display.show(only(frames, row))
-            assert mismatches(x_full, frames, row) == 0, row
+            assert screen.mismatches(frames, row) == 0, row
         display.black()
         assert not x11_rig.root_pixels(x_full).any()
 
@@ -97,52 +146,69 @@ class TestManyCells:
     """All on one display; starting one takes seconds."""
 
     @pytest.mark.parametrize("window", ["whole", "quarter"])
-    @pytest.mark.parametrize("grid", [(48, 64), (7, 11), (37, 50), (1, 1)])
+    @pytest.mark.parametrize("grid", [(48, 64), (7, 11), (37, 50), (1, 1), (5, 130)])
     def test_cells_that_do_not_divide_the_panels(
-        self, display: X11Display, x_quarter: XServer, window: str, grid: tuple[int, int]
+        self, opened: tuple[X11Display, Screen], window: str, grid: tuple[int, int]
     ) -> None:
+        display, screen = opened
         frames = random_frames(grid, window, 8)
         for row in range(len(frames)):
             display.show(only(frames, row))
-            assert mismatches(x_quarter, frames, row) == 0, row
+            assert screen.mismatches(frames, row) == 0, row
 
-    def test_grey_levels_are_rounded_to_8_bits(
-        self, display: X11Display, x_quarter: XServer
-    ) -> None:
+    def test_grey_levels_are_rounded_to_8_bits(self, opened: tuple[X11Display, Screen]) -> None:
+        display, screen = opened
         frames = random_frames((5, 9), "whole", 6, grey=True)
         for row in range(len(frames)):
             display.show(only(frames, row))
-            assert mismatches(x_quarter, frames, row) == 0, row
+            assert screen.mismatches(frames, row) == 0, row
 
-    def test_played_rows_end_black(self, display: X11Display, x_quarter: XServer) -> None:
+    def test_loading_shows_nothing_and_played_rows_end_black(
+        self, opened: tuple[X11Display, Screen]
+    ) -> None:
+        display, screen = opened
+        display.black()
         display.load(random_frames((6, 8), "whole", 12))
+        assert not x11_rig.root_pixels(screen.server).any()
         display.play(lambda *_: None, lambda: False)
-        assert not x11_rig.root_pixels(x_quarter).any()
+        assert not x11_rig.root_pixels(screen.server).any()
+
+    def test_a_cell_without_a_pixel_is_refused(self, opened: tuple[X11Display, Screen]) -> None:
+        display, screen = opened
+        display.black()
+        with pytest.raises(ConfigError, match="cells have no pixel on the projector's"):
+            display.load(random_frames((200, 64), "whole", 4))
+        assert not x11_rig.root_pixels(screen.server).any()
+
+
+def test_cells_of_two_pixels(tmp_path: Path, x_full: XServer) -> None:
+    """512 x 384 cells, in windows of two pixels or three, under a map that bends."""
+    frames = random_frames((384, 512), "quarter", 5)
+    with shown(tmp_path, x_full, places={"mask": BENT["mask"]}) as (display, screen):
+        for row in range(4):
+            display.show(only(frames, row))
+            assert screen.mismatches(frames, row) == 0, row
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("order", ["GRB", "RGB"])
+@pytest.mark.parametrize(("order", "places"), [("GRB", None), ("RGB", BENT)])
 def test_24_planes_of_a_picture(
-    tmp_path: Path, x_quarter: XServer, window: str, order: str
+    tmp_path: Path, x_quarter: XServer, window: str, order: str, places: dict[str, Placing] | None
 ) -> None:
     """Row j of the frames is bit j % 8 of colour order[j // 8], under sub-shifts of its own."""
     frames = random_frames((12, 16), window, 24)
     panels = {"planes_per_refresh": 24, "plane_order": order}
-    with shown(tmp_path, x_quarter, panels=panels) as display:
+    with shown(tmp_path, x_quarter, panels, places=places) as (display, screen):
         display.show(frames)
-        projector, mask, rest = x11_rig.panels(x_quarter)
+        *found, rest = x11_rig.panels(x_quarter)
     assert rest == 0
-    for found, size, is_mask in (
-        (projector, x_quarter.projector_px, False),
-        (mask, x_quarter.mask_px, True),
-    ):
-        wanted = np.zeros((*size[::-1], 3), dtype=np.uint8)
+    for picture, view in zip(found, screen.views, strict=True):
+        wanted = np.zeros(picture.shape, dtype=np.uint8)
         for j in range(24):
-            lit = planned(frames, j, size, mask=is_mask) > 0
+            lit = planned(frames, j, view) > 0
             wanted[..., "RGB".index(order[j // 8])] += lit.astype(np.uint8) << j % 8
-        assert np.count_nonzero(found != wanted) == 0
-        drawn = draw_planes(frames, size, range(24), mask=is_mask, order=order)
-        np.testing.assert_array_equal(drawn, wanted)
+        assert np.count_nonzero(picture != wanted) == 0
+        np.testing.assert_array_equal(draw_planes(frames, view, range(24), order), wanted)
 
 
 def test_planes_are_logged_one_by_one_and_a_delayed_mask_comes_later(
@@ -150,7 +216,7 @@ def test_planes_are_logged_one_by_one_and_a_delayed_mask_comes_later(
 ) -> None:
     frames = random_frames((6, 8), "whole", 100)
     panels = {"planes_per_refresh": 24, "mask_delay_refreshes": 1}
-    with shown(tmp_path, x_quarter, panels=panels) as display:
+    with shown(tmp_path, x_quarter, panels) as (display, _):
         display.load(frames)
         log = display.play(lambda *_: None, lambda: False)
     if log.missed.any():

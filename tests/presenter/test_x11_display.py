@@ -27,7 +27,7 @@ from pdcd.presenter.windows import Windows
 from pdcd.presenter.xgrab import RootGrabber
 from tests import x11_rig
 from tests.contract.test_display import GRID, DisplayContract, frames
-from tests.panel_pixels import planned
+from tests.panel_pixels import planned, upright
 from tests.xserver import QUARTER, XServer, run
 
 
@@ -319,7 +319,7 @@ def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
         (projector, server.projector_px, False),
         (mask, server.mask_px, True),
     ):
-        wanted = planned(shown, 0, size, mask=is_mask)
+        wanted = planned(shown, 0, upright(size, mask=is_mask))
         np.testing.assert_array_equal(found, np.repeat(wanted[..., None], 3, axis=2))
 
 

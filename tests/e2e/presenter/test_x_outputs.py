@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from Xlib import X
+from Xlib.ext import randr
 
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import outputs as x_outputs
@@ -185,10 +186,28 @@ def test_a_rate_that_the_server_does_not_know_is_none() -> None:
     assert pair.refresh_hz is None and pair.slip_s is None
 
 
-def test_a_turned_output_is_refused(display: Any) -> None:
-    turned = [replace(o, turned=o.name == "DUMMY1") for o in read_outputs(display)]
-    with pytest.raises(ConfigError, match="rotated or mirrored"):
-        find_pair(turned, projector=PROJECTOR, mask=MASK)
+def test_a_turned_output_is_taken_and_said(display: Any) -> None:
+    """This server cannot turn outputs; what it says of one that is turned is put in its mouth."""
+    outputs = [
+        replace(o, turned=x_outputs.turned(randr.Rotate_180 | randr.Reflect_X))
+        if o.name == "DUMMY1"
+        else o
+        for o in read_outputs(display)
+    ]
+    pair = find_pair(outputs, projector=PROJECTOR, mask=MASK)
+    said = "60.0000 Hz, rotated by 180 degrees and mirrored left to right by the X server"
+    assert str(pair.projector).endswith(said)
+    assert str(pair.mask).endswith("60.0000 Hz")
+
+
+def test_turned_outputs_have_the_size_that_the_screen_gives_them(display: Any) -> None:
+    """A panel that stands upright is as wide as it is high otherwise."""
+    outputs = [
+        replace(o, turned=x_outputs.turned(randr.Rotate_90), width=o.height, height=o.width)
+        for o in read_outputs(display)
+    ]
+    with pytest.raises(ConfigError, match="DUMMY1 shows 192 x 256 pixels, not 256 x 192"):
+        find_pair(outputs, projector=PROJECTOR, mask=MASK)
 
 
 def test_one_large_output_is_divided_by_the_configuration() -> None:

@@ -1,8 +1,8 @@
-"""The pixels of a panel: exact fractions, and the cells of the lattice."""
+"""The pixels of a panel: exact fractions, maps, and the cells of the lattice."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -12,10 +12,17 @@ from pdcd.frames.bitplanes import pack_planes
 from pdcd.frames.draw import draw, draw_planes
 from pdcd.frames.frames import BLACK
 from pdcd.frames.lattice import Lattice
+from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import levels_of
-from tests.panel_pixels import planned, random_frames
+from pdcd.maps.placing import Placing, placed
+from tests.panel_pixels import planned, random_frames, upright
 
+Flip = Literal["none", "horizontal", "vertical"]
 SIZE = (90, 70)
+MASK = upright(SIZE, mask=True)
+BENT = Placing(
+    flip="horizontal", turn_deg=11.0, scale=1.3, offset_px=(1.5, -2.5), radial=(0.04, -0.02)
+)
 
 
 @pytest.mark.parametrize("mask", [False, True])
@@ -25,39 +32,66 @@ SIZE = (90, 70)
 def test_every_pixel_by_exact_fractions(
     grid: tuple[int, int], window: str, grey: bool, mask: bool
 ) -> None:
+    panel = upright(SIZE, mask=mask)
     frames = random_frames(grid, window, 8, grey=grey)
     for row in range(len(frames)):
-        found = draw(frames, SIZE, row, mask=mask)
+        found = draw(frames, panel, row)
         assert found.dtype == np.uint8
-        np.testing.assert_array_equal(found, planned(frames, row, SIZE, mask=mask))
+        np.testing.assert_array_equal(found, planned(frames, row, panel))
+
+
+@pytest.mark.parametrize("mask", [False, True])
+@pytest.mark.parametrize("grey", [False, True])
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_every_pixel_under_a_map_that_bends(window: str, grey: bool, mask: bool) -> None:
+    """Mirrored, turned, distorted, larger than the field; beside it even white is dark."""
+    panel = PanelView("mask" if mask else "projector", placed(BENT, SIZE, SIZE, "panel"))
+    frames = random_frames((7, 11), window, 8, grey=grey)
+    for row in range(len(frames)):
+        np.testing.assert_array_equal(draw(frames, panel, row), planned(frames, row, panel))
+    white = draw(frames, panel, 4 if mask else 7)
+    assert 0.2 < (white == 0).mean() < 0.5 and set(np.unique(white)) == {0, 255}
+
+
+@pytest.mark.parametrize("flip", ["none", "horizontal", "vertical"])
+def test_a_mirrored_panel_shows_a_mirrored_picture(flip: Flip) -> None:
+    """No centre lies on an edge here: there a mirror changes sides."""
+    frames = random_frames((7, 9), "quarter", 8)
+    for plain in (upright(SIZE, mask=False), MASK):
+        panel = PanelView(plain.role, placed(Placing(flip=flip), SIZE, SIZE, plain.role))
+        for row in range(len(frames)):
+            picture = draw(frames, plain, row)
+            wanted = {"none": picture, "horizontal": picture[:, ::-1], "vertical": picture[::-1]}
+            np.testing.assert_array_equal(draw(frames, panel, row), wanted[flip])
 
 
 @pytest.mark.parametrize("mask", [False, True])
 def test_a_row_for_none_is_black(mask: bool) -> None:
-    assert not draw(random_frames((6, 8), "whole", 4), SIZE, BLACK, mask=mask).any()
+    assert not draw(random_frames((6, 8), "whole", 4), upright(SIZE, mask=mask), BLACK).any()
 
 
 @pytest.mark.parametrize("mask", [False, True])
 def test_planes_are_rows(mask: bool) -> None:
     frames = random_frames((6, 8), "quarter", 20)
     rows = [*range(20), BLACK, 3]
-    found = draw_planes(frames, SIZE, rows, mask=mask, order="RBG")
-    planes = [draw(frames, SIZE, row, mask=mask) == 255 for row in rows]
+    panel = upright(SIZE, mask=mask)
+    found = draw_planes(frames, panel, rows, order="RBG")
+    planes = [draw(frames, panel, row) == 255 for row in rows]
     np.testing.assert_array_equal(found, pack_planes(np.stack(planes), "RBG"))
     assert found.shape == (70, 90, 3)
-    assert not draw_planes(frames, SIZE, [], mask=mask).any()
+    assert not draw_planes(frames, panel, []).any()
 
 
 def test_what_cannot_be_drawn_is_refused() -> None:
     frames = random_frames((6, 8), "whole", 4)
     for row in (4, -2):
         with pytest.raises(ConfigError, match=f"no row {row}"):
-            draw(frames, SIZE, row, mask=True)
-    with pytest.raises(ConfigError, match="6 x 8 cells do not fit 5 x 9 px") as caught:
-        draw(frames, (9, 5), 0, mask=True)
+            draw(frames, MASK, row)
+    with pytest.raises(ConfigError, match=r"8 of 6 x 8 cells have no pixel .* 5 x 9 px") as caught:
+        draw(frames, upright((9, 5), mask=True), 0)
     assert caught.value.device == "mask"
     with pytest.raises(ConfigError, match="grey levels"):
-        draw_planes(random_frames((6, 8), "whole", 4, grey=True), SIZE, [0], mask=True)
+        draw_planes(random_frames((6, 8), "whole", 4, grey=True), MASK, [0])
 
 
 @pytest.mark.parametrize(
@@ -68,8 +102,8 @@ def test_pixels_are_what_the_lattice_says(window: str, shift: int) -> None:
     grid, size = (6, 5), (40, 24)
     frames, lattice = random_frames(grid, window, 8), Lattice(grid, window)
     row = shift if window == "quarter" else 0
-    light = draw(frames, size, row, mask=False) / 255
-    opening = draw(frames, size, row, mask=True) / 255
+    light = draw(frames, upright(size, mask=False), row) / 255
+    opening = draw(frames, upright(size, mask=True), row) / 255
     primal = levels_of(frames.primal_patterns, frames.primal_index[row], lattice.lattice_cells)
     dual = levels_of(frames.dual_patterns, frames.dual_index[row], lattice.lattice_cells)
     fields = lattice.primal_field_values(primal, shift)
