@@ -1,10 +1,11 @@
 """What the mock drivers share: the scene, and what it was shown while the shutter was open.
 
 Modelled: both panels' own refresh and phase, first-order response, black leak, skew, jitter and
-misregistration; sub-cell windows; ambient light; shutter lag and jitter. Not modelled: projector
-colour wheels and dithering, lens blur, vignetting and distortion, scan-out from top to bottom,
-panel pixels that do not divide a cell, motion. Panels are taken to have settled to black when the
-shutter opens; where they had less time than `rig.settle_s` for it, there is no photo.
+misregistration; sub-cell windows; ambient light; shutter lag and jitter. A bench whose devices are
+placed, or that has a truth, is one of pixels (`pdcd.optics`): there also maps, blur, falloff,
+scan-out, dead lines, gamma. Not modelled: projector colour wheels and dithering, motion. Panels are
+taken to have settled to black when the shutter opens; where they had less time than `rig.settle_s`
+for it, there is no photo.
 """
 
 from __future__ import annotations
@@ -16,8 +17,12 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import DriverContext, Shared
 from pdcd.bench.tables import Config
+from pdcd.bench.truth import Truth
 from pdcd.errors import ExposureError
 from pdcd.frames.frames import FrameLog, Frames
+from pdcd.optics.bench import OpticalBench
+from pdcd.optics.needed import frame_of, optics_of
+from pdcd.optics.products import Exposure
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
 from pdcd.scene.build import build_scene
@@ -42,6 +47,8 @@ class Bench:
     """How the shutter of this exposure moved before the panels had settled; '' where it did not."""
     shutter_open: bool = field(default=False)
     shared: Shared = field(default_factory=Shared)
+    optics: OpticalBench | None = None
+    """The bench pixel by pixel; None where cells say all there is."""
 
     @classmethod
     def of(cls, context: DriverContext) -> Bench:
@@ -49,7 +56,8 @@ class Bench:
 
         def make() -> Bench:
             scene = context.shared.scene = build_scene(context.config.scene)
-            return cls(context.config, scene, shared=context.shared)
+            optics = optics_of(context.config, scene)
+            return cls(context.config, scene, shared=context.shared, optics=optics)
 
         return context.the(cls, make)
 
@@ -110,22 +118,56 @@ class Bench:
         """The exposure is read out: there is nothing more on the sensor."""
         self.open_ns = self.close_ns = self.shared.exposed_ns = None
 
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of code cells."""
+        return self.config.schedule.grid or self.scene.grid
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Rows and columns of the camera's quads."""
+        return frame_of(self.config, self.grid)
+
+    @property
+    def truth(self) -> Truth:
+        """What the bench is beyond what its configuration says."""
+        return Truth() if self.optics is None else self.optics.truth
+
+    @property
+    def true(self) -> Config:
+        """The configuration that describes the bench as it is."""
+        return self.config if self.optics is None else self.optics.true
+
+    def quads(self) -> NDArray[np.float64]:
+        """Light of the last exposure at the camera's quads, (rows, cols, 3) float64 in scene units
+        times seconds. Raises ExposureError as `photo` does."""
+        if self.optics is None:
+            per_cell = self.config.camera.quads_per_cell
+            cells = self.photo().reshape(*self.grid, 3)
+            return cells.repeat(per_cell, axis=0).repeat(per_cell, axis=1)
+        self._check_photo()
+        open_ns, close_ns = self.exposed_ns()
+        if self.shared.pixels is not None:
+            raise ExposureError(
+                "a display that looks at its own pixels stands before a bench of pixels",
+                device="camera",
+                hint="remove grab_px from display.options, or the truth and places of the bench",
+            )
+        frames, log = self._played(open_ns)
+        return self.optics.photo(Exposure(frames, log, open_ns, close_ns))
+
     def photo(self) -> NDArray[np.float64]:
-        """Light of the last exposure, (N, 3) float64 in scene units times seconds.
+        """Light of the last exposure on cells, (N, 3) float64 in scene units times seconds; for a
+        bench without `optics`.
 
         Raises ExposureError when no exposure has been completed, or its shutter moved before the
         panels had settled to black.
         """
-        if self.unsettled:
-            raise ExposureError(
-                self.unsettled, device="shutter", hint="wait for rig.settle_s on black panels"
-            )
+        self._check_photo()
         open_ns, close_ns = self.exposed_ns()
         config = self.config
         light = np.zeros((self.scene.cells, 3))
-        frames, log = self.frames, self.log
-        if frames is None or log is None:  # another display than the mock's: the rig knows
-            frames, log = self.shared.played or _nothing(self.scene.grid, open_ns)
+        frames, log = self._played(open_ns)
         shown = self.shared.pixels
         if shown is None:
             parts = bench_factors(
@@ -144,6 +186,18 @@ class Bench:
         for part in parts:
             light += self.scene.photo(part.left, part.right, part.coaxial, part.open_s)
         return light
+
+    def _check_photo(self) -> None:
+        if self.unsettled:
+            raise ExposureError(
+                self.unsettled, device="shutter", hint="wait for rig.settle_s on black panels"
+            )
+
+    def _played(self, open_ns: int) -> tuple[Frames, FrameLog]:
+        """What the panels showed in the last exposure."""
+        if self.frames is None or self.log is None:  # not the mock's display: the rig knows
+            return self.shared.played or _nothing(self.grid, open_ns)
+        return self.frames, self.log
 
 
 def _nothing(grid: tuple[int, int], at_ns: int) -> tuple[Frames, FrameLog]:

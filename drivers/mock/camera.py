@@ -6,6 +6,7 @@ import hashlib
 from datetime import UTC, datetime
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +15,9 @@ from drivers.mock.dng import dng_bytes
 from drivers.mock.options import refuse_options
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig
+from pdcd.bench.truth import TrueSensor
 from pdcd.errors import ConfigError, ExposureError
-from pdcd.sensor.profile import expose, load_profile, responsivity_e
+from pdcd.sensor.profile import IsoRow, SensorProfile, expose, load_profile, responsivity_e
 
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 """f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""
@@ -25,16 +27,17 @@ READOUT_S = 0.2
 
 
 class BenchSensor:
-    """The sensor on the bench: one Bayer quad, or a block of them, per scene cell.
+    """The sensor on the bench: all four samples of a Bayer quad see the light of the quad.
 
-    Each quad sees the mean over its cell; light finer than a cell is not resolved. Models the
-    noise of `pdcd.sensor.profile`; not models optical black borders, hot pixels or lens shading.
+    Models the noise of `pdcd.sensor.profile`, and where the bench has a truth its factors on that,
+    and samples that are not equally sensitive; not models optical black borders and hot pixels.
     """
 
     def __init__(self, bench: Bench, config: CameraConfig) -> None:
         self._bench = bench
         self._config = config
         self.profile = load_profile(config.profile)
+        self._true = true_profile(self.profile, bench.truth.sensor)
         self.responsivity_e = responsivity_e(config)
         self._rng = np.random.default_rng([config.seed, 1])
 
@@ -44,13 +47,13 @@ class BenchSensor:
         Raises ExposureError when no exposure has been completed, or it was taken already.
         """
         bench = self._bench
-        light = bench.photo()
+        light = bench.quads()
         open_ns, close_ns = bench.exposed_ns()
         exposure_s = (close_ns - open_ns) * 1e-9
         electrons = self._mosaic(light * self.responsivity_e / f_number**2)
         rng = self._rng if self._config.noise == "full" else None
         data = dng_bytes(
-            expose(electrons, self.profile, iso, exposure_s, rng),
+            expose(electrons, self._true, iso, exposure_s, rng),
             black=self.profile.black_dn,
             white=self.profile.white_dn,
             iso=iso,
@@ -63,20 +66,40 @@ class BenchSensor:
         bench.photo_taken()
         return data
 
-    def _mosaic(self, cells: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 3) per cell -> (H, W) RGGB mosaic."""
-        rows, cols = self._bench.scene.grid
-        per_cell = self._config.quads_per_cell
-        quads = cells.reshape(rows, cols, 3).repeat(per_cell, axis=0).repeat(per_cell, axis=1)
+    def _mosaic(self, quads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(h, w, 3) of quads -> (H, W) RGGB mosaic."""
         mosaic = np.empty((2 * quads.shape[0], 2 * quads.shape[1]))
         mosaic[0::2, 0::2] = quads[..., 0]
         mosaic[0::2, 1::2] = mosaic[1::2, 0::2] = quads[..., 1]
         mosaic[1::2, 1::2] = quads[..., 2]
+        if self._bench.truth.sensor.prnu:
+            mosaic *= self._sensitivity(mosaic.shape)
         return mosaic
+
+    def _sensitivity(self, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """What each sample makes of its light, over the mean: the same in every photo."""
+        rng = np.random.default_rng([self._config.seed, 4])
+        sigma = np.float32(self._bench.truth.sensor.prnu)
+        wobble = rng.standard_normal(shape, dtype=np.float32)
+        return np.maximum(1.0 + sigma * wobble, 0.0, dtype=np.float32)
 
     def _neutral(self) -> tuple[float, float, float]:
         red, green, blue = self.responsivity_e / self.responsivity_e.max()
         return float(red), float(green), float(blue)
+
+
+def true_profile(profile: SensorProfile, true: TrueSensor) -> SensorProfile:
+    """The profile of the sensor as it is, by the factors of a truth."""
+    rows = tuple(
+        IsoRow(row.iso, row.gain_e_per_dn / true.gain, row.read_noise_e * true.read_noise)
+        for row in profile.rows
+    )
+    return msgspec.structs.replace(
+        profile,
+        full_well_e=profile.full_well_e * true.full_well,
+        dark_e_per_s=profile.dark_e_per_s * true.dark,
+        rows=rows,
+    )
 
 
 class MockReadout:

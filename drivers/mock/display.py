@@ -67,13 +67,20 @@ class MockDisplay:
             self._mask_lag_s(),
         )
 
+    @property
+    def _true_panels(self) -> tuple[PanelConfig, PanelConfig]:
+        """Projector and mask as they are, whatever is believed of them."""
+        return self._bench.true.projector, self._bench.true.mask
+
     def _mask_lag_s(self) -> float | None:
         """Phase and skew of the mask against the projector, its delay included."""
         projector, mask = self._config.projector, self._config.mask
         if projector.refresh_hz != mask.refresh_hz:
             return None  # it drifts
         delay_s = self._config.mask_delay_rows / self._config.row_hz
-        return apart_s(projector, mask) + mask.skew_s - projector.skew_s + delay_s
+        # Vblanks are seen as they come; of the light after them only what is believed is known.
+        apart = apart_s(self._bench.true.projector, self._bench.true.mask)
+        return apart + mask.skew_s - projector.skew_s + delay_s
 
     def load(self, frames: Frames) -> None:
         """Check that every code cell has pixels on both panels, and keep the frames."""
@@ -81,11 +88,11 @@ class MockDisplay:
             check_binary(frames.primal_patterns, frames.dual_patterns)
         check_cells(self._panels.projector, frames.grid)
         check_cells(self._panels.mask, frames.grid)
-        if frames.grid != self._bench.scene.grid:
+        if frames.grid != self._bench.grid:
             raise ConfigError(
-                f"frames of {frames.grid} cells for a scene of {self._bench.scene.grid}",
+                f"frames of {frames.grid} cells for a bench of {self._bench.grid}",
                 device="display",
-                hint="the code grid must be the scene's",
+                hint="the codes' grid must be that of the configuration",
             )
         self._frames = frames
 
@@ -172,7 +179,7 @@ class MockDisplay:
         again = np.zeros(count, dtype=np.int64)
         if planes > 1:  # a DLP shows all bits again when no new picture came
             again = self._missed(flips)[1:].astype(np.int64)
-        for side, panel in enumerate((self._config.projector, self._config.mask)):
+        for side, panel in enumerate(self._true_panels):
             wobble = self._rng.standard_normal(count + 1) * panel.jitter_s * 1e9
             flips[side] = np.maximum.accumulate(flips[side] + np.rint(wobble).astype(np.int64))
         return self._log(asked, sent.reshape(shown.shape), shown, flips, missed, again)
@@ -197,7 +204,7 @@ class MockDisplay:
 
     def _flips(self, count: int, faults: FaultsConfig) -> NDArray[np.int64]:
         """Vblanks at which each panel takes each refresh, and black after them, (2, count + 1)."""
-        panels = (self._config.projector, self._config.mask)
+        panels = self._true_panels
         flips = np.empty((2, count + 1), dtype=np.int64)
         late = {int(row): by for row, by in faults.late.items()}
         period_ns = 1e9 / min(p.refresh_hz for p in panels)
@@ -236,7 +243,7 @@ class MockDisplay:
         turn = np.arange(number.size) - np.repeat(np.cumsum(1 + again) - 1 - again, 1 + again)
         plane = np.arange(planes) / planes
         stamps, ends = [], []
-        for side, panel in enumerate((self._config.projector, self._config.mask)):
+        for side, panel in enumerate(self._true_panels):
             period_ns = 1e9 / panel.refresh_hz
             late_ns = np.rint((turn[:, None] + plane) * period_ns).astype(np.int64)
             at = (flips[side][number][:, None] + late_ns).ravel()
@@ -262,7 +269,7 @@ class MockDisplay:
     def _missed(self, flips: NDArray[np.int64]) -> NDArray[np.int32]:
         """Vblanks that passed without a new frame, before each flip; the worse of both panels."""
         lost = np.zeros(flips.shape, dtype=np.int64)
-        for side, panel in enumerate((self._config.projector, self._config.mask)):
+        for side, panel in enumerate(self._true_panels):
             periods = np.diff(flips[side]) * panel.refresh_hz * 1e-9
             lost[side, 1:] = np.rint(periods).astype(np.int64) - 1
         return np.asarray(lost.max(axis=0), dtype=np.int32)

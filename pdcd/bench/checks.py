@@ -6,12 +6,13 @@ import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
 from pdcd.bench.folders import MAX_SOCKET_BYTES
 from pdcd.bench.placed import place_faults
+from pdcd.bench.reading import Fault
 from pdcd.bench.tables import (
     DEFAULT_GRID,
     Config,
@@ -20,6 +21,8 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from pdcd.bench.toml_text import TIMES
+from pdcd.bench.truth import read_truth
+from pdcd.errors import ConfigError
 
 RATE_TOLERANCE = 5e-4
 """Largest relative difference of the two refresh rates: at 60 Hz they then slip by one whole
@@ -28,13 +31,6 @@ refresh in half a minute at the fastest, which the black frames around every cod
 
 MAX_INTEGER = 2**53
 """Integers stay below this in every message, so that any JSON reader keeps them exactly."""
-
-
-class Fault(NamedTuple):
-    """One fault: the keys it is about (dotted) and what to do."""
-
-    keys: tuple[str, ...]
-    message: str
 
 
 def check(config: Config) -> list[str]:
@@ -67,6 +63,20 @@ def cross_faults(config: Config) -> Iterator[Fault]:
             f"server.socket: a unix socket's path has at most {MAX_SOCKET_BYTES} bytes: {socket}",
         )
     yield from _access_faults(config.server)
+    yield from _truth_faults(config)
+
+
+def _truth_faults(config: Config) -> Iterator[Fault]:
+    """Yield what is wrong with the file that says what the mock bench really is."""
+    if config.bench.truth is None:
+        return
+    try:
+        faults = read_truth(Path(config.bench.truth), config)[1]
+    except ConfigError as err:
+        yield Fault(("bench.truth",), f"bench.truth: {err.message}")
+        return
+    for fault in faults:
+        yield Fault(("bench.truth",), f"bench.truth: {config.bench.truth}: {fault.message}")
 
 
 def _access_faults(server: ServerConfig) -> Iterator[Fault]:
@@ -157,9 +167,9 @@ def _scene_faults(config: Config) -> Iterator[Fault]:
         )
     if scene.path is not None and not Path(scene.path).is_file():
         yield Fault(("scene.path",), f"scene.path: there is no file {scene.path}")
-    if scene.grid is None and scene.kind == "matrix":
+    if config.schedule.grid is None and scene.grid is None and scene.kind == "matrix":
         return  # the cells are known only when the file is read
-    rows, cols = scene.grid or DEFAULT_GRID
+    rows, cols = config.schedule.grid or scene.grid or DEFAULT_GRID
     quarter = config.schedule.window == "quarter"
     for name, panel in (("projector", config.projector), ("mask", config.mask)):
         cell_px = min(panel.size_px[0] / cols, panel.size_px[1] / rows)

@@ -15,6 +15,7 @@ from pdcd.words import BlackLevel, FamilyName, GuardsName, NormaliseName, Window
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
+Quads = Annotated[int, Meta(ge=1, le=16384)]
 
 DEFAULT_GRID = (48, 64)
 """Rows and columns of cells when neither the file nor a matrix says otherwise."""
@@ -112,6 +113,10 @@ class CameraConfig(_Table, frozen=True):
     A lens that cannot be set from here needs its own f-number, at which photos are scaled."""
     noise: Literal["none", "full"] = "full"
     quads_per_cell: Annotated[int, Meta(ge=1, le=64)] = 1
+    """Mock only: Bayer quads of the frame for each code cell, along either axis."""
+    frame_quads: tuple[Quads, Quads] | None = None
+    """Mock only: width and height of the frame in Bayer quads, whatever the cells; None: by
+    `quads_per_cell`."""
     responsivity_e: tuple[Positive, Positive, Positive] | None = None
     """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
     place: Placing = field(default_factory=Placing)
@@ -155,12 +160,21 @@ class SceneConfig(_Table, frozen=True):
 class ScheduleConfig(_Table, frozen=True):
     """[schedule] defaults of the codes and of their timing."""
 
+    grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]] | None = None
+    """Rows and columns of code cells; None: the scene's."""
     codes: Annotated[int, Meta(ge=1, le=65536)] = 128
     family: FamilyName = "hadamard"
     window: WindowName = "auto"
     guards: bool | GuardsName = True
     black_level: BlackLevel = "none"
     normalise: NormaliseName = "auto"
+
+
+class BenchConfig(_Table, frozen=True):
+    """[bench] what the mock bench really is, where that is not what the rest of the file says."""
+
+    truth: str | None = None
+    """File of the truth (`pdcd.bench.truth`); None: the bench is as it is described."""
 
 
 class LimitsConfig(_Table, frozen=True):
@@ -230,6 +244,7 @@ class Config(_Table, frozen=True):
     camera: CameraConfig = field(default_factory=CameraConfig)
     trigger: TriggerConfig = field(default_factory=TriggerConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
+    bench: BenchConfig = field(default_factory=BenchConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     server: ServerConfig = field(default_factory=ServerConfig)

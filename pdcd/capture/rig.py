@@ -94,8 +94,10 @@ class Rig:
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
-        scene = self.scene
-        return self.config.scene.grid or DEFAULT_GRID if scene is None else scene.grid
+        said = self.config.schedule.grid or self.config.scene.grid or DEFAULT_GRID
+        if self.scene is None or self.config.schedule.grid is not None:
+            return said
+        return self.scene.grid
 
     @property
     def mock(self) -> bool:

@@ -6,7 +6,8 @@ import argparse
 import json
 
 from pdcd import __version__
-from pdcd.bench.config import faults_error, find, load, read, schema, show
+from pdcd.bench.config import find, load, read, schema, show
+from pdcd.bench.reading import faults_error
 from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import progress, say, say_json, say_table

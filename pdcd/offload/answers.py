@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
+from pdcd.optics.needed import optics_of
 from pdcd.pictures.combine import Picture
 from pdcd.planning.plan import Plan
 from pdcd.planning.truth import answer
 from pdcd.probing.deviation import Deviation
+from pdcd.recipes.recipe import Extremes
 from pdcd.request import CaptureRequest, PlanSummary
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.scene.scene import Scene
@@ -124,16 +126,40 @@ def rms_sigma(picture: Picture) -> float:
 def rms_error(
     plan: Plan,
     record: RunRecord,
-    image: NDArray[np.float64],
+    picture: Picture,
+    cell_means: NDArray[np.float64],
     scene: Scene | None,
+    config: Config,
     alive: Callable[[], None],
 ) -> float | None:
-    """RMS error of the means of cells, (rows, cols, 3), over the RMS of the truth; None where that
-    is not known. Cells that the camera does not see do not count."""
-    if scene is None or record.cells is None:
+    """RMS error over the RMS of the truth; None where that is not known.
+
+    Of the means of cells that the camera sees, (rows, cols, 3). On a bench of pixels, of the
+    picture itself: the truth is seen through the same optics, and looked at where the picture is
+    known and lies wholly inside the field.
+    """
+    if scene is None or record.homography is not None or record.cells is None:
         return None
-    seen = record.cells.seen()
-    truth = answer(scene, plan.recipe, alive)[seen]
-    scale = float(np.sqrt(np.mean(truth**2))) if seen.any() else 0.0
-    error = image.reshape(-1, image.shape[-1])[seen] - truth
-    return float(np.sqrt(np.mean(error**2))) / scale if scale else None
+    optics = optics_of(config, scene)
+    if optics is None:
+        seen = record.cells.seen()
+        truth = answer(scene, plan.recipe, alive)[seen]
+        error = cell_means.reshape(-1, cell_means.shape[-1])[seen] - truth
+    elif optics.frame != picture.image.shape[:2] or not _told(plan, scene):
+        return None
+    else:
+        whole = optics.wanted(lambda part: answer(part, plan.recipe, alive))
+        seen = optics.inside & np.isfinite(picture.sigma).all(axis=-1)
+        truth, error = whole[seen], (picture.image - whole)[seen]
+    scale = float(np.sum(truth**2))
+    return float(np.sqrt(np.sum(error**2) / scale)) if scale else None
+
+
+def _told(plan: Plan, scene: Scene) -> bool:
+    """Whether a scene can tell what a plan's answer is on a bench of pixels: one that is linear in
+    its effects, and means the scene's own cells or none in particular."""
+    recipe = plan.recipe
+    if isinstance(recipe.answer, Extremes):
+        return False
+    wanted = recipe.wanted if recipe.meant is None else recipe.meant
+    return plan.grid == scene.grid or wanted.uniform is not None

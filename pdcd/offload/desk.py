@@ -106,7 +106,8 @@ class Desk:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
             setting = Setting(facts.config, camera, facts.profile, mask_lag_s)
-            plan = choose(request, setting, facts.grid, facts.scene, given, watch).plan
+            known = facts.scene if facts.scene and facts.scene.grid == facts.grid else None
+            plan = choose(request, setting, facts.grid, known, given, watch).plan
         self._job = _Job(request, camera, plan)
         return self._planned(plan)
 
@@ -200,7 +201,15 @@ class Desk:
             rms_sigma=rms_sigma(picture),
             sigma_kind=picture.kind,
             sigma_mean=float(known.mean(dtype=np.float64)) if known.size else None,
-            rms_error=rms_error(job.plan, record, decoded.cell_means.image, facts.scene, watch),
+            rms_error=rms_error(
+                job.plan,
+                record,
+                picture,
+                decoded.cell_means.image,
+                facts.scene,
+                facts.config,
+                watch,
+            ),
             deviations=decoded.deviations(watch),
         )
         self.forget(watch)

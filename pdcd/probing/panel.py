@@ -95,6 +95,16 @@ class Trajectory:
         """Fields of one span: 1, 2 or 3."""
         return self._fields
 
+    @property
+    def pixels(self) -> int:
+        """Pixels of the panel, P."""
+        return int(self._state.size)
+
+    @property
+    def reached(self) -> int:
+        """The first span that no call has taken yet."""
+        return self._first + len(self._held)
+
     def take(self, start: int, stop: int) -> Floats:
         """Fields of spans start..stop-1, (stop - start, fields, P) float64.
 

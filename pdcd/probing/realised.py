@@ -92,10 +92,10 @@ def factors(
     fine : look at parts of cells, too.
     """
     lattice = Lattice(frames.grid, frames.window, offset_cells)
-    p_rows, p_start_ns = _spans(
+    p_rows, p_start_ns = frame_spans(
         frames, log.primal_shown, log.primal_ns, int(log.end_ns[0]), primal, open_ns, True
     )
-    d_rows, d_start_ns = _spans(
+    d_rows, d_start_ns = frame_spans(
         frames, log.dual_shown, log.dual_ns, int(log.end_ns[1]), dual, open_ns, False
     )
     p_track = Trajectory(
@@ -213,16 +213,9 @@ def _chunk(
 ) -> Factors:
     """Reduce the spans of one chunk to the cells of the scene."""
     cells, k = lattice.cells, lattice.fields
-    used = np.flatnonzero(opens)  # dual spans that overlap this chunk: contiguous in time
-    d_lo, d_hi = int(used[0]) // d_track.fields, int(used[-1]) // d_track.fields + 1
-    columns = slice(d_lo * d_track.fields, d_hi * d_track.fields)
-    dual = d_track.take(d_lo, d_hi).reshape(columns.stop - columns.start, -1)
     right = primal_fields.reshape(rows.shape[0], -1)
-    left = rows[:, columns] @ dual
-    alive = left.any(axis=1) & right.any(axis=1)
-    left, right = left[alive], right[alive]
-
-    open_fine = opens[columns] @ dual
+    left, alive, open_fine = met(right, d_track, rows, opens)
+    right = right[alive]
     masks = left.reshape(-1, k, lattice.lattice_cells + 1)
     lights = right.reshape(-1, k, cells)
     coaxial = np.zeros(lattice.grid)
@@ -248,7 +241,42 @@ def _chunk(
     )
 
 
-def _spans(
+def met(
+    right: Floats, d_track: Trajectory, rows: sparse.csr_array, opens: Floats
+) -> tuple[Floats, NDArray[np.bool_], Floats]:
+    """What some spans of the projector meet on the mask, pixel by pixel of either.
+
+    Parameters
+    ----------
+    right : (spans * fields, P) float64
+        Their fields, as `Trajectory.take` gives them.
+    d_track : the mask's; it is asked for those spans that overlap these ones, in order.
+    rows, opens : the rows of both results of `span_weights` for these spans, `opens` summed.
+
+    Returns
+    -------
+    left : (R, D) float64
+        With `right[alive]`, (R, P): ``left.T @ right`` is the time for which mask pixel d and
+        projector pixel p were open and lit together, in seconds.
+    alive : (spans * fields,) bool
+        Rows that are not dark or shut throughout.
+    open_s : (D,) float64
+        Time for which each mask pixel was open.
+    """
+    used = np.flatnonzero(opens)  # dual spans that overlap these: contiguous in time
+    if not used.size:
+        never = np.zeros(len(right), dtype=np.bool_)
+        return np.zeros((0, d_track.pixels)), never, np.zeros(d_track.pixels)
+    d_lo = min(int(used[0]) // d_track.fields, d_track.reached)
+    d_hi = int(used[-1]) // d_track.fields + 1
+    columns = slice(d_lo * d_track.fields, d_hi * d_track.fields)
+    dual = d_track.take(d_lo, d_hi).reshape(columns.stop - columns.start, -1)
+    left = rows[:, columns] @ dual
+    alive = left.any(axis=1) & right.any(axis=1)
+    return left[alive], alive, opens[columns] @ dual
+
+
+def frame_spans(
     frames: Frames,
     shown: NDArray[np.int32],
     start_ns: Times,
@@ -257,7 +285,9 @@ def _spans(
     open_ns: int,
     primal_side: bool,
 ) -> tuple[list[int], Times]:
-    """Rows of `frames` that start a span (-1 is black) and when, in ns from the opening.
+    """Rows of `frames` that start a span (-1 is black) and when, (S,) int64 ns from the opening.
+
+    shown, start_ns, end_ns : of one panel, as its log has them.
 
     Refreshes that repeat the content before them belong to its span; black comes first and last.
     """

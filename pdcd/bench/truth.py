@@ -1,0 +1,219 @@
+"""What a mock bench really is: the file that `[bench] truth` names.
+
+The configuration is what its user believes. The truth says where the bench differs, in the words of
+the configuration where there are any; what it leaves out is as believed. What the words mean:
+docs/mock-bench.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta, field
+
+from pdcd.bench.reading import Fault, faults_error, overlay, toml_table
+from pdcd.bench.tables import Config, NonNegative, PanelConfig, Positive
+from pdcd.errors import ConfigError
+from pdcd.maps.placing import Placing, placed
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Line = Annotated[int, Meta(ge=0)]
+
+LARGEST_BLUR = 64.0
+"""Projector pixels, or quads: beyond that there is no picture."""
+
+
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file: immutable, nothing unknown."""
+
+
+class TruePanel(_Table, frozen=True):
+    """[projector] or [mask]; None is as believed."""
+
+    phase_s: float | None = None
+    skew_s: float | None = None
+    jitter_s: NonNegative | None = None
+    rise_s: NonNegative | None = None
+    fall_s: NonNegative | None = None
+    contrast: Positive | None = None
+    offset_px: tuple[float, float] | None = None
+    place: Placing | None = None
+    gamma: Positive = 1.0
+    """Light of a grey level, over full light: (level / 255) to this power."""
+    scan_s: float = 0.0
+    """Time from the first row of pixels until the last one is set; negative: from the last row."""
+    scan_bands: Annotated[int, Meta(ge=1, le=16384)] = 16
+    """Bands of rows that are set together; as many as rows, or more: row by row."""
+    falloff: Share = 0.0
+    """Light that is lost in the corners; between, it goes by the square of the radius."""
+    dead_rows: tuple[Line, ...] = ()
+    dead_columns: tuple[Line, ...] = ()
+    """Lines of pixels that stay black whatever they are sent."""
+
+
+class TrueCamera(_Table, frozen=True):
+    """[camera]"""
+
+    place: Placing | None = None
+    blur_quads: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] = 0.0
+    """Blur from the mask to the sensor: standard deviation of a Gaussian in quads."""
+    falloff: Share = 0.0
+    """Vignetting, as a panel's `falloff`."""
+    samples: Annotated[int, Meta(ge=1, le=64)] | None = None
+    """Points along either axis of a quad at which the light is looked at; None: as many as a quad
+    has pixels of the mask, at least 2 and at most 32."""
+
+
+class TrueScene(_Table, frozen=True):
+    """[scene]"""
+
+    ambient: NonNegative | None = None
+    blur_px: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] = 0.0
+    """Blur from the scene to the mask: standard deviation of a Gaussian in projector pixels."""
+    blur_taps: Annotated[int, Meta(ge=3, le=15)] = 5
+    """Points along either axis at which that Gaussian is taken; an odd number."""
+
+
+class TrueSensor(_Table, frozen=True):
+    """[sensor] factors on the profile's own numbers."""
+
+    gain: Positive = 1.0
+    """DN for each electron, over what the profile says."""
+    read_noise: Positive = 1.0
+    dark: Positive = 1.0
+    full_well: Positive = 1.0
+    prnu: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
+    """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""
+
+
+class Truth(_Table, frozen=True):
+    """The whole file."""
+
+    projector: TruePanel = field(default_factory=TruePanel)
+    mask: TruePanel = field(default_factory=TruePanel)
+    camera: TrueCamera = field(default_factory=TrueCamera)
+    scene: TrueScene = field(default_factory=TrueScene)
+    sensor: TrueSensor = field(default_factory=TrueSensor)
+
+    def of(self, config: Config) -> Config:
+        """The configuration that would describe the bench as it is, in its own words."""
+        replace = msgspec.structs.replace
+        camera, scene = config.camera, config.scene
+        if self.camera.place is not None:
+            camera = replace(camera, place=self.camera.place)
+        if self.scene.ambient is not None:
+            scene = replace(scene, ambient=self.scene.ambient)
+        return replace(
+            config,
+            projector=_panel(config.projector, self.projector),
+            mask=_panel(config.mask, self.mask),
+            camera=camera,
+            scene=scene,
+        )
+
+
+def _panel(believed: PanelConfig, true: TruePanel) -> PanelConfig:
+    names = {f.name for f in msgspec.structs.fields(believed)}
+    said: dict[str, Any] = {
+        name: value
+        for name, value in msgspec.structs.asdict(true).items()
+        if name in names and value is not None
+    }
+    return msgspec.structs.replace(believed, **said)
+
+
+def truth_of(config: Config) -> Truth:
+    """The truth of a configuration's mock bench; without a file, all of it as believed.
+
+    Raises ConfigError naming all faults of the file, one a line.
+    """
+    if config.bench.truth is None:
+        return Truth()
+    source = Path(config.bench.truth)
+    truth, faults = read_truth(source, config)
+    if faults:
+        raise faults_error(source, [fault.message for fault in faults])
+    return truth
+
+
+def read_truth(source: Path, config: Config) -> tuple[Truth, list[Fault]]:
+    """Read the file of a truth, and all its faults; a key at fault stands at its default.
+
+    Raises ConfigError for what is no TOML file.
+    """
+    table = toml_table(source, "the bench's truth", "mend bench.truth, or remove it")
+    faults: list[Fault] = []
+    truth = overlay(Truth(), table, "", faults)
+    known = {key for fault in faults for key in fault.keys}
+    faults += [fault for fault in _faults(truth, config) if known.isdisjoint(fault.keys)]
+    return truth, faults
+
+
+def _faults(truth: Truth, config: Config) -> Iterator[Fault]:
+    """Yield what the types alone do not exclude."""
+    endless = list(_endless(msgspec.to_builtins(truth), ""))
+    yield from endless
+    if endless:
+        return  # what follows from such numbers is no news
+    if truth.scene.blur_taps % 2 == 0:
+        yield Fault(("scene.blur_taps",), "scene.blur_taps: must be odd")
+    if truth.projector.offset_px is not None:
+        yield Fault(
+            ("projector.offset_px",),
+            "projector.offset_px: the mask is offset against the projector: set mask.offset_px",
+        )
+    true = truth.of(config)
+    for name in ("projector", "mask"):
+        yield from _panel_faults(name, getattr(truth, name), getattr(true, name), config)
+    if true.camera.frame_quads is not None:
+        yield from _place_faults("camera", true.camera.place, true.camera.frame_quads, config)
+
+
+def _panel_faults(
+    name: str, said: TruePanel, panel: PanelConfig, config: Config
+) -> Iterator[Fault]:
+    width, height = panel.size_px
+    for key, lines, end in (
+        ("dead_rows", said.dead_rows, height),
+        ("dead_columns", said.dead_columns, width),
+    ):
+        if any(line >= end for line in lines):
+            yield Fault((f"{name}.{key}",), f"{name}.{key}: lines are counted 0 to {end - 1}")
+    if said.contrast is not None and said.contrast <= 1.0:
+        yield Fault((f"{name}.contrast",), f"{name}.contrast: white over black exceeds 1")
+    if abs(panel.phase_s) > 1.0 / panel.refresh_hz:
+        yield Fault(
+            (f"{name}.phase_s",), f"{name}.phase_s: {panel.phase_s} s is more than one refresh"
+        )
+    if abs(said.scan_s) + abs(panel.skew_s) > config.rig.settle_s and said.scan_s:
+        yield Fault(
+            (f"{name}.scan_s",),
+            f"{name}.scan_s: rows that are set {abs(said.scan_s):g} s apart are not black within "
+            f"rig.settle_s = {config.rig.settle_s:g} s",
+        )
+    yield from _place_faults(name, panel.place, panel.size_px, config)
+
+
+def _place_faults(
+    name: str, place: Placing, size: tuple[int, int], config: Config
+) -> Iterator[Fault]:
+    try:
+        placed(place, size, config.projector.size_px, name)
+    except ConfigError as err:
+        yield Fault((f"{name}.place",), f"{name}.place: {err.message}")
+
+
+def _endless(value: Any, key: str) -> Iterator[Fault]:
+    """Yield numbers that are not finite, however deep they lie."""
+    if isinstance(value, dict):
+        for name, item in value.items():
+            yield from _endless(item, f"{key}.{name}" if key else name)
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from _endless(item, f"{key}[{index}]")
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield Fault((key,), f"{key}: must be a finite number, not {value}")

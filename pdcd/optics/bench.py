@@ -1,0 +1,242 @@
+"""A mock bench of pixels: what its camera sees, quad by quad.
+
+At a point x of the field, with p and m what the pixels there of projector and mask let pass:
+
+    light(x)  = blur of [ direct(y) p(y, t) + indirect(y, t) ] over y around x
+    sensor(x) = integral of m(x, t) (light(x, t) + ambient(x)) dt
+
+A quad has the mean of its samples; blur and vignetting of the lens follow. What is absent costs
+nothing. docs/mock-bench.md says it in full.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.ndimage import gaussian_filter
+
+from pdcd.bench.tables import Config
+from pdcd.bench.truth import Truth, truth_of
+from pdcd.optics.lit import Lit
+from pdcd.optics.products import Exposure, Products
+from pdcd.optics.raster import Raster
+from pdcd.optics.render import Meetings, Picture, Renderer, meetings
+from pdcd.optics.setting import Setting, falloff
+from pdcd.optics.sights import NOWHERE, CellGrid, Looks, Sights, look, pixels
+from pdcd.optics.sites import Kind, PanelSites
+from pdcd.scene.effects import Array, Effect
+from pdcd.scene.scene import Scene
+from pdcd.scene.texture import cell_means
+
+Floats = NDArray[np.float64]
+
+KEPT = 2
+"""Ways of driving the panels whose sights are kept: a white shot's and a coded one's."""
+POINTS_PER_PX = 2
+"""Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
+BLUR_REACH = 4.0
+"""Standard deviations after which the lens's blur is cut off."""
+CHUNK_POINTS = 1 << 20
+EDGE = 1e-9
+"""Corners so little beyond the field lie on its edge."""
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """What follows from the way the panels are driven: the sites of projector and mask, and who
+    sees which; without a mask, site 0 of it stands before everything. `spread` (projector sites, N)
+    is the share of each cell that a site lights."""
+
+    lit: PanelSites
+    opened: PanelSites
+    spread: sparse.csr_array
+    sights: Sights
+    met: Meetings
+
+
+class OpticalBench:
+    """A scene, two panels and a camera, wherever they are.
+
+    Parameters
+    ----------
+    config : what is believed; `[bench] truth` in it names what is true.
+    scene : what stands there.
+    frame : rows and columns of the camera's quads.
+
+    Raises ConfigError for a wrong truth, or a map that cannot be used.
+    """
+
+    def __init__(self, config: Config, scene: Scene, frame: tuple[int, int]) -> None:
+        self._setting = Setting(config, truth_of(config), frame)
+        self._setting.check()
+        self._scene = scene
+        self._kept: OrderedDict[tuple[Kind, Kind | None], _Driven] = OrderedDict()
+
+    @property
+    def truth(self) -> Truth:
+        """What the bench is beyond what is believed."""
+        return self._setting.truth
+
+    @property
+    def true(self) -> Config:
+        """The configuration that describes the bench as it is."""
+        return self._setting.true
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Rows and columns of the camera's quads."""
+        return self._setting.frame
+
+    def photo(self, exposure: Exposure) -> Floats:
+        """Light of one exposure at the quads, (rows, cols, 3) in scene units times seconds."""
+        frames = exposure.frames
+        lit, opened = (
+            Kind(frames.grid, frames.window if len(patterns) else "whole", bool(len(patterns)))
+            for patterns in (frames.primal_patterns, frames.dual_patterns)
+        )
+        driven = self._driven(lit, opened)
+        products = Products(
+            self.true,
+            self.truth,
+            driven.lit,
+            driven.opened,
+            exposure,
+            driven.spread,
+            self._indirect,
+        )
+        tables = products.tables(driven.met.direct, driven.met.indirect)
+        ambient = None if self._ambient is None else (tables.open_s, self._ambient)
+        return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
+
+    def wanted(self, answer: Callable[[Scene], Array]) -> Floats:
+        """A picture as the scene itself would have it, through the same optics, (rows, cols, 3).
+
+        `answer` says what the picture is on a scene, cell by cell, (N, 3) in scene units; it is
+        linear in the scene's effects. The mask is taken away, the projector is as uneven as it is.
+        """
+        scene, driven = self._scene, self._driven(Kind(self._scene.grid, "whole", False), None)
+        lit = np.asarray(driven.spread[1:].sum(axis=0)).ravel()
+        indirect = tuple(Lit(effect, lit) for effect in self._indirect)
+        direct = tuple(effect for effect in scene.effects if effect.coaxial)
+        reflected, sent = (
+            answer(Scene(scene.name, scene.grid, effects)) for effects in (direct, indirect)
+        )
+        full = (driven.met.direct.other > 0).astype(np.float64)
+        return self._image(driven, full, reflected, sent[driven.met.indirect.other], None)
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which quads lie wholly inside the field, (rows, cols)."""
+        rows, cols = self.frame
+        corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
+        places = self._setting.camera.to_field(corners)
+        with np.errstate(invalid="ignore"):
+            good = ((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1)
+        return np.asarray(good[1:, 1:] & good[1:, :-1] & good[:-1, 1:] & good[:-1, :-1])
+
+    @property
+    def _indirect(self) -> tuple[Effect, ...]:
+        return tuple(effect for effect in self._scene.effects if not effect.coaxial)
+
+    @property
+    def _direct(self) -> Array:
+        """Direct reflection of the cells, (N, 3)."""
+        found = np.zeros((self._scene.cells, 3))
+        for effect in self._scene.effects:
+            if effect.coaxial:
+                found += effect.diagonal()[:, None] * effect.tint
+        return found
+
+    @property
+    def _ambient(self) -> Array | None:
+        """Ambient light of the cells, (N, 3), where there is any."""
+        said = self.truth.scene.ambient
+        if said is None:
+            return self._scene.ambient
+        return np.full((self._scene.cells, 3), said) if said else None
+
+    @cached_property
+    def _cells(self) -> CellGrid:
+        return CellGrid(self._scene.grid, self._scene.textures is not None)
+
+    @cached_property
+    def _looks(self) -> Looks:
+        return Looks(self._setting)
+
+    @cached_property
+    def _uneven(self) -> Floats | None:
+        return falloff(self.truth.projector.falloff, self.true.projector.size_px)
+
+    def _image(
+        self,
+        driven: _Driven,
+        direct: Floats,
+        reflected: Floats,
+        indirect: Floats,
+        ambient: tuple[Floats, Floats] | None,
+    ) -> Floats:
+        """The picture that the sensor gets, of tables as `Picture` has them but for textures."""
+        textures = self._scene.textures
+        if textures is not None:
+            means = [cell_means(texture, self._scene.grid) for texture in textures]
+            reflected = reflected / means[0]
+            indirect = indirect / means[1][driven.met.indirect.other]
+        picture = Picture(direct, reflected, indirect, textures, ambient, self._uneven)
+        renderer = Renderer(self._setting, self._looks, self._cells)
+        image = renderer.render(driven.sights, driven.met, picture)
+        lens, (rows, cols) = self.truth.camera, self.frame
+        if lens.blur_quads:
+            sigma = (lens.blur_quads, lens.blur_quads, 0.0)
+            image = gaussian_filter(image, sigma, mode="nearest", truncate=BLUR_REACH)
+        shade = falloff(lens.falloff, (cols, rows))
+        return image if shade is None else image * shade[..., None]
+
+    def _driven(self, lit: Kind, opened: Kind | None) -> _Driven:
+        """What is seen when the panels are driven this way; without a mask for None."""
+        key = lit, opened
+        if key not in self._kept:
+            drawn, truth = self._setting.drawn, self.truth
+            projector = PanelSites(drawn.projector, lit, truth.projector)
+            mask = PanelSites(drawn.mask, opened or lit, truth.mask)
+            before = None if opened is None else mask
+            sights = look(self._looks, self._setting, self._cells, projector, before)
+            self._kept[key] = _Driven(
+                projector,
+                mask,
+                self._spread(projector),
+                sights,
+                meetings(sights, self._cells),
+            )
+            while len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+    def _spread(self, sites: PanelSites) -> sparse.csr_array:
+        """Share of each scene cell that each site of the projector lights, (sites, N)."""
+        (rows, cols), cells = self._scene.grid, self._scene.cells
+        if not self._indirect:
+            return sparse.csr_array((len(sites), cells))
+        width, height = self.true.projector.size_px
+        points = POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
+        x, y = ((np.arange(count * points) + 0.5) / (count * points) for count in (cols, rows))
+        raster = Raster(self._setting.on_projector, x, y)
+        uneven = np.ones((height, width)) if self._uneven is None else self._uneven
+        whole = sparse.csr_array((len(sites), cells))
+        step = max(1, CHUNK_POINTS // (x.size * points))
+        for start in range(0, rows, step):
+            stop = min(start + step, rows)
+            across, down = (v.ravel() for v in raster.rows(start * points, stop * points))
+            site = pixels(sites.image, across, down, missing=NOWHERE)
+            light = pixels(uneven, across, down, missing=0.0) / points**2
+            line, column = np.divmod(np.arange(site.size), x.size)
+            cell = (start + line // points) * cols + column // points
+            on = site >= 0
+            whole += sparse.csr_array((light[on], (site[on], cell[on])), shape=whole.shape)
+        return sparse.csr_array(whole)

@@ -1,0 +1,33 @@
+"""Whether a mock bench is one of pixels; most are one of cells, which is faster and as exact."""
+
+from __future__ import annotations
+
+from pdcd.bench.tables import Config
+from pdcd.maps.placing import Placing
+from pdcd.optics.bench import OpticalBench
+from pdcd.scene.scene import Scene
+
+
+def frame_of(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of the mock camera's quads; `grid` is that of the codes."""
+    if config.camera.frame_quads is not None:
+        width, height = config.camera.frame_quads
+        return height, width
+    per_cell = config.camera.quads_per_cell
+    return grid[0] * per_cell, grid[1] * per_cell
+
+
+def optics_of(config: Config, scene: Scene) -> OpticalBench | None:
+    """The bench pixel by pixel; None where the scene's cells say all there is to see.
+
+    They do where nothing has a truth or a place of its own, codes and scene have the same cells,
+    and the camera either sees a cell as one quad or there is nothing finer to see in it. Raises
+    ConfigError for a truth or a map that cannot be used.
+    """
+    camera, grid = config.camera, config.schedule.grid or scene.grid
+    placed = any(p.place != Placing() for p in (config.projector, config.mask, camera))
+    fine = camera.quads_per_cell > 1 and scene.textures is not None
+    apart = camera.frame_quads is not None or grid != scene.grid
+    if config.bench.truth is None and not (placed or fine or apart):
+        return None
+    return OpticalBench(config, scene, frame_of(config, grid))

@@ -1,0 +1,240 @@
+"""For how long pairs of sites were lit and open together, and what indirect light came with that.
+
+An exposure is a sum of products of what a mask site lets through and what falls on it. Neither
+changes within a site, so a photo of millions of samples needs one number for each pair of sites
+that meet somewhere, and one for each mask site and scene cell: tables of some ten thousand numbers.
+Only such pairs are computed, tile by tile, as products of small matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from pdcd.bench.tables import Config
+from pdcd.bench.truth import Truth
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.optics.sites import PanelSites, banded
+from pdcd.probing.panel import Panel, Trajectory
+from pdcd.probing.realised import Times, frame_spans, met, span_weights
+from pdcd.scene.effects import Array, Effect
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+CHUNK_BYTES = 48 * 2**20
+"""Largest array of spans that is worked on at a time."""
+COLOURS = 3
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What two panels showed, and when the shutter was open; times on the clock of the log."""
+
+    frames: Frames
+    log: FrameLog
+    open_ns: int
+    close_ns: int
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Distinct pairs of a mask site and something else, each in the order of its file of numbers.
+
+    mask, other : (P,) int64
+    """
+
+    mask: Numbers
+    other: Numbers
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Seconds for which the pairs of sites `direct` (P,) were lit and open together, the light
+    `indirect` (Q, 3) of scene units times seconds that came of a cell while a mask site was open,
+    and the seconds `open_s` (S,) for which each mask site was open."""
+
+    direct: Floats
+    indirect: Floats
+    open_s: Floats
+
+
+class Products:
+    """Both panels of one exposure, and the light that their patterns send about in the scene.
+
+    spread : (projector sites, N) sparse, share of each scene cell that is lit by each site.
+    effects : the scene's indirect light.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        truth: Truth,
+        lit: PanelSites,
+        opened: PanelSites,
+        exposure: Exposure,
+        spread: sparse.csr_array,
+        effects: tuple[Effect, ...],
+    ) -> None:
+        """`config` describes the panels as they are; `lit` and `opened` are the
+        sites of projector and mask."""
+        self._primal, self._dual = (
+            Panel.from_config(panel) for panel in (config.projector, config.mask)
+        )
+        self._gammas = truth.projector.gamma, truth.mask.gamma
+        self._p_sites, self._d_sites = lit, opened
+        self._exposure, self._spread, self._effects = exposure, spread, effects
+
+    def tables(self, direct: Pairs, indirect: Pairs) -> Tables:
+        """The numbers of these pairs: of sites of both panels, and of mask sites and cells."""
+        out = Tables(
+            np.zeros(direct.mask.size),
+            np.zeros((indirect.mask.size, COLOURS)),
+            np.zeros(len(self._d_sites)),
+        )
+        for p_band in range(self._p_sites.delay_ns.size):
+            self._add_band(out, direct, indirect, p_band)
+        return out
+
+    def _add_band(self, out: Tables, direct: Pairs, indirect: Pairs, p_band: int) -> None:
+        """Add what one band of the projector's rows brings."""
+        lit = self._p_sites.in_band(p_band)
+        p_rows, p_starts, p_track = self._track(p_band, mask=False)
+        masks = []
+        for band in range(self._d_sites.delay_ns.size):
+            part = self._d_sites.in_band(band)
+            _, starts, track = self._track(band, mask=True)
+            weights, opens = span_weights(
+                self._primal, self._dual, p_starts, starts, exposure_ns=self._exposed_ns
+            )
+            tile = self._d_sites.tile
+            pairs = list(_blocks(direct, tile, part, lit))
+            cells = list(_blocks(indirect, tile, part, None)) if self._effects else []
+            masks.append(_Mask(part, track, weights, opens, pairs, cells))
+        widest = max(len(self._d_sites), lit.stop - lit.start, self._spread.shape[1])
+        fields = p_track.fields
+        step = max(1, CHUNK_BYTES // (8 * widest * fields))
+        share = self._spread[lit]
+        for start in range(0, len(p_rows), step):
+            stop = min(start + step, len(p_rows))
+            right = p_track.take(start, stop).reshape((stop - start) * fields, -1)
+            found = []
+            for mask in masks:
+                rows = mask.weights[start * fields : stop * fields]
+                opens = mask.opens[start:stop].sum(axis=0)
+                left, alive, open_s = met(right, mask.track, rows, opens)
+                if p_band == 0:
+                    out.open_s[mask.part] += open_s
+                found.append((mask, left, alive))
+            self._add_chunk(out, right, share, found)
+
+    def _add_chunk(
+        self,
+        out: Tables,
+        right: Floats,
+        share: sparse.csr_array,
+        found: list[tuple[_Mask, Floats, NDArray[np.bool_]]],
+    ) -> None:
+        """Add what some spans of the projector bring, at all bands of the mask."""
+        for mask, left, alive in found:
+            lights = right[alive]
+            for block in mask.direct:
+                block.add(out.direct, left, lights)
+        used = np.any([alive for _, _, alive in found], axis=0)
+        place = np.cumsum(used) - 1
+        for tint, light in self._sent(np.asarray(right[used] @ share)):
+            for mask, left, alive in found:
+                lights = light[place[alive]]
+                for block in mask.indirect:
+                    block.add(out.indirect, left, lights, tint)
+
+    def _sent(self, cells: Floats) -> list[tuple[Array, Floats]]:
+        """What the scene makes of light on its cells (R, N): tint (3,) and light (R, N) of each
+        effect, or of each colour where these are fewer."""
+        if len(self._effects) <= COLOURS:
+            return [(effect.tint, effect.apply(cells)) for effect in self._effects]
+        whole = np.zeros((COLOURS, *cells.shape))
+        for effect in self._effects:
+            seen = effect.apply(cells)
+            for colour in np.flatnonzero(effect.tint):
+                whole[colour] += effect.tint[colour] * seen
+        return list(zip(np.eye(COLOURS), whole, strict=True))
+
+    @property
+    def _exposed_ns(self) -> int:
+        return self._exposure.close_ns - self._exposure.open_ns
+
+    def _track(self, band: int, *, mask: bool) -> tuple[list[int], Times, Trajectory]:
+        """Rows, starts and levels of the spans of one band of a panel."""
+        frames, log = self._exposure.frames, self._exposure.log
+        sites = self._d_sites if mask else self._p_sites
+        panel = banded(self._dual if mask else self._primal, int(sites.delay_ns[band]))
+        gamma, part = self._gammas[int(mask)], sites.in_band(band)
+        rows, starts = frame_spans(
+            frames,
+            log.dual_shown if mask else log.primal_shown,
+            log.dual_ns if mask else log.primal_ns,
+            int(log.end_ns[int(mask)]),
+            panel,
+            self._exposure.open_ns,
+            not mask,
+        )
+        track = Trajectory(
+            panel,
+            starts,
+            part.stop - part.start,
+            lambda span: sites.levels(frames, rows[span], gamma, part),
+        )
+        return rows, starts, track
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Pairs of one tile: their place in the table, and in the product of a small matrix."""
+
+    where: Numbers
+    rows: Numbers
+    columns: Numbers
+    row: Numbers
+    column: Numbers
+
+    def add(self, table: Floats, left: Floats, right: Floats, tint: Array | None = None) -> None:
+        """Add ``left.T @ right`` at the pairs, times a tint (3,) where there is one."""
+        product = (left[:, self.rows].T @ right[:, self.columns])[self.row, self.column]
+        table[self.where] += product if tint is None else product[:, None] * tint
+
+
+def _blocks(pairs: Pairs, tile: Numbers, opened: slice, lit: slice | None) -> Iterator[_Block]:
+    """The pairs of some mask sites, and of some projector sites if said, tile by tile."""
+    inside = (pairs.mask >= opened.start) & (pairs.mask < opened.stop)
+    first = 0
+    if lit is not None:
+        inside &= (pairs.other >= lit.start) & (pairs.other < lit.stop)
+        first = lit.start
+    found = np.flatnonzero(inside)
+    where = found[np.argsort(tile[pairs.mask[found]], kind="stable")]
+    edges = np.flatnonzero(np.diff(tile[pairs.mask[where]])) + 1
+    for part in np.split(where, edges):
+        if part.size:
+            rows, row = np.unique(pairs.mask[part] - opened.start, return_inverse=True)
+            columns, column = np.unique(pairs.other[part] - first, return_inverse=True)
+            yield _Block(part, rows, columns, row, column)
+
+
+@dataclass(frozen=True)
+class _Mask:
+    """One band of the mask's rows: its sites and their histories, and the pairs that they are in.
+
+    weights, opens : as `span_weights` has them, with one band of the projector.
+    """
+
+    part: slice
+    track: Trajectory
+    weights: sparse.csr_array
+    opens: sparse.csr_array
+    direct: list[_Block]
+    indirect: list[_Block]

@@ -1,0 +1,205 @@
+"""What each sample of the camera looks at: a site of the mask, and behind it a site and a cell.
+
+Samples lie evenly in every quad. Neighbours mostly see the same, so they are kept as runs of equal
+sights. A geometry is looked at once for each way of driving the panels, and serves all photos.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.optics.raster import Raster
+from pdcd.optics.setting import Setting
+from pdcd.optics.sites import PanelSites
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+_Kind = TypeVar("_Kind", np.int32, np.float64)
+
+CHUNK_SAMPLES = 1 << 19
+NOWHERE = -1
+"""No site, or no cell: beside the panel, or beside the field."""
+
+
+@dataclass(frozen=True)
+class CellGrid:
+    """The scene's cells at points of the field.
+
+    smooth : whether what lies between the centres of cells is interpolated; else a cell is of one
+        value. Then a *place* is four cells around, else one.
+    """
+
+    grid: tuple[int, int]
+    smooth: bool
+
+    @property
+    def places(self) -> int:
+        """How many places there are."""
+        rows, cols = self.grid
+        return (rows + 1) * (cols + 1) if self.smooth else rows * cols
+
+    @property
+    def corners(self) -> Numbers:
+        """Cells of each place, (places, 4) or (places, 1)."""
+        rows, cols = self.grid
+        if not self.smooth:
+            return np.arange(rows * cols)[:, None]
+        row, col = np.divmod(np.arange(self.places), cols + 1)
+        down = [np.clip(row + i, 0, rows - 1) for i in (-1, 0)]
+        across = [np.clip(col + i, 0, cols - 1) for i in (-1, 0)]
+        return np.stack([r * cols + c for r in down for c in across], axis=1)
+
+    def at(self, x: Floats, y: Floats) -> Numbers:
+        """The place of points of the field; `NOWHERE` beside it, and for NaN."""
+        rows, cols = self.grid
+        with np.errstate(invalid="ignore"):
+            inside = (x >= 0.0) & (x < 1.0) & (y >= 0.0) & (y < 1.0)
+        more = 0.5 if self.smooth else 0.0
+        row = np.floor(np.where(inside, y, 0.0) * rows + more).astype(np.int64)
+        col = np.floor(np.where(inside, x, 0.0) * cols + more).astype(np.int64)
+        across = cols + 1 if self.smooth else cols
+        return np.where(inside, row * across + col, NOWHERE)
+
+    def shares(self, x: Floats, y: Floats) -> Floats:
+        """How much each corner of the place of points (n,) counts there, (n, 4)."""
+        rows, cols = self.grid
+        down, across = (
+            np.nan_to_num(v) - np.floor(np.nan_to_num(v)) for v in (y * rows + 0.5, x * cols + 0.5)
+        )
+        return np.stack(
+            [
+                (1.0 - down) * (1.0 - across),
+                (1.0 - down) * across,
+                down * (1.0 - across),
+                down * across,
+            ],
+            axis=-1,
+        )
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Samples of one chunk, row by row: runs of equal sights. starts, sights : (runs,) int32"""
+
+    starts: NDArray[np.int32]
+    sights: NDArray[np.int32]
+
+    def spread(self, count: int) -> NDArray[np.int32]:
+        """The sight of each of the chunk's samples, (count,)."""
+        return np.repeat(self.sights, np.diff(np.append(self.starts, count)))
+
+
+@dataclass
+class Sights:
+    """All sights of a frame, (K,) int64 each, and which samples have which.
+
+    mask : site of the mask.
+    lit : site of the projector, or `NOWHERE`.
+    place : of `CellGrid`, or `NOWHERE`.
+    runs : of each chunk of rows of quads, those of each tap.
+    """
+
+    mask: Numbers
+    lit: Numbers
+    place: Numbers
+    runs: list[list[Runs]] = field(repr=False)
+
+
+class Looks:
+    """The camera's samples on the field and on both panels, chunk by chunk."""
+
+    def __init__(self, setting: Setting) -> None:
+        self._setting = setting
+        rows, cols = setting.frame
+        per_quad = setting.samples
+        x = (np.arange(cols * per_quad) + 0.5) / per_quad
+        y = (np.arange(rows * per_quad) + 0.5) / per_quad
+        to_field, size = setting.camera.to_field, setting.projector_px
+        # In projector pixels: the unit in which a raster may be off.
+        self._field = Raster(lambda points: to_field(points) * size, x, y)
+        self._mask = Raster(lambda points: setting.on_mask(to_field(points)), x, y)
+        self._lit = [Raster(partial(_behind, setting, tap.offset), x, y) for tap in setting.taps]
+        self._step = max(1, CHUNK_SAMPLES // (cols * per_quad**2))
+
+    def chunks(self) -> Iterator[tuple[int, int]]:
+        """First and past-the-last row of quads of each chunk."""
+        rows = self._setting.frame[0]
+        for start in range(0, rows, self._step):
+            yield start, min(start + self._step, rows)
+
+    def on_field(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        """x and y of a chunk's samples on the field, (n,) each."""
+        across, down = self._flat(self._field, chunk)
+        width, height = self._setting.projector_px
+        return across / width, down / height
+
+    def on_mask(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        """The same on the mask, in its pixels."""
+        return self._flat(self._mask, chunk)
+
+    def on_projector(self, chunk: tuple[int, int], tap: int) -> tuple[Floats, Floats]:
+        """The same on the projector, of the point that a tap takes."""
+        return self._flat(self._lit[tap], chunk)
+
+    def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        first, end = (row * self._setting.samples for row in chunk)
+        across, down = raster.rows(first, end)
+        return across.ravel(), down.ravel()
+
+
+def _behind(setting: Setting, offset: tuple[float, float], points: Floats) -> Floats:
+    """Where the camera's points (..., 2) lie on the projector, seen so far off on the field."""
+    return setting.on_projector(setting.camera.to_field(points) + offset)
+
+
+def look(
+    looks: Looks, setting: Setting, cells: CellGrid, lit: PanelSites, mask: PanelSites | None
+) -> Sights:
+    """All sights of a frame, through the mask or, for None, without one."""
+    keys: list[list[tuple[NDArray[np.int32], Numbers, NDArray[np.intp]]]] = []
+    places, sites = cells.places + 1, len(lit) + 1
+    for chunk in looks.chunks():
+        x, y = looks.on_field(chunk)
+        before = (
+            np.zeros(x.size, dtype=np.int32)
+            if mask is None
+            else pixels(mask.image, *looks.on_mask(chunk), missing=0)
+        )
+        of_taps = []
+        for number, tap in enumerate(setting.taps):
+            behind = pixels(lit.image, *looks.on_projector(chunk, number), missing=NOWHERE)
+            place = cells.at(x + tap.offset[0], y + tap.offset[1])
+            key = (before * np.int64(sites) + behind + 1) * places + place + 1
+            starts = np.flatnonzero(np.append(True, key[1:] != key[:-1])).astype(np.int32)
+            of_taps.append((starts, *np.unique(key[starts], return_inverse=True)))
+        keys.append(of_taps)
+    found: Numbers = np.unique(np.concatenate([own for taps in keys for _, own, _ in taps]))
+    runs = [
+        [
+            Runs(starts, np.searchsorted(found, own).astype(np.int32)[inverse])
+            for starts, own, inverse in taps
+        ]
+        for taps in keys
+    ]
+    rest, place = np.divmod(found, np.int64(places))
+    before, behind = np.divmod(rest, np.int64(sites))
+    return Sights(before.astype(np.int64), behind.astype(np.int64) - 1, place - 1, runs)
+
+
+def pixels(image: NDArray[_Kind], x: Floats, y: Floats, *, missing: float) -> NDArray[_Kind]:
+    """Values of the pixels that points (n,) lie in; `missing` beside the device, and for NaN."""
+    height, width = image.shape
+    with np.errstate(invalid="ignore"):
+        inside = (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
+    column = np.where(inside, x, 0.0).astype(np.int64)
+    row = np.where(inside, y, 0.0).astype(np.int64)
+    found = image[row, column]
+    found[~inside] = missing
+    return found

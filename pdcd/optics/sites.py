@@ -1,0 +1,164 @@
+"""Pixels of a panel that share one history: they show the same part of a code at the same time.
+
+A pixel shows what its centre under the believed map falls in: a projector the half of a code cell
+(under sub-shifts) or the whole one, a mask the quarter window. Those are some thousand *sites*,
+whatever the panel's size; rows that are set later than others have sites of their own. Site 0 is
+black whatever is asked: pixels beside the field, dead lines, and all that is no pixel at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.truth import TruePanel
+from pdcd.frames.atoms import atoms
+from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.frames.lattice import SHIFTS
+from pdcd.frames.panels import PanelView
+from pdcd.frames.patterns import bytes_of
+from pdcd.probing.panel import Panel
+
+Floats = NDArray[np.float64]
+Sites = NDArray[np.int32]
+
+TILE = 8
+"""Sites a side that are multiplied together: near ones meet the same sites of the other panel."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the sites of a panel depend on, besides the panel: so few things that they are kept.
+
+    patterned : whether the panel shows patterns at all, and not only black and white.
+    """
+
+    grid: tuple[int, int]
+    window: str
+    patterned: bool
+
+
+class PanelSites:
+    """The sites of one panel.
+
+    image : (height, width) int32, the site of each pixel.
+    band : (S,) int32, the band of rows that each site lies in; ascending.
+    delay_ns : (bands,) by how much later than the first row's each band's light comes.
+    tile : (S,) int64, equal for sites that lie near each other.
+    """
+
+    def __init__(self, panel: PanelView, kind: Kind, true: TruePanel) -> None:
+        self._kind, self._mask = kind, panel.mask
+        base = self._bases(panel)
+        for dead in (true.dead_rows, np.s_[:]), (np.s_[:], true.dead_columns):
+            rows, columns = (list(d) if isinstance(d, tuple) else d for d in dead)
+            base[rows, columns] = 0
+        height = base.shape[0]
+        bands = min(true.scan_bands, height) if true.scan_s else 1
+        band_of_row = np.arange(height) * bands // height
+        count = self._count
+        self.delay_ns = _delays(true.scan_s, bands)
+        if bands == 1:
+            self.image = base.astype(np.int32)
+            self._base = np.arange(count)
+            self.band = np.zeros(count, dtype=np.int32)
+        else:
+            whole = np.where(base > 0, band_of_row[:, None] * count + base, 0)
+            found, inverse = np.unique(whole, return_inverse=True)
+            if found[0] != 0:  # every pixel lies on the field: black is a site all the same
+                found, inverse = np.append(0, found), inverse + 1
+            self.image = inverse.reshape(base.shape).astype(np.int32)
+            self.band, self._base = (found // count).astype(np.int32), found % count
+
+    def __len__(self) -> int:
+        return int(self._base.size)
+
+    @cached_property
+    def tile(self) -> NDArray[np.int64]:
+        """See the class."""
+        across = max(self._shape[1], 1)
+        row, column = np.divmod(np.maximum(self._base - 1, 0), across)
+        near: NDArray[np.int64] = (row // TILE) * (across // TILE + 1) + column // TILE
+        return np.asarray(self.band.astype(np.int64) * (near.max() + 1) + near)
+
+    def in_band(self, band: int) -> slice:
+        """The sites of one band."""
+        first, end = np.searchsorted(self.band, [band, band + 1])
+        return slice(int(first), int(end))
+
+    def levels(self, frames: Frames, row: int, gamma: float, part: slice) -> Floats:
+        """Light that a row of the frames asks of some sites, 0..1, float64."""
+        asked = frames.dual_index if self._mask else frames.primal_index
+        index = BLACK if row < 0 else int(asked[row])
+        if index in (BLACK, WHITE):
+            return np.where(self._base[part] > 0, float(index == WHITE), 0.0)
+        patterns = frames.dual_patterns if self._mask else frames.primal_patterns
+        rows, cols = frames.lattice
+        sent = np.append(bytes_of(patterns, index, rows * cols), np.uint8(0)) / 255.0
+        if gamma != 1.0:
+            sent = sent**gamma
+        return np.asarray(sent[self._cell[int(frames.shift[row]), part]])
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        """Rows and columns of the sites of one band."""
+        rows, cols = self._kind.grid
+        if not self._kind.patterned:
+            return 1, 1
+        if self._kind.window == "whole":
+            return rows, cols
+        return (2 * rows + 1, 2 * cols + 1) if self._mask else (2 * rows, 2 * cols)
+
+    @property
+    def _count(self) -> int:
+        return 1 + self._shape[0] * self._shape[1]
+
+    def _bases(self, panel: PanelView) -> NDArray[np.int64]:
+        """Site of each pixel as if all rows were set at once, (height, width); 0 is black."""
+        atom = atoms(panel, self._kind.grid).astype(np.int64)
+        outside = atom[..., 0] < 0
+        if not self._kind.patterned:
+            return np.where(outside, 0, 1)
+        if self._kind.window == "whole":
+            place = atom >> 2
+        else:
+            place = (atom + 1) >> 1 if self._mask else atom >> 1
+        return np.where(outside, 0, 1 + place[..., 1] * self._shape[1] + place[..., 0])
+
+    @cached_property
+    def _cell(self) -> NDArray[np.int64]:
+        """Cell of the pattern that each site shows under each sub-shift, (4, S); the number behind
+        the last cell where it is shut."""
+        rows, cols = self._kind.grid
+        more = 1 if self._kind.window == "quarter" else 0
+        closed = (rows + more) * (cols + more)
+        place = np.divmod(np.maximum(self._base - 1, 0), self._shape[1])
+        found = np.full((SHIFTS, len(self)), closed, dtype=np.int64)
+        for shift in range(SHIFTS if more else 1):
+            cell, opened = [], self._base > 0
+            for at, moved in zip(place, (shift >> 1, shift & 1), strict=True):
+                if not more:
+                    cell.append(at)
+                elif self._mask:  # odd windows open in place, even ones moved by half a cell
+                    opened = opened & (at % 2 == 1 - moved)
+                    cell.append(at >> 1)
+                else:
+                    cell.append((at + moved) >> 1)
+            found[shift] = np.where(opened, cell[0] * (cols + more) + cell[1], closed)
+        return found
+
+
+def banded(panel: Panel, delay_ns: int) -> Panel:
+    """The panel as its rows of one band behave."""
+    return Panel(panel.rise_s, panel.fall_s, panel.leak, panel.skew_ns + delay_ns)
+
+
+def _delays(scan_s: float, bands: int) -> NDArray[np.int64]:
+    """When each band is set, after the first one of all, in ns."""
+    if bands == 1:
+        return np.zeros(1, dtype=np.int64)
+    step = np.arange(bands) / (bands - 1)
+    return np.rint(1e9 * (scan_s * step if scan_s > 0 else -scan_s * (1.0 - step))).astype(np.int64)
