@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from pdcd.bench.folders import MAX_SOCKET_BYTES
+from pdcd.bench.placed import place_faults
 from pdcd.bench.tables import (
     DEFAULT_GRID,
     Config,
@@ -45,6 +46,7 @@ def cross_faults(config: Config) -> Iterator[Fault]:
     """Yield the faults that involve more than the type of one key."""
     yield from _number_faults(msgspec.to_builtins(config, builtin_types=TIMES), "")
     yield from _panel_faults(config)
+    yield from _place_faults(config)
     yield from _scene_faults(config)
     for key, refreshes in _fault_refreshes(config.display.faults):
         if not all(text.isascii() and text.isdecimal() for text in refreshes):
@@ -128,6 +130,19 @@ def _panel_faults(config: Config) -> Iterator[Fault]:
                 (f"{name}.contrast",),
                 f"{name}.contrast: white over black exceeds 1; leave it out for a perfect black",
             )
+
+
+def _place_faults(config: Config) -> Iterator[Fault]:
+    """Yield places on the field that no device can have."""
+    tables = {name: getattr(config, name).place for name in ("projector", "mask", "camera")}
+    wrong = {
+        name: any(_number_faults(msgspec.to_builtins(place), name))
+        for name, place in tables.items()
+    }
+    for name, why in place_faults(config):
+        if not wrong[name]:  # numbers that are none have been told of
+            keys = (f"{name}.place", f"{name}.place.map", f"{name}.size_px", "projector.size_px")
+            yield Fault(keys, f"{name}.place: {why}")
 
 
 def _scene_faults(config: Config) -> Iterator[Fault]:

@@ -20,6 +20,11 @@ from pdcd.bench.options import convert_field, unknown_key
 from pdcd.bench.tables import Config
 from pdcd.bench.toml_text import TIMES, emit
 from pdcd.errors import ConfigError
+from pdcd.maps.file import load_map
+from pdcd.maps.map import Map
+
+DEVICES = ("projector", "mask", "camera")
+"""Tables with a place on the field."""
 
 _S = TypeVar("_S", bound=msgspec.Struct)
 
@@ -71,6 +76,7 @@ def read(source: Path) -> tuple[Config, list[Fault]]:
     faults: list[Fault] = []
     config = _overlay(Config(), table, "", faults)
     config = _resolve(config, source.absolute().parent)
+    config = _with_maps(config, faults)
     known = {key for fault in faults for key in fault.keys}
     # A key that could not be read stands at its default; what follows from that is no news.
     faults += [fault for fault in cross_faults(config) if known.isdisjoint(fault.keys)]
@@ -168,7 +174,34 @@ def _resolve(config: Config, folder: Path) -> Config:
         if (value := getattr(server, key)) is not None
     }
     server = msgspec.structs.replace(server, **places)
-    return msgspec.structs.replace(config, scene=scene, camera=camera, server=server)
+    resolved = msgspec.structs.replace(config, scene=scene, camera=camera, server=server)
+    for device in DEVICES:
+        given = getattr(resolved, device).place.map
+        if isinstance(given, str):
+            resolved = _placed_by(resolved, device, str(folder / _expand(given)))
+    return resolved
+
+
+def _with_maps(config: Config, faults: list[Fault]) -> Config:
+    """The configuration with what its files of maps hold in the place of their names."""
+    for device in DEVICES:
+        given = getattr(config, device).place.map
+        if not isinstance(given, str):
+            continue
+        try:
+            config = _placed_by(config, device, load_map(given, device))
+        except ConfigError as err:
+            key = f"{device}.place.map"
+            faults.append(Fault((key,), f"{key}: {err.message}"))
+            config = _placed_by(config, device, None)
+    return config
+
+
+def _placed_by(config: Config, device: str, map_: str | Map | None) -> Config:
+    """The configuration with another map of a device."""
+    table = getattr(config, device)
+    place = msgspec.structs.replace(table.place, map=map_)
+    return msgspec.structs.replace(config, **{device: msgspec.structs.replace(table, place=place)})
 
 
 def _input_path(text: str, folder: Path) -> str:

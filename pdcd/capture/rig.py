@@ -20,9 +20,10 @@ from pdcd.bench.devices import (
     Readout,
     Shutter,
 )
+from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import DEFAULT_GRID, Config
-from pdcd.errors import PdcdError, SyncError, disk_errors
+from pdcd.errors import ConfigError, PdcdError, SyncError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.runs.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.scene.scene import Scene
@@ -62,6 +63,10 @@ class Rig:
     """Display, shutter and readout of a configuration, on one clock."""
 
     def __init__(self, config: Config) -> None:
+        """Raises ConfigError for a place on the field that a device cannot have, before any driver
+        is made; DriverUnavailable for a driver that is not there."""
+        for device, why in place_faults(config):
+            raise ConfigError(f"{device}.place: {why}", device=device)
         self.config = config
         self.clock: Clock = VirtualClock() if config.rig.clock == "virtual" else RealClock()
         self.pulse = Pulse()

@@ -9,6 +9,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from pdcd.errors import ConfigError
+from pdcd.maps.file import load_map
 from pdcd.maps.map import Map, Matrix, matrix
 from pdcd.maps.sound import check
 
@@ -41,8 +43,19 @@ class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     picture."""
     tangential: tuple[float, float] = (0.0, 0.0)
     """p1, p2 of the same."""
-    map: str | None = None
-    """File of a calibration, .npz, instead of all of these."""
+    map: str | Map | None = None
+    """File of a calibration, .npz, instead of all of these: it holds the map of this device by the
+    name of its table. When a configuration is read, what the file holds takes its place, so that
+    all who use the configuration, and the records of its runs, have the same map."""
+
+    @property
+    def by_hand(self) -> tuple[str, ...]:
+        """What is given by hand, by key."""
+        return tuple(
+            f.name
+            for f in msgspec.structs.fields(self)
+            if f.name != "map" and getattr(self, f.name) != f.default
+        )
 
 
 def placed(
@@ -53,18 +66,52 @@ def placed(
     size_px, projector_px : (width, height) of the device, and of the projector, whose pixels are
         square: they say what a turn is on a field that is no square.
 
-    Raises ConfigError for a map that cannot be used (`pdcd.maps.sound`).
+    Raises ConfigError for a map that cannot be used (`pdcd.maps.sound`), one of another size, a
+    file that cannot be read, and for a place that is said twice.
     """
+    check_once(placing, device)
+    if placing.map is not None:
+        return _given(placing.map, size_px, device)
     filling = Map.filling(size_px)
     if placing.homography is None:
         lens = filling.then(_by_hand(placing, projector_px))
     else:
         given: Floats = np.array(placing.homography, dtype=np.float64).reshape(3, 3)
-        if placing.homography_from == "field" and np.linalg.matrix_rank(given) == 3:
+        usable = bool(np.isfinite(given).all()) and np.linalg.matrix_rank(given) == 3
+        if placing.homography_from == "field" and usable:
             given = np.asarray(np.linalg.inv(given), dtype=np.float64)
         lens = msgspec.structs.replace(filling, homography=matrix(given))
     bent = msgspec.structs.replace(lens, radial=placing.radial, tangential=placing.tangential)
     return check(bent, device)
+
+
+def check_once(placing: Placing, device: str) -> None:
+    """Raise ConfigError for a place that is said twice: by a map or a homography, and by hand."""
+    whole = "map" if placing.map is not None else "homography"
+    besides = set(placing.by_hand)
+    if placing.map is None:
+        besides &= {"flip", "turn_deg", "scale", "offset_px"} if placing.homography else set()
+    if besides:
+        raise ConfigError(
+            f"{whole} says where the {device} lies, and so does {', '.join(sorted(besides))}",
+            device=device,
+            hint="take out one of them",
+        )
+
+
+def _given(given: str | Map, size_px: tuple[int, int], device: str) -> Map:
+    """The map of a file or a table, if it is one of a device of that size."""
+    found = load_map(given, device) if isinstance(given, str) else check(given, device)
+    if found.size_px != tuple(size_px):
+        wide, high = found.size_px
+        raise ConfigError(
+            f"the map is of a {device} of {wide} x {high} pixels, this one has "
+            f"{size_px[0]} x {size_px[1]}"
+            + (", counted in Bayer quads" if device == "camera" else ""),
+            device=device,
+            hint="calibrate the geometry anew",
+        )
+    return found
 
 
 def _by_hand(placing: Placing, projector_px: tuple[int, int]) -> Floats:

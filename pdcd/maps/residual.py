@@ -1,0 +1,101 @@
+"""What is left of a distortion when the lens is taken out: smooth, given at nodes over the device.
+
+Between the nodes lies the cubic spline of both axes, without a knot next to the edges
+(parabolas where three nodes are, lines where two are). Beyond the device's edges it stays as it is
+there.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+Floats = NDArray[np.float64]
+
+Nodes = tuple[tuple[tuple[float, float], ...], ...]
+"""(rows, cols) of (right, down) in pixels, evenly over the device, its edges included."""
+
+
+class Residual:
+    """The displacement of each point of a device, in pixels (right, down)."""
+
+    def __init__(self, nodes: Floats, size_px: tuple[int, int]) -> None:
+        """nodes : (rows, cols, 2) in pixels, at least 2 x 2; size_px : (width, height)."""
+        rows, cols = nodes.shape[:2]
+        self._nodes, self._size = nodes, np.array(size_px, dtype=np.float64)
+        self._last = np.array([cols - 1, rows - 1])
+        powers = CubicSpline(np.arange(rows), nodes).c
+        powers = CubicSpline(np.arange(cols), powers, axis=2).c
+        # One row for each patch between nodes: powers down, powers right (the highest first), axis.
+        self._patches = np.ascontiguousarray(powers.transpose(3, 1, 2, 0, 4)).reshape(-1, 32)
+
+    def at(self, points: Floats) -> Floats:
+        """Displacement at points (n, 2), in pixels, (n, 2)."""
+        patch, s, t = self._found(points)
+        return _cubic(_cubic(patch, t), s).T
+
+    def slope(self, points: Floats) -> tuple[Floats, Floats]:
+        """Displacement at points (n, 2), and how it moves with them, (n, 2, 2)."""
+        patch, s, t = self._found(points)
+        along = _cubic(patch, t)
+        inside = (points >= 0.0) & (points <= self._size)
+        rate = np.where(inside, self._last / self._size, 0.0).T
+        found = np.empty((len(points), 2, 2))
+        found[:, :, 0] = (_steepness(along, s) * rate[0]).T
+        found[:, :, 1] = (_cubic(_steepness(patch, t), s) * rate[1]).T
+        return _cubic(along, s).T, found
+
+    def on_grid(self, x: Floats, y: Floats) -> Floats:
+        """Displacement at all pairs of x (w,) and y (h,), in pixels, (h, w, 2)."""
+        rows, cols = self._nodes.shape[:2]
+        right, down = self._in_nodes(x, 0), self._in_nodes(y, 1)
+        # Splines are sums of those through a single node.
+        across: Floats = CubicSpline(np.arange(cols), np.eye(cols))(right)
+        along: Floats = CubicSpline(np.arange(rows), np.eye(rows))(down)
+        found = np.empty((y.size, x.size, 2))
+        for axis in (0, 1):
+            found[..., axis] = along @ self._nodes[..., axis] @ across.T
+        return found
+
+    def _in_nodes(self, pixels: Floats, axis: int) -> Floats:
+        last = self._last[axis]
+        return np.asarray(np.clip(pixels / self._size[axis] * last, 0.0, last))
+
+    def _found(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """The patch of each point, (4, 4, 2, n), and where in it: right and down, 0 to 1."""
+        right, down = self._in_nodes(points[:, 0], 0), self._in_nodes(points[:, 1], 1)
+        cols, rows = self._last
+        # What is no number lies in no patch; any will do, the answer is no number either.
+        col = np.fmin(np.fmax(right, 0.0), cols - 1).astype(np.intp)
+        row = np.fmin(np.fmax(down, 0.0), rows - 1).astype(np.intp)
+        # Numbers of a kind side by side, for the arithmetic's sake.
+        patch = np.ascontiguousarray(self._patches[row * cols + col].T).reshape(4, 4, 2, -1)
+        return patch, right - col, down - row
+
+
+@lru_cache(maxsize=16)
+def residual_of(nodes: Nodes, size_px: tuple[int, int]) -> Residual:
+    """The residual through nodes as a map holds them."""
+    return Residual(np.array(nodes, dtype=np.float64), size_px)
+
+
+def _cubic(powers: Floats, at: Floats) -> Floats:
+    """A cubic, its powers along the first axis, the highest first."""
+    found: Floats = powers[0] * at
+    for power in (1, 2):
+        found += powers[power]
+        found *= at
+    found += powers[3]
+    return found
+
+
+def _steepness(powers: Floats, at: Floats) -> Floats:
+    """Derivative of the same."""
+    found: Floats = powers[0] * (3.0 * at)
+    found += 2.0 * powers[1]
+    found *= at
+    found += powers[2]
+    return found

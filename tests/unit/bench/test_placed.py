@@ -1,0 +1,135 @@
+"""Places on the field as a configuration says them: by hand, by a file, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench import checks, config
+from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.tables import Config
+from pdcd.capture.rig import Rig
+from pdcd.cli.main import main
+from pdcd.errors import ConfigError
+from pdcd.maps.file import save_maps
+from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing
+
+MASK = Map.filling((1600, 1200)).then([[0.9, 0.02, 0.03], [0.01, -0.95, 0.98], [0.0, 0.01, 1.0]])
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def with_mask(place: Placing) -> Config:
+    base = Config()
+    return msgspec.structs.replace(base, mask=msgspec.structs.replace(base.mask, place=place))
+
+
+def corners(place: Placing) -> list[list[float]]:
+    """Where the left upper, right upper and left lower corner of the mask lie on the field."""
+    map_ = panels_of(with_mask(place)).mask.map
+    return np.round(map_.to_field([[0, 0], [1600, 0], [0, 1200]]), 9).tolist()  # type: ignore[no-any-return]
+
+
+def test_places_by_hand() -> None:
+    assert corners(Placing()) == [[0, 0], [1, 0], [0, 1]]
+    assert corners(Placing(flip="horizontal")) == [[1, 0], [0, 0], [1, 1]]
+    assert corners(Placing(turn_deg=180.0)) == [[1, 1], [0, 1], [1, 0]]
+    # A quarter turn clockwise of a picture as large as the field, 4 by 3: the upper edge goes to
+    # the right, and is 4 high there.
+    assert np.allclose(
+        corners(Placing(turn_deg=90.0)), [[7 / 8, -1 / 6], [7 / 8, 7 / 6], [1 / 8, -1 / 6]]
+    )
+    assert np.allclose(corners(Placing(scale=0.5)), [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75]])
+    assert np.allclose(
+        corners(Placing(offset_px=(102.4, -76.8))), [[0.1, -0.1], [1.1, -0.1], [0.1, 0.9]]
+    )
+    by_pixels = Placing(homography=MASK.homography)
+    back = np.linalg.inv(np.reshape(MASK.homography, (3, 3)))
+    by_field = Placing(homography=tuple(back.ravel().tolist()), homography_from="field")
+    assert np.allclose(corners(by_pixels), corners(by_field))
+
+
+def test_a_file_of_maps_is_found_beside_the_configuration(tmp_path: Path) -> None:
+    camera = Map.filling((32, 20)).then(np.diag([0.5, 0.7, 1.0]))
+    (tmp_path / "etc").mkdir()
+    save_maps(tmp_path / "etc" / "maps.npz", {"mask": MASK, "camera": camera})
+    text = "[mask.place]\nmap = 'maps.npz'\n[camera.place]\nmap = 'maps.npz'\n"
+    found = config.load(write(tmp_path / "etc", text))
+    assert panels_of(found).mask.map == MASK
+    assert camera_map(found, (20, 32)) == camera
+    with pytest.raises(ConfigError, match="camera of 32 x 20 pixels, this one has 33 x 20"):
+        camera_map(found, (20, 33))
+    # What was read stays, whatever becomes of the file, and goes with the configuration.
+    (tmp_path / "etc" / "maps.npz").unlink()
+    assert panels_of(found).mask.map == MASK
+    again = config.load(write(tmp_path, config.show(found)))
+    assert again == found
+
+
+def test_a_file_may_be_named_in_python(tmp_path: Path) -> None:
+    save_maps(tmp_path / "maps.npz", {"mask": MASK})
+    assert panels_of(with_mask(Placing(map=str(tmp_path / "maps.npz")))).mask.map == MASK
+
+
+@pytest.mark.parametrize(
+    ("text", "starts", "says"),
+    [
+        ("[mask.place]\nmap = 'none.npz'", "mask.place.map: ", "No such file"),
+        ("[mask.place]\nmap = 'text.npz'", "mask.place.map: ", "damaged"),
+        ("[projector.place]\nmap = 'maps.npz'", "projector.place.map: ", "but of mask"),
+        ("[mask.place]\nmap = 'maps.npz'\nturn_deg = 3", "mask.place: ", "so does turn_deg"),
+        ("[mask]\nsize_px = [800, 600]\nplace.map = 'maps.npz'", "mask.place: ", "1600 x 1200"),
+        ("[mask.place]\nradial = [-0.9, 0.0]", "mask.place: ", "folds"),
+        ("[mask.place]\nhomography = [1, 2, 0, 2, 4, 0, 0, 0, 1]", "mask.place: ", "singular"),
+        ("[mask.place]\nhomography = [0, 0, 0, 0, 0, 0, 0, 0, 0]", "mask.place: ", "singular"),
+        (
+            "[mask.place]\nflip = 'vertical'\nhomography = [1, 0, 0, 0, 1, 0, 0, 0, 1]",
+            "mask.place: ",
+            "homography says .* so does flip",
+        ),
+        (
+            "[mask.place]\nhomography = [nan, 0, 0, 0, 1, 0, 0, 0, 1]",
+            "mask.place.homography[0]: ",
+            "finite",
+        ),
+        ("[mask.place]\noffset_px = [2000.0, 0.0]", "mask.place: ", "beside the field"),
+        ("[projector.place]\nscale = 0.25", "projector.place: ", "6.2% of the field only; 25%"),
+        ("[camera.place]\noffset_px = [0.0, 900.0]", "camera.place: ", "beside the field"),
+        ("[camera.place]\nhomography = [0, 0, 0, 0, 0, 0, 0, 0, 0]", "camera.place: ", "singular"),
+        ("[mask.place.map]\nsize_px = [4, 4]", "mask.place.map: ", "homography"),
+    ],
+)
+def test_a_place_that_cannot_be_is_one_fault(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, starts: str, says: str
+) -> None:
+    save_maps(tmp_path / "maps.npz", {"mask": MASK})
+    (tmp_path / "text.npz").write_text(
+        "no archive at all, however long it may be", encoding="utf-8"
+    )
+    path = write(tmp_path, text)
+    with pytest.raises(ConfigError, match=says) as caught:
+        config.load(path)
+    first, *lines = caught.value.message.splitlines()
+    assert first.startswith("1 fault in")
+    assert len(lines) == 1
+    assert lines[0].strip().startswith(starts)
+    assert main(["config", "check", "--config", str(path)]) != 0
+    assert lines[0].strip() in capsys.readouterr().err
+
+
+def test_no_rig_is_made_with_a_place_that_cannot_be() -> None:
+    wrong = with_mask(Placing(offset_px=(5000.0, 0.0)))
+    assert [line for line in checks.check(wrong) if line.startswith("mask.place: ")]
+    with pytest.raises(ConfigError, match="beside the field"):
+        Rig(wrong)
+    with pytest.raises(ConfigError, match="finite"):
+        Rig(with_mask(Placing(turn_deg=math.nan)))
