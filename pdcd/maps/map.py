@@ -104,8 +104,7 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         """Where the centre of each pixel lies on the field, (height, width, 2)."""
         width, height = self.size_px
         full, ahead, residual = self._matrix, self._ahead, self._residual
-        x: Floats = np.arange(width) + 0.5
-        y: Floats = np.arange(height) + 0.5
+        x, y = (np.arange(side, dtype=np.float64) + 0.5 for side in (width, height))
         # Displacements first, for they are cheap for a whole grid; then row by row in their place.
         found = np.zeros((height, width, 2)) if residual is None else residual.on_grid(x, y)
         band = max(1, PIECE // width)

@@ -151,9 +151,8 @@ def test_behind_the_horizon_is_nowhere(sign: float) -> None:
 
 def test_the_horizon_may_cross_the_first_corner() -> None:
     """Which side is ahead is the centre's to say, not that of the pixel (0, 0)."""
-    map_ = Map(
-        size_px=(8, 8), homography=matrix([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, -1.0]])
-    )
+    full = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, -1.0]]
+    map_ = Map(size_px=(8, 8), homography=matrix(full))
     assert np.isfinite(map_.to_field([[4.0, 4.0], [7.0, 0.0]])).all()
     assert np.isnan(map_.to_field([[1.0, 4.0]])).all()
     with pytest.raises(ConfigError, match="beyond infinity"):
