@@ -23,8 +23,8 @@ from pdcd.presenter.xpresent import KIND_MSC, KIND_PIXMAP, PresentEvents
 WARM_UP_FRAMES = 30
 PERIOD_TOLERANCE = 0.02
 """Largest relative error of the median period of a source that is believed."""
-SPIN_NS = 1_000_000
-"""A sleeping process wakes up to this late: the rest is spent looking at the clock."""
+SPIN_NS = 50_000
+"""A process of real-time priority wakes up to this late: the rest is spent looking at the clock."""
 LATE = 0.25
 """Part of a refresh by which a swap may follow its vblank and still count as in time."""
 EARLY_NS = 2_000_000

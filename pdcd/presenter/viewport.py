@@ -134,10 +134,13 @@ class Viewport:
         self._first_byte = np.full(1, BLACK, dtype=np.int32)
         self._shift = np.zeros(1, dtype=np.int32)
         self._commands: list[bytes | None] = []
+        self._drawn: bytes | None = None
+        """What the pieces show now."""
 
     def load(self, frames: Frames) -> None:
         """Take over the panel's patterns and rows. Raises ConfigError when they do not fit."""
         mask = self._panel.mask
+        self._drawn = None
         check_cells(self._panel, frames.grid)
         patterns = frames.dual_patterns if mask else frames.primal_patterns
         index = frames.dual_index if mask else frames.primal_index
@@ -172,10 +175,12 @@ class Viewport:
     def draw_pieces(self, number: int) -> None:
         """The first stage of one of the refreshes made ready."""
         command, canvas = self._commands[number], self._canvas
-        if command is not None and canvas is not None:
+        # A code lasts several refreshes: its pieces stay as they are.
+        if command is not None and command != self._drawn and canvas is not None:
             canvas.use()
             self._uniform.write(command)
             self._draw_pieces.render(moderngl.TRIANGLES, vertices=3)
+            self._drawn = command
 
     def draw(self, number: int) -> None:
         """The second stage of the same, into a black window that is in use."""
