@@ -47,6 +47,7 @@ class OnFirstUse:
         if self._drawn not in vars(scene):
             vars(scene)[self._drawn] = given()
         drawn: Array = vars(scene)[self._drawn]
+        drawn.flags.writeable = False  # scenes of other grids may share it
         return drawn
 
     def __set__(self, scene: Scene, given: Array | Drawing | None) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pdcd.scene.effects import Array, Effect, coloured_direct
-from pdcd.scene.presets.canvas import WIDTH, Canvas, Raster, Shape, generator
+from pdcd.scene.presets.canvas import WIDTH, Canvas, Raster, Shape, seed_of
 from pdcd.scene.presets.detail import DETAIL, Line, detail, grain, inked, stretched, written
 from pdcd.scene.presets.letters import Coverage, width
 from pdcd.scene.radiosity import Relief, radiosity
@@ -46,33 +46,34 @@ SENTENCES = (
 
 def open_book(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build an open book in a wooden cradle, seen from above; `seed` sets the order of its text."""
-    order = tuple(generator("open-book", options).permutation(len(SENTENCES)).tolist())
+    seed = seed_of("open-book", options)
     canvas = Canvas(grid)
-    albedo = canvas.cells(_book(canvas, order))
+    albedo = canvas.cells(_book(canvas, seed))
     relief = Relief(SLOPE * np.abs(canvas.cell_x), canvas.pitch)
     direct = albedo * relief.cosine.reshape(-1, 1)
     indirect = radiosity("between the pages", relief, albedo, list(np.eye(3)))
     effects: tuple[Effect, ...] = (*coloured_direct(direct), *indirect)
-    return Scene("open-book", grid, effects, texture=partial(_texture, order))
+    return Scene("open-book", grid, effects, texture=partial(_texture, seed))
 
 
-def _book(raster: Raster, order: Sequence[int]) -> Array:
+def _book(raster: Raster, seed: int) -> Array:
     """Draw the book: the reflectance of everything."""
     image = raster.fill((0.20, 0.13, 0.09))
     image += 0.04 * np.sin(9 * raster.y + 2 * np.sin(3 * raster.x))[..., None]
     image[_spread(raster, PAGE_WIDTH + 0.10, 0.06)] = (0.36, 0.05, 0.05)
     image[_spread(raster, PAGE_WIDTH + 0.05, 0.02)] = (0.62, 0.58, 0.50)
     image[_spread(raster, PAGE_WIDTH, 0.0)] = PAPER
-    inked(image, _text(tuple(order)), INK)
+    inked(image, _text(seed), INK)
     _picture(raster, image)
     image[np.abs(raster.x) < 0.012] *= 0.45
     return image
 
 
-def _texture(order: Sequence[int]) -> Array:
+@lru_cache(maxsize=1)
+def _texture(seed: int) -> Array:
     """Draw the book in detail, with fibres in its paper and wood."""
     raster = detail()
-    image = _book(raster, order)
+    image = _book(raster, seed)
     wood = ~_spread(raster, PAGE_WIDTH + 0.10, 0.06)
     image *= grain(0.012)[..., None]
     image[wood] *= grain(0.08, along=24)[wood][:, None]
@@ -80,8 +81,9 @@ def _texture(order: Sequence[int]) -> Array:
 
 
 @lru_cache(maxsize=2)
-def _text(order: Sequence[int]) -> Coverage:
+def _text(seed: int) -> Coverage:
     """Write both pages: the share of ink in each pixel of a texture."""
+    order = np.random.default_rng(seed).permutation(len(SENTENCES)).tolist()
     lines: list[Line] = [(TITLE, RIGHT[0], -0.54, TITLE_SIZE)]
     lines += _column(order, RIGHT, -0.415 + PITCH * np.arange(12))
     lines += _column(order[::-1], LEFT, 0.31 + PITCH * np.arange(4))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
 from pdcd.scene.effects import Array, rgb
 from pdcd.scene.milk import FORWARD, VEIL, milk
-from pdcd.scene.presets.canvas import Canvas, Raster, Shape, generator
+from pdcd.scene.presets.canvas import Canvas, Raster, Shape, seed_of
 from pdcd.scene.presets.detail import DARKEST, detail, grain, pressed, written
 from pdcd.scene.scene import Scene
 
@@ -28,13 +28,13 @@ PRINT = (("MILKY WATER", -0.34, 0.100, 0.026), ("shake well, then read", -0.33, 
 
 def milky_bottle(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build a bottle before a tiled wall; `seed` sets the shades of the tiles."""
-    shades = generator("milky-bottle", options).uniform(0.8, 1.1, (8, 8))
+    seed = seed_of("milky-bottle", options)
     canvas = Canvas(grid)
     effects = milk(
         grid,
         canvas.pitch,
         canvas.cells(_depth(canvas)),
-        canvas.cells(_behind(canvas, shades)),
+        canvas.cells(_behind(canvas, seed)),
         sigma=0.12,
         tint=rgb(0.95, 0.93, 0.86),
     )
@@ -42,8 +42,8 @@ def milky_bottle(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
         "milky-bottle",
         grid,
         effects,
-        texture=partial(_texture, shades),
-        indirect_texture=partial(_veil, shades),
+        texture=partial(_texture, seed),
+        indirect_texture=partial(_veil, seed),
     )
 
 
@@ -57,9 +57,9 @@ def _cap(raster: Raster) -> Shape:
     return raster.box(-0.15, -0.94, 0.15, -0.79)
 
 
-def _behind(raster: Raster, shades: Array) -> Array:
-    """Draw all that there is without the milk; `shades` (8, 8) are those of the tiles."""
-    image = _wall(raster, shades)
+def _behind(raster: Raster, seed: int) -> Array:
+    """Draw all that there is without the milk."""
+    image = _wall(raster, np.random.default_rng(seed))
     inside, half = _bottle(raster)
     image[inside] = 0.30
     _label(raster, image)
@@ -79,10 +79,11 @@ def _depth(raster: Raster) -> Array:
     return depth
 
 
-def _texture(shades: Array) -> Array:
+@lru_cache(maxsize=1)
+def _texture(seed: int) -> Array:
     """Draw what is seen straight through the milk, in detail."""
     raster = detail()
-    image = _behind(raster, shades)
+    image = _behind(raster, seed)
     image *= np.exp(-2.0 * _depth(raster))[..., None]
     table = (raster.y > TABLE) & ~_bottle(raster)[0]
     image *= np.where(table, grain(0.10, along=32), grain(0.02))[..., None]
@@ -90,20 +91,22 @@ def _texture(shades: Array) -> Array:
     return image
 
 
-def _veil(shades: Array) -> Array:
+@lru_cache(maxsize=1)
+def _veil(seed: int) -> Array:
     """Draw what comes back from the milk: an even veil, and what is lit through it."""
     raster = detail()
     scattered = (1.0 - np.exp(-2.0 * _depth(raster)))[..., None]
-    behind = _behind(raster, shades).mean(axis=-1, keepdims=True)
+    behind = _behind(raster, seed).mean(axis=-1, keepdims=True)
     # Half of the blurred light is lost on its way back: a mean, good enough for a proportion.
     blurred = 0.5 * np.sqrt(FORWARD * scattered * behind)
     return np.repeat(DARKEST + VEIL * scattered + blurred, 3, axis=-1)
 
 
-def _wall(raster: Raster, shades: Array) -> Array:
+def _wall(raster: Raster, rng: np.random.Generator) -> Array:
     """Return tiles above a table."""
     image = raster.fill((0.28, 0.42, 0.46))
     tile = 0.4
+    shades = rng.uniform(0.8, 1.1, (8, 8))
     row, col = ((place + 2.0) // tile for place in (raster.y, raster.x))
     image *= shades[row.astype(int) % 8, col.astype(int) % 8][..., None]
     joint = ((raster.x + 2.0) % tile < 0.03) | ((raster.y + 2.0) % tile < 0.03)

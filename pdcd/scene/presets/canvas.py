@@ -119,8 +119,8 @@ def _places(grid: tuple[int, int]) -> tuple[Array, Array]:
     return across, down
 
 
-def generator(kind: str, options: Mapping[str, Any]) -> np.random.Generator:
-    """Return the random numbers of a preset from its only option, `seed` (0 when left out).
+def seed_of(kind: str, options: Mapping[str, Any]) -> int:
+    """Return the only option of a preset, `seed` (0 when left out): it sets what chance decides.
 
     Raises
     ------
@@ -138,4 +138,4 @@ def generator(kind: str, options: Mapping[str, Any]) -> np.random.Generator:
         raise ConfigError(
             f"[scene] options: seed is {seed!r}", hint="give a whole number from 0 on"
         )
-    return np.random.default_rng(seed)
+    return seed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from pdcd.scene.effects import Array, both_ways, coloured_direct, rgb
-from pdcd.scene.presets.canvas import HEIGHT, WIDTH, Canvas, Raster, generator
+from pdcd.scene.presets.canvas import HEIGHT, WIDTH, Canvas, Raster, seed_of
 from pdcd.scene.presets.detail import DARKEST, PIXELS, detail, grain
 from pdcd.scene.radiosity import Relief, radiosity
 from pdcd.scene.scene import Scene
@@ -35,18 +35,15 @@ STRIDE, STEPS = 0.01, 250
 
 def disco_ball(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build a mirror ball that hangs in a room; `seed` sets how its facets were glued."""
-    rng = generator("disco-ball", options)
+    seed = seed_of("disco-ball", options)
     canvas = Canvas(grid)
-    normals = _facet_normals(rng)
+    normals, glint = _facets(seed)
     facet = _facet(canvas.x, canvas.y)
     ball = facet >= 0
 
     relief = Relief(room_height(canvas.cell_x, canvas.cell_y), canvas.pitch)
     matte = canvas.cells(np.where(ball[..., None], 0.0, _room(canvas)))
     direct = matte * relief.cosine.reshape(-1, 1)
-    # A facet sends light straight back only when it faces the camera; else it is nearly black.
-    facing = np.exp(-(((1.0 - normals[:, 2]) / 0.02) ** 2))
-    glint = 0.02 + 0.16 * rng.random(len(normals)) ** 2 + 0.70 * facing
     direct += canvas.cells(np.where(ball, glint[facet], 0.0))[:, None]
 
     grey = matte.mean(axis=1)
@@ -60,23 +57,26 @@ def disco_ball(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
             both_ways("spots", paths, tint),
             *radiosity("between the walls", relief, grey[:, None], [tint]),
         ),
-        texture=partial(_texture, glint),
-        indirect_texture=partial(_reflections, normals),
+        texture=partial(_texture, seed),
+        indirect_texture=partial(_reflections, seed),
     )
 
 
-def _texture(glint: Array) -> Array:
-    """Draw in detail what returns at once, `glint` (facets,) being the share of each facet."""
+@lru_cache(maxsize=1)
+def _texture(seed: int) -> Array:
+    """Draw in detail what returns at once."""
     raster = detail()
-    image = _in_detail(raster, glint)
+    image = _in_detail(raster, _facets(seed)[1])
     pitch = (1.0 / PIXELS, 1.0 / PIXELS)
     slope = Relief(room_height(raster.x, raster.y), pitch).cosine
     image *= np.where(_facet(raster.x, raster.y) < 0, slope, 1.0)[..., None]
     return np.maximum(image, DARKEST)
 
 
-def _reflections(normals: Array) -> Array:
+@lru_cache(maxsize=1)
+def _reflections(seed: int) -> Array:
     """Draw in detail where indirect light comes from: the walls, and facets that show them."""
+    normals, _ = _facets(seed)
     flat = np.concatenate([np.zeros((len(normals), 2)), np.ones((len(normals), 1))], axis=-1)
     ray = 2.0 * normals[:, 2:] * normals - flat
     x, y = _landing(np.array([*CENTRE[:2], CENTRE[2]]) + RADIUS * normals, ray)
@@ -153,6 +153,15 @@ def _facet(x: Array, y: Array) -> NDArray[np.intp]:
     number = number + place.astype(np.intp)
     on_ball = ((x - CENTRE[0]) / RADIUS) ** 2 + ((y - CENTRE[1]) / RADIUS) ** 2 < 1.0
     return np.where(on_ball, number, np.intp(-1))
+
+
+def _facets(seed: int) -> tuple[Array, Array]:
+    """Return the normals (facets, 3), and what each facet returns at once (facets,)."""
+    rng = np.random.default_rng(seed)
+    normals = _facet_normals(rng)
+    # A facet sends light straight back only when it faces the camera; else it is nearly black.
+    facing = np.exp(-(((1.0 - normals[:, 2]) / 0.02) ** 2))
+    return normals, 0.02 + 0.16 * rng.random(len(normals)) ** 2 + 0.70 * facing
 
 
 def _facet_normals(rng: np.random.Generator) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import scipy.sparse
 from scipy.interpolate import PchipInterpolator
 
 from pdcd.scene.effects import COLOURS, Array, Effect, both_ways, coloured_direct
-from pdcd.scene.presets.canvas import HEIGHT, WIDTH, Canvas, Raster, Shape, generator
+from pdcd.scene.presets.canvas import HEIGHT, WIDTH, Canvas, Raster, Shape, seed_of
 from pdcd.scene.presets.detail import DARKEST, detail, grain
 from pdcd.scene.radiosity import Relief, radiosity
 from pdcd.scene.scene import Scene
@@ -34,11 +34,11 @@ TABLE_EDGE = 0.50
 
 def mirror_and_vase(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build a painted vase with a mirror to its left; `seed` sets the painting."""
-    turn = generator("mirror-and-vase", options).uniform(0.0, 1.0)
+    seed = seed_of("mirror-and-vase", options)
     canvas = Canvas(grid)
     glass = _mirror(canvas, 0.0)
     relief = Relief(_height(canvas), canvas.pitch)
-    albedo = canvas.cells(_matte(canvas, turn))
+    albedo = canvas.cells(_matte(canvas, seed))
     direct = albedo * relief.cosine.reshape(-1, 1)
     shown = canvas.links(glass, _mirrored(canvas), canvas.y)
     reached = MIRROR * GRAZING * direct
@@ -49,24 +49,25 @@ def mirror_and_vase(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
         one_way = scipy.sparse.diags_array(reached[:, channel]) @ shown
         effects.append(both_ways(f"mirror {colour}", one_way, np.eye(3)[channel]))
     effects.extend(radiosity("between the walls", relief, albedo, list(np.eye(3))))
-    return Scene("mirror-and-vase", grid, tuple(effects), texture=partial(_texture, turn))
+    return Scene("mirror-and-vase", grid, tuple(effects), texture=partial(_texture, seed))
 
 
-def _matte(raster: Raster, turn: float) -> Array:
-    """Draw all that is matte; the mirror is not. `turn` is that of the painting round the vase."""
+def _matte(raster: Raster, seed: int) -> Array:
+    """Draw all that is matte; the mirror is not."""
     image = raster.fill((0.66, 0.60, 0.48))
     image[raster.y > TABLE_EDGE] = (0.40, 0.26, 0.15)
     image[_vase(raster)] = (0.70, 0.70, 0.68)
-    _paint(raster, image, turn)
+    _paint(raster, image, np.random.default_rng(seed))
     image[_mirror(raster, 0.07)] = (0.45, 0.30, 0.10)
     image[_mirror(raster, 0.0)] = 0.0
     return image
 
 
-def _texture(turn: float) -> Array:
+@lru_cache(maxsize=1)
+def _texture(seed: int) -> Array:
     """Draw all in detail: wallpaper, glaze, gold leaf, and in the glass what it shows."""
     raster = detail()
-    image = _matte(raster, turn)
+    image = _matte(raster, seed)
     glass, vase = _mirror(raster, 0.0), _vase(raster)
     frame, table = _mirror(raster, 0.07) & ~glass, (raster.y > TABLE_EDGE) & ~vase
     leaf = np.clip(grain(0.5), 0.7, 2.0)
@@ -112,7 +113,7 @@ def _mirror(raster: Raster, border: float) -> Shape:
     return inside
 
 
-def _paint(raster: Raster, image: Array, turn: float) -> None:
+def _paint(raster: Raster, image: Array, rng: np.random.Generator) -> None:
     """Paint bands, and petals at places of their own, round the vase."""
     blue, red = (0.10, 0.18, 0.58), (0.70, 0.16, 0.10)
     radius = _radius(raster.y)
@@ -120,6 +121,7 @@ def _paint(raster: Raster, image: Array, turn: float) -> None:
     round_ = np.arcsin(np.clip((raster.x - VASE_X) / np.maximum(radius, 1e-9), -1.0, 1.0))
     for top, bottom in ((-0.72, -0.64), (-0.42, -0.34), (0.34, 0.42), (0.62, 0.72)):
         image[vase & (raster.y >= top) & (raster.y < bottom)] = blue
+    turn = rng.uniform(0.0, 1.0)
     phase = (round_ / 0.7 + turn) % 1.0 - 0.5
     for centre, colour in ((-0.14, red), (0.14, blue)):
         petal = np.hypot(phase / 0.36, (raster.y - centre) / 0.11) < 1.0

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import numpy as np
 
 from pdcd.scene.effects import Array, Effect, coloured_direct, rgb
 from pdcd.scene.kernel import Kernel, gaussian
-from pdcd.scene.presets.canvas import Canvas, Raster, Shape, generator
+from pdcd.scene.presets.canvas import Canvas, Raster, Shape, seed_of
 from pdcd.scene.presets.detail import DARKEST, detail, grain, scratched
 from pdcd.scene.scene import Scene
 
@@ -28,8 +28,7 @@ HAIRLINES = 110
 
 def wax_disk(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build a wax disk on a dark cloth; `seed` sets the scratches of its surface."""
-    rng = generator("wax-disk", options)
-    scratches = np.stack([rng.uniform(0, np.pi, 9), rng.uniform(-0.7, 0.7, 9)], axis=-1)
+    seed = seed_of("wax-disk", options)
     canvas = Canvas(grid)
     body = canvas.cells(_disk(canvas))
     # The key lies deep: light of the shallow kernel never gets there.
@@ -37,11 +36,11 @@ def wax_disk(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     shallow = gaussian(grid, canvas.pitch, SHALLOW)
     deep = gaussian(grid, canvas.pitch, DEEP)
     effects: tuple[Effect, ...] = (
-        *coloured_direct(canvas.cells(_surface(canvas, scratches))),
+        *coloured_direct(canvas.cells(_surface(canvas, np.random.default_rng(seed)))),
         Kernel("just below", grid, shallow, body, body, tint=rgb(*LIGHT_SHALLOW)),
         Kernel("deep inside", grid, deep, open_, open_, tint=rgb(*LIGHT_DEEP)),
     )
-    texture = partial(_texture, scratches, int(rng.integers(2**31)))
+    texture = partial(_texture, seed)
     return Scene("wax-disk", grid, effects, texture=texture, indirect_texture=_glow)
 
 
@@ -49,8 +48,8 @@ def _disk(raster: Raster) -> Shape:
     return raster.disk(0.0, 0.0, RADIUS)
 
 
-def _surface(raster: Raster, scratches: Array) -> Array:
-    """Draw what reflects at once; `scratches` are (angle, distance from the middle)."""
+def _surface(raster: Raster, rng: np.random.Generator) -> Array:
+    """Draw what reflects at once."""
     radius = np.hypot(raster.x, raster.y)
     disk = _disk(raster)
     image = raster.fill((0.07, 0.08, 0.11))
@@ -61,22 +60,25 @@ def _surface(raster: Raster, scratches: Array) -> Array:
     rim = disk & (radius > RADIUS - 0.07)
     lean = (-raster.x - raster.y) / np.maximum(radius, 1e-9)
     image[rim] *= (1.0 + 0.45 * lean[rim])[:, None]
-    for angle, place in scratches:
+    for angle, place in zip(rng.uniform(0, np.pi, 9), rng.uniform(-0.7, 0.7, 9), strict=True):
         across = raster.x * np.cos(angle) + raster.y * np.sin(angle)
         image[disk & (np.abs(across - place) < 0.008)] *= 1.25
     return image
 
 
-def _texture(scratches: Array, seed: int) -> Array:
+@lru_cache(maxsize=1)
+def _texture(seed: int) -> Array:
     """Draw the surface in detail, with hairlines in the wax and threads in the cloth."""
     raster = detail()
-    image = _surface(raster, scratches)
+    rng = np.random.default_rng(seed)
+    image = _surface(raster, rng)
     threads = 1.0 + 0.25 * np.sin(480 * raster.x) * np.sin(480 * raster.y)
-    hairlines = 1.0 + 0.5 * scratched(np.random.default_rng(seed), HAIRLINES, RADIUS)
+    hairlines = 1.0 + 0.5 * scratched(rng, HAIRLINES, RADIUS)
     image *= np.where(_disk(raster), hairlines * grain(0.01), threads)[..., None]
     return image
 
 
+@cache
 def _glow() -> Array:
     """Draw what comes from within: it knows the key, but no scratch."""
     raster = detail()

@@ -54,6 +54,17 @@ def test_textures_are_true_to_the_cells(kind: str) -> None:
     assert np.sqrt(np.mean((first - means) ** 2) / np.mean(first**2)) > 0.1
 
 
+def test_scenes_of_any_grid_share_their_texture() -> None:
+    first, other = (
+        preset("milky-bottle"),
+        build_scene(SceneConfig(kind="milky-bottle", grid=(3, 4))),
+    )
+    assert first.texture is other.texture and first.indirect_texture is other.indirect_texture
+    assert first.texture is not None
+    with pytest.raises(ValueError, match="read-only"):
+        first.texture[0, 0] = 1.0
+
+
 @pytest.mark.parametrize("kind", sorted(PRESETS))
 def test_no_texture_is_drawn_before_it_is_asked_for(
     kind: str, monkeypatch: pytest.MonkeyPatch
@@ -62,8 +73,8 @@ def test_no_texture_is_drawn_before_it_is_asked_for(
         raise AssertionError(f"a raster of {shape} was asked for")
 
     monkeypatch.setattr(detail, "Raster", refuse)
-    # A grid of its own: other tests may have built, and kept, the usual ones.
-    scene = build_scene(SceneConfig(kind=kind, grid=(5, 9), ambient=0.1))
+    # A grid and a seed of its own: other tests may have built, and drawn, the usual ones.
+    scene = build_scene(SceneConfig(kind=kind, grid=(5, 9), ambient=0.1, options={"seed": 7}))
     scene.white()
     with pytest.raises(AssertionError, match="768, 1024"):
         _ = scene.texture
