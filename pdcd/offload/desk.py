@@ -28,6 +28,7 @@ from pdcd.offload.answers import (
     rms_error,
     rms_sigma,
 )
+from pdcd.pictures.assess import assess
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.develop import preview, write_png
@@ -187,6 +188,7 @@ class Desk:
         write_pictures(self._folder(), decoded)
         record, picture = darkroom.record, decoded.answer
         known = picture.sigma[np.isfinite(picture.sigma)]
+        deviations = decoded.deviations(watch)
         done = Developed(
             record=record,
             saturated={name: int(s.saturated.sum()) for name, s in decoded.shots.items()},
@@ -196,7 +198,8 @@ class Desk:
             sigma_kind=picture.kind,
             sigma_mean=float(known.mean()) if known.size else None,
             rms_error=rms_error(job.plan, record, picture.image, facts.scene, watch),
-            deviations=decoded.deviations(watch),
+            deviations=deviations,
+            quality=assess(record, decoded, deviations),
         )
         self.forget(watch)
         return done
