@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ class Thinned:
         right = np.arange(step // 2, width, step) * cols // width
         return cls(step, (down[:, None] * cols + right).ravel(), rows * cols)
 
-    def pick(self, image: NDArray[np.floating]) -> Floats:
+    def pick(self, image: NDArray[Any]) -> Floats:
         """(h, w, C) -> (n, C)."""
         first = self.step // 2
         some = image[first :: self.step, first :: self.step]
@@ -64,9 +65,9 @@ class Thinned:
         """Those beside the field."""
         return values[self.cell < 0]
 
-    def mean(self, values: Floats) -> Floats:
-        """(n,) -> mean over each cell (N,), NaN for cells that no pixel sees."""
-        known = self.cell >= 0
+    def mean(self, values: Floats, blown: NDArray[np.bool_]) -> Floats:
+        """(n,) -> mean over each cell (N,) of pixels that are not `blown`, NaN where none is."""
+        known = (self.cell >= 0) & ~blown
         count = np.bincount(self.cell[known], minlength=self.cells)
         total = np.bincount(self.cell[known], values[known], minlength=self.cells)
         mean: Floats = np.full(self.cells, np.nan)
@@ -195,8 +196,9 @@ def _samples(
 def _sample(terms: list[tuple[float, str]], decoded: Decoded, thin: Thinned) -> Sample:
     shots: list[tuple[float, Exposed]] = [(sign, decoded.shots[name]) for sign, name in terms]
     grey = sum((s * thin.pick(e.light).mean(axis=1) for s, e in shots), np.zeros(len(thin.cell)))
+    blown = np.logical_or.reduce([thin.pick(e.saturated[..., None])[:, 0] > 0.0 for _, e in shots])
     realised: Factors = signed_sum((sign, shot.realised) for sign, shot in shots)
-    return Sample(thin.mean(grey), realised)
+    return Sample(thin.mean(grey, blown), realised)
 
 
 def _is_white(photo: Photo, planned: dict[str, Shot]) -> bool:

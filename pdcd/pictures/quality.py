@@ -114,7 +114,7 @@ def light_of(
         yield Finding(Grade.BAD, f"shot {name}: no pixel of the camera sees the field")
         return
     error = float(np.sqrt(noise.sum())) / seen.size
-    mean, rms = float(seen.mean()), float(np.sqrt(np.mean(seen**2)))
+    mean = float(seen.mean())
     if mean < limits.dark * error:
         yield Finding(
             Grade.BAD,
@@ -122,7 +122,9 @@ def light_of(
             f"{limits.dark:g}); look at lens cap, shutter, projector and mask",
         )
         return
-    share = float(np.sqrt(noise.mean())) / rms
+    # What is left of the square when the noise's share is taken off; never less than the mean's.
+    power = max(float(np.mean(seen**2) - noise.mean()), mean**2)
+    share = float(np.sqrt(noise.mean() / power))
     grade = graded(share, limits.noisy_shot)
     if grade:
         yield Finding(
