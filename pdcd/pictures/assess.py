@@ -28,8 +28,10 @@ from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
-PIXELS = 2**16
+PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
+PER_CELL = 4
+"""The same for each cell, where that is more."""
 STACK = 24
 """Photos of single codes that are looked at."""
 
@@ -46,7 +48,8 @@ class Thinned:
     def of(cls, cells: CellMap) -> Thinned:
         """Pixels of a frame that is cut evenly into cells."""
         (rows, cols), (height, width) = cells.grid, cells.frame
-        step = max(1, int(np.sqrt(height * width / PIXELS)))
+        least = max(PIXELS, PER_CELL * rows * cols)
+        step = max(1, int(np.sqrt(height * width / least)))
         down = np.arange(step // 2, height, step) * rows // height
         right = np.arange(step // 2, width, step) * cols // width
         return cls(step, (down[:, None] * cols + right).ravel(), rows * cols)
@@ -163,15 +166,17 @@ def _placement(
     """What the photos say of where the panels are."""
     told: list[Sample] = []
     prints: list[Sample] = []
+    white = None
     for photo in decoded.recipe.photos:
         if any(name not in decoded.shots for _, name in photo.shots):
-            continue
-        samples = _samples(photo, decoded, planned, thin)
+            continue  # a sum of single codes, which the stack tells of
+        samples = _samples(photo, decoded, thin)
         if photo.wanted.uniform is not None:
             told += samples
-        if photo in photos and not _is_white(photo, planned):
-            prints += samples
-    white = next((s.light for s in _white(decoded, planned, thin)), None)
+        if any(planned[name].white for _, name in photo.shots):
+            white = samples[0].light
+        elif photo in photos:
+            prints = prints or samples
     stack = _some([n for n in decoded.recipe.stack if n in decoded.shots])
     yield from quality.placed(
         direct_shares(told, grid),
@@ -180,9 +185,7 @@ def _placement(
     )
 
 
-def _samples(
-    photo: Photo, decoded: Decoded, planned: dict[str, Shot], thin: Thinned
-) -> list[Sample]:
+def _samples(photo: Photo, decoded: Decoded, thin: Thinned) -> list[Sample]:
     """What was added in a photo, and what was subtracted, each without what leaks through black."""
     sides: dict[float, list[tuple[float, str]]] = {1.0: [], -1.0: []}
     of = {name: sign for sign, name in photo.shots}
@@ -199,16 +202,6 @@ def _sample(terms: list[tuple[float, str]], decoded: Decoded, thin: Thinned) -> 
     blown = np.logical_or.reduce([thin.pick(e.saturated[..., None])[:, 0] > 0.0 for _, e in shots])
     realised: Factors = signed_sum((sign, shot.realised) for sign, shot in shots)
     return Sample(thin.mean(grey, blown), realised)
-
-
-def _is_white(photo: Photo, planned: dict[str, Shot]) -> bool:
-    return any(planned[name].white for _, name in photo.shots)
-
-
-def _white(decoded: Decoded, planned: dict[str, Shot], thin: Thinned) -> Iterator[Sample]:
-    for photo in decoded.recipe.photos:
-        if all(n in planned for _, n in photo.shots) and _is_white(photo, planned):
-            yield from _samples(photo, decoded, planned, thin)
 
 
 def _against(sample: Sample, white: Floats | None, pair: list[Sample]) -> Sample:

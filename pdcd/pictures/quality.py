@@ -115,7 +115,7 @@ def light_of(
         return
     error = float(np.sqrt(noise.sum())) / seen.size
     mean = float(seen.mean())
-    if mean < limits.dark * error:
+    if not mean > limits.dark * error:
         yield Finding(
             Grade.BAD,
             f"shot {name}: no light, its mean is {_times(mean, error)} times its error (limit "
