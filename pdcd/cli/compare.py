@@ -54,7 +54,8 @@ def compare(args: argparse.Namespace) -> int:
     else:
         _say(rows)
         for row, result in zip(rows, results, strict=True):
-            say(f"{row.method}: {'done' if row.quality is None else row.quality.verdict}")
+            if row.quality is not None:
+                say(f"{row.method}: {row.quality.verdict}")
             say_notes(result)
     return DONE
 
