@@ -21,6 +21,7 @@ from pdcd.words import (
     JobState,
     MethodName,
     NormaliseName,
+    VerdictName,
     WindowName,
 )
 
@@ -242,6 +243,19 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What guided the codes, in words."""
 
 
+class Quality(msgspec.Struct, frozen=True, kw_only=True):
+    """The verdict on a run (docs/quality.md): each reason is a plain sentence with its figure, its
+    limit and what to do. A good run has none; `remarks` leave it good."""
+
+    verdict: VerdictName
+    reasons: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+Figure = float | int | str | Quality | None
+"""What the summary of a run holds."""
+
+
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     """The end of a job: what `capture.wait` returns and `pdcd capture --json` prints last."""
 
@@ -253,8 +267,11 @@ class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     """`kind`, `message`, `device`, `hint` of the failure, when `state` is failed or cancelled."""
     files: tuple[str, ...] = ()
     """Paths kept, relative to `folder` (of the unfinished folder when the job did not finish)."""
-    summary: dict[str, float | int | str | None] = {}
-    """codes, refreshes, exposure_s, missed_refreshes, rms_error, wall_s ... for the table."""
+    summary: dict[str, Figure] = {}
+    """codes, refreshes, exposure_s, missed_refreshes, rms_error, wall_s ... for the table; and
+    `quality`, the verdict."""
+    warnings: tuple[str, ...] = ()
+    """What the user must know of the run, one line each; the manifest has all of them."""
 
 
 def new_job_id() -> str:

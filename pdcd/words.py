@@ -36,4 +36,6 @@ BlackLevel = Literal["none", "mask", "ambient", "both"]
 NormaliseName = Literal["auto", "scalar", "row"]
 JobKind = Literal["capture", "plan", "show", "preview"]
 """What of the rig a job uses: all of it, the arithmetic alone, the panels, all for a quick look."""
+VerdictName = Literal["good", "doubtful", "bad"]
+"""On a finished run (docs/quality.md)."""
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]

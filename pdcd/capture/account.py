@@ -13,7 +13,7 @@ from pdcd.capture.job import Job
 from pdcd.errors import Cancelled, PdcdError
 from pdcd.offload.answers import Developed
 from pdcd.planning.plan import Plan
-from pdcd.request import CaptureResult, PlanSummary
+from pdcd.request import CaptureResult, Figure, PlanSummary
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import git_commit, utc_now, versions
 from pdcd.runs.record import (
@@ -27,7 +27,10 @@ from pdcd.sensor.profile import SensorProfile
 
 logger = logging.getLogger(__name__)
 
-Summary = dict[str, float | int | str | None]
+Summary = dict[str, Figure]
+
+TOLD = 64
+"""Most warnings in a result, which is one line of the socket; the manifest has all of them."""
 
 
 def warnings_of(
@@ -69,6 +72,7 @@ def summary_of(plan: Plan, developed: Developed) -> Summary:
         "rms_error": developed.rms_error,
         "sigma_mean": developed.sigma_mean,
         "predicted_error": None if plan.prediction is None else plan.prediction.error,
+        "quality": developed.quality,
     }
 
 
@@ -111,12 +115,38 @@ def manifest_of(
     )
 
 
+def told(warnings: Sequence[str]) -> tuple[str, ...]:
+    """Warnings as a result has them: what was said of many shots in the same words is said once.
+
+    Of a run of a thousand shots each may have the same to say.
+    """
+    heads: dict[str, list[str]] = {}
+    for text in warnings:
+        shot, _, rest = text.partition(": ")
+        alike = rest if rest and shot.startswith("shot ") else text
+        heads.setdefault(alike, []).append(text)
+    brief = [
+        texts[0] + (f" (and so of {len(texts) - 1} more)" if len(texts) > 1 else "")
+        for texts in heads.values()
+    ]
+    if len(brief) > TOLD:
+        brief[TOLD - 1 :] = [f"and {len(brief) - TOLD + 1} more; capture.json has all of them"]
+    return tuple(brief)
+
+
 def failure_of(
-    job: Job, folder: RunFolder | None, now_ns: int, error: PdcdError, *, safe: bool
+    job: Job,
+    folder: RunFolder | None,
+    now_ns: int,
+    error: PdcdError,
+    *,
+    safe: bool,
+    warnings: Sequence[str] = (),
 ) -> CaptureResult:
     """The result of a job that did not finish; its folder keeps the name that says so.
 
-    `safe` is whether panels are black and the shutter is closed; log.jsonl keeps it.
+    `warnings` are those that it gave until then. `safe` is whether panels are black and the shutter
+    is closed; log.jsonl keeps it.
     """
     cancelled = isinstance(error, Cancelled)
     fields = {
@@ -142,4 +172,5 @@ def failure_of(
         folder=None if where is None else str(where),
         error=fields,
         files=() if folder is None else folder.files(),
+        warnings=told(warnings),
     )

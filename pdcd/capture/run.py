@@ -6,7 +6,7 @@ import time
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.capture.account import manifest_of, summary_of, warnings_of
+from pdcd.capture.account import manifest_of, summary_of, told, warnings_of
 from pdcd.capture.convergence import Convergence
 from pdcd.capture.job import Job, Journal
 from pdcd.capture.rig import Rig
@@ -53,6 +53,11 @@ class Run:
         self._journal = Journal(job, folder, rig.clock, [])
         self._taker = ShotTaker(config, rig, self._camera, profile, hands, self._journal)
 
+    @property
+    def warnings(self) -> list[str]:
+        """What the user must know so far, also of a run that fails."""
+        return self._journal.warnings
+
     def execute(self, rig: RigView) -> CaptureResult:
         """Plan, expose all shots, decode, archive. Raises PdcdError; the caller makes safe.
 
@@ -83,7 +88,7 @@ class Run:
             rig=rig,
             started_utc=started,
             summary=summary,
-            warnings=self._journal.warnings,
+            warnings=self.warnings,
             meter=self._taker.meter,
             files=folder.hashes(),
         )
@@ -95,6 +100,7 @@ class Run:
             folder=str(folder.where),
             files=files,
             summary=summary,
+            warnings=told(self.warnings),
         )
 
     def _plan(self) -> Planned:

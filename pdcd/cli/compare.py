@@ -9,9 +9,9 @@ import msgspec
 from pdcd.cli.capture import arrays_of, request_of, take
 from pdcd.cli.exits import DONE
 from pdcd.cli.options import METHODS
-from pdcd.cli.output import say_json, say_result, say_table
+from pdcd.cli.output import figure, say, say_json, say_notes, say_result, say_table
 from pdcd.errors import ConfigError
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.request import CaptureRequest, CaptureResult, Quality
 from pdcd.words import MethodName
 
 
@@ -32,6 +32,8 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
     rms_error: float | int | str | None
     sigma_mean: float | int | str | None
     wall_s: float | int | str | None
+    quality: Quality | None
+    """The verdict on the photo."""
 
 
 def compare(args: argparse.Namespace) -> int:
@@ -40,16 +42,21 @@ def compare(args: argparse.Namespace) -> int:
         raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
     asked, files = request_of(args, out=args.out), arrays_of(args)
     without_prior = {name: path for name, path in files.items() if name != "prior"}
-    rows = []
+    rows, results = [], []
     for method in METHODS:
         result = take(args, by_method(asked, method), files if method == "coded" else without_prior)
         if result.state != "done":
             return say_result(result, as_json=args.json)
         rows.append(_compared(method, result))
+        results.append(result)
     if args.json:
         say_json({"goal": asked.goal, "methods": rows})
     else:
         _say(rows)
+        for row, result in zip(rows, results, strict=True):
+            if row.quality is not None:
+                say(f"{row.method}: {row.quality.verdict}")
+            say_notes(result)
     return DONE
 
 
@@ -63,16 +70,18 @@ def by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
 
 def _compared(method: MethodName, result: CaptureResult) -> Compared:
     summary = result.summary
+    quality = summary.get("quality")
     return Compared(
         method=method,
         job=result.job,
         folder=result.folder,
-        codes=summary.get("codes") if summary.get("family") != "none" else None,
-        raw_files=summary.get("shots"),
-        exposure_s=summary.get("exposure_s"),
-        rms_error=summary.get("rms_error"),
-        sigma_mean=summary.get("sigma_mean"),
-        wall_s=summary.get("wall_s"),
+        codes=figure(summary, "codes") if summary.get("family") != "none" else None,
+        raw_files=figure(summary, "shots"),
+        exposure_s=figure(summary, "exposure_s"),
+        rms_error=figure(summary, "rms_error"),
+        sigma_mean=figure(summary, "sigma_mean"),
+        wall_s=figure(summary, "wall_s"),
+        quality=quality if isinstance(quality, Quality) else None,
     )
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import msgspec
@@ -13,7 +14,7 @@ from pdcd.cli.exits import CANCELLED, DONE, exit_code
 from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.printable import one_line
-from pdcd.request import CaptureResult
+from pdcd.request import CaptureResult, Figure, Quality
 from pdcd.runs.events import (
     Armed,
     Converging,
@@ -27,7 +28,10 @@ from pdcd.runs.events import (
 )
 
 Value = float | int | str
-"""What the summary of a run holds."""
+"""What the summary of a run holds beside the verdict."""
+
+WIDTH = 80
+"""Columns of a terminal that sentences are wrapped to."""
 
 LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
@@ -97,13 +101,35 @@ def say_result(result: CaptureResult, *, as_json: bool) -> int:
 
 def _say_plainly(result: CaptureResult) -> None:
     rows = [["job", result.job], ["state", result.state]]
+    quality = result.summary.get("quality")
+    if isinstance(quality, Quality):
+        rows.append(["verdict", quality.verdict])
     for key, label, write in SUMMARY:
-        value = result.summary.get(key)
+        value = figure(result.summary, key)
         if value is not None:
             rows.append([label, write(value)])
     if result.folder is not None:
         rows.append(["folder", result.folder])
     say_table(rows)
+    say_notes(result)
+
+
+def figure(summary: Mapping[str, Figure], key: str) -> Value | None:
+    """A value of the summary that is a number or a word."""
+    value = summary.get(key)
+    return None if isinstance(value, Quality) else value
+
+
+def say_notes(result: CaptureResult) -> None:
+    """Print why a photo is not good, what else to know of it, and all warnings of the run."""
+    quality = result.summary.get("quality")
+    notes = [("warning", text) for text in result.warnings]
+    if isinstance(quality, Quality):
+        reasons = [(quality.verdict, text) for text in quality.reasons]
+        notes = [*reasons, *(("remark", text) for text in quality.remarks), *notes]
+    for head, text in notes:
+        for line in textwrap.wrap(one_line(f"{head}: {text}"), WIDTH, subsequent_indent="  "):
+            say(line)
 
 
 @contextmanager

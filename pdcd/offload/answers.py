@@ -17,7 +17,7 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.truth import answer
 from pdcd.probing.deviation import Deviation
 from pdcd.recipes.recipe import Extremes
-from pdcd.request import CaptureRequest, PlanSummary
+from pdcd.request import CaptureRequest, PlanSummary, Quality
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
@@ -74,6 +74,7 @@ class Developed:
     rms_sigma, sigma_kind, sigma_mean : of the answer; infinite and None where it is not known.
     rms_error : against the scene's known truth, over the RMS of that; None where nobody knows it.
     deviations : of each photo's realised probing matrix from the wanted one.
+    quality : the verdict on it.
     """
 
     record: RunRecord
@@ -85,6 +86,7 @@ class Developed:
     sigma_mean: float | None
     rms_error: float | None
     deviations: dict[str, Deviation]
+    quality: Quality
 
 
 def record_of(

@@ -29,6 +29,7 @@ from pdcd.offload.answers import (
     rms_error,
     rms_sigma,
 )
+from pdcd.pictures.assess import assess
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.develop import preview, write_png
@@ -193,6 +194,7 @@ class Desk:
         write_pictures(self._folder(), decoded)
         record, picture = darkroom.record, decoded.answer
         known = picture.sigma[np.isfinite(picture.sigma)]
+        deviations = decoded.deviations(watch)
         done = Developed(
             record=record,
             saturated={name: int(s.saturated.sum()) for name, s in decoded.shots.items()},
@@ -210,7 +212,8 @@ class Desk:
                 facts.config,
                 watch,
             ),
-            deviations=decoded.deviations(watch),
+            deviations=deviations,
+            quality=assess(record, decoded, deviations),
         )
         self.forget(watch)
         return done

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 from msgspec import Meta
 
-from pdcd.request import CaptureResult
+from pdcd.request import CaptureResult, Figure
 from pdcd.words import GoalName
 
 Count = Annotated[int, Meta(ge=0)]
@@ -149,7 +149,8 @@ class _End(Event, frozen=True, kw_only=True):
     manifest_sha256: str | None = None
     error: dict[str, str | None] | None = None
     files: tuple[str, ...] = ()
-    summary: dict[str, float | int | str | None] = {}
+    summary: dict[str, Figure] = {}
+    warnings: tuple[str, ...] = ()
 
 
 class Done(_End, frozen=True, kw_only=True, tag_field="type", tag="done"):
@@ -234,6 +235,7 @@ def end_of(result: CaptureResult) -> Done | Failed | Cancelled:
         error=result.error,
         files=result.files,
         summary=result.summary,
+        warnings=result.warnings,
     )
 
 

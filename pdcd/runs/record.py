@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from pdcd.bench.tables import Homography, NonNegative, PanelConfig
 from pdcd.maps.placing import Placing
-from pdcd.request import Goal, How
+from pdcd.request import Figure, Goal, How
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName
@@ -107,7 +107,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     run: RunRecord
     realised: dict[str, dict[str, float]]
     """Deviation of each photo's realised probing matrix from the wanted one."""
-    summary: dict[str, float | int | str | None]
+    summary: dict[str, Figure]
     warnings: tuple[str, ...]
     versions: dict[str, str]
     git_commit: str | None

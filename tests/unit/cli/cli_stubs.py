@@ -14,14 +14,14 @@ from pdcd.bench.tables import Config
 from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.recipes.arrays import Given
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
+from pdcd.request import CaptureRequest, CaptureResult, Figure, PlanSummary, ShotSummary
 from pdcd.runs.events import Armed, Emit, Event, read
 from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import OwnerView
 from pdcd.server.messages import ClockAnchor, JobView, Status
 
 JOB = "20260101T120301Z-7f3a"
-SUMMARY: dict[str, float | int | str | None] = {
+SUMMARY: dict[str, Figure] = {
     "codes": 8,
     "refreshes": 480,
     "exposure_s": 8.2,

@@ -273,6 +273,7 @@ def test_capture_json_ends_with_the_result_unchanged(
         "error": None,
         "files": [],
         "summary": SUMMARY,
+        "warnings": [],
     }
 
 

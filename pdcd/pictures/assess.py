@@ -1,0 +1,212 @@
+"""From the pictures of a run to the verdict on it: picks the numbers that `quality` judges.
+
+All that looks at pixels looks at some `PIXELS` of them, evenly spread, and at means over cells of
+those. So it takes the same few hundredths of a second for a frame of any size.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pictures import quality
+from pdcd.pictures.combine import Exposed
+from pdcd.pictures.darkroom import Decoded
+from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_fingerprints
+from pdcd.pictures.quality import Finding
+from pdcd.probing.deviation import Deviation
+from pdcd.probing.realised import Factors, signed_sum
+from pdcd.recipes.recipe import Extremes, Photo, Shot
+from pdcd.request import Quality
+from pdcd.runs.record import RunRecord
+from pdcd.sensor.cells import CellMap
+
+Floats = NDArray[np.float64]
+
+PIXELS = 2**14
+"""Pixels that are looked at, at most four times as many."""
+PER_CELL = 4
+"""The same for each cell, where that is more."""
+STACK = 24
+"""Photos of single codes that are looked at."""
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """Every `step`-th pixel, down and right; `cell` (n,) of each, -1 outside the field."""
+
+    step: int
+    cell: NDArray[np.int64]
+    cells: int
+
+    @classmethod
+    def of(cls, cells: CellMap) -> Thinned:
+        """Pixels of a frame that is cut evenly into cells."""
+        (rows, cols), (height, width) = cells.grid, cells.frame
+        least = max(PIXELS, PER_CELL * rows * cols)
+        step = max(1, int(np.sqrt(height * width / least)))
+        down = np.arange(step // 2, height, step) * rows // height
+        right = np.arange(step // 2, width, step) * cols // width
+        return cls(step, (down[:, None] * cols + right).ravel(), rows * cols)
+
+    def pick(self, image: NDArray[Any]) -> Floats:
+        """(h, w, C) -> (n, C)."""
+        first = self.step // 2
+        some = image[first :: self.step, first :: self.step]
+        return np.asarray(some, dtype=np.float64).reshape(-1, image.shape[2])
+
+    def inside(self, values: Floats) -> Floats:
+        """Those of the field."""
+        return values[self.cell >= 0]
+
+    def outside(self, values: Floats) -> Floats:
+        """Those beside the field."""
+        return values[self.cell < 0]
+
+    def mean(self, values: Floats, blown: NDArray[np.bool_]) -> Floats:
+        """(n,) -> mean over each cell (N,) of pixels that are not `blown`, NaN where none is."""
+        known = (self.cell >= 0) & ~blown
+        count = np.bincount(self.cell[known], minlength=self.cells)
+        total = np.bincount(self.cell[known], values[known], minlength=self.cells)
+        mean: Floats = np.full(self.cells, np.nan)
+        np.divide(total, count, out=mean, where=count > 0)
+        return mean
+
+
+def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]) -> Quality:
+    """The verdict on a run that was decoded; `deviations` are those of its photos."""
+    if record.cells is None:
+        return quality.verdict([])
+    thin = Thinned.of(record.cells)
+    recipe, answer = decoded.recipe, decoded.answer
+    photos = _resting(decoded)
+    used = {photo.name for photo in photos}
+    names = list(dict.fromkeys(_shots_of(photos, decoded)))
+    shots = [shot for shot in record.shots if shot.name in set(names)]
+    planned = {shot.name: shot for shot in recipe.shots}
+    lit = [n for n in names if not (planned[n].primal_black or planned[n].dual_black)]
+    image, sigma, sensor = (
+        thin.inside(thin.pick(a)) for a in (answer.image, answer.sigma, answer.sensor)
+    )
+    return quality.verdict(
+        itertools.chain(
+            quality.saturation({n: _share(decoded.shots[n].saturated) for n in names}),
+            _light(lit, decoded, thin),
+            quality.answer_of(image, sigma, sensor),
+            _stray(names, planned, decoded, thin),
+            _placement(photos, decoded, planned, thin, record.grid),
+            quality.refreshes(shots),
+            quality.deviations({n: d for n, d in deviations.items() if n in used}),
+            quality.sigma_of(answer.kind),
+        )
+    )
+
+
+def _resting(decoded: Decoded) -> list[Photo]:
+    """The photos that the answer is made of."""
+    rule = decoded.recipe.answer
+    named = rule.photos if isinstance(rule, Extremes) else [name for _, name in rule]
+    return [photo for photo in decoded.recipe.photos if photo.name in set(named)]
+
+
+def _shots_of(photos: Iterable[Photo], decoded: Decoded) -> Iterator[str]:
+    for photo in photos:
+        for _, name in photo.shots:
+            if name in decoded.shots:
+                yield name
+            else:
+                yield from decoded.recipe.stack
+
+
+def _share(saturated: NDArray[np.bool_]) -> float:
+    return float(np.count_nonzero(saturated)) / saturated.size
+
+
+def _light(names: Iterable[str], decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
+    for name in _some(list(names)):
+        shot = decoded.shots[name]
+        light, variance = thin.pick(shot.light), thin.pick(shot.variance)
+        yield from quality.light_of(name, thin.inside(light), thin.inside(variance))
+        grey = light.mean(axis=1)
+        yield from quality.outside_field(name, thin.inside(grey), thin.outside(grey))
+
+
+def _some(names: list[str]) -> list[str]:
+    """At most `STACK` of them, evenly spread."""
+    return names[:: -(-len(names) // STACK)] if names else names
+
+
+def _stray(
+    names: list[str], planned: dict[str, Shot], decoded: Decoded, thin: Thinned
+) -> Iterator[Finding]:
+    """Shots with a black projector, against those that they belong to."""
+    for name in names:
+        base = name.partition("-black-")[0]
+        if not planned[name].primal_black or planned[name].dual_black or base not in decoded.shots:
+            continue
+        black, lit = decoded.shots[name], decoded.shots[base]
+        dark, bright = (float(thin.inside(thin.pick(s.light)).mean()) for s in (black, lit))
+        through = lit.realised.total_s
+        leak = black.realised.total_s / through if through > 0.0 else 0.0
+        yield from quality.stray_light(name, dark, bright, leak)
+
+
+def _placement(
+    photos: list[Photo],
+    decoded: Decoded,
+    planned: dict[str, Shot],
+    thin: Thinned,
+    grid: tuple[int, int],
+) -> Iterator[Finding]:
+    """What the photos say of where the panels are."""
+    told: list[Sample] = []
+    prints: list[Sample] = []
+    white = None
+    for photo in decoded.recipe.photos:
+        if any(name not in decoded.shots for _, name in photo.shots):
+            continue  # a sum of single codes, which the stack tells of
+        samples = _samples(photo, decoded, thin)
+        if photo.wanted.uniform is not None:
+            told += samples
+        if any(planned[name].white for _, name in photo.shots):
+            white = samples[0].light
+        elif photo in photos:
+            prints = prints or samples
+    stack = _some([n for n in decoded.recipe.stack if n in decoded.shots])
+    yield from quality.placed(
+        direct_shares(told, grid),
+        [f for s in prints[:1] for f in fingerprints(_against(s, white, prints), grid)],
+        list(stack_fingerprints([_sample([(1.0, n)], decoded, thin) for n in stack], grid)),
+    )
+
+
+def _samples(photo: Photo, decoded: Decoded, thin: Thinned) -> list[Sample]:
+    """What was added in a photo, and what was subtracted, each without what leaks through black."""
+    sides: dict[float, list[tuple[float, str]]] = {1.0: [], -1.0: []}
+    of = {name: sign for sign, name in photo.shots}
+    for name, sign in of.items():
+        base = of.get(name.partition("-black-")[0], sign)
+        side = 1.0 if base > 0.0 else -1.0
+        sides[side].append((side * sign, name))
+    return [_sample(terms, decoded, thin) for terms in sides.values() if terms]
+
+
+def _sample(terms: list[tuple[float, str]], decoded: Decoded, thin: Thinned) -> Sample:
+    shots: list[tuple[float, Exposed]] = [(sign, decoded.shots[name]) for sign, name in terms]
+    grey = sum((s * thin.pick(e.light).mean(axis=1) for s, e in shots), np.zeros(len(thin.cell)))
+    blown = np.logical_or.reduce([thin.pick(e.saturated[..., None])[:, 0] > 0.0 for _, e in shots])
+    realised: Factors = signed_sum((sign, shot.realised) for sign, shot in shots)
+    return Sample(thin.mean(grey, blown), realised)
+
+
+def _against(sample: Sample, white: Floats | None, pair: list[Sample]) -> Sample:
+    """A sample with its reference: the white photo, or all that a signed pair gathered."""
+    reference = white
+    if white is None and len(pair) == 2:
+        reference = pair[0].light + pair[1].light
+    return Sample(sample.light, sample.realised, reference)

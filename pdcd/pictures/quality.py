@@ -1,0 +1,316 @@
+"""The verdict on a photo: good, doubtful or bad, and why; pure functions of numbers.
+
+Each function looks at one thing and yields what it finds: nothing where all is well. All limits
+stand in `Limits`. docs/quality.md says the same for users, with what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pictures.placement import Fit
+from pdcd.probing.deviation import Deviation
+from pdcd.request import Quality
+from pdcd.runs.record import ShotRecord
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Grade(IntEnum):
+    """How heavily a finding weighs; remarks leave a photo good."""
+
+    REMARK = 0
+    DOUBTFUL = 1
+    BAD = 2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One plain sentence with its figure, its limit and what to do."""
+
+    grade: Grade
+    text: str
+
+
+@dataclass(frozen=True)
+class Limits:
+    """From which figure on a photo is doubtful, or bad. Shares are of 1."""
+
+    saturated: tuple[float, float] = (0.002, 0.05)
+    """Share of the field. A few glints are left alone by metering; a twentieth is a hole."""
+    noise: tuple[float, float] = (0.3, 1.0)
+    """RMS of the sensor's noise over the RMS of the answer: at 1 the picture is noise."""
+    noisy_shot: tuple[float, float] = (0.3, 1.0)
+    """The same of the shots that the answer is made of: an answer may be small because the scene
+    has little of it, but then its shots are not dark."""
+    dark: float = 5.0
+    """Mean light of a shot over its standard error: below, no light can be shown to be there."""
+    unsure: tuple[float, float] = (0.5, 0.9)
+    """Share of the field where sigma is larger than the RMS of the answer."""
+    stray: tuple[float, float] = (0.25, 1.0)
+    """Light of a black shot beyond what the panels let through, over the light of the shot that it
+    belongs to. It is subtracted; its noise and what it drifts stay."""
+    outside: float = 0.25
+    """Median light outside the field over that inside: panels are black there."""
+    direct: float = 0.15
+    """Share of direct light that a tenth of all cells must have. Of misplaced panels they have
+    0.05 at most, of the virtual scenes 0.9 and more."""
+    inverted: float = -0.2
+    """Median share of direct light below which it is less than none."""
+    fingerprint: tuple[float, float] = (0.3, 6.0)
+    """Share of the light that follows the codes of a panel in another place, and that over chance.
+    Misplaced panels have 0.5 to 1, and 14 to 54; others up to 0.2, and 3."""
+    diagonal: tuple[float, float] = (0.1, 0.5)
+    """Mean error of the weight of direct light, where a wanted weight of 1 is 1."""
+    off_rms: tuple[float, float] = (1.0, 3.0)
+    """RMS error of the weights of other paths. A single path may be wrong by 1 where codes are few:
+    sums over many paths are not."""
+
+
+LIMITS = Limits()
+
+
+def verdict(findings: Iterable[Finding]) -> Quality:
+    """The worst finding decides; reasons come worst first, remarks apart."""
+    listed = sorted(findings, key=lambda f: -f.grade)
+    worst = max((f.grade for f in listed), default=Grade.REMARK)
+    return Quality(
+        verdict="bad" if worst == Grade.BAD else "doubtful" if worst else "good",
+        reasons=tuple(f.text for f in listed if f.grade),
+        remarks=tuple(f.text for f in listed if not f.grade),
+    )
+
+
+def graded(value: float, limits: tuple[float, float]) -> Grade:
+    """REMARK below the first limit, DOUBTFUL from it on, BAD from the second on."""
+    return Grade(int(value >= limits[0]) + int(value >= limits[1]))
+
+
+def saturation(shares: dict[str, float], limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Saturated share of the field by shot: the worst of them."""
+    name, share = max(shares.items(), key=lambda item: item[1], default=("", 0.0))
+    grade = graded(share, limits.saturated)
+    if grade:
+        yield Finding(
+            grade,
+            f"shot {name}: {_percent(share)} of the field is saturated (limit "
+            f"{_percent(limits.saturated[0])}); close the aperture, or take fewer passes",
+        )
+
+
+def light_of(
+    name: str, light: Floats, variance: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Whether a shot that was lit has light; light, variance (n, C) of pixels in the field."""
+    seen = light.mean(axis=1)
+    noise = variance.mean(axis=1) / variance.shape[1]
+    if not seen.size:
+        yield Finding(Grade.BAD, f"shot {name}: no pixel of the camera sees the field")
+        return
+    error = float(np.sqrt(noise.sum())) / seen.size
+    mean = float(seen.mean())
+    if not mean > limits.dark * error:
+        yield Finding(
+            Grade.BAD,
+            f"shot {name}: no light, its mean is {_times(mean, error)} times its error (limit "
+            f"{limits.dark:g}); look at lens cap, shutter, projector and mask",
+        )
+        return
+    # What is left of the square when the noise's share is taken off; never less than the mean's.
+    power = max(float(np.mean(seen**2) - noise.mean()), mean**2)
+    share = float(np.sqrt(noise.mean() / power))
+    grade = graded(share, limits.noisy_shot)
+    if grade:
+        yield Finding(
+            grade,
+            f"shot {name} is under-exposed: its noise is {_percent(share)} of its light (limit "
+            f"{_percent(limits.noisy_shot[0])}); open the aperture, or expose longer",
+        )
+
+
+def answer_of(
+    image: Floats, sigma: Floats, sensor: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Whether the answer stands above its noise; (n, C) each, of pixels in the field.
+
+    The error by codes is modelled where nothing was measured, and mostly too large; so the sensor's
+    noise decides, and sigma only where most of the picture drowns in it.
+    """
+    known = np.isfinite(sigma) & np.isfinite(image)
+    if not known.any():
+        yield Finding(
+            Grade.BAD,
+            "nothing is known of the answer: all of the field is saturated or unseen; close the "
+            "aperture and look at what the camera sees",
+        )
+        return
+    rms = float(np.sqrt(np.mean(image[known] ** 2)))
+    noise = float(np.sqrt(np.mean(sensor[known] ** 2)))
+    share = noise / rms if rms > 0.0 else np.inf
+    grade = graded(share, limits.noise)
+    if grade:
+        yield Finding(
+            grade,
+            f"the sensor's noise is {_percent(share)} of the answer (limit "
+            f"{_percent(limits.noise[0])}); open the aperture, or expose longer",
+        )
+    unsure = float(np.mean(sigma[known] > rms))
+    grade = graded(unsure, limits.unsure)
+    if grade:
+        yield Finding(
+            grade,
+            f"in {_percent(unsure)} of the field sigma is larger than the answer (limit "
+            f"{_percent(limits.unsure[0])}); take more codes, or parts to measure it",
+        )
+
+
+def stray_light(
+    name: str, black: float, lit: float, leak: float, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Mean light of a black shot and of its lit one; `leak` is what panels let through, over lit"""
+    if not lit > 0.0:
+        return
+    share = black / lit - leak
+    grade = graded(share, limits.stray)
+    if grade:
+        yield Finding(
+            grade,
+            f"ambient or stray light: shot {name} has {_percent(share)} of the light of the lit "
+            f"shot beyond what the panels let through (limit {_percent(limits.stray[0])}); darken "
+            "the room, or cover the way of the light",
+        )
+
+
+def outside_field(
+    name: str, inside: Floats, outside: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Light (n,) of pixels inside and outside the field, which panels leave black."""
+    if not inside.size or not outside.size:
+        return
+    within = float(np.median(inside))
+    share = float(np.median(outside)) / within if within > 0.0 else 0.0
+    if share >= limits.outside:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"ambient or stray light: shot {name} has {_percent(share)} of the field's light "
+            f"outside it (limit {_percent(limits.outside)}); darken the room, or check that "
+            "[camera.place] says where the field lies",
+        )
+
+
+def placed(
+    shares: Floats, fits: Iterable[Fit], stack: Iterable[Fit], limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Whether panels are where they are believed to be (`pdcd.pictures.placement`)."""
+    todo = "look at [projector.place], [mask.place] and [camera.place]"
+    least, chance = limits.fingerprint
+    sure = [
+        f for f in (*fits, *stack) if min(abs(f.share) / least, abs(f.over_chance) / chance) > 1
+    ]
+    wrong = [f for f in sure if f.name != "as believed" or f.share < 0.0]
+    if wrong:
+        worst = max(wrong, key=lambda f: abs(f.over_chance))
+        how = [] if worst.name == "as believed" else [worst.name]
+        how += ["inverted"] if worst.share < 0.0 else []
+        yield Finding(
+            Grade.BAD,
+            f"a panel is {' and '.join(how)}: {_percent(abs(worst.share))} of the light "
+            f"follows codes that lie so (limit {_percent(least)}); {todo}",
+        )
+    own = [f.share for f in stack if f.name == "as believed"]
+    if wrong or not (shares.size or own):
+        return
+    if own:
+        shares = np.array(own)
+    middle, best = float(np.median(shares)), float(np.percentile(shares, 90.0))
+    if middle < limits.inverted:
+        yield Finding(
+            Grade.BAD,
+            f"the coded photo has more light than all there is (direct light {_percent(middle)}, "
+            f"limit {_percent(limits.inverted)}): a panel is inverted, or there is much ambient "
+            "light; look at the polarisers of the mask, or measure with black_level ambient",
+        )
+    elif best < limits.direct:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"no direct light in the scene (at most {_percent(best)} in nine of ten places, limit "
+            f"{_percent(limits.direct)}): mask and projector do not show the same place, or one "
+            f"is much out of focus; {todo}",
+        )
+
+
+def refreshes(shots: Sequence[ShotRecord]) -> Iterator[Finding]:
+    """Whether panels showed what they were to show, while the shutter was open."""
+    unequal = [s for s in shots if s.level is None]
+    if unequal:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"{sum(s.missed for s in unequal)} refreshes were missed in {_shots(unequal)}, so that "
+            "codes got unequal light; let nothing else run on the display, or set rig.on_miss to "
+            "balance",
+        )
+    early = [s for s in shots if s.refreshes and s.close_ns < max(s.end_ns)]
+    if early:
+        worst_s = max(max(s.end_ns) - s.close_ns for s in early) * 1e-9
+        yield Finding(
+            Grade.BAD,
+            f"the shutter closed {worst_s:.3g} s before the panels went black in "
+            f"{_shots(early)}; give the shutter more time (trigger lag)",
+        )
+    unverified = [s for s in shots if s.refreshes and not s.verified]
+    if unverified:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"presentation times are not verified in {_shots(unverified)} (time source "
+            f"{unverified[0].source}): nobody knows whether refreshes were lost; use a display "
+            "with a verified time source",
+        )
+
+
+def deviations(found: dict[str, Deviation], limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Realised probing matrices against the wanted ones, photo by photo."""
+    for name, one in found.items():
+        wrong = abs(one.diagonal_mean)
+        grade = graded(wrong, limits.diagonal)
+        if grade:
+            yield Finding(
+                grade,
+                f"photo {name}: direct light has a weight that is {_percent(wrong)} off (limit "
+                f"{_percent(limits.diagonal[0])}); look at contrast, guards and offset of the "
+                "panels, or take more codes",
+            )
+        grade = graded(one.off_rms, limits.off_rms)
+        if grade:
+            yield Finding(
+                grade,
+                f"photo {name}: paths have weights that are {_percent(one.off_rms)} off (limit "
+                f"{_percent(limits.off_rms[0])}); take more codes",
+            )
+
+
+def sigma_of(kind: str) -> Iterator[Finding]:
+    """Error bars that rest on a model alone are a remark: most photos have no others."""
+    if kind == "modelled":
+        yield Finding(
+            Grade.REMARK,
+            "error bars are modelled, not measured; --parts 4 measures them",
+        )
+
+
+def _shots(shots: Sequence[ShotRecord]) -> str:
+    more = f" and {len(shots) - 1} more" if len(shots) > 1 else ""
+    return f"shot {shots[0].name}{more}"
+
+
+def _times(value: float, error: float) -> str:
+    return f"{value / error:.2g}" if error > 0.0 else "0"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %"

@@ -1,0 +1,165 @@
+"""The verdict on whole captures of the mock bench: none without a fault, and each fault's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.mock.bench import Bench
+from pdcd.bench.tables import (
+    CameraConfig,
+    Config,
+    DisplayConfig,
+    FaultsConfig,
+    LimitsConfig,
+    RigConfig,
+    SceneConfig,
+)
+from pdcd.frames.frames import Frames
+from pdcd.frames.patterns import Patterns, pack
+from pdcd.request import CaptureRequest, Quality
+from pdcd.runs.folder import read_manifest
+from tests.bench.captures import capture_with, opened
+
+GRID = (24, 32)
+Bits = NDArray[np.uint8]
+Move = Callable[[Bits], Bits]
+
+
+def moved(patterns: Patterns, shape: tuple[int, int], move: Move) -> Patterns:
+    if not len(patterns):
+        return patterns
+    bits = np.unpackbits(patterns.astype(np.uint8), axis=1, count=shape[0] * shape[1])
+    shown = move(bits.reshape(-1, *shape)).reshape(len(bits), -1)
+    return pack(shown.astype(np.bool_))
+
+
+@contextmanager
+def misplaced(monkeypatch: pytest.MonkeyPatch, panel: str, move: Move) -> Iterator[None]:
+    """The bench shows patterns (K, rows, cols) of a panel otherwise than its driver believes."""
+    photo = Bench.photo
+
+    def wrongly(bench: Bench) -> NDArray[np.float64]:
+        asked: Frames | None = bench.frames
+        if asked is not None:
+            field = f"{panel}_patterns"
+            shown: Any = {field: moved(getattr(asked, field), asked.lattice, move)}
+            bench.frames = replace(asked, **shown)
+        try:
+            return photo(bench)
+        finally:
+            bench.frames = asked
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Bench, "photo", wrongly)
+        yield
+
+
+def verdict(folder: Path, *, camera: dict[str, Any] | None = None, **asked: Any) -> Quality:
+    """Of a capture with full sensor noise; `asked` holds tables of the bench, too."""
+    tables = {k: asked.pop(k) for k in ("scene", "rig", "display") if k in asked}
+    scene = tables.pop("scene", {})
+    config = Config(
+        scene=SceneConfig(grid=GRID, **scene),
+        camera=CameraConfig(**(camera or {})),
+        limits=LimitsConfig(min_free_bytes=0),
+        **tables,
+    )
+    request = msgspec.convert({"goal": "indirect", "codes": 64, **asked}, CaptureRequest)
+    with opened(config) as engine:
+        result = capture_with(engine, request, folder, "job")
+    assert result.folder is not None
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality)
+    assert read_manifest(Path(result.folder)).summary["quality"] == quality
+    return quality
+
+
+@pytest.mark.parametrize("asked", [{}, {"white": False}, {"family": "bernoulli"}])
+def test_a_sound_photo_is_good(tmp_path: Path, asked: dict[str, Any]) -> None:
+    found = verdict(tmp_path, **asked)
+    assert (found.verdict, found.reasons) == ("good", ())
+    assert [text for text in found.remarks if "modelled" in text]
+
+
+def test_measured_error_bars_leave_no_remark(tmp_path: Path) -> None:
+    assert verdict(tmp_path, parts=4) == Quality(verdict="good")
+
+
+@pytest.mark.parametrize(
+    ("panel", "move", "asked", "words"),
+    [
+        ("dual", lambda b: b[:, :, ::-1], {}, "bad: a panel is mirrored left to right"),
+        ("dual", lambda b: b[:, :, ::-1], {"white": False}, "bad: a panel is mirrored left to"),
+        ("primal", lambda b: b[:, ::-1, ::-1], {}, "bad: a panel is turned by 180 degrees"),
+        ("dual", lambda b: b[:, ::-1], {"family": "bernoulli"}, "bad: a panel is mirrored top"),
+        ("dual", lambda b: 1 - b, {}, "bad: the coded photo has more light than all there is"),
+        ("dual", lambda b: np.roll(b, 1, axis=2), {}, "doubtful: no direct light in the scene"),
+        ("primal", lambda b: b[:, ::-1], {"goal": "diagonal"}, "bad: a panel is mirrored top"),
+        (
+            "primal",
+            lambda b: np.roll(b, 3, axis=2),
+            {"method": "multi-image", "codes": 16, "black_level": "none"},
+            "doubtful: no direct light in the scene",
+        ),
+        (
+            "primal",
+            lambda b: 1 - b,
+            {"method": "multi-image", "codes": 16, "black_level": "none"},
+            "bad: a panel is inverted",
+        ),
+    ],
+)
+def test_a_panel_that_lies_wrongly(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    panel: str,
+    move: Move,
+    asked: dict[str, Any],
+    words: str,
+) -> None:
+    with misplaced(monkeypatch, panel, move):
+        found = verdict(tmp_path, **asked)
+    grade, start = words.split(": ", 1)
+    assert found.verdict == grade
+    assert any(reason.startswith(start) for reason in found.reasons), found.reasons
+
+
+def test_a_picture_with_every_pixel_saturated_is_bad(tmp_path: Path) -> None:
+    found = verdict(tmp_path, camera={"f_number": 0.2})
+    assert found.verdict == "bad"
+    assert any("100 % of the field is saturated" in reason for reason in found.reasons)
+    assert not any("direct light" in reason for reason in found.reasons)
+
+
+def test_a_black_photo_is_bad(tmp_path: Path) -> None:
+    found = verdict(tmp_path, camera={"f_number": 1e9})
+    assert found.verdict == "bad"
+    assert any("no light" in reason for reason in found.reasons)
+
+
+def test_a_dark_photo_is_under_exposed(tmp_path: Path) -> None:
+    found = verdict(tmp_path, camera={"f_number": 150.0})
+    assert found.verdict != "good"
+    assert any("under-exposed" in reason for reason in found.reasons)
+
+
+def test_ambient_light_that_a_black_shot_shows(tmp_path: Path) -> None:
+    lit = verdict(tmp_path, scene={"ambient": 1.0}, black_level="ambient")
+    assert lit.verdict != "good"
+    assert any(reason.startswith("ambient or stray light") for reason in lit.reasons)
+
+
+def test_codes_with_unequal_light(tmp_path: Path) -> None:
+    faults = DisplayConfig(faults=FaultsConfig(dropped=tuple(range(100, 400, 7))))
+    found = verdict(tmp_path, rig=RigConfig(on_miss="flag"), display=faults)
+    assert found.verdict == "doubtful"
+    assert any("refreshes were missed" in reason for reason in found.reasons)

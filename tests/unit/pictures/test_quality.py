@@ -1,0 +1,130 @@
+"""Every finding of the verdict comes with its fault, and stays away without it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.pictures import quality
+from pdcd.pictures.placement import Fit
+from pdcd.pictures.quality import Finding, Grade
+from pdcd.probing.deviation import Deviation
+from pdcd.runs.record import ShotRecord
+
+RNG = np.random.default_rng(0)
+BAD, DOUBTFUL = Grade.BAD, Grade.DOUBTFUL
+
+
+def grades(findings: object) -> list[Grade]:
+    return [f.grade for f in findings]  # type: ignore[attr-defined]
+
+
+def shot(**changed: object) -> ShotRecord:
+    fields: dict[str, object] = {
+        "name": "coded", "window": "whole", "raw": "raw/coded.dng", "sha256": "0" * 64,
+        "size_bytes": 1, "iso": 100, "f_number": 8.0, "open_ns": 0, "close_ns": 2 * 10**9,
+        "end_ns": (10**9, 10**9), "refreshes": 60, "missed": 0, "source": "drm",
+        "verified": True, "level": 1.0, **changed,
+    }  # fmt: skip
+    return ShotRecord(**fields)  # type: ignore[arg-type]
+
+
+def test_the_worst_finding_decides_and_comes_first() -> None:
+    found = [
+        Finding(Grade.REMARK, "r"),
+        Finding(DOUBTFUL, "d"),
+        Finding(BAD, "b"),
+    ]
+    made = quality.verdict(found)
+    assert (made.verdict, made.reasons, made.remarks) == ("bad", ("b", "d"), ("r",))
+    assert quality.verdict(found[:2]).verdict == "doubtful"
+    alone = quality.verdict(found[:1])
+    assert (alone.verdict, alone.reasons, alone.remarks) == ("good", (), ("r",))
+    assert quality.verdict([]).verdict == "good"
+
+
+def test_every_pixel_saturated_is_bad() -> None:
+    assert grades(quality.saturation({"white": 0.0, "coded": 0.001})) == []
+    assert grades(quality.saturation({"white": 0.0, "coded": 0.01})) == [DOUBTFUL]
+    (worst,) = quality.saturation({"white": 1.0, "coded": 0.01})
+    assert worst.grade == BAD and "shot white: 100 % of the field" in worst.text
+    none = np.full((100, 3), np.inf)
+    assert grades(quality.answer_of(np.ones((100, 3)), none, none)) == [BAD]
+
+
+@pytest.mark.parametrize(
+    ("level", "grade"), [(0.0, [BAD]), (1.0, [DOUBTFUL]), (0.3, [BAD]), (10.0, [])]
+)
+def test_noise_against_light(level: float, grade: list[Grade]) -> None:
+    """The noise of grey is 1 / sqrt(3): 58 % of a light of 1."""
+    variance = np.ones((4000, 3))
+    light = level + RNG.normal(size=variance.shape)
+    assert grades(quality.light_of("coded", light, variance)) == grade
+
+
+def test_no_pixel_that_sees_the_field_is_bad() -> None:
+    none = np.zeros((0, 3))
+    assert grades(quality.light_of("coded", none, none)) == [BAD]
+    assert grades(quality.answer_of(none, none, none)) == [BAD]
+
+
+def test_an_answer_below_its_noise() -> None:
+    image = np.ones((1000, 3))
+    assert grades(quality.answer_of(image, 0.1 * image, 0.1 * image)) == []
+    assert grades(quality.answer_of(image, 0.5 * image, 0.5 * image)) == [DOUBTFUL]
+    assert grades(quality.answer_of(image, 2.0 * image, 0.1 * image)) == [BAD]
+    assert BAD in grades(quality.answer_of(0.0 * image, image, image))
+
+
+def test_light_in_the_black_shot_beyond_the_leak() -> None:
+    assert grades(quality.stray_light("white-black-primal", 0.31, 1.0, 0.3)) == []
+    assert grades(quality.stray_light("white-black-primal", 0.6, 1.0, 0.3)) == [DOUBTFUL]
+    assert grades(quality.stray_light("white-black-primal", 2.0, 1.0, 0.3)) == [BAD]
+
+
+def test_light_beside_the_field() -> None:
+    lit, dark = np.ones(100), np.full(50, 0.01)
+    assert grades(quality.outside_field("white", lit, dark)) == []
+    assert grades(quality.outside_field("white", lit, lit)) == [DOUBTFUL]
+    assert grades(quality.outside_field("white", lit, np.zeros(0))) == []
+
+
+def test_misplaced_panels_are_named() -> None:
+    good = np.full(1000, 0.9)
+    chance = Fit("mirrored left to right", 0.9, 3.0)
+    weak = Fit("mirrored left to right", 0.1, 30.0)
+    assert grades(quality.placed(good, [chance, weak], [Fit("as believed", 0.9, 90.0)])) == []
+    (found,) = quality.placed(good, [Fit("turned by 180 degrees", -0.9, -40.0)], [])
+    assert found.grade == BAD and "turned by 180 degrees and inverted: 90 %" in found.text
+    (found,) = quality.placed(good, [], [Fit("as believed", -0.9, -90.0)])
+    assert found.grade == BAD and "a panel is inverted" in found.text
+    assert grades(quality.placed(-good, [], [])) == [BAD]
+    assert grades(quality.placed(0.02 * good, [], [])) == [DOUBTFUL]
+    assert grades(quality.placed(np.zeros(0), [], [Fit("as believed", 0.01, 1.0)])) == [DOUBTFUL]
+    assert grades(quality.placed(np.zeros(0), [], [])) == []
+
+
+def test_refreshes_and_the_shutter() -> None:
+    assert grades(quality.refreshes([shot(), shot(missed=1)])) == []
+    assert grades(quality.refreshes([shot(level=None, missed=3)])) == [DOUBTFUL]
+    (found,) = quality.refreshes([shot(), shot(verified=False, source="timer")])
+    assert found.grade == DOUBTFUL and "time source timer" in found.text
+    (found,) = quality.refreshes([shot(close_ns=10**9 - 10**8)])
+    assert found.grade == BAD and "0.1 s before" in found.text
+
+
+def test_a_probing_matrix_far_from_the_wanted_one() -> None:
+    def of(diagonal: float, off: float) -> dict[str, Deviation]:
+        one = Deviation(
+            weight_s=1.0, diagonal_max=1.0, diagonal_mean=diagonal, off_rms=off, off_rms_worst=off
+        )
+        return {"coded": one}
+
+    assert grades(quality.deviations(of(0.01, 0.5))) == []
+    assert grades(quality.deviations(of(-0.2, 0.5))) == [DOUBTFUL]
+    assert grades(quality.deviations(of(0.9, 5.0))) == [BAD, BAD]
+
+
+def test_a_modelled_sigma_is_a_remark() -> None:
+    assert grades(quality.sigma_of("modelled")) == [Grade.REMARK]
+    assert grades(quality.sigma_of("measured")) == []
