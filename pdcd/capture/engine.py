@@ -211,7 +211,7 @@ class Engine:
         """
         ordered = Job(job, request, owner, emit, cancelled, given)
         self._rig.pulse.heard_by = cancelled
-        safe, folder = False, None
+        safe, folder, run = False, None, None
         with ExitStack() as held:
             try:
                 place = parent or held.enter_context(Place.at(self._out(request)))
@@ -225,7 +225,9 @@ class Engine:
                 failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
             finally:
                 safe = self._rig.make_safe()
-            return failure_of(ordered, folder, self._rig.clock.now_ns(), failure, safe=safe)
+            taken = None if run is None else run.taken
+            now_ns = self._rig.clock.now_ns()
+            return failure_of(ordered, folder, now_ns, failure, safe=safe, taken=taken)
 
     def _out(self, request: CaptureRequest) -> Path:
         """The folder that runs go to when nobody holds one open."""
