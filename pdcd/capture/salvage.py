@@ -26,6 +26,7 @@ from pdcd.pictures.decode import record_errors, write_pictures
 from pdcd.pictures.watch import Watch
 from pdcd.printable import one_line
 from pdcd.recipes.possible import possible
+from pdcd.recipes.recipe import Recipe
 from pdcd.request import PlanSummary
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.frame_table import NAME as FRAMES
@@ -265,8 +266,7 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
     summary["taken"] = taken
     warnings = [*dict.fromkeys(kept.warnings), f"decoded after an interruption: {taken}"]
     warnings += [f"left out: {text}" for text in sound.lost]
-    if sound.missing and decoded.answer is not decoded.pictures.get(darkroom.recipe.answer_name):
-        warnings.append(f"the answer is missing; {decoded.recipe.answer_name} stands in its place")
+    warnings += _lacks(darkroom.recipe, decoded.recipe)
     manifest = manifest_of(
         kept.begun,
         plan,
@@ -287,3 +287,13 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
         lost=sound.lost,
         manifest_sha256=digest,
     )
+
+
+def _lacks(planned: Recipe, made: Recipe) -> Iterator[str]:
+    """What to know of pictures that were made of fewer shots than planned."""
+    terms = {photo.name: len(photo.shots) for photo in planned.photos}
+    for photo in made.photos:
+        if len(photo.shots) < terms[photo.name]:
+            yield f"photo {photo.name} is made of {len(photo.shots)} of {terms[photo.name]} shots"
+    if made.answer_name != planned.answer_name:
+        yield f"the answer is missing; {made.answer_name} stands in its place"
