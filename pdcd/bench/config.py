@@ -23,6 +23,12 @@ from pdcd.errors import ConfigError
 
 _S = TypeVar("_S", bound=msgspec.Struct)
 
+GONE = {
+    "camera.homography": "is no more; pictures stay as the sensor has them, and [camera.place] "
+    "says where they lie on the field",
+}
+"""Keys of earlier versions, and what takes their place."""
+
 
 def load(path: Path | str | None = None) -> Config:
     """Read the configuration file that `find` names, or the mock bench when there is none.
@@ -142,7 +148,9 @@ def _overlay(base: _S, given: Any, where: str, faults: list[Fault]) -> _S:
     for key, value in given.items():
         name = f"{where}.{key}" if where else key
         if key not in fields:
-            faults.append(Fault((name,), unknown_key(name, key, fields)))
+            gone = GONE.get(name)
+            told = f"{name}: {gone}" if gone else unknown_key(name, key, fields)
+            faults.append(Fault((name,), told))
             continue
         present = getattr(base, fields[key].name)
         if isinstance(present, msgspec.Struct):

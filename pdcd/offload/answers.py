@@ -110,7 +110,8 @@ def record_of(
         responsivity_e=(red, green, blue),
         profile=profile,
         shots=tuple(shots),
-        homography=config.camera.homography,
+        camera_place=config.camera.place,
+        blur_quads=config.camera.blur_quads,
     )
 
 
@@ -127,7 +128,7 @@ def developed_of(
         parts=len(part_numbers(decoded.recipe)),
         rms_sigma=rms_sigma(picture),
         sigma_kind=picture.kind,
-        sigma_mean=float(known.mean()) if known.size else None,
+        sigma_mean=float(known.mean(dtype=np.float64)) if known.size else None,
         rms_error=error,
         deviations=decoded.deviations(alive),
     )
@@ -136,8 +137,9 @@ def developed_of(
 def rms_sigma(picture: Picture) -> float:
     """RMS sigma over RMS image, where sigma is finite; infinite where that is nowhere or dark."""
     known = np.isfinite(picture.sigma)
-    light = float(np.sum(picture.image[known] ** 2))
-    return float(np.sqrt(np.sum(picture.sigma[known] ** 2) / light)) if light > 0.0 else np.inf
+    light = float(np.sum(picture.image**2, where=known))
+    error = float(np.sum(picture.sigma**2, where=known, dtype=np.float64))
+    return float(np.sqrt(error / light)) if light > 0.0 else np.inf
 
 
 def rms_error(
@@ -147,12 +149,12 @@ def rms_error(
     scene: Scene | None,
     alive: Callable[[], None],
 ) -> float | None:
-    """RMS error of an image over the RMS of the truth; None where that is not known.
-
-    A picture that was warped has no cell left to compare with.
-    """
-    if scene is None or record.homography is not None or record.cells is None:
+    """RMS error of the means of cells, (rows, cols, 3), over the RMS of the truth; None where that
+    is not known. Cells that the camera does not see do not count."""
+    if scene is None or record.cells is None:
         return None
-    truth = record.cells.spread(answer(scene, plan.recipe, alive))
-    scale = float(np.sqrt(np.mean(truth**2)))
-    return float(np.sqrt(np.mean((image - truth) ** 2))) / scale if scale else None
+    seen = record.cells.seen()
+    truth = answer(scene, plan.recipe, alive)[seen]
+    scale = float(np.sqrt(np.mean(truth**2))) if seen.any() else 0.0
+    error = image.reshape(-1, image.shape[-1])[seen] - truth
+    return float(np.sqrt(np.mean(error**2))) / scale if scale else None

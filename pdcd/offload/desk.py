@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
+from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, disk_errors
 from pdcd.offload.answers import (
@@ -136,9 +137,13 @@ class Desk:
         if job.folder is None or job.ratio is None:
             raise PdcdError("a test exposure came before its shot")
         frame = read_raw(job.folder / raw, sha256=sha256, saturation_dn=saturation_dn)
-        cells = None
-        if self._facts.config.camera.homography is None:
-            cells = CellMap.block(job.plan.grid, frame.frame)
+        config = self._facts.config
+        cells = CellMap(
+            grid=job.plan.grid,
+            frame=frame.frame,
+            map=camera_map(config, frame.frame),
+            blur_quads=config.camera.blur_quads,
+        )
         return Metered(
             peak=peak_share(frame.planes, frame.saturated, saturation_dn),
             expected=expected_share(frame.planes, job.ratio, saturation_dn, cells),
@@ -193,7 +198,7 @@ class Desk:
         job, darkroom, facts = self._of_job(), self._darkroom(shots), self._facts
         decoded = darkroom.decoded(watch)
         write_pictures(self._folder(), decoded)
-        record, image = darkroom.record, decoded.answer.image
+        record, image = darkroom.record, decoded.cell_means.image
         error = rms_error(job.plan, record, image, facts.scene, watch)
         done = developed_of(record, decoded, error, watch)
         self.forget(watch)

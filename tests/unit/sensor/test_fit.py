@@ -50,7 +50,7 @@ def test_one_quad_a_cell_is_enough_where_it_is_the_cell(turn: float) -> None:
     assert fit.aligned and fit.across == pytest.approx((1.0, 1.0))
     check_fit(fit, "quarter")
     half = fit_of(placed(Placing(turn_deg=turn), (16, 16), size, "camera"), (32, 32))
-    with pytest.raises(ConfigError, match="has 0\\.5 quads along"):
+    with pytest.raises(ConfigError, match=r"has 0\.5 quads along"):
         check_fit(half, "quarter")
 
 
