@@ -32,21 +32,22 @@ TOP, LEFT = 6, 30
 """Masked rows and columns of `masked_dng`."""
 
 
-def through(cells: Floats, map_: Map) -> Floats:
-    """Values of cells (rows, cols, C) -> of quads (h, w, C), their mean over the area of each."""
+def through(cells: Floats, map_: Map, side: int = SIDE) -> Floats:
+    """Values of cells (rows, cols, C) -> of quads (h, w, C), their mean over the area of each, at
+    side x side points."""
     rows, cols = cells.shape[:2]
     width, height = map_.size_px
     total = np.zeros((height, width, cells.shape[2]))
     x, y = np.meshgrid(np.arange(width), np.arange(height))
-    for down in range(SIDE):
-        for right in range(SIDE):
-            point = np.stack([x + (right + 0.5) / SIDE, y + (down + 0.5) / SIDE], axis=-1)
+    for down in range(side):
+        for right in range(side):
+            point = np.stack([x + (right + 0.5) / side, y + (down + 0.5) / side], axis=-1)
             u, v = np.moveaxis(map_.to_field(point), -1, 0)
             inside = (u >= 0.0) & (u < 1.0) & (v >= 0.0) & (v < 1.0)
             column = np.where(inside, u * cols, 0.0).astype(int)
             row = np.where(inside, v * rows, 0.0).astype(int)
             total += cells[row, column] * inside[..., None]
-    return total / SIDE**2
+    return total / side**2
 
 
 @dataclass(frozen=True)
@@ -124,12 +125,13 @@ class PlacedFilm(BenchFilm):
         encode: Encode = dng,
         orientation: int = 1,
         change: Callable[[int, Shot], Shot] = lambda _, shot: shot,
+        side: int = SIDE,
     ) -> None:
         super().__init__(context)
         config = context.config.camera
         self._seen = Bench.of(context)
         self._map, self._encode, self._change = map_, encode, change
-        self._orientation = orientation
+        self._orientation, self._side = orientation, side
         self._profile = load_profile(config.profile)
         self._responsivity_e = responsivity_e(config)
         self._f_number = 8.0 if config.f_number == "auto" else float(config.f_number)
@@ -141,7 +143,7 @@ class PlacedFilm(BenchFilm):
         open_ns, close_ns = bench.exposed_ns()
         f_number = exposure.f_number or self._f_number
         light = bench.photo().reshape(*bench.scene.grid, 3)
-        quads = through(light * self._responsivity_e / f_number**2, self._map)
+        quads = through(light * self._responsivity_e / f_number**2, self._map, self._side)
         mosaic = np.empty((2 * quads.shape[0], 2 * quads.shape[1]))
         mosaic[0::2, 0::2] = quads[..., 0]
         mosaic[0::2, 1::2] = mosaic[1::2, 0::2] = quads[..., 1]

@@ -103,7 +103,9 @@ def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
             yield Finding("masked border", "good", border if rows + columns else "none")
         grid = config.scene.grid or DEFAULT_GRID
         fit = fit_of(camera_map(config, frame), grid)
-        yield Finding("field seen", "good", f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]}")
+        yield Finding(
+            "field seen", "good", f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
+        )
         low, high = fit.across
         yield Finding("quads along a cell's side", "good", f"{low:.3g} to {high:.3g}")
         window = config.schedule.window
