@@ -82,6 +82,7 @@ def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
 
     What fails is a finding, too.
     """
+    what = "frame"
     try:
         if raw is None:
             told = load_profile(config.camera.profile).frame_quads
@@ -101,17 +102,16 @@ def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
             rows, columns = head.masked
             border = f"{rows} rows and {columns} columns beyond the picture"
             yield Finding("masked border", "good", border if rows + columns else "none")
-        grid = config.scene.grid or DEFAULT_GRID
+        what, grid = "view of the field", config.scene.grid or DEFAULT_GRID
         fit = fit_of(camera_map(config, frame), grid)
-        yield Finding(
-            "field seen", "good", f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
-        )
+        seen = f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
+        yield Finding("field seen", "good", seen)
         low, high = fit.across
         yield Finding("quads along a cell's side", "good", f"{low:.3g} to {high:.3g}")
         window = config.schedule.window
         check_fit(fit, "whole" if window == "whole" else "quarter")
     except PdcdError as err:
-        yield fault("frame", err, "camera")
+        yield fault(what, err, "camera")
 
 
 def _size(head: RawHead) -> str:
