@@ -30,8 +30,7 @@ class Sight:
     config: Config
     camera: CameraInfo
     journal: Journal
-    _grid: tuple[int, int] = field(default=DEFAULT_GRID, init=False)
-    _window: str = field(default="whole", init=False)
+    plan: Plan | None = None
     _first: tuple[str, RawHead] | None = field(default=None, init=False)
 
     def foresee(self, plan: Plan) -> None:
@@ -39,9 +38,7 @@ class Sight:
 
         Nothing is said of a camera that tells none. Raises ConfigError.
         """
-        self._grid = plan.grid
-        if any(plan.window_of(shot) == "quarter" for shot in plan.recipe.shots):
-            self._window = "quarter"
+        self.plan = plan
         if self.camera.frame_quads is not None:
             width, height = self.camera.frame_quads
             self._check((height, width))
@@ -74,7 +71,17 @@ class Sight:
                 )
 
     def _check(self, frame: tuple[int, int]) -> None:
-        check_fit(fit_of(camera_map(self.config, frame), self._grid), self._window)
+        if self.plan is not None:
+            hold_against(self.plan, self.config, frame)
+
+
+def hold_against(plan: Plan, config: Config, frame: tuple[int, int]) -> None:
+    """Hold a frame of so many rows and columns of quads against the cells of a plan.
+
+    Raises ConfigError when the camera's place is no sound map, or the frame does not fit.
+    """
+    quarter = any(plan.window_of(shot) == "quarter" for shot in plan.recipe.shots)
+    check_fit(fit_of(camera_map(config, frame), plan.grid), "quarter" if quarter else "whole")
 
 
 def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
