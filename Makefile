@@ -1,6 +1,7 @@
 # make demo: one capture on the mock bench. make test: all tests. Both install what is missing.
+# make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
-.PHONY: demo test test-systemd lint bench soak mutants clean
+.PHONY: demo test test-slow test-systemd lint bench soak mutants clean
 
 demo:
 	@.ci/setup
@@ -12,6 +13,11 @@ demo:
 test:
 	@.ci/setup dev
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 3 --dist worksteal
+
+test-slow:
+	@.ci/setup dev
+	PDCD_TEST_SLOW=1 OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 0 -rs \
+	    tests/e2e/drivers/test_real_frames.py
 
 test-systemd:
 	@.ci/setup systemd

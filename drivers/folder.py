@@ -78,7 +78,8 @@ class FolderReadout:
         self._clock = clock
         self._alive = alive
         self._folder = Path(options.folder).expanduser()
-        self._isos = load_profile(config.profile).isos
+        profile = load_profile(config.profile)
+        self._isos, self._frame_quads = profile.isos, profile.frame_quads
         self._settings: CameraSettings | None = None
         self._known: dict[Path, _Seen] = {}
         self._armed_ns = 0
@@ -106,6 +107,7 @@ class FolderReadout:
             responsivity_e=responsivity_e(self._config),
             isos=self._isos,
             f_numbers=(),
+            frame_quads=self._frame_quads,
         )
 
     def arm(self, settings: CameraSettings) -> None:

@@ -139,7 +139,7 @@ class _Places:
         index = int(self._frames.dual_index[row])
         if index in (BLACK, WHITE):
             return self._white * float(index == WHITE)
-        return self._levels(self._frames.dual_patterns, index)[self._code]
+        return np.asarray(self._levels(self._frames.dual_patterns, index)[self._code])
 
     def projector(self, row: int) -> tuple[Floats | float, Floats]:
         """Light at every sample, and the mean over every cell of the scene."""

@@ -18,7 +18,7 @@ from drivers.gphoto.session import CameraFile, Session
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig, TriggerConfig
 from pdcd.errors import ConfigError, DecodeError, ExposureError, NoSpaceError, PdcdError
-from pdcd.sensor.profile import responsivity_e
+from pdcd.sensor.profile import load_profile, responsivity_e
 from pdcd.sensor.raw import RAW_SUFFIXES
 from pdcd.sensor.tiff import read_tags
 
@@ -135,6 +135,7 @@ class GphotoReadout:
             responsivity_e=responsivity_e(self._config),
             isos=tuple(sorted(self._isos)),
             f_numbers=tuple(sorted(self._f_numbers)),
+            frame_quads=load_profile(self._config.profile).frame_quads,
         )
 
     def arm(self, settings: CameraSettings) -> None:

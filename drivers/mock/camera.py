@@ -41,6 +41,12 @@ class BenchSensor:
         self.responsivity_e = responsivity_e(config)
         self._rng = np.random.default_rng([config.seed, 1])
 
+    @property
+    def frame_quads(self) -> tuple[int, int]:
+        """Width and height of its photos in Bayer quads."""
+        rows, cols = self._bench.scene.grid
+        return cols * self._config.quads_per_cell, rows * self._config.quads_per_cell
+
     def dng(self, iso: int, f_number: float) -> bytes:
         """The last exposure as a DNG file; ConfigError when the profile lacks the ISO.
 
@@ -117,7 +123,9 @@ class MockReadout:
     def create(cls, context: DriverContext) -> MockReadout:
         """The camera of this rig's bench. Raises ConfigError where it is given options."""
         refuse_options(context.config.camera.options, "camera.options", "camera")
-        return cls(Bench.of(context), context.clock, context.config.camera)
+        bench = Bench.of(context)
+        context.shared.photographed = True
+        return cls(bench, context.clock, context.config.camera)
 
     def connect(self) -> CameraInfo:
         """Report the sensor profile's ISOs and a lens with every aperture."""
@@ -129,6 +137,7 @@ class MockReadout:
             responsivity_e=self._sensor.responsivity_e,
             isos=self._sensor.profile.isos,
             f_numbers=F_NUMBERS if fixed == "auto" else (float(fixed),),
+            frame_quads=self._sensor.frame_quads,
         )
 
     def arm(self, settings: CameraSettings) -> None:

@@ -16,7 +16,7 @@ from drivers.ptp.values import f_numbers, isos
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, ExposureError, PdcdError
-from pdcd.sensor.profile import responsivity_e
+from pdcd.sensor.profile import load_profile, responsivity_e
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +57,7 @@ class PtpReadout:
         """Open the session and tell what the camera says of itself."""
         identity = self._camera.open("readout")
         choices = self._camera.choices
+        virtual = self._camera.options.usb == "virtual"
         return CameraInfo(
             model=identity["model"],
             serial=identity["serial"],
@@ -64,6 +65,8 @@ class PtpReadout:
             responsivity_e=responsivity_e(self._config),
             isos=tuple(isos(choices.get(Property.ISO, ()))),
             f_numbers=tuple(f_numbers(choices.get(Property.APERTURE, ()))),
+            # A body that is not there has films of any size, whatever sensor it says it has.
+            frame_quads=None if virtual else load_profile(self._config.profile).frame_quads,
         )
 
     def arm(self, settings: CameraSettings) -> None:

@@ -33,6 +33,7 @@ class BenchFilm:
     def __init__(self, context: DriverContext) -> None:
         config = context.config
         self._bench = Bench.of(context)
+        context.shared.photographed = True
         self._sensor = BenchSensor(self._bench, config.camera)
         self._lag = Lag(config.trigger, config.camera.seed)
         fixed = config.camera.f_number

@@ -77,6 +77,8 @@ class CameraInfo:
     isos: tuple[int, ...]
     f_numbers: tuple[float, ...]
     """Apertures that can be set from here; empty for a manual lens."""
+    frame_quads: tuple[int, int] | None = None
+    """Width and height of its photos in Bayer quads, where that is known before the first one."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +204,10 @@ class Shared:
     """The panels' own pixels of the same frames, from a display that looks at them: a virtual
     camera believes these rather than the frame log."""
     scene: KnownScene | None = None
-    """The scene, from a driver that knows it: the engine then reports errors against the truth."""
+    """The scene, from a driver that knows it."""
+    photographed: bool = False
+    """Whether the photos show that scene, said by the camera that makes them of it: only then are
+    errors reported against the truth. A real camera before virtual panels sees something else."""
     usb_backend: object | None = None
     """The pyusb backend to use instead of libusb, which is None."""
 

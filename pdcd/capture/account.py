@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -12,9 +13,9 @@ from pdcd.bench.tables import Config
 from pdcd.capture.job import Job
 from pdcd.errors import Cancelled, PdcdError
 from pdcd.offload.answers import Developed
-from pdcd.planning.plan import Plan
 from pdcd.request import CaptureResult, Figure, PlanSummary
 from pdcd.runs.folder import RunFolder
+from pdcd.runs.ledger import Begun
 from pdcd.runs.provenance import git_commit, utc_now, versions
 from pdcd.runs.record import (
     SCHEMA_VERSION,
@@ -26,6 +27,9 @@ from pdcd.runs.views import RigView
 from pdcd.sensor.profile import SensorProfile
 
 logger = logging.getLogger(__name__)
+
+MAX_NAMED = 8
+"""Most missing shots that are named."""
 
 Summary = dict[str, Figure]
 
@@ -49,9 +53,10 @@ def warnings_of(
         yield f"sensor profile {profile.name} is an estimate"
 
 
-def summary_of(plan: Plan, developed: Developed) -> Summary:
+def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
     """A finished run in figures."""
-    how, record = plan.how, developed.record
+    record = developed.record
+    how = record.how
     parts = max(developed.parts, 1)
     sigma = developed.rms_sigma
     return {
@@ -76,31 +81,50 @@ def summary_of(plan: Plan, developed: Developed) -> Summary:
     }
 
 
+def begun_by(
+    job: Job, plan: PlanSummary, *, config: Config, mock: bool, rig: RigView, started_utc: str
+) -> Begun:
+    """What is known of a run before its first exposure; `rig` describes the bench."""
+    return Begun(
+        job=job.name,
+        mock=mock,
+        owner={} if job.owner is None else msgspec.to_builtins(job.owner),
+        started_utc=started_utc,
+        request=msgspec.to_builtins(job.request),
+        plan=msgspec.to_builtins(plan),
+        versions=versions(),
+        git_commit=git_commit(),
+        drivers=msgspec.to_builtins(rig),
+        config=msgspec.to_builtins(config),
+    )
+
+
 def manifest_of(
-    job: Job,
-    plan: PlanSummary,
+    begun: Begun,
+    plan: dict[str, Any],
     developed: Developed,
     *,
-    config: Config,
-    mock: bool,
-    rig: RigView,
-    started_utc: str,
     summary: Summary,
     warnings: Sequence[str],
     meter: Sequence[MeterRecord],
     files: dict[str, FileRecord],
+    missing: Sequence[str] = (),
 ) -> Manifest:
-    """The manifest of a finished run; `files` is all that lies in its folder."""
+    """The manifest of a run that began like that and went by this plan in the end.
+
+    `files` is all that lies in its folder; `missing` are planned shots that do not, which makes the
+    run a partial one.
+    """
     return Manifest(
         schema=SCHEMA_VERSION,
-        job=job.name,
-        state="done",
-        mock=mock,
-        owner={} if job.owner is None else msgspec.to_builtins(job.owner),
-        started_utc=started_utc,
+        job=begun.job,
+        state="partial" if missing else "done",
+        mock=begun.mock,
+        owner=begun.owner,
+        started_utc=begun.started_utc,
         finished_utc=utc_now(),
-        request=msgspec.to_builtins(job.request),
-        plan=msgspec.to_builtins(plan),
+        request=begun.request,
+        plan=plan,
         run=developed.record,
         realised={name: msgspec.to_builtins(d) for name, d in developed.deviations.items()},
         summary=summary,
@@ -108,10 +132,11 @@ def manifest_of(
         versions=versions(),
         git_commit=git_commit(),
         exif=developed.exif,
-        drivers=msgspec.to_builtins(rig),
-        config=msgspec.to_builtins(config),
+        drivers=begun.drivers,
+        config=begun.config,
         meter=tuple(meter),
         files=files,
+        missing=tuple(missing),
     )
 
 
@@ -134,6 +159,16 @@ def told(warnings: Sequence[str]) -> tuple[str, ...]:
     return tuple(brief)
 
 
+def taken_words(taken: int, planned: int, missing: Sequence[str]) -> str:
+    """How far a run came: "3 of 5 shots, missing: black, coded.4"."""
+    words = f"{taken} of {planned} shots"
+    if missing:
+        words += f", missing: {', '.join(missing[:MAX_NAMED])}"
+    if len(missing) > MAX_NAMED:
+        words += f" and {len(missing) - MAX_NAMED} more"
+    return words
+
+
 def failure_of(
     job: Job,
     folder: RunFolder | None,
@@ -141,12 +176,13 @@ def failure_of(
     error: PdcdError,
     *,
     safe: bool,
+    taken: str | None = None,
     warnings: Sequence[str] = (),
 ) -> CaptureResult:
     """The result of a job that did not finish; its folder keeps the name that says so.
 
-    `warnings` are those that it gave until then. `safe` is whether panels are black and the shutter
-    is closed; log.jsonl keeps it.
+    `safe` is whether panels are black and the shutter is closed; log.jsonl keeps it. `taken` says
+    which of its shots are there, where any is. `warnings` are those that it gave until then.
     """
     cancelled = isinstance(error, Cancelled)
     fields = {
@@ -163,7 +199,8 @@ def failure_of(
             fields[key] = None if text is None else text.replace(str(folder.path), str(where))
         try:
             event = "cancelled" if cancelled else "failed"
-            folder.log({"t_mono_ns": now_ns, "event": event, **fields, "safe": safe})
+            shots = {} if taken is None else {"taken": taken}
+            folder.log({"t_mono_ns": now_ns, "event": event, **fields, "safe": safe, **shots})
         except PdcdError as err:
             logger.warning("cannot write log.jsonl error=%s", err)
     return CaptureResult(
@@ -172,5 +209,6 @@ def failure_of(
         folder=None if where is None else str(where),
         error=fields,
         files=() if folder is None else folder.files(),
+        summary={} if taken is None else {"taken": taken},
         warnings=told(warnings),
     )

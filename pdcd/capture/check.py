@@ -1,8 +1,9 @@
 """What `pdcd config check` tries of a configuration; no device is touched.
 
 Tried are: the three drivers, by name and by their options; the scene; the sensor profile and its
-ISO; both refresh rates; and a plan of what a capture takes unless it is told otherwise. Whether the
-devices are there is the doctors' business.
+ISO; both refresh rates; a plan of what a capture takes unless it is told otherwise; and whether the
+camera's frame, where it is known, shows its cells. Whether the devices are there is the doctors'
+business.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.registry import Role, load_driver
 from pdcd.bench.tables import DEFAULT_GRID, CameraConfig, Config, SceneConfig
+from pdcd.capture.sight import hold_against
 from pdcd.errors import PdcdError
 from pdcd.planning.guided import plan_for
 from pdcd.request import CaptureRequest
@@ -117,7 +119,18 @@ class _Check:
         if self._grid is None and scene.kind == "matrix":
             return  # how many cells there are stands in the file
         grid = self._grid or scene.grid or DEFAULT_GRID
-        plan_for(CaptureRequest(goal="indirect"), self._config, grid)
+        plan = plan_for(CaptureRequest(goal="indirect"), self._config, grid)
+        frame = self._frame(grid)
+        if frame is not None:
+            self._try("camera.place", partial(hold_against, plan, self._config, frame), "camera")
+
+    def _frame(self, grid: tuple[int, int]) -> tuple[int, int] | None:
+        """Rows and columns of quads of the camera's photos, where they are known."""
+        camera = self._config.camera
+        if camera.driver == "mock":
+            return grid[0] * camera.quads_per_cell, grid[1] * camera.quads_per_cell
+        told = load_profile(camera.profile).frame_quads if self._profile_read else None
+        return None if told is None else (told[1], told[0])
 
 
 def _stands_at_default(config: Config, key: str) -> bool:

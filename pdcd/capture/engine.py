@@ -225,9 +225,12 @@ class Engine:
                 failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
             finally:
                 safe = self._rig.make_safe()
+            taken = None if run is None else run.taken
             warnings = () if run is None else run.warnings
             now_ns = self._rig.clock.now_ns()
-            return failure_of(ordered, folder, now_ns, failure, safe=safe, warnings=warnings)
+            return failure_of(
+                ordered, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
+            )
 
     def _out(self, request: CaptureRequest) -> Path:
         """The folder that runs go to when nobody holds one open."""

@@ -12,6 +12,7 @@ from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest
 from pdcd.runs.events import Decoded, Emit, Event, Planning, logged
 from pdcd.runs.folder import RunFolder
+from pdcd.runs.ledger import Ledger
 from pdcd.runs.views import OwnerView
 
 
@@ -63,6 +64,7 @@ class Journal:
     folder: RunFolder
     clock: Clock
     warnings: list[str]
+    ledger: Ledger
 
     def notify(self, event: Event) -> None:
         """Tell the client and log.jsonl; then see whether the job is still wanted."""
@@ -73,3 +75,5 @@ class Journal:
     def warn(self, text: str) -> None:
         """Keep a warning for the manifest."""
         self.warnings.append(text)
+        if self.folder.where is not None:  # before that, the manifest alone has it
+            self.ledger.warn(text)

@@ -87,7 +87,13 @@ class Rig:
 
     @property
     def scene(self) -> Scene | None:
-        """The scene, where a driver knows it (the mock bench does); None on a real bench."""
+        """The scene that photos are of, where a driver knows it (the mock camera does); None for a
+        real camera, whatever it stands before."""
+        return self._virtual_scene if self._context.shared.photographed else None
+
+    @property
+    def _virtual_scene(self) -> Scene | None:
+        """The scene of a mock bench any part of which is in use."""
         scene = self._context.shared.scene
         return scene if isinstance(scene, Scene) else None
 
@@ -95,14 +101,36 @@ class Rig:
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
         said = self.config.schedule.grid or self.config.scene.grid or DEFAULT_GRID
-        if self.scene is None or self.config.schedule.grid is not None:
+        scene = self._virtual_scene
+        if scene is None or self.config.schedule.grid is not None:
             return said
-        return self.scene.grid
+        return scene.grid
 
     @property
     def mock(self) -> bool:
         """Whether the photos come from a virtual scene."""
         return self.scene is not None
+
+    @property
+    def mixed(self) -> str | None:
+        """What to know of a rig with a real camera and virtual devices; None for any other."""
+        config = self.config
+        virtual = [
+            role
+            for role, driver in (
+                ("display", config.display.driver),
+                ("shutter", config.trigger.driver),
+            )
+            if driver == "mock"
+        ]
+        if self.mock or self._virtual_scene is None or not virtual:
+            return None
+        verb = "is" if len(virtual) == 1 else "are"
+        return (
+            f"{' and '.join(virtual)} {verb} virtual (driver mock) and the camera is not "
+            f"({config.camera.driver}): photos show what really stands before it, and are not "
+            "compared with the mock scene"
+        )
 
     def look_at_camera(self) -> CameraInfo:
         """What the camera is; one that is not open is opened for the question only."""

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import time
 
+import msgspec
+
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.capture.account import manifest_of, summary_of, told, warnings_of
+from pdcd.capture.account import (
+    begun_by,
+    manifest_of,
+    summary_of,
+    taken_words,
+    told,
+    warnings_of,
+)
 from pdcd.capture.convergence import Convergence
 from pdcd.capture.job import Job, Journal
 from pdcd.capture.rig import Rig
 from pdcd.capture.shots import ShotTaker
+from pdcd.capture.sight import Sight
 from pdcd.errors import DeviceLost
-from pdcd.offload.answers import Planned
+from pdcd.offload.answers import Planned, record_of
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
 from pdcd.pilot.codes import SCOUTS
@@ -22,6 +32,7 @@ from pdcd.recipes.recipe import Shot
 from pdcd.request import CaptureResult
 from pdcd.runs import events
 from pdcd.runs.folder import RunFolder
+from pdcd.runs.ledger import Ledger
 from pdcd.runs.manifest import DIGEST, MANIFEST
 from pdcd.runs.provenance import utc_now
 from pdcd.runs.record import ShotRecord
@@ -50,8 +61,13 @@ class Run:
         self._camera: CameraInfo = rig.camera_info
         self._hands, self._folder, self._job = hands, folder, job
         self._shots: list[ShotRecord] = []
-        self._journal = Journal(job, folder, rig.clock, [])
-        self._taker = ShotTaker(config, rig, self._camera, profile, hands, self._journal)
+        self._ledger = Ledger(folder)
+        self._journal = Journal(job, folder, rig.clock, [], self._ledger)
+        self._sight = Sight(config, self._camera, self._journal)
+        self._taker = ShotTaker(
+            config, rig, self._camera, profile, hands, self._journal, self._sight
+        )
+        self._planned: Planned | None = None
 
     @property
     def warnings(self) -> list[str]:
@@ -66,27 +82,31 @@ class Run:
         started, begun_s = utc_now(), time.perf_counter()
         job, folder = self._job, self._folder
         planned = self._plan()
+        self._sight.foresee(planned.plan)
         folder.create(min_free_bytes=self._config.limits.min_free_bytes)
         self._journal.notify(events.Started(job=job.name, goal=job.request.goal))
         self._hands.do(job.watch(), Desk.begin, folder.path)
+        mock = self._rig.mock
+        begun = begun_by(
+            job, planned.summary, config=self._config, mock=mock, rig=rig, started_utc=started
+        )
+        self._ledger.begin(begun)
+        self._goes_by(planned)
+        if self._rig.mixed is not None:
+            self._journal.warn(self._rig.mixed)
         planned = self._take_all(planned)
         self._journal.notify(events.Decoding(shots=len(self._shots)))
         developed = self._hands.do(job.watch(), Desk.develop, self._shots)
-        mock = self._rig.mock
         for text in warnings_of(developed, self._config, self._profile, mock=mock):
             self._journal.warn(text)
-        summary = summary_of(planned.plan, developed)
+        summary = summary_of(planned.summary, developed)
         summary["wall_s"] = time.perf_counter() - begun_s
         # The last line of log.jsonl: hashes come after it.
         self._journal.notify(events.Archived(job=job.name))
         manifest = manifest_of(
-            job,
-            planned.summary,
+            begun,
+            msgspec.to_builtins(planned.summary),
             developed,
-            config=self._config,
-            mock=mock,
-            rig=rig,
-            started_utc=started,
             summary=summary,
             warnings=self.warnings,
             meter=self._taker.meter,
@@ -102,6 +122,23 @@ class Run:
             summary=summary,
             warnings=told(self.warnings),
         )
+
+    @property
+    def taken(self) -> str | None:
+        """Which of the planned shots are there, in words; None before there is a run."""
+        if self._planned is None:
+            return None
+        shots = self._planned.plan.recipe.shots
+        missing = [shot.name for shot in shots[len(self._shots) :]]
+        return taken_words(len(self._shots), len(shots), missing)
+
+    def _goes_by(self, planned: Planned) -> None:
+        """Write down by what plan the run goes from here on."""
+        self._planned = planned
+        record = record_of(
+            planned.plan, self._job.request, self._config, self._camera, self._profile
+        )
+        self._ledger.plan(msgspec.to_builtins(planned.summary), record)
 
     def _plan(self) -> Planned:
         """The plan as asked for, or as a wanted error or time has it."""
@@ -137,7 +174,9 @@ class Run:
             return planned
         self._journal.notify(events.Learning(photos=SCOUTS if scouts else plan.how.pilot))
         learnt = self._hands.do(self._job.watch(), Desk.learn, self._shots)
-        planned = learnt.planned or planned
+        if learnt.planned is not None:
+            planned = learnt.planned
+            self._goes_by(planned)
         if learnt.outcome == "stopped":
             self._journal.warn(
                 f"the pilot ended after {SCOUTS} photos, which show no sharp far paths; the coded "
@@ -153,6 +192,8 @@ class Run:
             return False
         seen = self._hands.do(self._job.watch(), Desk.see, self._shots)
         self._journal.notify(convergence.see(seen))
+        if convergence.met and shot is not plan.recipe.shots[-1]:
+            self._ledger.enough()
         if not convergence.met and shot is plan.recipe.shots[-1]:
             self._journal.warn(convergence.warning)
         return convergence.met

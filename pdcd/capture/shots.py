@@ -10,6 +10,7 @@ from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.tables import Config
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Exposure, Rig
+from pdcd.capture.sight import Sight
 from pdcd.errors import ConfigError, SyncError
 from pdcd.frames.balance import lit_weights
 from pdcd.frames.frames import FrameLog, Frames
@@ -36,6 +37,7 @@ class ShotTaker:
     profile: SensorProfile
     hands: Hands
     journal: Journal
+    sight: Sight
     meter: list[MeterRecord] = field(default_factory=list)
     """Test exposures so far."""
     apertures: dict[str, float] = field(default_factory=dict)
@@ -55,10 +57,10 @@ class ShotTaker:
         folder = self.journal.folder
         folder.write_frames(shot.name, frames, done.log)
         self._warn(shot, done.log, level, harm)
-        return ShotRecord(
+        record = ShotRecord(
             name=shot.name,
             window=plan.window_of(shot),
-            raw=str(done.raw.path.relative_to(folder.path)),
+            raw=self._file(done),
             sha256=done.raw.sha256,
             size_bytes=done.raw.size_bytes,
             iso=settings.iso,
@@ -72,6 +74,8 @@ class ShotTaker:
             verified=done.log.verified,
             level=level,
         )
+        self.journal.ledger.take(record)
+        return record
 
     def _warn(self, shot: Shot, log: FrameLog, level: float | None, harm: str) -> None:
         lost = int(log.missed.sum())
@@ -136,7 +140,7 @@ class ShotTaker:
             told = events.Progress(shot=name, frame=frame, frames=of, missed=missed)
             self.journal.job.emit(told)
 
-        return self.rig.expose(
+        done = self.rig.expose(
             frames,
             settings,
             self.journal.folder.path / "raw",
@@ -145,6 +149,14 @@ class ShotTaker:
             progress=progress,
             cancelled=self.journal.job.cancelled,
         )
+        # At once: every further exposure would be for nothing.
+        file, watch = self._file(done), self.journal.job.watch()
+        self.sight.saw(file, self.hands.do(watch, Desk.look, file, done.raw.sha256))
+        return done
+
+    def _file(self, done: Exposure) -> str:
+        """Path of a RAW file in the run folder."""
+        return str(done.raw.path.relative_to(self.journal.folder.path))
 
     def _iso(self, plan: Plan) -> int:
         if plan.iso is None:
@@ -182,9 +194,10 @@ class ShotTaker:
             name = f"meter-{shot.name}-{test}"
             settings = CameraSettings(iso, f_number)
             done = self._expose(plan.frames(shot, pairs=pairs), name, settings)
-            file = str(done.raw.path.relative_to(self.journal.folder.path))
+            file = self._file(done)
             seen = self.hands.do(watch, Desk.metered, file, done.raw.sha256, saturation_dn)
             self.meter.append(MeterRecord(raw=file, f_number=f_number, peak=seen.peak))
+            self.journal.ledger.meter(self.meter[-1])
             f_number, settled = next_aperture(apertures, f_number, seen.peak, seen.expected)
             if settled:
                 return f_number

@@ -25,12 +25,15 @@ def camera(args: argparse.Namespace) -> int:
     """Look at the camera on the USB, without a photo; fails when anything must be mended."""
     from pdcd.bench.clock import RealClock
     from pdcd.bench.devices import DriverContext
+    from pdcd.capture.sight import examine
 
     # By name, as the registry loads drivers: pdcd imports none of them.
     doctor = importlib.import_module("drivers.ptp.doctor")
     # Cameras keep their own time, whatever clock the rest of the rig would run on.
-    context = DriverContext(config=load(args.config), clock=RealClock())
-    return _report(doctor.examine(context), as_json=args.json)
+    config = load(args.config)
+    context = DriverContext(config=config, clock=RealClock())
+    findings = (*doctor.examine(context), *examine(config, args.raw))
+    return _report(findings, as_json=args.json)
 
 
 def trigger(args: argparse.Namespace) -> int:

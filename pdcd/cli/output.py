@@ -43,6 +43,7 @@ def percent(share: Value) -> str:
 
 
 SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
+    ("taken", "taken", str),
     ("codes", "codes", str),
     ("refreshes", "refreshes", str),
     ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),

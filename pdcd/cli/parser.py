@@ -157,6 +157,12 @@ def _run_commands(add: Add) -> None:
     """Add what looks at finished runs, and the rest."""
     decode = add("decode", "tools:decode", "decode a run folder again from its RAW files")
     decode.add_argument("folder", type=Path, metavar="FOLDER")
+    decode.add_argument(
+        "--partial", action="store_true", help="of a run that was interrupted: a new folder"
+    )
+    decode.add_argument(
+        "--out", type=Path, metavar="DIR", help="where that is made; default: beside the old one"
+    )
     json_option(decode)
     verify = add("verify", "verify:verify_runs", "say whether runs are whole and unchanged")
     verify.add_argument("folder", type=Path, nargs="+", metavar="FOLDER")
@@ -201,7 +207,10 @@ def _doctors(parser: argparse.ArgumentParser) -> None:
 
     display = add("display", "doctor:display", "look at the X server and at both panels")
     display.add_argument("--display", metavar=":N", help="X server; default: the configuration's")
-    add("camera", "doctor:camera", "look at the camera on the USB; nothing is exposed")
+    camera = add("camera", "doctor:camera", "look at the camera on the USB; nothing is exposed")
+    camera.add_argument(
+        "--raw", type=Path, metavar="FILE", help="a photo of it: tells its frame and orientation"
+    )
     trigger = add("trigger", "doctor:trigger", "look at the shutter, and click it if told to")
     trigger.add_argument(
         "--click", action="store_true", help="open the shutter, and close it again"

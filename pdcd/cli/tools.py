@@ -11,6 +11,8 @@ from pdcd.bench.reading import faults_error
 from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import progress, say, say_json, say_table
+from pdcd.errors import ConfigError
+from pdcd.pictures.watch import Watch
 from pdcd.runs.events import Decoded
 
 
@@ -54,10 +56,13 @@ def config(args: argparse.Namespace) -> int:
 def decode(args: argparse.Namespace) -> int:
     """Decode a run again; fails when a picture differs from the one kept."""
     from pdcd.pictures.decode import decode_folder
-    from pdcd.pictures.watch import Watch
 
+    if args.out is not None and not args.partial:
+        raise ConfigError("--out goes with --partial: a finished run is only compared")
     with progress("reading") as show:
         watch = Watch(step=lambda done, total: show(Decoded(done=done, total=total)))
+        if args.partial:
+            return _salvage(args, watch)
         report = decode_folder(args.folder, watch)
     if args.json:
         say_json(report)
@@ -65,6 +70,20 @@ def decode(args: argparse.Namespace) -> int:
         for file in report.files:
             say(f"{'identical' if file.identical else 'DIFFERS  '}  {file.name}")
     return DONE if report.identical else FAILED
+
+
+def _salvage(args: argparse.Namespace, watch: Watch) -> int:
+    """Make pictures of an unfinished run; fails when any of its shots is missing."""
+    from pdcd.capture.salvage import decode_partial
+
+    found = decode_partial(args.folder, args.out, watch)
+    if args.json:
+        say_json(found)
+    else:
+        say_table([["state", found.state], ["taken", found.taken], ["folder", found.folder]])
+        for text in found.lost:
+            say(f"left out: {text}")
+    return DONE if found.state == "done" else FAILED
 
 
 def version(args: argparse.Namespace) -> int:

@@ -29,7 +29,8 @@ def verify_runs(args: argparse.Namespace) -> int:
 
 
 def _say(run: Verified) -> None:
-    state = "whole  " if run.whole else "DAMAGED"
+    damaged = any(finding.what != "partial" for finding in run.findings)
+    state = "whole  " if run.whole else "DAMAGED" if damaged else "PARTIAL"
     say(f"{state}  {run.folder}: {run.files} files, {run.size_bytes} bytes as they were")
     for finding in run.findings:
         say(f"  {finding.what:10}  {finding.path}: {finding.detail}")

@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.optics.needed import optics_of
+from pdcd.pictures.assess import assess
 from pdcd.pictures.combine import Picture
+from pdcd.pictures.darkroom import Decoded
 from pdcd.planning.plan import Plan
 from pdcd.planning.truth import answer
 from pdcd.probing.deviation import Deviation
+from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Extremes
 from pdcd.request import CaptureRequest, PlanSummary, Quality
 from pdcd.runs.record import RunRecord, ShotRecord
@@ -114,6 +117,27 @@ def record_of(
         shots=tuple(shots),
         camera_place=config.camera.place,
         blur_quads=config.camera.blur_quads,
+    )
+
+
+def developed_of(
+    record: RunRecord, decoded: Decoded, error: float | None, alive: Callable[[], None]
+) -> Developed:
+    """What is told of a decoded run; `error` is that of its answer against a known truth."""
+    picture = decoded.answer
+    known = picture.sigma[np.isfinite(picture.sigma)]
+    deviations = decoded.deviations(alive)
+    return Developed(
+        record=record,
+        saturated={name: int(s.saturated.sum()) for name, s in decoded.shots.items()},
+        exif={name: shot.exif for name, shot in decoded.shots.items()},
+        parts=len(part_numbers(decoded.recipe)),
+        rms_sigma=rms_sigma(picture),
+        sigma_kind=picture.kind,
+        sigma_mean=float(known.mean(dtype=np.float64)) if known.size else None,
+        rms_error=error,
+        deviations=deviations,
+        quality=assess(record, decoded, deviations),
     )
 
 

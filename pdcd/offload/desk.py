@@ -25,11 +25,11 @@ from pdcd.offload.answers import (
     Metered,
     Planned,
     Seen,
+    developed_of,
     record_of,
     rms_error,
     rms_sigma,
 )
-from pdcd.pictures.assess import assess
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.develop import preview, write_png
@@ -47,7 +47,7 @@ from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
-from pdcd.sensor.raw import read_raw
+from pdcd.sensor.raw import RawHead, read_head, read_raw
 
 RUNNING = "preview/running.png"
 """What is known of the answer while a run with `until_error` goes on."""
@@ -150,6 +150,13 @@ class Desk:
             expected=expected_share(frame.planes, job.ratio, saturation_dn, cells),
         )
 
+    def look(self, watch: Watch, raw: str, sha256: str) -> RawHead:
+        """Size, orientation and camera of a photo that has just come.
+
+        raw : path below the run folder. Raises DecodeError.
+        """
+        return read_head(self._folder() / raw, sha256=sha256)
+
     def learn(self, watch: Watch, shots: Sequence[ShotRecord]) -> Learnt:
         """Look at the photos of a pilot: at its scouts, or at all; where they call for it, the job
         goes on by another plan, whose codes are stored.
@@ -192,29 +199,17 @@ class Desk:
         job, darkroom, facts = self._of_job(), self._darkroom(shots), self._facts
         decoded = darkroom.decoded(watch)
         write_pictures(self._folder(), decoded)
-        record, picture = darkroom.record, decoded.answer
-        known = picture.sigma[np.isfinite(picture.sigma)]
-        deviations = decoded.deviations(watch)
-        done = Developed(
-            record=record,
-            saturated={name: int(s.saturated.sum()) for name, s in decoded.shots.items()},
-            exif={name: shot.exif for name, shot in decoded.shots.items()},
-            parts=len(part_numbers(decoded.recipe)),
-            rms_sigma=rms_sigma(picture),
-            sigma_kind=picture.kind,
-            sigma_mean=float(known.mean(dtype=np.float64)) if known.size else None,
-            rms_error=rms_error(
-                job.plan,
-                record,
-                picture,
-                decoded.cell_means.image,
-                facts.scene,
-                facts.config,
-                watch,
-            ),
-            deviations=deviations,
-            quality=assess(record, decoded, deviations),
+        record = darkroom.record
+        error = rms_error(
+            job.plan,
+            record,
+            decoded.answer,
+            decoded.cell_means.image,
+            facts.scene,
+            facts.config,
+            watch,
         )
+        done = developed_of(record, decoded, error, watch)
         self.forget(watch)
         return done
 

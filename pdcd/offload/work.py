@@ -18,6 +18,7 @@ WORK: Mapping[str, Task] = MappingProxyType(
         "begin": Desk.begin,
         "meter_pairs": Desk.meter_pairs,
         "metered": Desk.metered,
+        "look": Desk.look,
         "learn": Desk.learn,
         "see": Desk.see,
         "develop": Desk.develop,

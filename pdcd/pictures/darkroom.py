@@ -29,6 +29,7 @@ from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.arrays import target_with
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers, taken_parts
+from pdcd.recipes.possible import possible
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
@@ -101,6 +102,11 @@ class Darkroom:
         """What the run remembers of itself so far."""
         return self._record
 
+    @property
+    def recipe(self) -> Recipe:
+        """What was planned."""
+        return self._recipe
+
     def replan(self, record: RunRecord) -> None:
         """The run goes on by another plan: its codes are read anew, shots stay as they are."""
         self._record = record
@@ -133,14 +139,22 @@ class Darkroom:
         sums = summed_matrices(recipe, shots, self._stack_bits()) if self._sums_up(shots) else {}
         return recipe, {**shots, **sums}
 
-    def decoded(self, watch: Watch | None = None) -> Decoded:
-        """The pictures that the shots taken so far make, all of the recipe's or of whole parts."""
+    def decoded(self, watch: Watch | None = None, *, partly: bool = False) -> Decoded:
+        """The pictures that the shots taken so far make, all of the recipe's or of whole parts.
+
+        partly : shots may be missing: the pictures that can be made without them, if any. Raises
+        DecodeError where there are none.
+        """
         watch = watch or Watch()
         making = MAKING * sum(shot.refreshes for shot in self._record.shots)
         watch.expect(making)
         shots = self._shots(watch)
         cells = self._cells()
-        recipe = taken_parts(self._recipe, shots)
+        recipe = (possible if partly else taken_parts)(self._recipe, shots)
+        if not recipe.pictures:
+            raise DecodeError(
+                "no picture can be made of the shots that are there", hint="capture again"
+            )
         sums: dict[str, Exposed] = {}
         if self._sums_up(shots):
             sums = software_sums(recipe, shots, self._stack_bits(), cells)
@@ -154,7 +168,9 @@ class Darkroom:
         self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap, alive: Alive
     ) -> dict[str, Barred]:
         """All pictures with sensor and code error: of what the parts show, if there are enough."""
-        record, learned = self._record, self.learned()
+        record = self._record
+        # Of a run that was interrupted the pilot may be incomplete; then there is no coded photo.
+        learned = None if recipe.coded is None else self.learned()
 
         def photos(part: Recipe) -> dict[str, Picture]:
             return corrected_photos(

@@ -11,6 +11,7 @@
     <job>/probe.npz       image and sigma, float64 (h, w, 3), in scene units
     <job>/preview/        8-bit PNG, for humans only
     <job>/log.jsonl       what happened
+    <job>/ledger.jsonl    what decoding needs, as it came to be (`pdcd.runs.ledger`)
 
 While it is being filled the folder is called ``<job>.partial``; it is never deleted. All is written
 through descriptors (`pdcd.runs.place`): whatever becomes of the names meanwhile, it stays in there.
@@ -18,6 +19,7 @@ through descriptors (`pdcd.runs.place`): whatever becomes of the names meanwhile
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
@@ -55,9 +57,11 @@ __all__ = ["MANIFEST", "RunFolder", "read_manifest", "sha256_of"]
 class RunFolder:
     """One run's folder while it is being filled, in a place that stays open as long as this."""
 
-    def __init__(self, parent: Place, job: str) -> None:
+    def __init__(self, parent: Place, job: str, *, unfinished: str | None = None) -> None:
+        """`unfinished`: what it is called while it is being filled, where that is not the usual."""
         self._parent = parent
         self._job = job
+        self._unfinished = unfinished or job + UNFINISHED
         self._fd: int | None = None
 
     def create(self, *, min_free_bytes: int) -> None:
@@ -66,7 +70,7 @@ class RunFolder:
         Raises NoSpaceError when less than that would be left, RequestError when the place is gone,
         was moved out of its bounds or into a run, and DiskError when the disk fails.
         """
-        parent, name = self._parent, self._job + UNFINISHED
+        parent, name = self._parent, self._unfinished
         with disk_errors(str(parent.real)):
             parent.check()
             free = shutil.disk_usage(parent.fd).free
@@ -79,6 +83,8 @@ class RunFolder:
             os.mkdir(name, dir_fd=parent.fd)
             flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
             self._fd = os.open(name, flags, dir_fd=parent.fd)
+            with suppress(OSError):  # a disk without locks: nobody is told that the run goes on
+                fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             for below in ("raw", "linear", "preview"):
                 (self.path / below).mkdir()
 
@@ -171,7 +177,7 @@ class RunFolder:
 
     def _name(self) -> None:
         """Give the folder its final name, durably, and see that it is this folder which has it."""
-        at, unfinished, final = self._parent.fd, self._job + UNFINISHED, self._job
+        at, unfinished, final = self._parent.fd, self._unfinished, self._job
         self._parent.check()
         if not self._is(unfinished):
             raise PdcdError("the run folder was moved", device=self._shown, hint="capture again")
@@ -189,7 +195,7 @@ class RunFolder:
         at = self._parent.fd
         with suppress(OSError):
             if self._is(self._job):
-                os.rename(self._job, self._job + UNFINISHED, src_dir_fd=at, dst_dir_fd=at)
+                os.rename(self._job, self._unfinished, src_dir_fd=at, dst_dir_fd=at)
 
     def _is(self, name: str) -> bool:
         """Whether this folder has that name in its place."""
@@ -251,8 +257,12 @@ def write_patterns(
         arrays[f"{name}.primal"], arrays[f"{name}.dual"] = primal, dual
     for name, array in given.items():
         arrays[f"goal.{name}"] = array
-    with disk_errors(str(folder.resolve())), (folder / "codes.npz").open("wb") as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    # Whole or not at all: shots that were taken already are decoded by what stands there.
+    made = folder / "codes.npz.new"
+    with disk_errors(str(folder.resolve())):
+        with made.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        made.replace(folder / "codes.npz")
 
 
 def sha256_of(path: Path) -> str:

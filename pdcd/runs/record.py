@@ -119,3 +119,5 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """Test exposures that set the aperture."""
     files: dict[str, FileRecord]
     """Every other file of the folder, but the manifest's digest."""
+    missing: tuple[str, ...] = ()
+    """Shots that were planned and are not there, of a run whose `state` is "partial"."""

@@ -32,7 +32,7 @@ MAX_CELLS = 2**24
 MAX_UNSIZED_BYTES = 2**32
 """Longest file that is read of a run that did not keep its size."""
 
-What = Literal["missing", "changed", "unknown", "manifest", "unreadable"]
+What = Literal["missing", "changed", "unknown", "manifest", "unreadable", "partial"]
 Alive = Callable[[], object]
 
 
@@ -41,7 +41,7 @@ class Finding(msgspec.Struct, frozen=True):
 
     missing: listed, but not there. changed: another content, or no regular file. unknown: there,
     but not listed. manifest: what capture.json says is wrong. unreadable: the disk or the rights do
-    not let it be read.
+    not let it be read. partial: planned shots are not in the run, which is else as it was.
     """
 
     path: str
@@ -162,6 +162,9 @@ class _Check:
             self.find(DIGEST, "missing", "nothing vouches for the manifest")
         if kept and self.read.schema < 3:
             self.find(DIGEST, "unknown", f"runs of schema {self.read.schema} have none")
+        if self.read.state == "partial":
+            missing = [one_line(name) for name in self.read.missing]
+            self.find(".", "partial", f"not all shots are there, missing: {', '.join(missing)}")
         for what in _contradictions(self.read):
             self.find(MANIFEST, "manifest", what)
 
@@ -227,8 +230,10 @@ class _Check:
 def _contradictions(manifest: Manifest) -> Iterator[str]:
     """What the manifest says that cannot be true, in words."""
     run, files = manifest.run, manifest.files
-    if manifest.state != "done":
+    if manifest.state not in ("done", "partial"):
         yield f"its state is {manifest.state!r}"
+    if (manifest.state == "partial") != bool(manifest.missing):
+        yield f"its state is {manifest.state!r}, and {len(manifest.missing)} shots are missing"
     if run.grid[0] * run.grid[1] > MAX_CELLS:
         yield f"a grid of {run.grid[0]} x {run.grid[1]} cells"
     if run.cells is not None and run.cells.grid != run.grid:

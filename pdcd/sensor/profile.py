@@ -71,6 +71,9 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Dark current, e- per second and pixel.
     rows
         The ISO settings, ascending.
+    frame_quads
+        Width and height of its full-size photos in Bayer quads, as LibRaw shows them; None where
+        that is not known.
 
     Raises `ConfigError` naming every value that is wrong.
     """
@@ -85,6 +88,7 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     full_well_e: float
     dark_e_per_s: float
     rows: tuple[IsoRow, ...]
+    frame_quads: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         faults = [
@@ -96,6 +100,8 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             faults.append(f"bits = {self.bits} is not in 1..16")
         elif not 0 <= self.black_dn < self.white_dn < 2**self.bits:
             faults.append(f"0 <= black_dn < white_dn < 2^{self.bits} does not hold")
+        if self.frame_quads is not None and min(self.frame_quads) < 1:
+            faults.append(f"frame_quads = {list(self.frame_quads)} is no picture")
         isos = self.isos
         if not isos or list(isos) != sorted(set(isos)) or not 1 <= isos[0] <= isos[-1] <= _MAX_ISO:
             faults.append(

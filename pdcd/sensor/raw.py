@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -126,10 +128,56 @@ def read_raw(
         The file cannot be read, is not the announced one, is damaged, or has no Bayer mosaic.
     """
     data = _read_checked(path, sha256, size_bytes)
+    with _libraw_errors(path), rawpy.imread(io.BytesIO(data)) as raw:
+        return _frame(raw, path, read_tags(data), saturation_dn)
+
+
+@dataclass(frozen=True)
+class RawHead:
+    """What a RAW file says of its picture before a sample is unpacked.
+
+    frame, flip, model : as of `RawFrame`.
+    masked : (rows, columns) of samples of the sensor that lie beyond the picture, masked borders
+        among them.
+    """
+
+    frame: tuple[int, int]
+    flip: int
+    model: str
+    masked: tuple[int, int]
+
+    @property
+    def turned(self) -> str:
+        """The orientation in words."""
+        known = {0: "upright", 3: "turned by 180", 5: "turned by 90 left", 6: "turned by 90 right"}
+        return known.get(self.flip, f"flip {self.flip}")
+
+
+def read_head(path: Path, *, sha256: str | None = None) -> RawHead:
+    """Size, orientation and camera of a RAW file, without its samples: some milliseconds.
+
+    sha256 : what the file must have, as of `read_raw`. Raises DecodeError.
+    """
+    data = _read_checked(path, sha256, None)
+    tags = read_tags(data)
+    with _libraw_errors(path), rawpy.RawPy() as raw:
+        raw.open_buffer(io.BytesIO(data))
+        sizes = raw.sizes
+        height, width = _shown(sizes, (sizes.height, sizes.width))
+    return RawHead(
+        frame=(height // 2, width // 2),
+        flip=sizes.flip,
+        model=tags.text(MODEL) if tags else "",
+        masked=(sizes.raw_height - sizes.height, sizes.raw_width - sizes.width),
+    )
+
+
+@contextmanager
+def _libraw_errors(path: Path) -> Iterator[None]:
+    """Turn LibRaw's own errors, and RuntimeError for a form of image that its binding does not
+    know, into DecodeError."""
     try:
-        with rawpy.imread(io.BytesIO(data)) as raw:
-            return _frame(raw, path, read_tags(data), saturation_dn)
-    # LibRaw's own errors; RuntimeError for a form of image that its binding does not know.
+        yield
     except (rawpy.LibRawError, RuntimeError, MemoryError) as err:
         reason = err.args[0].decode() if err.args and isinstance(err.args[0], bytes) else str(err)
         raise DecodeError(
@@ -168,11 +216,9 @@ def _frame(
             hint="set the camera to full-size RAW",
         )
     mosaic = raw.raw_image_visible
-    if 0 < min(sizes.crop_width, sizes.crop_height) < _LIBRAW_MIN_SIDE:
-        # LibRaw refuses so small an image; the mock camera sends a larger one and says by its crop
-        # which corner counts. Crops of real cameras only trim the edge and are not applied.
-        mosaic = mosaic[: sizes.crop_height, : sizes.crop_width]
-    height, width = mosaic.shape[0] // 2, mosaic.shape[1] // 2
+    shown = _shown(sizes, mosaic.shape)
+    mosaic = mosaic[: shown[0], : shown[1]]
+    height, width = shown[0] // 2, shown[1] // 2
     quad = _quad(colours)
     libraw_black = np.array([raw.black_level_per_channel[numbers[at]] for at in quad], np.float64)
     masked = _masked_black(raw, tags, quad)
@@ -200,6 +246,15 @@ def _frame(
         flip=sizes.flip,
         pattern=colours,
     )
+
+
+def _shown(sizes: rawpy.ImageSizes, visible: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of samples of the picture, of those that LibRaw takes for visible."""
+    if 0 < min(sizes.crop_width, sizes.crop_height) < _LIBRAW_MIN_SIDE:
+        # LibRaw refuses so small an image; the mock camera sends a larger one and says by its crop
+        # which corner counts. Crops of real cameras only trim the edge and are not applied.
+        return min(visible[0], sizes.crop_height), min(visible[1], sizes.crop_width)
+    return visible[0], visible[1]
 
 
 def _masked_black(

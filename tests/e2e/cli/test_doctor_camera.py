@@ -9,6 +9,7 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import usb.core
 
@@ -20,6 +21,7 @@ from pdcd.bench.findings import Finding
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.cli.main import main
 from tests.fake_serial import FakeLine, fake_line
+from tests.placed_film import Shot, masked_dng
 
 BODY = {"usb": "virtual"}
 
@@ -46,8 +48,34 @@ def test_a_body_on_the_virtual_usb(tmp_path: Path, capfd: pytest.CaptureFixture[
     assert found["model"]["found"] == "Canon EOS 450D"
     assert found["release over USB"]["found"] == "bulb"
     assert found["long-exposure noise reduction"]["found"] == "off"
+    assert found["frame"]["state"] == "unknown"  # the sensor profile "modern" is of no body
     assert main(["doctor", "camera", "--config", path]) == 0
-    assert capfd.readouterr().out.endswith("nothing to mend\n")
+    assert capfd.readouterr().out.endswith("nothing to mend so far; not tried: frame\n")
+
+
+def test_the_frame_of_a_450d(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """By its profile, and by a photo that was taken on its side."""
+    text = '[camera]\ndriver = "ptp"\nprofile = "450d"\noptions = {usb = "virtual"}\n'
+    path = config(tmp_path, text)
+    code, found = ask(capfd, "camera", "--config", path)
+    assert code == 0
+    assert found["frame"]["found"] == "2145 x 1428 quads, by the sensor profile"
+    assert found["orientation"]["state"] == "unknown"
+    assert found["quads along a cell's side"]["found"] == "29.8 to 33.5"
+    assert found["field seen"]["found"] == "100 % of 48 x 64 cells"
+    photo = tmp_path / "photo.dng"
+    samples = np.full((80, 120), 600, np.uint16)
+    photo.write_bytes(masked_dng(Shot(samples, 512, 16383, 100, 8.0, 1.0, orientation=6)))
+    code, found = ask(capfd, "camera", "--config", path, "--raw", str(photo))
+    assert found["frame"]["found"] == "60 x 40 quads, of test camera"
+    assert found["orientation"]["found"].startswith("turned by 90 right; not followed")
+    assert found["masked border"]["found"] == "6 rows and 30 columns beyond the picture"
+    # 60 x 40 quads for 64 x 48 cells, in quarter windows unless told otherwise.
+    (fault,) = [f for f in found.values() if f["state"] == "fault"]
+    assert code == 5 and "does not resolve single cells" in fault["found"]
+    photo.write_bytes(photo.read_bytes()[:100])
+    code, found = ask(capfd, "camera", "--config", path, "--raw", str(photo))
+    assert code == 5 and "cannot decode photo.dng" in found["frame"]["found"]
 
 
 @pytest.mark.parametrize("libusb", [True, False])

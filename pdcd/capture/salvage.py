@@ -1,0 +1,299 @@
+"""Pictures of a run that was interrupted: `pdcd decode --partial`.
+
+What lies in the `.partial` is held against its ledger, copied into a new folder and decoded there;
+the `.partial` itself is never written to. Where no shot is missing the new folder is a finished run
+like any other. Else its manifest says "partial" and which shots are missing, and `pdcd verify` says
+so, too.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from pdcd.capture.account import manifest_of, summary_of, taken_words
+from pdcd.errors import BusyError, DecodeError, RequestError, disk_errors
+from pdcd.offload.answers import developed_of
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decode import record_errors, write_pictures
+from pdcd.pictures.watch import Watch
+from pdcd.printable import one_line
+from pdcd.recipes.possible import possible
+from pdcd.recipes.recipe import Recipe
+from pdcd.request import PlanSummary
+from pdcd.runs.folder import RunFolder
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.inside import CHUNK_BYTES, fault_of, opened, opened_file, path_of
+from pdcd.runs.ledger import CODES, Kept, read_ledger
+from pdcd.runs.ledger import NAME as LEDGER
+from pdcd.runs.place import UNFINISHED, Place
+from pdcd.runs.record import FileRecord, MeterRecord, RunRecord
+
+LOG = "log.jsonl"
+MOST_BYTES = 2**32
+"""Longest ledger or log that is copied."""
+TRIES = 1000
+"""Names that are tried for the new folder while it is being filled."""
+
+
+class Salvaged(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of an unfinished run.
+
+    `state` is "done" where no shot is missing, else "partial". `lost` are RAW files that are
+    missing or have changed, in words; their shots are among the `missing`.
+    """
+
+    folder: str
+    job: str
+    state: str
+    taken: str
+    """As "3 of 5 shots, missing: black, coded-4"."""
+    missing: tuple[str, ...]
+    lost: tuple[str, ...]
+    manifest_sha256: str
+
+
+@dataclass(frozen=True)
+class _Sound:
+    """What of a run is as its ledger says."""
+
+    kept: Kept
+    run: RunRecord
+    planned: tuple[str, ...]
+    """All shots of the recipe, in order."""
+    meter: tuple[MeterRecord, ...]
+    lost: tuple[str, ...]
+    frames_bytes: int
+    size_bytes: int
+    """Of all that will be copied."""
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Planned shots that are not there, as far as they are wanted."""
+        if self.kept.enough and not self.lost:
+            return ()
+        there = {shot.name for shot in self.run.shots}
+        return tuple(name for name in self.planned if name not in there)
+
+
+def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Salvaged:
+    """Decode a `.partial` into a new folder.
+
+    folder : the unfinished run. out : where the new folder is made; by default beside the old one.
+    `watch` is told how far it is.
+
+    Raises BusyError while the run still goes on, RequestError for a folder that is no unfinished
+    run, DecodeError when its ledger, codes or frame log are damaged or no picture can be made of
+    what is there, NoSpaceError and DiskError.
+    """
+    watch = watch or Watch()
+    if not folder.resolve().name.endswith(UNFINISHED):
+        raise RequestError(
+            f"{one_line(str(folder))} is not an unfinished run",
+            hint="leave out --partial for a finished one",
+        )
+    with _held(folder) as source:
+        sound = _looked_at(source, watch)
+        job = sound.kept.begun.job
+        name = f"{job}-partial" if sound.missing else job
+        with Place.at(out or folder.resolve().parent) as place, _new(place, name, sound) as made:
+            _copy(source, made, sound, watch)
+            return _decoded(made, sound, watch)
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[int]:
+    """Descriptor of the folder, which nobody fills meanwhile. Raises BusyError, RequestError."""
+    try:
+        with opened(folder) as descriptor:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise BusyError(
+                    f"{one_line(str(folder))} is still being filled",
+                    hint="wait for the end of the run, or cancel it",
+                ) from None
+            yield descriptor
+    except (FileNotFoundError, NotADirectoryError, PermissionError) as err:
+        raise RequestError(f"cannot open {one_line(str(folder))}: {err.strerror}") from err
+
+
+def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
+    """Hold all that the ledger names against it."""
+    kept = read_ledger(source)
+    fault, run = fault_of(kept.begun.job), kept.run
+    if fault is not None or "/" in kept.begun.job:
+        raise DecodeError(f"{LEDGER} names a job that cannot be: {fault or 'a path'}")
+    if run is None or kept.planned is None:
+        raise DecodeError("the run ended before its first exposure", hint="capture again")
+    wrong = _fault_in(source, CODES, kept.planned.codes, watch)
+    if wrong is not None:
+        raise DecodeError(f"{CODES}: {wrong}", hint="restore it from a copy")
+    frames_bytes = _check_frames(source, kept, watch)
+    lost, shots, meter, size = [], [], [], frames_bytes + (kept.planned.codes.size_bytes or 0)
+    for shot in run.shots:
+        wrong = _fault_in(source, shot.raw, FileRecord(shot.sha256, shot.size_bytes), watch)
+        if wrong is None:
+            shots.append(shot)
+            size += shot.size_bytes
+        else:
+            lost.append(f"{one_line(shot.raw)}: {wrong}")
+    for test in kept.metered:
+        wrong = _fault_in(source, test.meter.raw, test.file, watch)
+        if wrong is None:
+            meter.append(test.meter)
+            size += test.file.size_bytes or 0
+        else:
+            lost.append(f"{one_line(test.meter.raw)}: {wrong}")
+    run = msgspec.structs.replace(run, shots=tuple(shots))
+    with record_errors(path_of(source)):
+        recipe = Darkroom(path_of(source), run).recipe
+        if not possible(recipe, {shot.name for shot in shots}).pictures:
+            planned = [shot.name for shot in recipe.shots]
+            missing = [n for n in planned if n not in {shot.name for shot in shots}]
+            raise DecodeError(
+                "no picture can be made of what is there: "
+                + taken_words(len(shots), len(planned), missing),
+                hint="capture again",
+            )
+    return _Sound(
+        kept=kept,
+        run=run,
+        planned=tuple(shot.name for shot in recipe.shots),
+        meter=tuple(meter),
+        lost=tuple(lost),
+        frames_bytes=frames_bytes,
+        size_bytes=size,
+    )
+
+
+def _check_frames(source: int, kept: Kept, watch: Callable[[], None]) -> int:
+    """Bytes of frames.csv that belong to shots. Raises DecodeError where one of them changed."""
+    at = 0
+    try:
+        with opened_file(source, FRAMES) as descriptor:
+            for entry in kept.taken:
+                size = entry.frames.size_bytes or 0
+                if _digest(descriptor, size, watch) != entry.frames.sha256:
+                    raise DecodeError("it is not as it was written")
+                at += size
+    except FileNotFoundError:
+        if kept.taken:
+            raise DecodeError(f"{FRAMES} is missing", hint="restore it from a copy") from None
+    except (OSError, DecodeError) as err:
+        words = err.message if isinstance(err, DecodeError) else err.strerror
+        raise DecodeError(f"{FRAMES}: {words}", hint="restore it from a copy") from err
+    return at
+
+
+def _fault_in(source: int, name: str, wanted: FileRecord, watch: Callable[[], None]) -> str | None:
+    """What is wrong with a file; None when it is as the ledger says."""
+    fault = fault_of(name)
+    if fault is not None:
+        return fault
+    try:
+        with opened_file(source, name) as descriptor:
+            if os.fstat(descriptor).st_size != wanted.size_bytes:
+                return "it has another size"
+            same = _digest(descriptor, wanted.size_bytes or 0, watch) == wanted.sha256
+            return None if same else "it does not have the SHA-256 that it was stored with"
+    except FileNotFoundError:
+        return "it is missing"
+    except (OSError, DecodeError) as err:
+        return err.message if isinstance(err, DecodeError) else str(err.strerror)
+
+
+def _digest(descriptor: int, size: int, watch: Callable[[], None]) -> str:
+    """SHA-256 of so many bytes of an open file, from where it stands."""
+    digest = hashlib.sha256()
+    while size and (chunk := os.read(descriptor, min(size, CHUNK_BYTES))):
+        digest.update(chunk)
+        size -= len(chunk)
+        watch()
+    return digest.hexdigest()
+
+
+@contextmanager
+def _new(place: Place, name: str, sound: _Sound) -> Iterator[RunFolder]:
+    """The folder to be filled, under a name that nobody takes for a run's."""
+    for number in range(1, TRIES):
+        unfinished = f"{name}-decoded-{number}{UNFINISHED}"
+        if not (place.path / unfinished).exists():
+            break
+    with RunFolder(place, name, unfinished=unfinished) as made:
+        made.create(min_free_bytes=sound.size_bytes)
+        yield made
+
+
+def _copy(source: int, made: RunFolder, sound: _Sound, watch: Callable[[], None]) -> None:
+    """Copy what is sound; its content was looked at and is looked at again when it is decoded."""
+    names = [CODES, *(shot.raw for shot in sound.run.shots), *(test.raw for test in sound.meter)]
+    for name in names:
+        _copy_file(source, name, made.path / name, MOST_BYTES, watch)
+    _copy_file(source, FRAMES, made.path / FRAMES, sound.frames_bytes, watch)
+    for name in (LEDGER, LOG):
+        _copy_file(source, name, made.path / name, MOST_BYTES, watch)
+
+
+def _copy_file(
+    source: int, name: str, target: Path, most_bytes: int, watch: Callable[[], None]
+) -> None:
+    with disk_errors(name), opened_file(source, name) as descriptor, target.open("xb") as copy:
+        while most_bytes and (chunk := os.read(descriptor, min(most_bytes, CHUNK_BYTES))):
+            copy.write(chunk)
+            most_bytes -= len(chunk)
+            watch()
+
+
+def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
+    """Decode in the new folder, and finish it."""
+    kept = sound.kept
+    with record_errors(made.path):
+        darkroom = Darkroom(made.path, sound.run)
+        decoded = darkroom.decoded(watch, partly=bool(sound.missing))
+        write_pictures(made.path, decoded)
+        developed = developed_of(darkroom.record, decoded, None, watch)
+        plan = kept.planned.plan if kept.planned else {}
+        summary = summary_of(msgspec.convert(plan, PlanSummary), developed)
+    taken = taken_words(len(sound.run.shots), len(sound.planned), sound.missing)
+    summary["taken"] = taken
+    warnings = [*dict.fromkeys(kept.warnings), f"decoded after an interruption: {taken}"]
+    warnings += [f"left out: {text}" for text in sound.lost]
+    warnings += _lacks(darkroom.recipe, decoded.recipe)
+    manifest = manifest_of(
+        kept.begun,
+        plan,
+        developed,
+        summary=summary,
+        warnings=warnings,
+        meter=sound.meter,
+        files=made.hashes(),
+        missing=sound.missing,
+    )
+    digest = made.finish(manifest)
+    return Salvaged(
+        folder=str(made.where),
+        job=kept.begun.job,
+        state=manifest.state,
+        taken=taken,
+        missing=sound.missing,
+        lost=sound.lost,
+        manifest_sha256=digest,
+    )
+
+
+def _lacks(planned: Recipe, made: Recipe) -> Iterator[str]:
+    """What to know of pictures that were made of fewer shots than planned."""
+    terms = {photo.name: len(photo.shots) for photo in planned.photos}
+    for photo in made.photos:
+        if len(photo.shots) < terms[photo.name]:
+            yield f"photo {photo.name} is made of {len(photo.shots)} of {terms[photo.name]} shots"
+    if made.answer_name != planned.answer_name:
+        yield f"the answer is missing; {made.answer_name} stands in its place"

@@ -1,0 +1,239 @@
+"""ledger.jsonl: what a run must know to be decoded, written down before and after every exposure.
+
+The manifest comes last, so a run that was interrupted has none. Its ledger has the record of the
+run before the first exposure, and each shot as soon as its RAW file and its rows of frames.csv are
+there. Every line holds a digest of itself and of the one before: a line that was half written when
+the power went is noticed, and none can be lost, changed or moved in between.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from typing import Any
+
+import msgspec
+
+from pdcd.errors import DecodeError, disk_errors
+from pdcd.runs.folder import RunFolder
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.inside import hashed, opened_file, read_file
+from pdcd.runs.record import Count, FileRecord, MeterRecord, RunRecord, Sha256, ShotRecord
+
+NAME = "ledger.jsonl"
+CODES = "codes.npz"
+MAX_BYTES = 2**26
+"""Longest ledger that is read; a shot takes half a thousand bytes."""
+SYNC_S = 1.0
+"""Least time between two times that the disk is waited for: shorter runs are made durable at their
+end, and a cut of the power costs no more than that."""
+
+
+class Begun(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="begun"):
+    """What was known before the first exposure; the fields are those of the manifest."""
+
+    job: str
+    mock: bool
+    owner: dict[str, Any]
+    started_utc: str
+    request: dict[str, Any]
+    plan: dict[str, Any]
+    versions: dict[str, str]
+    git_commit: str | None
+    drivers: dict[str, Any]
+    config: dict[str, Any]
+
+
+class Planned(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="planned"):
+    """The record of the run, without its shots, and its codes: at first, and where a pilot changed
+    the plan again."""
+
+    plan: dict[str, Any]
+    run: RunRecord
+    codes: FileRecord
+
+
+class Metered(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="metered"):
+    """A test exposure."""
+
+    meter: MeterRecord
+    file: FileRecord
+
+
+class Taken(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="taken"):
+    """A shot, and the piece of frames.csv that was written since the one before."""
+
+    shot: ShotRecord
+    frames: FileRecord
+
+
+class Warned(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="warned"):
+    """A warning, as the manifest has it."""
+
+    text: str
+
+
+class Enough(msgspec.Struct, frozen=True, kw_only=True, tag_field="entry", tag="enough"):
+    """The error asked for is reached: shots that are still planned are not wanted."""
+
+
+Entry = Begun | Planned | Metered | Taken | Warned | Enough
+
+
+class _Line(msgspec.Struct, frozen=True):
+    said: msgspec.Raw
+    sha256: Sha256
+    """Of the digest before, as text, and of the bytes of `said`."""
+
+
+class Ledger:
+    """Writes the ledger of a run that goes on. Every method raises NoSpaceError and DiskError."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        self._folder = folder
+        self._digest = ""
+        self._frames_bytes: Count = 0
+        self._synced_s = time.monotonic()
+        self._unsynced: set[str] = set()
+
+    def begin(self, begun: Begun) -> None:
+        """The first line."""
+        self._write(begun)
+
+    def plan(self, plan: dict[str, Any], run: RunRecord) -> None:
+        """The codes are stored, as the run is to go on by them."""
+        self._unsynced.add(CODES)
+        self._write(Planned(plan=plan, run=run, codes=self._record(CODES)))
+
+    def meter(self, meter: MeterRecord) -> None:
+        """A test exposure was taken and looked at."""
+        self._unsynced.add(meter.raw)
+        self._write(Metered(meter=meter, file=self._record(meter.raw)))
+
+    def take(self, shot: ShotRecord) -> None:
+        """A shot was taken: its RAW file and its rows of frames.csv are there."""
+        self._unsynced.update((shot.raw, FRAMES))
+        self._write(Taken(shot=shot, frames=self._piece()))
+
+    def warn(self, text: str) -> None:
+        """A warning for the manifest."""
+        self._write(Warned(text=text))
+
+    def enough(self) -> None:
+        """No more shots are wanted."""
+        self._write(Enough())
+
+    def _write(self, entry: Entry) -> None:
+        said = msgspec.json.encode(entry)
+        self._digest = _digest(self._digest, said)
+        line = msgspec.json.encode(_Line(msgspec.Raw(said), self._digest)) + b"\n"
+        with disk_errors(str(self._folder.where)):
+            with (self._folder.path / NAME).open("ab") as file:
+                file.write(line)
+            self._sync_now_and_then()
+
+    def _sync_now_and_then(self) -> None:
+        """What the lines speak of is durable before they are."""
+        if time.monotonic() - self._synced_s < SYNC_S:
+            return
+        for name in (*sorted(self._unsynced), NAME):
+            with opened_file(self._folder.fd, name) as descriptor:
+                os.fsync(descriptor)
+        self._unsynced.clear()
+        self._synced_s = time.monotonic()
+
+    def _record(self, name: str) -> FileRecord:
+        with opened_file(self._folder.fd, name) as descriptor:
+            return FileRecord(*hashed(descriptor))
+
+    def _piece(self) -> FileRecord:
+        """What was appended to frames.csv since the last shot."""
+        with opened_file(self._folder.fd, FRAMES) as descriptor:
+            os.lseek(descriptor, self._frames_bytes, os.SEEK_SET)
+            piece = FileRecord(*hashed(descriptor))
+        self._frames_bytes += piece.size_bytes or 0
+        return piece
+
+
+class Kept(msgspec.Struct, frozen=True, kw_only=True):
+    """A ledger as it was found."""
+
+    begun: Begun
+    planned: Planned | None = None
+    """As it was last; None where the run ended before its codes were stored."""
+    taken: tuple[Taken, ...] = ()
+    metered: tuple[Metered, ...] = ()
+    warnings: tuple[str, ...] = ()
+    enough: bool = False
+
+    @property
+    def run(self) -> RunRecord | None:
+        """The record of the run with the shots that were taken."""
+        if self.planned is None:
+            return None
+        shots = tuple(entry.shot for entry in self.taken)
+        return msgspec.structs.replace(self.planned.run, shots=shots)
+
+
+def read_ledger(folder: int) -> Kept:
+    """The ledger of a run folder, by its descriptor.
+
+    A last line that was not written to its end is left out. Raises DecodeError when there is no
+    ledger, or when any other line is damaged.
+    """
+    try:
+        data = read_file(folder, NAME, MAX_BYTES)
+    except (OSError, DecodeError) as err:
+        words = err.message if isinstance(err, DecodeError) else err.strerror
+        raise DecodeError(
+            f"the run has no readable {NAME}: {words}",
+            hint="its exposures began, if at all, before pdcd kept one; the RAW files are in raw/",
+        ) from err
+    entries = _entries(data.split(b"\n"))
+    if not entries or not isinstance(entries[0], Begun):
+        raise _damaged("it does not begin with the run")
+    kept = Kept(begun=entries[0])
+    for entry in entries[1:]:
+        kept = _with(kept, entry)
+    return kept
+
+
+def _entries(lines: list[bytes]) -> list[Entry]:
+    digest, found = "", []
+    # Behind the last newline lies nothing, or a line that was not written to its end.
+    for number, line in enumerate(lines[:-1]):
+        try:
+            read = msgspec.json.decode(line, type=_Line)
+            digest = _digest(digest, bytes(read.said))
+            if digest != read.sha256:
+                raise _damaged(f"line {number + 1} does not follow on the one before")
+            found.append(msgspec.json.decode(read.said, type=Entry))
+        except (msgspec.MsgspecError, ValueError, RecursionError) as err:
+            raise _damaged(f"line {number + 1}: {err}") from err
+    return found
+
+
+def _with(kept: Kept, entry: Entry) -> Kept:
+    replace = msgspec.structs.replace
+    match entry:
+        case Planned():
+            return replace(kept, planned=entry)
+        case Taken():
+            return replace(kept, taken=(*kept.taken, entry))
+        case Metered():
+            return replace(kept, metered=(*kept.metered, entry))
+        case Warned():
+            return replace(kept, warnings=(*kept.warnings, entry.text))
+        case Enough():
+            return replace(kept, enough=True)
+        case Begun():
+            raise _damaged("it begins twice")
+
+
+def _digest(before: str, said: bytes) -> str:
+    return hashlib.sha256(before.encode() + said).hexdigest()
+
+
+def _damaged(why: str) -> DecodeError:
+    return DecodeError(f"{NAME} is damaged: {why}", hint="restore it from a copy")

@@ -1,0 +1,111 @@
+"""Does a camera's frame fit the field: is enough of it seen, and finely enough?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.errors import ConfigError
+from pdcd.maps.map import Map
+
+LEAST_SEEN = 0.5
+"""Share of the cells that the camera must see at least; what lies outside is no part of a photo."""
+WINDOW_QUADS = 2.0
+"""Quads along a cell's side from which on its two quarter windows a side can be told apart."""
+SAMPLES = 64
+"""Cells a side, at most, at which a map is looked at."""
+_CLOSE = 1e-6
+"""Edges that lie so near to each other, in cells, are the same."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How a camera sees the grid of cells.
+
+    frame : rows and columns of quads.
+    seen : share of the cells whose centre lies in the frame.
+    across : fewest and most quads along a cell's side, of the cells that are seen; 0 where none is.
+    aligned : whether the edges of the quads lie on the edges of cells, so that each quad sees parts
+        of one cell only.
+    """
+
+    frame: tuple[int, int]
+    seen: float
+    across: tuple[float, float]
+    aligned: bool
+
+
+def fit_of(map_: Map, grid: tuple[int, int]) -> Fit:
+    """How the camera of that map sees a grid of so many rows and columns of cells."""
+    rows, cols = grid
+    width, height = map_.size_px
+    down, right = (_centres(cells) for cells in grid)
+    field = np.stack(np.meshgrid(right, down), axis=-1).reshape(-1, 2)
+    points = map_.from_field(field)
+    inside = np.all((points >= 0.0) & (points <= (width, height)), axis=-1)  # NaN is outside
+    across = (0.0, 0.0)
+    if inside.any():
+        # Cells that a step of one quad leads across, at worst and at best over its directions.
+        steps = np.linalg.svd(
+            map_.jacobian(points[inside]) * np.array([[cols], [rows]]), compute_uv=False
+        )
+        across = (float(1.0 / steps.max()), float(1.0 / steps.min()))
+    return Fit(
+        frame=(height, width),
+        seen=float(inside.mean()),
+        across=across,
+        aligned=_aligned(map_, grid),
+    )
+
+
+def check_fit(fit: Fit, window: str) -> None:
+    """Raise ConfigError for a frame that cannot show what the cells do, naming what to change.
+
+    window : "quarter" or "whole", that of the codes.
+    """
+    frame = f"the camera's frame of {fit.frame[1]} x {fit.frame[0]} quads"
+    if fit.seen == 0.0:
+        raise _unfit(f"{frame} does not see the field", "mend [camera.place], or point the camera")
+    if fit.seen < LEAST_SEEN:
+        raise _unfit(
+            f"{frame} sees {100.0 * fit.seen:.3g} % of the cells, less than "
+            f"{100.0 * LEAST_SEEN:g} %",
+            "mend [camera.place], or move the camera back",
+        )
+    fewest = fit.across[0]
+    needed = WINDOW_QUADS if window == "quarter" else 1.0
+    if fewest >= (1.0 if fit.aligned else needed) - _CLOSE:
+        return
+    what = "its quarter windows" if window == "quarter" and fewest >= 1.0 else "single cells"
+    raise _unfit(
+        f"{frame} has {fewest:.3g} quads along a cell's side, {needed:g} are needed: it does not "
+        f"resolve {what}",
+        "take fewer cells (scene.grid), full-size RAW, or move the camera nearer",
+    )
+
+
+def _centres(cells: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Centres of some cells along one side of the field, the first and the last among them."""
+    some = np.unique(np.linspace(0, cells - 1, min(cells, SAMPLES)).round())
+    return np.asarray((some + 0.5) / cells)
+
+
+def _aligned(map_: Map, grid: tuple[int, int]) -> bool:
+    """Whether the edges of quads run along those of cells, with a whole number of quads a cell."""
+    width, height = map_.size_px
+    size = np.array([width, height], dtype=np.float64)
+    corners = map_.to_field(size * [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    cells = corners * np.array(grid[::-1], dtype=np.float64)
+    if not np.isfinite(cells).all() or np.abs(cells - cells.round()).max() > _CLOSE:
+        return False
+    steps = map_.jacobian(size * np.array([[0.1, 0.1], [0.5, 0.5], [0.9, 0.9]]))
+    steps = np.abs(steps * np.array([[grid[1]], [grid[0]]]))
+    across = 1.0 / steps.max(axis=-2)
+    # The same everywhere, along the axes, and a whole number: nothing is turned or bent.
+    straight = np.allclose(steps, steps[0], atol=_CLOSE) and steps.min(axis=-2).max() < _CLOSE
+    return bool(straight and np.abs(across - across.round()).max() < 1e-3)
+
+
+def _unfit(what: str, hint: str) -> ConfigError:
+    return ConfigError(what, device="camera", hint=hint)
