@@ -72,6 +72,7 @@ class Developed:
     rms_sigma, sigma_kind, sigma_mean : of the answer; infinite and None where it is not known.
     rms_error : against the scene's known truth, over the RMS of that; None where nobody knows it.
     deviations : of each photo's realised probing matrix from the wanted one.
+    warnings : of the previews.
     """
 
     record: RunRecord
@@ -83,6 +84,7 @@ class Developed:
     sigma_mean: float | None
     rms_error: float | None
     deviations: dict[str, Deviation]
+    warnings: tuple[str, ...] = ()
 
 
 def record_of(
@@ -109,6 +111,7 @@ def record_of(
         profile=profile,
         shots=tuple(shots),
         homography=config.camera.homography,
+        white_patch=request.white_patch,
     )
 
 

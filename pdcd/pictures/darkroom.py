@@ -20,6 +20,7 @@ from pdcd.pictures.photos import corrected_photos
 from pdcd.pictures.sigma import Barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.software import software_sums, summed_matrices
+from pdcd.pictures.upright import View
 from pdcd.pictures.watch import Watch
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
@@ -48,6 +49,8 @@ class Decoded:
     recipe: Recipe
     shots: dict[str, Exposed]
     pictures: dict[str, Barred]
+    view: View
+    """How the camera saw the field, for pictures that are to be upright on it."""
     sums: dict[str, Exposed] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
 
@@ -135,7 +138,8 @@ class Darkroom:
             pictures = self._barred(recipe, {**shots, **sums}, cells, alive)
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
-        return Decoded(recipe, shots, pictures, sums)
+        view = View.of(self._record, cells.frame)
+        return Decoded(recipe, shots, pictures, view, sums)
 
     def _barred(
         self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap, alive: Alive

@@ -8,7 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.bench.tables import Homography, PanelConfig
-from pdcd.request import Goal, How
+from pdcd.request import Goal, How, Place
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName
@@ -83,6 +83,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     shots: tuple[ShotRecord, ...]
     homography: Homography | None
     """Geometric correction of the pictures; see [camera]."""
+    white_patch: Place | None = None
+    """Of the previews; see `CaptureRequest`."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
