@@ -21,9 +21,9 @@ from pdcd.runs.record import RunRecord
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-STEP_PX = 16
-"""Pixels from one to the next at which the map is worked out; straight lines between them are off
-by less than a hundredth of a quad."""
+STEP_PX, LEAST_STEPS = 16, 64
+"""The map is worked out every so many pixels, and at no fewer places; straight lines between them
+are off by less than a hundredth of a quad."""
 HALF = 0.5
 """Share of a pixel that must be known for the pixel to be known."""
 
@@ -129,8 +129,8 @@ def _places(map_: Map, size_px: tuple[int, int]) -> Singles:
 
 
 def _nodes(length_px: int) -> NDArray[np.float64]:
-    """Places from the centre of the first to that of the last pixel, about STEP_PX apart."""
-    return np.linspace(0.5, length_px - 0.5, max(-(-length_px // STEP_PX), 1) + 1)
+    """Places from the centre of the first to that of the last pixel."""
+    return np.linspace(0.5, length_px - 0.5, max(-(-length_px // STEP_PX), LEAST_STEPS) + 1)
 
 
 def _between(nodes: Singles, at: NDArray[np.float64], length_px: int) -> Singles:
