@@ -54,7 +54,7 @@ def summary_of(plan: Plan, developed: Developed) -> Summary:
     sigma = developed.rms_sigma
     return {
         "goal": record.goal.name,
-        "picture": plan.recipe.answer_name,
+        "picture": developed.picture,
         "method": how.method,
         "family": plan.family,
         "codes": how.coded * parts // how.parts + how.pilot,

@@ -72,7 +72,7 @@ class Developed:
     rms_sigma, sigma_kind, sigma_mean : of the answer; infinite and None where it is not known.
     rms_error : against the scene's known truth, over the RMS of that; None where nobody knows it.
     deviations : of each photo's realised probing matrix from the wanted one.
-    warnings : of the previews.
+    picture : name of the answer. warnings : of the previews.
     """
 
     record: RunRecord
@@ -84,6 +84,7 @@ class Developed:
     sigma_mean: float | None
     rms_error: float | None
     deviations: dict[str, Deviation]
+    picture: str
     warnings: tuple[str, ...] = ()
 
 

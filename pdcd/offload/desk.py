@@ -199,6 +199,7 @@ class Desk:
             sigma_mean=float(known.mean()) if known.size else None,
             rms_error=rms_error(job.plan, record, picture.image, facts.scene, watch),
             deviations=decoded.deviations(watch),
+            picture=decoded.recipe.answer_name,
             warnings=warnings,
         )
         self.forget(watch)

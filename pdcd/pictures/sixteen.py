@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 Words = NDArray[np.uint16]
 
-_SHORT, _LONG, _ASCII = 3, 4, 2
-_PACKING = {_SHORT: "H", _LONG: "I"}
+_ASCII, _SHORT, _LONG, _RATIONAL = 2, 3, 4, 5
+_PACKING = {_SHORT: "H", _LONG: "I", _RATIONAL: "I"}
+_NUMBERS = {_SHORT: 1, _LONG: 1, _RATIONAL: 2}
+"""Of one value."""
 
 
 def tiff_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
@@ -36,7 +38,10 @@ def tiff_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
         (277, _SHORT, (3,)),
         (278, _LONG, (height,)),
         (279, _LONG, (len(data),)),
+        (282, _RATIONAL, (1, 1)),
+        (283, _RATIONAL, (1, 1)),
         (284, _SHORT, (1,)),  # colours of a pixel side by side
+        (296, _SHORT, (1,)),  # resolution in no unit
         (305, _ASCII, software),
     )
     begin = 8 + len(data)  # even, as the format wants it: samples have two bytes
@@ -59,7 +64,8 @@ def _value(kind: int, value: str | tuple[int, ...]) -> tuple[bytes, int]:
     if isinstance(value, str):
         text = value.encode("ascii", "backslashreplace") + b"\0"
         return text, len(text)
-    return struct.pack(f"<{len(value)}{_PACKING[kind]}", *value), len(value)
+    packed = struct.pack(f"<{len(value)}{_PACKING[kind]}", *value)
+    return packed, len(value) // _NUMBERS[kind]
 
 
 def png_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
