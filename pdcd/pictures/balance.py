@@ -18,6 +18,8 @@ Source = Literal["patch", "white photo", "camera"]
 
 PATCH = 1.0 / 24.0
 """Side of the square that is taken for the white patch, over the height of the field."""
+DARK = 0.1
+"""... and a patch darker than that share of the brightest is no white one."""
 BRIGHT = 0.5
 """What may be white in the white photo is at least so bright, as a share of its brightest."""
 BRIGHTEST_PERCENT = 99.0
@@ -25,6 +27,8 @@ NEUTRAL = 1.5
 """... and its strongest channel at most so many times its weakest."""
 FEWEST = 0.005
 """... and takes at least such a share of the picture."""
+
+_SUM = np.ones(3, np.float32)
 
 
 @dataclass(frozen=True)
@@ -44,8 +48,7 @@ def by_white_photo(picture: Singles, known: Bools) -> Balance:
     light = picture[known]
     if not light.size:
         return Balance()
-    sums = light @ np.ones(3, np.float32)
-    bright = light[sums >= BRIGHT * np.percentile(sums, BRIGHTEST_PERCENT)]
+    bright = light[light @ _SUM >= BRIGHT * _brightest(light)]
     weakest = bright.min(axis=1)
     neutral = bright[(weakest > 0.0) & (bright.max(axis=1) <= NEUTRAL * weakest)]
     if len(neutral) < FEWEST * len(light):
@@ -54,7 +57,7 @@ def by_white_photo(picture: Singles, known: Bools) -> Balance:
 
 
 def by_patch(picture: Singles, known: Bools, place: tuple[float, float]) -> Balance | None:
-    """By a square patch about a place; None where nothing is known of it or a channel is dark.
+    """By a square patch about a place; None where nothing is known of it, or it is dark.
 
     picture : (H, W, 3) float32, linear, of the whole field; known : (H, W) bool.
     place : (x, y) on the field, 0 to 1 each; the square ends where the field does.
@@ -66,9 +69,17 @@ def by_patch(picture: Singles, known: Bools, place: tuple[float, float]) -> Bala
         for at, length in ((place[1], height), (place[0], width))
     )
     light = picture[rows, cols][known[rows, cols]]
-    if not light.size or not (light.mean(axis=0, dtype=np.float64) > 0.0).all():
+    if not light.size:
+        return None
+    mean = light.mean(axis=0, dtype=np.float64)
+    if not (mean > 0.0).all() or mean.sum() < DARK * _brightest(picture[known]):
         return None
     return Balance(_factors(light), "patch")
+
+
+def _brightest(light: Singles) -> float:
+    """Of colours (n, 3): the sum of the channels that the brightest of them reach."""
+    return float(np.percentile(light @ _SUM, BRIGHTEST_PERCENT))
 
 
 def _factors(light: Singles) -> tuple[float, float, float]:
