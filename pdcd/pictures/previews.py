@@ -29,8 +29,8 @@ LEAST_PX, MOST_PX = 640, 1600
 LEVEL, LEVEL_PERCENT = 0.9, 99.0
 """The brightest hundredth of the white photo is shown as 0.9 or brighter, 1 being white."""
 MOST_FACTOR = 4096.0
-MOST_NOISE = 0.25
-"""A picture is not brightened until most of its pixels are that far off, 1 being white."""
+MOST_NOISE = 0.125
+"""A picture is not brightened until its usual sigma is shown as more than that, 1 being white."""
 GAMMA = 2.2
 ENOUGH_PX = 400
 """Rows and columns that are enough to find a median or a percentile."""
@@ -62,8 +62,9 @@ class Previews:
         for seen in self._seen.values():
             seen.image[...] *= np.array(self.balance.factors, np.float32)
         bright = {name: _brightest(seen) for name, seen in self._seen.items()}
-        first = bright[WHITE] if WHITE in bright else max(bright.values())
-        self._scale = LEVEL / first if first > 0.0 else 1.0
+        first = WHITE if WHITE in bright else max(bright, key=lambda name: bright[name])
+        level = max(bright[first], self._seen[first].sigma * LEVEL / MOST_NOISE)
+        self._scale = LEVEL / level if level > 0.0 else 1.0
         self._bright = bright
         self.warnings: tuple[str, ...] = ()
         if view.white_patch is not None and self.balance.source != "patch":

@@ -81,10 +81,11 @@ def test_sixteen_bits_give_the_values_back(run: Path, format_: str) -> None:
     assert np.abs(values - kept(run)).max() <= 0.51 * 1.6 / 65535
     if format_ == "tiff16":
         with tifffile.TiffFile(io.BytesIO(found.data)) as file:
-            told = dict(line.split(": ", 1) for line in file.pages[0].description.splitlines())
+            lines = file.pages.first.description.splitlines()
+        told = {name: words for name, _, words in (line.partition(": ") for line in lines)}
     else:
         with PIL.Image.open(io.BytesIO(found.data)) as picture:
-            told = picture.info
+            told = {str(name): words for name, words in picture.info.items()}
     assert (told["black"], told["white"]) == ("0 is -0.1", "65535 is 1.5")
     assert told["scale"] == "40959.375 steps for 1; linear"
     assert told["job"] == "job" and told["units"].startswith("scene units")

@@ -68,7 +68,8 @@ def test_tifffile_pillow_and_opencv_read_the_tiff(size: tuple[int, int]) -> None
     image = words(size)
     data = tiff_bytes(image, TOLD, "pdcd 9")
     with tifffile.TiffFile(io.BytesIO(data)) as file:
-        (page,) = file.pages
+        page = file.pages.first
+        assert len(file.pages) == 1
         assert np.array_equal(page.asarray(), image)
         assert page.description.splitlines() == [f"{name}: {text}" for name, text in TOLD.items()]
         assert page.software == "pdcd 9"

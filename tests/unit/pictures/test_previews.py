@@ -74,8 +74,11 @@ def test_noise_is_not_brightened_until_it_looks_like_light() -> None:
     noise = 0.003 * np.random.default_rng(0).standard_normal((*FRAME, 3))
     quiet, loud = (picture(noise, sigma) for sigma in (1e-5, 0.003))
     made = Previews({"white": picture(flat(0.9)), "quiet": quiet, "loud": loud}, VIEW)
-    assert made.factor("loud") == 64.0  # 0.003 x 64 is 0.19 of white, x 128 would be 0.38
+    assert made.factor("loud") == 32.0  # 0.003 x 32 is 0.096 of white, x 64 would be 0.19
     assert made.factor("quiet") > made.factor("loud")
+    alone = Previews({"loud": loud}, VIEW)
+    seen = alone.drawn("loud")[:240]
+    assert 30 < seen.mean() < 60  # half of it negative, the rest about 255 * 0.125^(1/2.2) = 99
     dark = Previews({"white": picture(flat(0.0)), "dark": picture(-flat(1.0))}, VIEW)
     assert dark.factor("dark") == 1.0 and middle(dark.drawn("dark")) == [0] * 3
 
