@@ -59,6 +59,9 @@ MOST_CELLS = 65536
 (`pdcd.recipes.bounds`)."""
 Step = Annotated[int, Meta(ge=-MOST_CELLS, le=MOST_CELLS)]
 Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Unit = Annotated[float, Meta(ge=0.0, le=1.0)]
+Place = tuple[Unit, Unit]
+"""(x, y) on the field, from its upper left corner (`pdcd.maps.map`)."""
 
 
 class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -126,6 +129,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """What a photo is divided by: one number, a weight for each cell, or as it needs."""
     white: bool = True
     """Take a white shot beside an indirect one, so that the run shows white, direct, indirect."""
+    white_patch: Place | None = None
+    """Where on the field something white lies, to balance the previews by; None: by what is bright
+    and nearly neutral in the white photo."""
     out: str | None = None
     """Folder the run folder is made in; below the state folder when asked for over the socket."""
     note: Annotated[str, Meta(max_length=4096)] = ""

@@ -44,6 +44,7 @@ def warnings_of(
     for name, blown in developed.saturated.items():
         if blown:
             yield f"shot {name}: {blown} pixels are saturated"
+    yield from developed.warnings
     if config.camera.responsivity_e is None and not mock:
         yield (
             "camera.responsivity_e is not set: the scale of the pictures, and what errors were "
@@ -61,6 +62,7 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
     sigma = developed.rms_sigma
     return {
         "goal": record.goal.name,
+        "picture": developed.picture,
         "method": how.method,
         "family": plan.family,
         "codes": how.coded * parts // how.parts + how.pilot,

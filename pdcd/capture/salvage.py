@@ -258,13 +258,13 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
     with record_errors(made.path):
         darkroom = Darkroom(made.path, sound.run)
         decoded = darkroom.decoded(watch, partly=bool(sound.missing))
-        write_pictures(made.path, decoded)
-        developed = developed_of(darkroom.record, decoded, None, watch)
+        told = write_pictures(made.path, decoded)
+        developed = developed_of(darkroom.record, decoded, None, told, watch)
         plan = kept.planned.plan if kept.planned else {}
         summary = summary_of(msgspec.convert(plan, PlanSummary), developed)
     taken = taken_words(len(sound.run.shots), len(sound.planned), sound.missing)
     summary["taken"] = taken
-    warnings = [*dict.fromkeys(kept.warnings), f"decoded after an interruption: {taken}"]
+    warnings = [*dict.fromkeys((*kept.warnings, *told)), f"decoded after an interruption: {taken}"]
     warnings += [f"left out: {text}" for text in sound.lost]
     warnings += _lacks(darkroom.recipe, decoded.recipe)
     manifest = manifest_of(

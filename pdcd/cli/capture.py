@@ -162,6 +162,7 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "black_level": args.black_level,
         "normalise": args.normalise,
         "white": args.white,
+        "white_patch": args.white_patch,
         "out": None if out is None else str(out.absolute()),
         "note": args.note,
     }

@@ -105,7 +105,19 @@ def request_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-white", action="store_false", dest="white", help="skip the white shot beside it"
     )
+    white_patch_option(parser, "balance the previews by something white at X Y of the field")
     parser.add_argument("--note", default="", metavar="TEXT", help="kept with the run")
+
+
+def white_patch_option(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add where something white lies on the field."""
+    parser.add_argument(
+        "--white-patch",
+        type=float,
+        nargs=2,
+        metavar=("X", "Y"),
+        help=f"{text}: from 0 0 at its upper left corner to 1 1",
+    )
 
 
 def _code_options(parser: argparse.ArgumentParser) -> None:

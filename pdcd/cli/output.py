@@ -111,6 +111,10 @@ def _say_plainly(result: CaptureResult) -> None:
             rows.append([label, write(value)])
     if result.folder is not None:
         rows.append(["folder", result.folder])
+    for label, name in (("to look at", "preview/{}.png"), ("to measure", "linear/{}.tif")):
+        file = name.format(result.summary.get("picture"))
+        if file in result.files:
+            rows.append([label, f"{result.folder}/{file}"])
     say_table(rows)
     say_notes(result)
 

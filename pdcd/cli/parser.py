@@ -14,6 +14,7 @@ from pdcd.cli.options import (
     request_options,
     rig_options,
     share,
+    white_patch_option,
 )
 
 EXIT_CODES = (
@@ -172,6 +173,9 @@ def _run_commands(add: Add) -> None:
         help="what capture told of the run: shows a change that was made on purpose, too",
     )
     json_option(verify)
+    _export_options(
+        add("export", "export:export", "write pictures of a finished run for other programs")
+    )
     row = add("row", "row:row", "show which paths a finished run kept for one cell")
     row.add_argument("folder", type=Path, metavar="FOLDER")
     row.add_argument(
@@ -190,6 +194,38 @@ def _run_commands(add: Add) -> None:
     virtual.add_argument("--small", action="store_true", help="files of 192 x 128 samples")
     _snr_options(add("snr", "snr:snr", "compare one coded photo with many photos without a mask"))
     add("version", "tools:version", "print the version")
+
+
+def _export_options(parser: argparse.ArgumentParser) -> None:
+    """Add which pictures, in which form, and where to."""
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument(
+        "--format",
+        required=True,
+        choices=("exr", "tiff16", "png16", "npz"),
+        help="32-bit floats (exr, npz), or 16 bits a colour, linear",
+    )
+    parser.add_argument(
+        "--picture", action="append", metavar="NAME", help="which one; again for more; default: all"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path(), metavar="DIR", help="default: here; no run folder"
+    )
+    parser.add_argument(
+        "--upright",
+        action="store_true",
+        help="as the projector sees the scene, cropped to the field; default: as the camera does",
+    )
+    white_patch_option(parser, "make what lies at X Y of the field grey; default: colours as taken")
+    parser.add_argument(
+        "--range",
+        type=float,
+        nargs=2,
+        metavar=("BLACK", "WHITE"),
+        help="scene units that become 0 and 65535 in 16 bits; default: 0 and a power of two",
+    )
+    parser.add_argument("--force", action="store_true", help="replace files that are there")
+    json_option(parser)
 
 
 def _doctors(parser: argparse.ArgumentParser) -> None:

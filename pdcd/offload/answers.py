@@ -78,6 +78,7 @@ class Developed:
     rms_error : against the scene's known truth, over the RMS of that; None where nobody knows it.
     deviations : of each photo's realised probing matrix from the wanted one.
     quality : the verdict on it.
+    picture : name of the answer. warnings : of the previews.
     """
 
     record: RunRecord
@@ -90,6 +91,8 @@ class Developed:
     rms_error: float | None
     deviations: dict[str, Deviation]
     quality: Quality
+    picture: str
+    warnings: tuple[str, ...] = ()
 
 
 def record_of(
@@ -117,13 +120,19 @@ def record_of(
         shots=tuple(shots),
         camera_place=config.camera.place,
         blur_quads=config.camera.blur_quads,
+        white_patch=request.white_patch,
     )
 
 
 def developed_of(
-    record: RunRecord, decoded: Decoded, error: float | None, alive: Callable[[], None]
+    record: RunRecord,
+    decoded: Decoded,
+    error: float | None,
+    warnings: tuple[str, ...],
+    alive: Callable[[], None],
 ) -> Developed:
-    """What is told of a decoded run; `error` is that of its answer against a known truth."""
+    """What is told of a decoded run; `error` is that of its answer against a known truth,
+    `warnings` are those of its pictures."""
     picture = decoded.answer
     known = picture.sigma[np.isfinite(picture.sigma)]
     deviations = decoded.deviations(alive)
@@ -138,6 +147,8 @@ def developed_of(
         rms_error=error,
         deviations=deviations,
         quality=assess(record, decoded, deviations),
+        picture=decoded.recipe.answer_name,
+        warnings=warnings,
     )
 
 

@@ -32,7 +32,8 @@ from pdcd.offload.answers import (
 )
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import write_pictures
-from pdcd.pictures.develop import preview, write_png
+from pdcd.pictures.develop import write_png
+from pdcd.pictures.previews import Previews
 from pdcd.pictures.watch import Watch
 from pdcd.planning.choose import choose, wants_choice
 from pdcd.planning.guided import plan_for, scouted, stopped, summary, with_links
@@ -187,7 +188,8 @@ class Desk:
         decoded = self._darkroom(shots).decoded(watch)
         path = self._folder() / RUNNING
         with disk_errors(str(path.parent)):
-            write_png(path, preview(decoded.answer.image))
+            previews = Previews(decoded.pictures, decoded.view)
+            write_png(path, previews.drawn(decoded.recipe.answer_name))
         parts = len(part_numbers(decoded.recipe))
         return Seen(parts, rms_sigma(decoded.answer), decoded.answer.kind)
 
@@ -198,7 +200,7 @@ class Desk:
         """
         job, darkroom, facts = self._of_job(), self._darkroom(shots), self._facts
         decoded = darkroom.decoded(watch)
-        write_pictures(self._folder(), decoded)
+        warnings = write_pictures(self._folder(), decoded)
         record = darkroom.record
         error = rms_error(
             job.plan,
@@ -209,7 +211,7 @@ class Desk:
             facts.config,
             watch,
         )
-        done = developed_of(record, decoded, error, watch)
+        done = developed_of(record, decoded, error, warnings, watch)
         self.forget(watch)
         return done
 

@@ -46,13 +46,17 @@ class Thinned:
 
     @classmethod
     def of(cls, cells: CellMap) -> Thinned:
-        """Pixels of a frame that is cut evenly into cells."""
+        """Pixels of a frame, with the cell that the centre of each lies in."""
         (rows, cols), (height, width) = cells.grid, cells.frame
         least = max(PIXELS, PER_CELL * rows * cols)
         step = max(1, int(np.sqrt(height * width / least)))
-        down = np.arange(step // 2, height, step) * rows // height
-        right = np.arange(step // 2, width, step) * cols // width
-        return cls(step, (down[:, None] * cols + right).ravel(), rows * cols)
+        x, y = np.meshgrid(np.arange(step // 2, width, step), np.arange(step // 2, height, step))
+        field = cells.filled.to_field(np.stack([x, y], axis=-1) + 0.5).reshape(-1, 2)
+        with np.errstate(invalid="ignore"):  # beyond the horizon
+            inside = ((field >= 0.0) & (field < 1.0)).all(axis=1)
+        right, down = np.floor(np.where(inside[:, None], field, 0.0) * (cols, rows)).T
+        cell = np.where(inside, down * cols + right, -1.0).astype(np.int64)
+        return cls(step, cell, rows * cols)
 
     def pick(self, image: NDArray[Any]) -> Floats:
         """(h, w, C) -> (n, C)."""

@@ -23,6 +23,7 @@ from pdcd.pictures.quads import cell_means, of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.software import software_sums, summed_matrices
+from pdcd.pictures.upright import View
 from pdcd.pictures.watch import Watch
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
@@ -56,6 +57,8 @@ class Decoded:
     pictures: dict[str, Barred]
     """On the camera's own quads, (h, w, 3)."""
     cells: CellMap
+    view: View
+    """How the camera saw the field, for pictures that are to be upright on it."""
     sums: dict[str, Exposed] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
 
@@ -162,7 +165,8 @@ class Darkroom:
             pictures = self._barred(recipe, {**shots, **sums}, cells, alive)
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
-        return Decoded(recipe, shots, pictures, cells, sums)
+        view = View.of(self._record, cells)
+        return Decoded(recipe, shots, pictures, cells, view, sums)
 
     def _barred(
         self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap, alive: Alive

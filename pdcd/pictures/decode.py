@@ -12,7 +12,8 @@ import numpy as np
 
 from pdcd.errors import ConfigError, DecodeError, PdcdError, disk_errors
 from pdcd.pictures.darkroom import Darkroom, Decoded
-from pdcd.pictures.develop import preview, write_png, write_tiff
+from pdcd.pictures.develop import write_tiff
+from pdcd.pictures.previews import write_previews
 from pdcd.pictures.watch import Watch
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.verify import whole_manifest
@@ -33,11 +34,12 @@ class Comparison(msgspec.Struct, frozen=True):
     files: tuple[Compared, ...]
 
 
-def write_pictures(folder: Path, decoded: Decoded) -> None:
-    """Write linear/*.tif, probe.npz and preview/*.png below `folder`.
+def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
+    """Write linear/*.tif, probe.npz and preview/*.png below `folder`; returns warnings.
 
     The TIFFs have the camera's own geometry and resolution, `probe.npz` has means over the cells.
-    All previews share one exposure scale, that of the brightest picture, so that they compare.
+
+    Raises NoSpaceError, or DiskError for any other refusal of the disk.
     """
     with disk_errors(str(folder)):
         means = decoded.cell_means
@@ -50,12 +52,9 @@ def write_pictures(folder: Path, decoded: Decoded) -> None:
                 sigma_code=means.code,
                 sigma_kind=np.array(means.kind),
             )
-        brightest = max(float(np.percentile(p.image, 99.0)) for p in decoded.pictures.values())
-        scale = 0.9 / brightest if brightest > 0.0 else 1.0
         for name, picture in decoded.pictures.items():
             write_tiff(folder / "linear" / f"{name}.tif", picture.image.astype(np.float32))
-            shown = preview(picture.image, exposure=scale)
-            write_png(folder / "preview" / f"{name}.png", shown)
+        return write_previews(folder / "preview", decoded.pictures, decoded.view)
 
 
 @contextmanager

@@ -1,9 +1,5 @@
-"""Linear images -> pictures: the last step, after all sums and differences.
-
-White balance, then exposure, then gamma: the order matters, and negative values (noise around
-black) live until here. Also the image files of a run folder, PNG to look at and TIFF to compute
-with, and the geometric correction by a homography.
-"""
+"""The image files of a run folder, PNG to look at and TIFF to compute with, and the geometric
+correction by a homography."""
 
 from __future__ import annotations
 
@@ -16,53 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdcd.errors import ConfigError, DecodeError, disk_errors
 
-_WHITE_PERCENTILE = 99.0
-_WHITE_LEVEL = 0.9
 _TIFF_UNCOMPRESSED = 1
 
 
-def preview(
-    image: NDArray[np.float64],
-    *,
-    white_balance: ArrayLike | None = None,
-    exposure: float | None = None,
-    gamma: float = 2.2,
-    min_width_px: int = 640,
-) -> NDArray[np.uint8]:
-    """An image to look at.
+def blocks(grey: NDArray[np.float64], min_width_px: int = 640) -> NDArray[np.uint8]:
+    """A table of numbers to look at, (H, W, 3) uint8, each a square.
 
-    Parameters
-    ----------
-    image : (h, w, 3) float
-        Linear RGB, signed; negative and undefined (NaN) values become black.
-    white_balance : (3,) float, optional
-        Factors of R, G, B that make a white surface grey.
-    exposure : float, optional
-        Factor to the balanced image, 1.0 being white. None puts its 99th percentile at 0.9.
-    gamma
-        Pixel = 255 * value^(1/gamma).
-    min_width_px
-        A narrower image is enlarged by a whole factor, each pixel becoming a square block.
-
-    Returns
-    -------
-    (H, W, 3) uint8
-        sRGB order, H and W a multiple of h and w.
+    grey : (h, w), 0 is black and 1 is white, linear; what lies beyond is cut off, NaN is black.
+    min_width_px : a narrower table is enlarged by a whole factor.
     """
-    balanced = np.asarray(image, dtype=np.float64)
-    if white_balance is not None:
-        balanced = balanced * np.asarray(white_balance, dtype=np.float64)
-    scale = _auto_exposure(balanced) if exposure is None else exposure
-    linear = np.clip(np.nan_to_num(balanced * scale, nan=0.0), 0.0, 1.0)
-    picture = np.rint(255.0 * linear ** (1.0 / gamma)).astype(np.uint8)
-    factor = -(-min_width_px // picture.shape[1])
-    return picture.repeat(max(factor, 1), axis=0).repeat(max(factor, 1), axis=1)
-
-
-def _auto_exposure(balanced: NDArray[np.float64]) -> float:
-    values = balanced[np.isfinite(balanced)]
-    bright = float(np.percentile(values, _WHITE_PERCENTILE)) if values.size else 0.0
-    return _WHITE_LEVEL / bright if bright > 0.0 else 1.0
+    linear = np.clip(np.nan_to_num(grey, nan=0.0), 0.0, 1.0)
+    picture = np.rint(255.0 * linear).astype(np.uint8)[..., None].repeat(3, axis=2)
+    factor = max(-(-min_width_px // picture.shape[1]), 1)
+    return picture.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
 def warp(

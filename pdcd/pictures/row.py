@@ -12,7 +12,7 @@ from pdcd.errors import ConfigError
 from pdcd.pictures.combine import divided_by_row, realised_photo
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import record_errors
-from pdcd.pictures.develop import preview
+from pdcd.pictures.develop import blocks
 from pdcd.probing.deviation import row_weights_s, weight_s
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.verify import whole_manifest
@@ -44,7 +44,7 @@ class MatrixRow:
         gap = np.full((both.shape[0], 1), 0.5 * (low + top))
         shown = np.concatenate([self.wanted, gap, self.realised], axis=1)
         grey = (shown - low) / (top - low)
-        return preview(grey[..., None].repeat(3, axis=2), exposure=1.0, gamma=1.0)
+        return blocks(grey)
 
 
 def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) -> MatrixRow:

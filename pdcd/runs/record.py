@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from pdcd.bench.tables import Homography, NonNegative, PanelConfig
 from pdcd.maps.placing import Placing
-from pdcd.request import Figure, Goal, How
+from pdcd.request import Figure, Goal, How, Place
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName
@@ -90,6 +90,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     homography: Homography | None = None
     """Geometric correction of the pictures of runs from before there were maps: 3 x 3, image to
     image, in quads."""
+    white_patch: Place | None = None
+    """Of the previews; see `CaptureRequest`."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

@@ -127,7 +127,7 @@ def test_capture_sends_what_was_typed(
     line = (
         "capture fraction --socket /a/b.sock --codes 16 --family balanced --p 0.25 --seed 7"
         " --exposure 1.5 --window quarter --no-guards --black-level both --no-white --out runs"
-        " --note hello --detach --queue"
+        " --note hello --detach --queue --white-patch 0.25 0.5"
     )
     assert main(line.split()) == 0
     wanted = CaptureRequest(
@@ -143,6 +143,7 @@ def test_capture_sends_what_was_typed(
         white=False,
         out=str(tmp_path / "runs"),
         note="hello",
+        white_patch=(0.25, 0.5),
     )
     assert daemon.asked == [Path("/a/b.sock"), (wanted, True, True), "closed"]
 
@@ -193,6 +194,26 @@ def test_capture_prints_a_table_and_progress_apart(
         "coded: of the future",
         "decoding",
     ]
+
+
+def test_the_end_of_a_capture_names_the_pictures(
+    daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Those that are there: a job that failed on the way has none."""
+    summary = {**SUMMARY, "picture": "high"}
+    files = ("preview/high.png", "preview/low.png", "linear/high.tif")
+    daemon.result = CaptureResult(
+        job=JOB, state="done", folder="/runs/x", summary=summary, files=files
+    )
+    assert main(["capture", "split", "--period", "8"]) == 0
+    assert capsys.readouterr().out.splitlines()[-3:] == [
+        "folder            /runs/x",
+        "to look at        /runs/x/preview/high.png",
+        "to measure        /runs/x/linear/high.tif",
+    ]
+    daemon.result = CaptureResult(job=JOB, state="done", folder="/runs/x", summary=summary)
+    assert main(["capture", "split", "--period", "8"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "folder            /runs/x"
 
 
 def test_progress_lines_come_again_after_a_second(
@@ -380,6 +401,8 @@ def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         ("--codes 70000", "codes: expected int <= 65536"),
         ("--p 1", "p: expected float < 1.0"),
         ("--p nan", "p: expected float"),
+        ("--white-patch 0.5 1.01", "white_patch[1]: expected float <= 1.0"),
+        ("--white-patch nan 0", "white_patch[0]: expected float"),
         ("--exposure 0", "exposure_s: expected float > 0.0"),
         ("--exposure inf", "exposure_s: expected float <= 3600.0"),
         ("--seed -1", "seed: expected int >= 0"),

@@ -14,59 +14,24 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DecodeError, NoSpaceError, PdcdError
-from pdcd.pictures.develop import preview, read_tiff, warp, write_png, write_tiff
+from pdcd.pictures.develop import blocks, read_tiff, warp, write_png, write_tiff
 from tests.tools import needs, program
 
 
-def test_grey_ramp_passes_unchanged() -> None:
-    """A ramp of all 256 codes, made linear by hand, develops to itself."""
-    codes = np.arange(256, dtype=np.float64)
-    ramp = np.repeat(((codes / 255.0) ** 2.2)[None, :, None], 3, axis=2)
-    picture = preview(ramp, exposure=1.0, min_width_px=1)
-    assert picture.dtype == np.uint8
-    assert np.array_equal(picture, np.repeat(codes[None, :, None], 3, axis=2))
-
-
-def test_known_grey() -> None:
-    picture = preview(np.full((1, 1, 3), 0.5), exposure=1.0, min_width_px=1)
-    assert picture.tolist() == [[[186, 186, 186]]]  # 255 * 0.5^(1/2.2) = 186.08
-
-
-def test_automatic_exposure_puts_the_brightest_hundredth_at_white() -> None:
-    ramp = np.repeat(np.linspace(0.0, 5000.0, 1001)[None, :, None], 3, axis=2)
-    picture = preview(ramp, min_width_px=1)
-    assert picture[0, 990, 0] == 243  # 255 * 0.9^(1/2.2) = 243.08
-    assert picture[0, 1000, 0] == 244  # 255 * (0.9 / 0.99)^(1/2.2) = 244.19
-
-
-def test_white_balance_comes_before_gamma_and_exposure() -> None:
-    image = np.array([[[0.1, 0.2, 0.4]]])
-    picture = preview(image, white_balance=(4.0, 2.0, 1.0), exposure=1.25, min_width_px=1)
-    assert picture.tolist() == [[[186, 186, 186]]]
-
-
-def test_only_values_below_black_are_lost() -> None:
-    image = np.zeros((2, 4, 3))
-    image[0, :, 0] = (-5.0, np.nan, 2.0, -np.inf)
-    image[0, 0, 1] = 0.5
-    picture = preview(image, exposure=1.0, min_width_px=1)
-    assert picture[0, :, 0].tolist() == [0, 0, 255, 0]
-    assert picture[0, 0].tolist() == [0, 186, 0]
-    assert image[0, 0, 0] == -5.0
-
-
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
-def test_image_without_light_is_black(value: float) -> None:
-    assert not preview(np.full((3, 3, 3), value), min_width_px=1).any()
+def test_numbers_become_grey_squares() -> None:
+    table = np.array([[0.0, 0.5, 1.0, 0.2], [-5.0, 7.0, np.nan, np.inf]])
+    small = blocks(table, min_width_px=1)
+    assert small[..., 0].tolist() == [[0, 128, 255, 51], [0, 255, 0, 255]]
+    assert (small == small[..., :1]).all() and small.dtype == np.uint8
 
 
 @pytest.mark.parametrize(
     ("width", "min_width_px", "expected"), [(64, 640, 640), (60, 640, 660), (700, 640, 700)]
 )
-def test_small_images_are_enlarged_in_blocks(width: int, min_width_px: int, expected: int) -> None:
-    image = np.random.default_rng(0).uniform(0.0, 1.0, (2, width, 3))
-    small = preview(image, exposure=1.0, min_width_px=1)
-    large = preview(image, exposure=1.0, min_width_px=min_width_px)
+def test_small_tables_are_enlarged_in_blocks(width: int, min_width_px: int, expected: int) -> None:
+    table = np.random.default_rng(0).uniform(0.0, 1.0, (2, width))
+    small = blocks(table, min_width_px=1)
+    large = blocks(table, min_width_px=min_width_px)
     factor = expected // width
     assert large.shape == (2 * factor, expected, 3)
     for row, column in ((0, 0), (factor - 1, factor - 1)):

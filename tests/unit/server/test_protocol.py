@@ -85,6 +85,7 @@ def test_the_request_keeps_every_field_of_the_wire() -> None:
         "black_level": "both",
         "normalise": "row",
         "white": False,
+        "white_patch": (0.25, 1.0),
         "out": "here",
         "note": "n",
     }

@@ -1,0 +1,84 @@
+"""`pdcd export`: pictures of a finished run as files for other programs."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+
+import msgspec
+
+from pdcd.cli.exits import DONE
+from pdcd.cli.output import say, say_json
+from pdcd.errors import RequestError
+
+
+class Written(msgspec.Struct, frozen=True, kw_only=True):
+    """One file as it was written; counts are those of `pdcd.pictures.export.Exported`."""
+
+    file: str
+    picture: str
+    sha256: str
+    size_px: tuple[int, int]
+    black: float | None
+    white: float | None
+    below: int
+    above: int
+    unknown: int
+
+
+def export(args: argparse.Namespace) -> int:
+    """Write the files, all or none of which are new, and say what did not fit into them."""
+    from pdcd.pictures.export import Asked, exported
+    from pdcd.runs.place import Place
+    from pdcd.runs.put import put, refuse_taken
+
+    if args.white_patch is not None and not all(0.0 <= at <= 1.0 for at in args.white_patch):
+        raise RequestError("a white patch lies at 0 to 1 across and 0 to 1 down")
+    asked = Asked(
+        format=args.format,
+        pictures=tuple(args.picture or ()),
+        upright=args.upright,
+        white_patch=None if args.white_patch is None else tuple(args.white_patch),
+        span=None if args.range is None else tuple(args.range),
+    )
+    files = exported(args.folder, asked, lambda: None)
+    written = []
+    with Place.at(args.out) as place:
+        where = str(place.real)
+        if not args.force:
+            for file in files:
+                refuse_taken(place.fd, file.name, where)
+        for file in files:
+            put(place.fd, file.name, file.data, replace=args.force, shown=where)
+            black, white = file.span or (None, None)
+            done = Written(
+                file=f"{where}/{file.name}",
+                picture=file.picture,
+                sha256=hashlib.sha256(file.data).hexdigest(),
+                size_px=file.size_px,
+                black=black,
+                white=white,
+                below=file.below,
+                above=file.above,
+                unknown=file.unknown,
+            )
+            written.append(done)
+    for done in written:
+        if args.json:
+            say_json(done)
+        else:
+            _say(done)
+    return DONE
+
+
+def _say(done: Written) -> None:
+    width, height = done.size_px
+    say(f"{done.file}: {width} x {height}")
+    if done.black is not None and done.white is not None:
+        say(f"  black is {done.black:g}, white is {done.white:g} scene units")
+        total = 3 * width * height
+        for count, words in ((done.below, "below black"), (done.above, "above white")):
+            if count:
+                say(f"  clipped: {count} values {words}, {100.0 * count / total:.2g} %")
+    if done.unknown:
+        say(f"  not known: {done.unknown} values")

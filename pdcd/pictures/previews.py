@@ -1,0 +1,151 @@
+"""Previews: all pictures of a run upright on the field, 8 bit, for people to look at.
+
+All of a run have one white balance. Their brightness is that of the white photo, times a power of
+two that each one states, so that light a hundred times weaker can be seen, and compared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pictures.balance import Balance, by_patch, by_white_photo
+from pdcd.pictures.captions import strip
+from pdcd.pictures.develop import write_png
+from pdcd.pictures.sigma import Barred
+from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
+
+Bytes = NDArray[np.uint8]
+
+WHITE = "white"
+"""Name of the picture of all light."""
+LEAST_PX, MOST_PX = 640, 1600
+"""Width of a preview."""
+LEVEL, LEVEL_PERCENT = 0.9, 99.0
+"""The brightest hundredth of the white photo is shown as 0.9 or brighter, 1 being white."""
+MOST_FACTOR = 4096.0
+MOST_NOISE = 0.125
+"""A picture is not brightened until its usual sigma is shown as more than that, 1 being white."""
+GAMMA = 2.2
+ENOUGH_PX = 400
+"""Rows and columns that are enough to find a median or a percentile."""
+HATCH = (44, 62)
+"""Greys of the lines where nothing is known, and between them."""
+GREYS = (0.0, 0.125, 0.25, 0.5, 1.0)
+"""Of the scale, linear."""
+
+_CODES = np.rint(255.0 * np.linspace(0.0, 1.0, 65536) ** (1.0 / GAMMA)).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A picture on the field: (H, W, 3) float32, where it is known, and its usual sigma."""
+
+    image: Singles
+    known: Bools
+    sigma: float
+
+
+class Previews:
+    """The pictures of one run, ready to be drawn."""
+
+    def __init__(self, pictures: Mapping[str, Barred], view: View) -> None:
+        """pictures : by name, on the camera's quads, in scene units."""
+        sampler = Sampler(view, view.size_px(LEAST_PX, MOST_PX))
+        self._seen = {name: _seen(picture, sampler) for name, picture in pictures.items()}
+        self.balance = self._balanced(view.white_patch)
+        for seen in self._seen.values():
+            seen.image[...] *= np.array(self.balance.factors, np.float32)
+        bright = {name: _brightest(seen) for name, seen in self._seen.items()}
+        first = WHITE if WHITE in bright else max(bright, key=lambda name: bright[name])
+        level = max(bright[first], self._seen[first].sigma * LEVEL / MOST_NOISE)
+        self._scale = LEVEL / level if level > 0.0 else 1.0
+        self._bright = bright
+        self.warnings: tuple[str, ...] = ()
+        if view.white_patch is not None and self.balance.source != "patch":
+            x, y = view.white_patch
+            self.warnings = (f"nothing can be seen of a white patch at {x:g} {y:g}",)
+
+    def factor(self, name: str) -> float:
+        """How much brighter a picture is drawn than the white one: a power of two."""
+        shown = self._bright[name] * self._scale
+        if shown <= 0.0:
+            return 1.0
+        most = LEVEL / shown
+        noise = self._seen[name].sigma * self._scale
+        if noise > 0.0:
+            most = min(most, max(MOST_NOISE / noise, 1.0))
+        # A little more, so that rounding does not halve what just reaches the level.
+        return float(2.0 ** math.floor(math.log2(min(most, MOST_FACTOR) * (1.0 + 1e-6))))
+
+    def drawn(self, name: str) -> Bytes:
+        """The preview of that name with its caption, (H, W, 3) uint8."""
+        seen, factor = self._seen[name], self.factor(name)
+        scale = self._scale * factor
+        drawn = coded(seen.image * np.float32(scale))
+        notes = [f"white balance: {self.balance.source}"]
+        if not seen.known.all():
+            _hatch(drawn, ~seen.known)
+            notes.append("hatched: not known")
+        greys = [(int(coded(np.float32(g))), f"{g / scale:.2g}") for g in GREYS]
+        title = f"{name}  x {factor:g}" if factor >= 1.0 else f"{name}  x 1/{1.0 / factor:g}"
+        return np.concatenate([drawn, strip(drawn.shape[1], title, notes, greys)])
+
+    def _balanced(self, patch: tuple[float, float] | None) -> Balance:
+        """By the patch, where one was named and can be seen, else by the white photo."""
+        lit = self._seen.get(WHITE)
+        if patch is not None:
+            shown = lit or next(iter(self._seen.values()))
+            found = by_patch(shown.image, shown.known, patch)
+            if found is not None:
+                return found
+        return Balance() if lit is None else by_white_photo(*_thinned(lit))
+
+
+def write_previews(folder: Path, pictures: Mapping[str, Barred], view: View) -> tuple[str, ...]:
+    """Write NAME.png of every picture into a folder; returns warnings.
+
+    Raises NoSpaceError, or DiskError for any other refusal of the disk.
+    """
+    previews = Previews(pictures, view)
+    for name in pictures:
+        write_png(folder / f"{name}.png", previews.drawn(name))
+    return previews.warnings
+
+
+def coded(linear: NDArray[np.float32] | np.float32) -> Bytes:
+    """Linear values -> pixels of gamma 2.2, uint8; below 0 is black, above 1 white."""
+    fine = np.clip(linear, 0.0, 1.0) * np.float32(65535.0)
+    found: Bytes = _CODES[(fine + np.float32(0.5)).astype(np.uint16)]
+    return found
+
+
+def _seen(picture: Barred, sampler: Sampler) -> _Seen:
+    known = all_known(picture.sigma, picture.image)
+    image, seen = sampler(picture.image, known)
+    step = max(math.isqrt(known.size) // ENOUGH_PX, 1)
+    sigma = picture.sigma[::step, ::step][known[::step, ::step]]
+    return _Seen(image, seen, float(np.median(sigma)) if sigma.size else 0.0)
+
+
+def _thinned(seen: _Seen) -> tuple[Singles, Bools]:
+    """Every so many pixels of a picture."""
+    step = max(math.isqrt(seen.known.size) // ENOUGH_PX, 1)
+    return seen.image[::step, ::step], seen.known[::step, ::step]
+
+
+def _brightest(seen: _Seen) -> float:
+    image, known = _thinned(seen)
+    values = image[known]
+    return float(np.percentile(values, LEVEL_PERCENT)) if values.size else 0.0
+
+
+def _hatch(drawn: Bytes, where: Bools) -> None:
+    """Mark pixels of a picture (H, W, 3) as not known, by quiet diagonal lines."""
+    down, right = np.nonzero(where)
+    drawn[down, right] = np.where((down + right) % 8 < 2, *HATCH[::-1])[:, None]

@@ -1,0 +1,146 @@
+"""Pictures as the projector sees the scene: the field, sampled through the map of the camera.
+
+The camera may stand askew, upside down or behind a mirror; its map says where each of its Bayer
+quads lies on the field. Here the field is cut into pixels of its own, and each is looked up in the
+camera's picture: by straight lines between four quads, after the picture was shrunk by area where
+it has more quads than the field gets pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.maps.map import Map
+from pdcd.runs.record import RunRecord
+from pdcd.sensor.cells import CellMap
+
+Singles = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+STEP_PX, LEAST_STEPS = 16, 64
+"""The map is worked out every so many pixels, and at no fewer places; straight lines between them
+are off by less than a hundredth of a quad."""
+HALF = 0.5
+"""Share of a pixel that must be known for the pixel to be known."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the camera stood, and what the field looks like.
+
+    map : from the camera's quads to the field.
+    aspect : width of the field over its height.
+    white_patch : (x, y) of something white on the field, 0 to 1 each; None where none was named.
+    """
+
+    map: Map
+    aspect: float
+    white_patch: tuple[float, float] | None = None
+
+    @classmethod
+    def of(cls, record: RunRecord, cells: CellMap) -> View:
+        """The view of a run by the map of its photos."""
+        width, height = record.projector.size_px
+        # Pictures of old runs that were straightened fill the field, as their quads do not.
+        rows, cols = cells.frame
+        seen = cells.filled if record.homography is None else Map.filling((cols, rows))
+        return cls(seen, width / height, record.white_patch)
+
+    def size_px(self, least_px: int, most_px: int) -> tuple[int, int]:
+        """(width, height) of a raster of the field about as fine as the camera sees its centre.
+
+        least_px, most_px : bounds of the width.
+        """
+        across, down = self.quads()
+        width = int(np.clip(np.rint(max(across, down * self.aspect)), least_px, most_px))
+        return width, max(round(width / self.aspect), 1)
+
+    def quads(self) -> tuple[float, float]:
+        """Quads over the field's width and height, as at its centre; 0 where that is not seen."""
+        centre = self.map.from_field((0.5, 0.5))
+        if not np.isfinite(centre).all():
+            return 0.0, 0.0
+        quads = np.linalg.inv(self.map.jacobian(centre))
+        return float(np.hypot(*quads[:, 0])), float(np.hypot(*quads[:, 1]))
+
+
+def all_known(*values: NDArray[np.floating]) -> Bools:
+    """Where all of the values (h, w, 3) are finite in every channel, (h, w) bool."""
+    # A product with ones is much faster than `all` along a short axis.
+    sums = [value @ np.ones(value.shape[-1], value.dtype) for value in values]
+    return np.asarray(np.logical_and.reduce([np.isfinite(s) for s in sums]), dtype=np.bool_)
+
+
+class Sampler:
+    """Samples pictures of one camera on one raster of the field."""
+
+    def __init__(self, view: View, size_px: tuple[int, int]) -> None:
+        """`size_px`: (width, height) of the raster."""
+        cols, rows = view.map.size_px
+        across, down = view.quads()
+        shrink = max(across / size_px[0], down / size_px[1], 1.0)
+        self._last: tuple[Bools, Bools, Singles] | None = None
+        self._shrunk = max(round(cols / shrink), 1), max(round(rows / shrink), 1)
+        places = _places(view.map, size_px)
+        x, y = places[..., 0], places[..., 1]
+        self._inside: Bools = (x >= 0.0) & (x <= cols) & (y >= 0.0) & (y <= rows)
+        places *= np.array([self._shrunk[0] / cols, self._shrunk[1] / rows], np.float32)
+        # OpenCV counts from the centre of the first pixel.
+        places = np.where(self._inside[..., None], places, np.float32(0.5)) - np.float32(0.5)
+        self._right, self._down = (np.ascontiguousarray(places[..., axis]) for axis in (0, 1))
+
+    def __call__(self, image: NDArray[np.floating], known: Bools) -> tuple[Singles, Bools]:
+        """A picture (h, w, 3), known at some quads (h, w) -> that of the field, (H, W, 3) float32,
+        and where that is known, (H, W) bool. It is 0 elsewhere."""
+        # What is not known may be infinite, or no number.
+        light = cv2.copyTo(image.astype(np.float32), known.view(np.uint8))
+        seen, weight = self._weighed(known)
+        picture = self._sampled(light)
+        picture *= weight[..., None]
+        return picture, seen
+
+    def _weighed(self, known: Bools) -> tuple[Bools, Singles]:
+        """Where a picture on the field is known, and what it is to be multiplied by there."""
+        if self._last is None or not np.array_equal(self._last[0], known):
+            share = self._sampled(known.astype(np.float32))
+            seen: Bools = self._inside & (share >= HALF)
+            weight = np.divide(np.float32(1.0), share, out=np.zeros_like(share), where=seen)
+            self._last = known, seen, weight  # pictures of one run mostly know the same quads
+        return self._last[1:]
+
+    def _sampled(self, values: NDArray[Any]) -> Singles:
+        """Values of quads, (h, w) or (h, w, 3) -> of pixels of the field, (H, W) or (H, W, 3)."""
+        if self._shrunk != values.shape[1::-1]:
+            values = np.asarray(cv2.resize(values, self._shrunk, interpolation=cv2.INTER_AREA))
+        sampled = cv2.remap(
+            values, self._right, self._down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(sampled, dtype=np.float32)
+
+
+def _places(map_: Map, size_px: tuple[int, int]) -> Singles:
+    """Where the centre of each pixel of the field lies in the camera, (H, W, 2) float32, quads."""
+    x, y = (_nodes(n) for n in size_px)
+    field = np.stack(np.meshgrid(x / size_px[0], y / size_px[1]), axis=-1)
+    nodes = map_.from_field(field).astype(np.float32)
+    return _between(_between(nodes, y, size_px[1]).swapaxes(0, 1), x, size_px[0]).swapaxes(0, 1)
+
+
+def _nodes(length_px: int) -> NDArray[np.float64]:
+    """Places from the centre of the first to that of the last pixel."""
+    return np.linspace(0.5, length_px - 0.5, max(-(-length_px // STEP_PX), LEAST_STEPS) + 1)
+
+
+def _between(nodes: Singles, at: NDArray[np.float64], length_px: int) -> Singles:
+    """Values at nodes along the first axis -> at the centres of all pixels, by straight lines."""
+    step = (at[-1] - at[0]) / (len(at) - 1) or 1.0
+    along = (np.arange(length_px) + 0.5 - at[0]) / step
+    first = np.minimum(along.astype(np.int64), len(at) - 2)
+    rest = (along - first).astype(np.float32)[:, None, None]
+    found: Singles = nodes[first] * (1 - rest) + nodes[first + 1] * rest
+    return found

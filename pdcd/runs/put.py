@@ -1,0 +1,59 @@
+"""A file that is there whole or not at all, and that takes no other's place unless it may."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from contextlib import suppress
+from pathlib import Path
+
+from pdcd.errors import RequestError, disk_errors
+
+
+def put(folder: int, name: str, data: bytes, *, replace: bool, shown: str) -> None:
+    """Write a file into an open folder: durable, and by its name only when it is complete.
+
+    folder : descriptor; `shown` is what people call it.
+
+    Raises RequestError when there is such a file and it is not to be replaced, NoSpaceError, and
+    DiskError for any other refusal of the disk. No half of a file is left.
+    """
+    unfinished = f".{name}.{secrets.token_hex(4)}"
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    with disk_errors(str(Path(shown) / name)):
+        descriptor = os.open(unfinished, flags, 0o644, dir_fd=folder)
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            _name(folder, unfinished, name, replace=replace, shown=shown)
+        finally:
+            with suppress(FileNotFoundError):
+                os.unlink(unfinished, dir_fd=folder)
+        os.fsync(folder)
+
+
+def refuse_taken(folder: int, name: str, shown: str) -> None:
+    """Raise RequestError when a folder has something of that name."""
+    try:
+        os.stat(name, dir_fd=folder, follow_symlinks=False)
+    except FileNotFoundError:
+        return
+    raise RequestError(
+        f"{Path(shown) / name} is there already",
+        hint="--force replaces it; --out puts it elsewhere",
+    )
+
+
+def _name(folder: int, unfinished: str, name: str, *, replace: bool, shown: str) -> None:
+    if not replace:
+        try:
+            # Unlike a rename, a link never takes the place of a file.
+            os.link(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)
+            return
+        except FileExistsError:
+            refuse_taken(folder, name, shown)
+        except OSError:  # a disk without hard links
+            refuse_taken(folder, name, shown)
+    os.rename(unfinished, name, src_dir_fd=folder, dst_dir_fd=folder)

@@ -1,0 +1,194 @@
+"""Previews: balance, stated brightness, what is not known, and the strip below."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.errors import NoSpaceError
+from pdcd.maps.map import Map
+from pdcd.pictures import previews
+from pdcd.pictures.captions import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, strip
+from pdcd.pictures.previews import HATCH, Previews, coded, write_previews
+from pdcd.pictures.sigma import Barred
+from pdcd.pictures.upright import View
+
+Floats = NDArray[np.float64]
+
+FRAME = (48, 64)
+VIEW = View(Map.filling((64, 48)), 64 / 48)
+CAST = np.array([0.85, 1.0, 1.2])
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of the pixels, for speed."""
+    monkeypatch.setattr(previews, "LEAST_PX", 320)
+
+
+def picture(image: Floats, sigma: float = 1e-4) -> Barred:
+    error = np.full(image.shape, sigma)
+    return Barred(image, error, error, error, "modelled")
+
+
+def flat(level: float) -> Floats:
+    return np.full((*FRAME, 3), level)
+
+
+def middle(drawn: NDArray[np.uint8]) -> list[int]:
+    pixel: list[int] = drawn[(drawn.shape[0] - HEIGHT_PX) // 2, drawn.shape[1] // 2].tolist()
+    return pixel
+
+
+def test_a_preview_is_the_field_with_a_strip_below() -> None:
+    drawn = Previews({"white": picture(flat(0.6))}, VIEW).drawn("white")
+    assert drawn.shape == (240 + HEIGHT_PX, 320, 3) and drawn.dtype == np.uint8
+    wide = Previews({"white": picture(flat(0.6))}, View(VIEW.map, 2.0)).drawn("white")
+    assert wide.shape == (160 + HEIGHT_PX, 320, 3)
+
+
+@pytest.mark.parametrize(
+    ("level", "factor", "shown"),
+    [(0.6, 1, 0.9), (0.31, 1, 0.465), (0.29, 2, 0.87), (0.01, 32, 0.48), (1.3, 0.25, 0.4875)],
+)
+def test_dark_light_is_brightened_by_a_power_of_two(
+    level: float, factor: float, shown: float
+) -> None:
+    made = Previews({"white": picture(flat(0.6)), "other": picture(flat(level))}, VIEW)
+    assert made.factor("white") == 1.0 and middle(made.drawn("white")) == [243] * 3
+    assert made.factor("other") == factor
+    assert middle(made.drawn("other")) == [round(255 * shown ** (1 / 2.2))] * 3
+
+
+def test_without_a_white_photo_the_brightest_picture_is_the_measure() -> None:
+    made = Previews({"low": picture(flat(0.01)), "high": picture(flat(0.2))}, VIEW)
+    assert (made.factor("low"), made.factor("high")) == (16.0, 1.0)
+    assert made.balance.source == "camera"
+
+
+def test_noise_is_not_brightened_until_it_looks_like_light() -> None:
+    noise = 0.003 * np.random.default_rng(0).standard_normal((*FRAME, 3))
+    quiet, loud = (picture(noise, sigma) for sigma in (1e-5, 0.003))
+    made = Previews({"white": picture(flat(0.9)), "quiet": quiet, "loud": loud}, VIEW)
+    assert made.factor("loud") == 32.0  # 0.003 x 32 is 0.096 of white, x 64 would be 0.19
+    assert made.factor("quiet") > made.factor("loud")
+    alone = Previews({"loud": loud}, VIEW)
+    seen = alone.drawn("loud")[:240]
+    assert 30 < seen.mean() < 60  # half of it negative, the rest about 255 * 0.125^(1/2.2) = 99
+    dark = Previews({"white": picture(flat(0.0)), "dark": picture(-flat(1.0))}, VIEW)
+    assert dark.factor("dark") == 1.0 and middle(dark.drawn("dark")) == [0] * 3
+
+
+def test_paper_in_the_white_photo_makes_all_pictures_neutral() -> None:
+    """One balance for all: what is coloured in the others stays so."""
+    white = flat(0.02)
+    white[10:30, 10:40] = 0.8 * CAST
+    white[35:, 50:] = (0.9, 0.2, 0.1)  # brighter in one channel, but not white
+    red = flat(0.1) * CAST * (3.0, 1.0, 1.0)
+    made = Previews({"white": picture(white), "red": picture(red)}, VIEW)
+    assert made.balance.source == "white photo"
+    np.testing.assert_allclose(made.balance.factors, 1.0 / CAST, rtol=5e-3)
+    pixel = made.drawn("white")[100, 125].tolist()
+    assert max(pixel) - min(pixel) <= 1
+    first, second, third = middle(made.drawn("red"))
+    assert first > second + 50 and abs(second - third) <= 1
+
+
+@pytest.mark.parametrize("colour", [(0.9, 0.7, 0.4), (0.3, 0.8, 0.3), (0.0, 0.0, 0.0)])
+def test_a_scene_without_white_keeps_its_colours(colour: tuple[float, float, float]) -> None:
+    made = Previews({"white": picture(np.broadcast_to(colour, (*FRAME, 3)).copy())}, VIEW)
+    assert made.balance.factors == (1.0, 1.0, 1.0) and made.balance.source == "camera"
+
+
+def test_a_patch_overrules_what_looks_white() -> None:
+    white = flat(0.8)
+    white[22:26, 46:50] = 0.4 * CAST  # at (48, 24) of 64 x 48 cells
+    made = Previews({"white": picture(white)}, View(VIEW.map, VIEW.aspect, (0.75, 0.5)))
+    assert made.balance.source == "patch" and made.warnings == ()
+    np.testing.assert_allclose(made.balance.factors, 1.0 / CAST, rtol=5e-3)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (1.0, 1.0)])
+def test_a_patch_at_the_edge_is_the_part_on_the_field(place: tuple[float, float]) -> None:
+    made = Previews({"white": picture(flat(0.8) * CAST)}, View(VIEW.map, VIEW.aspect, place))
+    np.testing.assert_allclose(made.balance.factors, 1.0 / CAST, rtol=5e-3)
+
+
+def test_a_patch_that_cannot_be_seen_is_told() -> None:
+    lit = picture(flat(0.8))
+    lit.sigma[10:40, 10:50] = np.inf
+    made = Previews({"white": lit}, View(VIEW.map, VIEW.aspect, (0.5, 0.5)))
+    assert made.balance.source == "white photo"
+    assert made.warnings == ("nothing can be seen of a white patch at 0.5 0.5",)
+
+
+@pytest.mark.parametrize("value", [0.5, np.nan, np.inf, -np.inf])
+def test_what_is_not_known_is_hatched(value: float) -> None:
+    blind = picture(flat(0.5))
+    blind.image[20:28, 30:40], blind.sigma[20:28, 30:40] = value, np.inf
+    made = Previews({"white": blind}, VIEW)
+    drawn = made.drawn("white")[:240]
+    hole = drawn[103:137, 153:197]
+    assert set(np.unique(hole).tolist()) == set(HATCH)
+    assert (drawn[:95] == 243).all() and (drawn[145:] == 243).all()
+
+
+def test_the_strip_names_its_greys() -> None:
+    greys = [(0, "0"), (128, "0.2"), (255, "1")]
+    made = strip(640, "indirect  x 4", ["a", "b"], greys)
+    left = 640 - MARGIN_PX - 3 * STEP_PX
+    assert [made[10, left + STEP_PX * k + 5].tolist() for k in range(3)] == [
+        [grey] * 3 for grey, _ in greys
+    ]
+    other = strip(640, "indirect  x 8", ["a", "b"], greys)
+    assert (made != other).any() and (made[:, left:] == other[:, left:]).all()
+    long = strip(640, "m" * 200, ["n" * 300], greys)
+    assert (long[:, left - MARGIN_PX :] == made[:, left - MARGIN_PX :]).all()
+    assert (made[:, :left] != PAPER).any()
+
+
+def test_the_scale_of_greys_is_that_of_the_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[str, list[tuple[int, str]]]] = []
+
+    def noted(width: int, title: str, notes: list[str], greys: list[tuple[int, str]]) -> object:
+        told.append((title, greys))
+        return strip(width, title, notes, greys)
+
+    monkeypatch.setattr(previews, "strip", noted)
+    made = Previews({"white": picture(flat(0.9)), "dark": picture(flat(0.05))}, VIEW)
+    made.drawn("dark")
+    ((title, greys),) = told
+    # 0.05 times 16 is 0.8 of white, which is 1 scene unit here.
+    assert title == "dark  x 16"
+    assert greys == [(0, "0"), (99, "0.0078"), (136, "0.016"), (186, "0.031"), (255, "0.062")]
+
+
+def test_gamma_is_that_of_the_formula() -> None:
+    values = np.random.default_rng(1).uniform(0.0, 1.0, 5000).astype(np.float32)
+    exact = 255.0 * values.astype(np.float64) ** (1 / 2.2)
+    assert np.abs(coded(values) - exact).max() < 1.0
+    assert coded(np.array([-1.0, 7.0], np.float32)).tolist() == [0, 255]
+
+
+def test_files_are_the_same_every_time(tmp_path: Path) -> None:
+    image = np.random.default_rng(2).uniform(0.0, 1.0, (*FRAME, 3))
+    pictures = {"white": picture(image), "indirect": picture(0.1 * image)}
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        folder.mkdir()
+        assert write_previews(folder, pictures, VIEW) == ()
+    for name in ("white.png", "indirect.png"):
+        data = (tmp_path / "a" / name).read_bytes()
+        assert data == (tmp_path / "b" / name).read_bytes()
+        seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        made = Previews(pictures, VIEW).drawn(Path(name).stem)
+        assert seen is not None and np.array_equal(seen[..., ::-1], made)
+
+
+def test_a_full_disk_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "white.png").symlink_to("/dev/full")
+    with pytest.raises(NoSpaceError):
+        write_previews(tmp_path, {"white": picture(flat(0.5))}, VIEW)
