@@ -53,7 +53,7 @@ class Thinned:
         x, y = np.meshgrid(np.arange(step // 2, width, step), np.arange(step // 2, height, step))
         field = cells.filled.to_field(np.stack([x, y], axis=-1) + 0.5).reshape(-1, 2)
         with np.errstate(invalid="ignore"):  # beyond the horizon
-            inside = ((field >= 0.0) & (field < 1.0)).all(axis=1)
+            inside = np.asarray(((field >= 0.0) & (field < 1.0)).all(axis=1))
         right, down = np.floor(np.where(inside[:, None], field, 0.0) * (cols, rows)).T
         cell = np.where(inside, down * cols + right, -1.0).astype(np.int64)
         return cls(step, cell, rows * cols)
