@@ -98,6 +98,7 @@ class PresentEvents:
         Raises DeviceLost when the server is gone.
         """
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        woken: object = None
         while True:
             pointer = self._xcb.xcb_poll_for_special_event(self._connection, self._events)
             if pointer:
@@ -110,12 +111,13 @@ class PresentEvents:
                 if wanted:
                     return True
                 continue
-            if self._xcb.xcb_connection_has_error(self._connection):
+            # A server that is gone wakes the poll and sends no event.
+            if woken and self._xcb.xcb_connection_has_error(self._connection):
                 raise lost(self._display, "it ended the connection")
             left_ms = (deadline_ns - time.monotonic_ns()) * 1e-6
             if left_ms <= 0:
                 return False
-            self._poller.poll(left_ms)
+            woken = self._poller.poll(left_ms)
 
     def close(self) -> None:
         """Release the connection."""

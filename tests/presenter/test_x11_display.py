@@ -23,6 +23,11 @@ from pdcd.bench.tables import Config, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig
 from pdcd.capture.show import pattern_frames
 from pdcd.errors import ConfigError, DeviceLost
+from pdcd.frames.frames import BLACK
+from pdcd.presenter.client import DisplayProcess
+from pdcd.presenter.messages import Column
+from pdcd.presenter.opening import opening
+from pdcd.presenter.timing import random_codes
 from pdcd.presenter.windows import Windows
 from pdcd.presenter.xgrab import RootGrabber
 from tests import x11_rig
@@ -321,6 +326,21 @@ def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
     ):
         wanted = planned(shown, 0, upright(size, mask=is_mask))
         np.testing.assert_array_equal(found, np.repeat(wanted[..., None], 3, axis=2))
+
+
+def test_the_first_code_costs_no_more_than_the_others(tmp_path: Path, x_quarter: XServer) -> None:
+    """Whatever the graphics library compiles, it has compiled when the patterns are loaded."""
+    presenter = DisplayProcess(opening(x11_rig.config(tmp_path, x_quarter)))
+    try:
+        presenter.load(random_codes(GRID))
+        # Rows with both panels lit, all of other patterns, after one that is black.
+        rows = np.append(BLACK, np.arange(1, 90, 3)).astype(np.int32)[:, None]
+        log = presenter.play(rows, rows, lambda *_: None, lambda: False)
+    finally:
+        presenter.close()
+    spent_ns = np.diff(log[:-1, Column.CPU_NS])
+    # It was 5 to 10 ms of processor time against 1, however busy the machine is.
+    assert spent_ns[0] < 3.0 * np.median(spent_ns[1:])
 
 
 def test_a_lost_graphics_context_is_a_lost_device() -> None:
