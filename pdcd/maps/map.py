@@ -189,7 +189,7 @@ def _distorted(
 def _splines(
     nodes: Nodes, size_px: tuple[int, int]
 ) -> tuple[RectBivariateSpline, RectBivariateSpline]:
-    # The display process starts three times as fast without it, and few maps have a residual.
+    # Its import costs as much as all others of the display process, and few maps have a residual.
     from scipy.interpolate import RectBivariateSpline
 
     values = np.array(nodes, dtype=np.float64)
