@@ -63,7 +63,8 @@ MATRIX = "[scene]\nkind = 'matrix'\npath = 'scene.npz'\n"
          "does not see the field"),
         ("[camera.place]\nradial = [-3.0, 0.0]", "camera.place: the map of the camera", "mend"),
         ("[camera]\ndriver = 'ptp'\nprofile = '450d'\nplace = {scale = 0.4}\n"
-         "options = {usb = 'virtual'}", "camera.place: the camera's frame of 2145 x 1428", "16.9 %"),
+         "options = {usb = 'virtual'}", "camera.place: the camera's frame of 2145 x 1428 quads",
+         "16.9 %"),
     ],
 )  # fmt: skip
 def test_a_fault_that_only_trying_shows(check: Check, text: str, starts: str, says: str) -> None:
