@@ -138,7 +138,7 @@ class _Places:
         """How far the mask is asked to open at every sample."""
         index = int(self._frames.dual_index[row])
         if index in (BLACK, WHITE):
-            return self._white * float(index == WHITE)
+            return np.asarray(self._white * float(index == WHITE))
         return self._levels(self._frames.dual_patterns, index)[self._code]
 
     def projector(self, row: int) -> tuple[Floats | float, Floats]:

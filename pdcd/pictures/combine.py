@@ -135,12 +135,12 @@ def scaled_photos(
         for more in (weights.blind, outside):
             if more is not None:
                 unknown = unknown | more
-        sigma[unknown] = np.inf
+        np.copyto(sigma, np.inf, where=unknown[..., None])
         image = _sum((sign, shots[name].light) for sign, name in photo.shots) / weight
         if added is not None and photo.name in added:
             image += added[photo.name]
         if outside is not None:
-            image[outside] = 0.0
+            np.copyto(image, 0.0, where=outside[..., None])
         scaled[photo.name] = Picture(image, sigma)
     return scaled
 

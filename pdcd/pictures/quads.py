@@ -20,9 +20,12 @@ def of_cells(picture: Picture, cells: CellMap) -> Picture:
     Quads that are not known do not count, but where a cell is unknown it has the mean of all that
     see it, as they were measured. Cells that no quad sees are 0.
     """
-    known = _known(picture)
+    known = _known(picture, cells)
     image, sure = _means(picture.image, known, cells)
-    sigma = cells.error_of_mean(np.where(known[..., None], picture.sigma, 0.0) ** 2, known)
+    finite = picture.sigma
+    if known is not None or not cells.known.all():
+        finite = np.where(np.isfinite(finite), finite, 0.0)
+    sigma = cells.error_of_mean(finite**2, known)
     sigma[~sure] = np.inf
     shape = *cells.grid, image.shape[1]
     return Picture(image.reshape(shape), sigma.reshape(shape))
@@ -35,7 +38,7 @@ def cell_means(picture: Barred, cells: CellMap) -> Barred:
     it.
     """
     coarse = of_cells(Picture(picture.image, picture.sensor), cells)
-    code, _ = _means(picture.code, _known(picture), cells)
+    code, _ = _means(picture.code, _known(picture, cells), cells)
     code = code.reshape(coarse.image.shape)
     sigma = np.hypot(coarse.sigma, code)
     return Barred(coarse.image, sigma, coarse.sigma, code, picture.kind)
@@ -49,18 +52,21 @@ def shared_out(error: Errors, picture: Picture, coarse: Picture, cells: CellMap)
     out = planar(picture.sigma.shape, picture.sigma.dtype)
     for channel in range(error.shape[2]):
         share = by_light(picture.image[..., channel], coarse.image[..., channel].ravel(), cells)
-        share *= cells.smooth(error[..., channel].ravel())
-        out[..., channel] = share
+        brought = cells.smooth(error[..., channel].ravel())
+        np.multiply(share, brought, out=out[..., channel], casting="same_kind")
     return out
 
 
-def _known(picture: Picture) -> NDArray[np.bool_]:
-    """(h, w), quads known in all channels."""
-    return np.asarray(np.isfinite(picture.sigma).all(axis=2))
+def _known(picture: Picture, cells: CellMap) -> NDArray[np.bool_] | None:
+    """(h, w), quads known in all channels; None where these are all that the field has."""
+    known = np.isfinite(picture.sigma[..., 0])
+    for channel in range(1, picture.sigma.shape[2]):
+        known &= np.isfinite(picture.sigma[..., channel])
+    return None if np.array_equal(known, cells.known) else known
 
 
 def _means(
-    image: NDArray[np.floating], known: NDArray[np.bool_], cells: CellMap
+    image: NDArray[np.floating], known: NDArray[np.bool_] | None, cells: CellMap
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """(N, C) means, and which cells are known (N,)."""
     sure = cells.seen(known)

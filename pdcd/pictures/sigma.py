@@ -67,7 +67,17 @@ def measured(picture: Picture, parts: Sequence[Picture]) -> Barred:
 
 def barred(picture: Picture, code: Errors, kind: Kind) -> Barred:
     """A picture whose sigma is the sensor's, completed by the code error (h, w, 3)."""
-    return Barred(picture.image, np.hypot(picture.sigma, code), picture.sigma, code, kind)
+    return Barred(picture.image, _together(picture.sigma, code), picture.sigma, code, kind)
+
+
+def _together(sensor: Errors, code: Errors) -> Errors:
+    """Root of the sum of squares. Of float32 by itself: the library's function takes ten times as
+    long."""
+    if sensor.dtype != np.float32:
+        return np.asarray(np.hypot(sensor, code))
+    total = sensor * sensor
+    total += code * code
+    return np.sqrt(total, out=total)
 
 
 def _expected(variance: Floats, noise: Floats, image: Floats) -> Floats:

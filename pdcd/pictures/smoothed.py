@@ -54,20 +54,23 @@ def smoothed(
     out = np.empty_like(picture.image)
     for channel in range(out.shape[2]):
         here = picture.image[..., channel]
-        missing = brought(more[:, channel], cells, realised.fine)
-        missing = missing * by_light(here, image[:, channel], cells)
-        np.add(here, missing, out=out[..., channel])
+        share = by_light(here, image[:, channel], cells)
+        share *= brought(more[:, channel], cells, realised.fine)
+        np.add(here, share, out=out[..., channel])
     if not cells.known.all():
-        out[~cells.known] = 0.0
+        np.copyto(out, 0.0, where=~cells.known[..., None])
     return Picture(out, picture.sigma)
 
 
-def by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> Floats:
+def by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> NDArray[np.floating]:
     """Light of quads (h, w) over that of the cells (N,) around them, from 0 to `MOST`: how an error
     that is in proportion to light lies on the quads of a cell. 1 where the cells are dark."""
     around = cells.smooth(of_cells)
-    lit = around > 0.0
-    share: Floats = np.divide(image, around, out=np.ones(image.shape), where=lit)
+    share: NDArray[np.floating]
+    if of_cells.min() > 0.0:
+        share = image / around
+    else:
+        share = np.divide(image, around, out=np.ones(image.shape), where=around > 0.0)
     return np.clip(share, 0.0, MOST, out=share)
 
 

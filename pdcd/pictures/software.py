@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from pdcd.pictures.combine import Exposed, Matrix, Shown
 from pdcd.pictures.learn import time_s
 from pdcd.probing.realised import Factors
+from pdcd.recipes.alternatives import ALL_DARK, Fitted, Masked, Mixture
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 
@@ -42,9 +44,42 @@ def software_sums(
     saturated ones.
     """
     taken = [shots[name] for name in recipe.stack]
+    mixture = None if cells.single.all() else _mixture(cells, bits)
     return {
-        name: _sum(cells, taken, weights) for name, weights in _weights(recipe, taken, bits).items()
+        name: _sum(cells, taken, weights, _Mixed(recipe.sums[name], bits, equal, mixture))
+        for equal in [_equal(taken, bits)]
+        for name, weights in _weights(recipe, taken, bits).items()
     }
+
+
+@dataclass(frozen=True, eq=False)
+class _Mixed:
+    """Weights of quads that see several cells: their light cannot be parted, so that they are not
+    the mean of the cells' weights. `mixture` is None where there are no such quads."""
+
+    weigh: Fitted | Masked
+    bits: Bools
+    equal: Floats
+    mixture: Mixture | None
+
+    def into(self, of_quads: Floats, photo: int, cells: CellMap) -> Floats:
+        """Weights of quads in a photo, (h, w); `of_quads` are right for those that see one cell."""
+        if self.mixture is None:
+            return of_quads
+        lit = cells.spread(self.bits[photo].astype(np.float64))
+        mixed = self.weigh.mixed(lit, self.mixture) * self.equal[photo]
+        return np.where(cells.single, of_quads, mixed)
+
+
+def _mixture(cells: CellMap, bits: Bools) -> Mixture:
+    """What quads that see several cells saw of the codes."""
+    codes, squares, dark = (np.zeros(cells.frame) for _ in range(3))
+    for code in bits:
+        lit = cells.spread(code.astype(np.float64))
+        codes += lit
+        squares += lit * lit
+        dark += lit < ALL_DARK
+    return Mixture(len(bits), codes, squares, dark)
 
 
 def _weights(recipe: Recipe, taken: Sequence[Shown], bits: Bools) -> dict[str, Floats]:
@@ -53,9 +88,14 @@ def _weights(recipe: Recipe, taken: Sequence[Shown], bits: Bools) -> dict[str, F
     Each photo is first scaled from its own time to the mean time of all: with the time of one
     refresh each, they differ by a few per cent where projector and mask drift against each other.
     """
-    times_s = np.array([time_s(s.realised, lit) for s, lit in zip(taken, bits, strict=True)])
-    equal = times_s.mean() / times_s
+    equal = _equal(taken, bits)
     return {name: weigh(bits) * equal[:, None] for name, weigh in recipe.sums.items()}
+
+
+def _equal(taken: Sequence[Shown], bits: Bools) -> Floats:
+    """Mean time of all photos over that of each, (K,)."""
+    times_s = np.array([time_s(s.realised, lit) for s, lit in zip(taken, bits, strict=True)])
+    return np.asarray(times_s.mean() / times_s)
 
 
 def _matrix(taken: Sequence[Shown], weights: Floats) -> Matrix:
@@ -69,12 +109,12 @@ def _matrix(taken: Sequence[Shown], weights: Floats) -> Matrix:
     return Matrix(realised, sum(shot.missed for shot in taken))
 
 
-def _sum(cells: CellMap, taken: Sequence[Exposed], weights: Floats) -> Exposed:
+def _sum(cells: CellMap, taken: Sequence[Exposed], weights: Floats, mixed: _Mixed) -> Exposed:
     """``sum_k w_k * photo_k``."""
     light, variance = np.zeros_like(taken[0].light), np.zeros_like(taken[0].variance)
     saturated = cells.spread(np.logical_not(weights.any(axis=0)))
-    for weight, shot in zip(weights, taken, strict=True):
-        of_quads = cells.spread(weight)
+    for photo, (weight, shot) in enumerate(zip(weights, taken, strict=True)):
+        of_quads = mixed.into(cells.spread(weight), photo, cells)
         saturated = saturated | (shot.saturated & (of_quads != 0.0))
         light += of_quads[..., None] * shot.light
         squared = (of_quads**2).astype(variance.dtype)

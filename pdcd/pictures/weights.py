@@ -83,11 +83,12 @@ def quad_weights_s(
     if own.ndim:
         weight = brought(own, cells, fine)
     if fine is not None:
-        light = _window_light(photo, fine, shots)
+        light, sure = _window_light(photo, fine, shots)
         if light is not None:
             ratio, closed = _of_windows(light, fine, cells)
             weight = weight * ratio
-            blind = closed if blind is None else blind | closed
+            if sure:
+                blind = closed if blind is None else blind | closed
     if cells.inside is not None:
         weight = weight * np.where(cells.known, cells.inside, 1.0)
     if blind is not None and not blind.any():
@@ -124,18 +125,21 @@ def _of_cells(photo: Photo, realised: Factors, by_row: bool) -> tuple[Floats, Bo
     return own, (norm > 0.0) & ~usable
 
 
-def _window_light(photo: Photo, fine: Fine, shots: Mapping[str, Shown]) -> Floats | None:
-    """Light of the photo that each piece of the cells let through, up to a factor."""
+def _window_light(
+    photo: Photo, fine: Fine, shots: Mapping[str, Shown]
+) -> tuple[Floats | None, bool]:
+    """Light of the photo that each piece of the cells let through, up to a factor, and whether
+    light is wanted everywhere, so that a piece without any is blind."""
     uniform = photo.wanted.uniform
     if uniform is not None:
         light = fine.kept(*uniform)
         if (light >= 0.0).all() and light.any():
-            return light
+            return light, True
     # What is wanted differs from path to path, or has signs: all light speaks for it.
     whole = summed((1.0, shots[name].realised.fine) for _, name in photo.shots)
     if whole is None or not whole.light.any():
-        return None
-    return whole.light
+        return None, False
+    return whole.light, False
 
 
 def _of_windows(light: Floats, fine: Fine, cells: CellMap) -> tuple[Floats, Bools]:

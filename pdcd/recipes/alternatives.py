@@ -19,6 +19,8 @@ answer may be wrong by all of that light.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,8 @@ from pdcd.recipes.goals import Target
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+ALL_DARK = 1e-3
+"""Lit share of what a quad sees below which it counts as dark."""
 BLOCK_CELLS = 2
 """Side of a checker's blocks. Smaller ones assume less of the indirect light, but every cell then
 lies at the edge of its block, where real projectors are not sharp."""
@@ -77,6 +81,58 @@ def fitted_weights(bits: Bools, *, direct: float, indirect: float) -> Floats:
     of_lit = np.where(known, bits / np.maximum(lit, 1), 0.0)
     of_dark = np.where(known, ~bits / np.maximum(dark, 1), 0.0)
     return np.asarray(direct * (of_lit - of_dark) + indirect * 2.0 * of_dark)
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Codes as quads saw them that see several cells, summed up over the K photos: (h, w) each.
+
+    codes, squares : sums of the lit share of what a quad sees, and of its square. dark : photos in
+    which all of it was dark.
+    """
+
+    count: int
+    codes: Floats
+    squares: Floats
+    dark: Floats
+
+
+class Masked:
+    """`masked_weights`, for cells and for quads."""
+
+    def __call__(self, bits: Bools) -> Floats:
+        """Weights of cells, (K, N)."""
+        return masked_weights(bits)
+
+    def mixed(self, lit: Floats, all_photos: Mixture) -> Floats:
+        """Weights in one photo of quads of which the share `lit` was: only where all was dark, and
+        as much in all as if it were half of the photos."""
+        half = 0.5 * all_photos.count
+        whole = np.divide(half, all_photos.dark, out=np.zeros_like(lit), where=all_photos.dark > 0)
+        return np.where(lit < ALL_DARK, whole, 0.0)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """`fitted_weights`, for cells and for quads."""
+
+    direct: float
+    indirect: float
+
+    def __call__(self, bits: Bools) -> Floats:
+        """Weights of cells, (K, N)."""
+        return fitted_weights(bits, direct=self.direct, indirect=self.indirect)
+
+    def mixed(self, lit: Floats, all_photos: Mixture) -> Floats:
+        """Weights in one photo of quads of which the share `lit` was: by a line through the photos
+        over that share."""
+        count = all_photos.count
+        mean = all_photos.codes / count
+        spread = all_photos.squares - count * mean**2
+        known = spread > ALL_DARK
+        slope = np.divide(lit - mean, spread, out=np.zeros_like(lit), where=known)
+        at_dark = np.where(known, 1.0 / count - mean * slope, 0.0)
+        return np.asarray(self.direct * slope + 2.0 * self.indirect * at_dark)
 
 
 def checkers(grid: tuple[int, int], block: int = BLOCK_CELLS) -> Floats:

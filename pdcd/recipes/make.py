@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from pdcd.errors import RequestError
-from pdcd.recipes.alternatives import checkers, fitted_weights, masked_weights, shares
+from pdcd.recipes.alternatives import Fitted, Masked, checkers, shares
 from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
@@ -97,7 +96,7 @@ def _pilot_alone(recipe: Recipe) -> Recipe:
         recipe,
         programs={name: p for name, p in recipe.programs.items() if name != "coded"},
         shots=tuple(shot for shot in recipe.shots if shot.name != "coded"),
-        sums={"coded": partial(fitted_weights, direct=0.0, indirect=1.0)},
+        sums={"coded": Fitted(direct=0.0, indirect=1.0)},
     )
 
 
@@ -118,7 +117,7 @@ def _multi_image(maker: Maker, codes: int) -> Recipe:
         "direct": (1.0, 0.0),
         "indirect": (0.0, 1.0),
     }
-    sums = {name: partial(fitted_weights, direct=d, indirect=i) for name, (d, i) in kept.items()}
+    sums = {name: Fitted(direct=d, indirect=i) for name, (d, i) in kept.items()}
     return Recipe(
         target,
         {"photos": Floodlit()},
@@ -129,7 +128,7 @@ def _multi_image(maker: Maker, codes: int) -> Recipe:
         ),
         {name: ((1.0, name),) for name in (*kept, "masked")},
         stack=tuple(shot.name for shot in stack),
-        sums={**sums, "masked": masked_weights},
+        sums={**sums, "masked": Masked()},
     )
 
 

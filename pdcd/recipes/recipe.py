@@ -9,13 +9,13 @@ X9).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from pdcd.errors import RequestError
 from pdcd.probing.wanted import Wanted
+from pdcd.recipes.alternatives import Fitted, Masked
 from pdcd.recipes.goals import Target
-from pdcd.recipes.programs import Bools, Floats, Program
+from pdcd.recipes.programs import Program
 
 Combination = tuple[tuple[float, str], ...]
 """(coefficient, name) pairs."""
@@ -88,7 +88,7 @@ class Recipe:
     photos: tuple[Photo, ...]
     pictures: dict[str, Rule]
     stack: tuple[str, ...] = ()
-    sums: dict[str, Callable[[Bools], Floats]] = field(default_factory=dict)
+    sums: dict[str, Fitted | Masked] = field(default_factory=dict)
     meant: Wanted | None = None
 
     @property

@@ -16,17 +16,17 @@ from scipy import sparse
 
 from pdcd.errors import DecodeError
 from pdcd.maps.map import Map
-from pdcd.sensor.footprint import Footprint, between_cells, bilinear, footprint, places
+from pdcd.sensor.footprint import Cuts, Footprint, footprint
+from pdcd.sensor.quad_places import between_cells, bilinear, places
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-Cuts = tuple[tuple[float, ...], tuple[float, ...]]
-"""Where each cell is cut along rows and columns, 0 and 1 included."""
-
 UNCUT: Cuts = ((0.0, 1.0), (0.0, 1.0))
 LEAST_SEEN = 0.05
 """Share of a cell's area below which quads that touch it tell nothing of it."""
+PURE = 1e-6
+"""Share of a second cell, about, from which a quad counts as seeing two."""
 LEAST_KNOWN = 0.9
 """Share of what is seen of a cell that must be known; a cell with more saturated is unknown."""
 
@@ -68,6 +68,11 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         return _footprint(self, UNCUT).known
 
     @property
+    def single(self) -> Bools:
+        """(h, w), quads that see one cell alone, or nothing of the field."""
+        return _single(self)
+
+    @property
     def inside(self) -> NDArray[np.float32] | None:
         """(h, w), share of a quad's light that comes from within the field; None where that is 1
         for all known quads."""
@@ -83,8 +88,8 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
         0 outside the field; bool values stay so: true where most of what a quad sees is.
         """
-        if self._blocks is not None:
-            down, right = self._blocks
+        if self.blocks is not None:
+            down, right = self.blocks
             table = cells.reshape(*self.grid, *cells.shape[1:])
             return table.repeat(down, axis=0).repeat(right, axis=1)
         seen = self.gather(cells.reshape(*self.grid, *cells.shape[1:]))
@@ -119,37 +124,26 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         Quads that are not `known` (h, w), or not wholly in the field, do not count. A cell that is
         seen by none has 0.
         """
-        if self._blocks is not None and known is None:
-            (rows, cols), (down, right) = self.grid, self._blocks
+        if self.blocks is not None and known is None:
+            (rows, cols), (down, right) = self.grid, self.blocks
             blocks = image.reshape(rows, down, cols, right, image.shape[2])
             means: Floats = blocks.mean(axis=(1, 3)).reshape(rows * cols, -1)
             return means
-        good = self.known if known is None else known & self.known
-        area = self._collected(good)
-        out = np.empty((area.size, image.shape[2]))
-        for channel in range(image.shape[2]):
-            out[:, channel] = self._collected(np.where(good, image[..., channel], 0.0))
-        return np.divide(out, area[:, None], out=np.zeros_like(out), where=area[:, None] > 0.0)
+        return self._weighed(image, known, squares=False)
 
     def error_of_mean(self, variance: NDArray[Any], known: Bools | None = None) -> Floats:
         """Variances of quads (h, w, C) -> standard deviation of `mean`, (N, C), quads being
         independent; 0 for cells that are seen by none."""
-        good = self.known if known is None else known & self.known
-        area = self._collected(good)
-        out = np.empty((area.size, variance.shape[2]))
-        shares = _footprint(self, UNCUT)
-        for channel in range(variance.shape[2]):
-            summed = shares.collect(np.where(good, variance[..., channel], 0.0), squares=True)
-            out[:, channel] = np.sqrt(summed.ravel())
-        return np.divide(out, area[:, None], out=np.zeros_like(out), where=area[:, None] > 0.0)
+        return self._weighed(variance, known, squares=True)
 
     def seen(self, known: Bools | None = None) -> Bools:
         """(N,), cells of which enough is seen and, of that, known."""
-        whole = self._collected(self.known)
+        whole = _footprint(self, UNCUT).area.ravel()
         enough = whole * self._quad_cells >= LEAST_SEEN
         if known is None:
             return enough
-        return enough & (self._collected(known & self.known) >= LEAST_KNOWN * whole)
+        seen = _footprint(self, UNCUT).collect(known & self.known).ravel()
+        return enough & (seen >= LEAST_KNOWN * whole)
 
     @property
     def _quad_cells(self) -> float:
@@ -158,8 +152,18 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         slope = self.filled.jacobian(middle)
         return abs(float(np.linalg.det(slope))) * self.grid[0] * self.grid[1]
 
-    def _collected(self, image: NDArray[Any]) -> Floats:
-        return _footprint(self, UNCUT).collect(image).ravel()
+    def _weighed(self, image: NDArray[Any], known: Bools | None, *, squares: bool) -> Floats:
+        """Means over cells, or the root of the sum of weighted squares."""
+        shares = _footprint(self, UNCUT)
+        good = self.known if known is None else known & self.known
+        area = (shares.area if known is None else shares.collect(good)).reshape(-1, 1)
+        out = np.empty((area.size, image.shape[2]))
+        for channel in range(image.shape[2]):
+            kept = image[..., channel] if good.all() else np.where(good, image[..., channel], 0.0)
+            out[:, channel] = shares.collect(kept, squares=squares).ravel()
+        if squares:
+            np.sqrt(out, out=out)
+        return np.divide(out, area, out=np.zeros_like(out), where=area > 0.0)
 
     @property
     def filled(self) -> Map:
@@ -167,7 +171,7 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         return self.map or Map.filling((self.frame[1], self.frame[0]))
 
     @property
-    def _blocks(self) -> tuple[int, int] | None:
+    def blocks(self) -> tuple[int, int] | None:
         """Rows and columns of quads in a cell, where they are whole numbers and without a map."""
         (rows, cols), (height, width) = self.grid, self.frame
         if self.map is not None or height % rows or width % cols:
@@ -182,15 +186,18 @@ def planar(shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
 
 @lru_cache(maxsize=4)
 def _footprint(cells: CellMap, cuts: Cuts) -> Footprint:
-    rows, cols = cells.grid
-    edges = _edges(rows, cuts[0]), _edges(cols, cuts[1])
-    return footprint(cells.filled, cells.frame, cells.grid, edges, cells.blur_quads)
+    return footprint(cells.filled, cells.frame, cells.grid, cuts, cells.blur_quads)
 
 
-def _edges(count: int, cuts: tuple[float, ...]) -> Floats:
-    """Edges of the pieces of all cells along an axis."""
-    edges = np.arange(count)[:, None] + np.array(cuts[:-1])
-    return np.append(edges.ravel(), float(count))
+@lru_cache(maxsize=2)
+def _single(cells: CellMap) -> Bools:
+    if cells.blocks is not None:
+        return np.ones(cells.frame, np.bool_)
+    seen = _footprint(cells, UNCUT)
+    alone: Bools = np.ones(cells.frame, np.bool_)
+    for at in np.indices(cells.grid).astype(np.float64):
+        alone &= seen.gather(at**2) - seen.gather(at) ** 2 < PURE
+    return alone
 
 
 @lru_cache(maxsize=2)

@@ -9,15 +9,16 @@ two edges cross within a turned quad, shares are the product of those along the 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
-import cv2
 import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 from scipy import sparse
 
 from pdcd.maps.map import Map
+from pdcd.sensor.quad_places import ROWS, SNAP, Nodes, upright
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -25,16 +26,13 @@ Indices = NDArray[np.int64]
 
 REACH_SIGMAS = 4.0
 """How far blur is followed; what is beyond is less than a ten-thousandth."""
-SNAP = 2.0**30
-"""Edges of quads are rounded to this part of a cell: those on edges of pieces then lie on them."""
-ALIGNED = 1e-9
-"""Of the field: a map that turns a device by less over its whole size is not turned."""
 THIN = 1e-6
 """Least width of a parallelogram's slope, over its length: 0 would be divided by."""
-ROWS = 64
-"""Rows of quads looked at together; bounds the memory."""
-NODE_PX = 16
-"""Distance of the quads whose Jacobians are worked out; between them it is interpolated."""
+CLOSE = 1e-12
+"""Of a cell: a place that is so near to an edge lies on it."""
+
+Cuts = tuple[tuple[float, ...], tuple[float, ...]]
+"""Where each cell is cut along rows and columns, 0 and 1 included."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +47,11 @@ class Footprint:
     known: Bools
     inside: NDArray[np.float32] | None
     _shares: _Axes | _Whole
+
+    @cached_property
+    def area(self) -> Floats:
+        """Quads that lie wholly within the field and see each piece, (R, C), by their shares."""
+        return self.collect(self.known)
 
     def gather(self, values: NDArray[Any]) -> Floats:
         """Mean over each quad of values of pieces: (R, C) -> (h, w), 0 outside the field."""
@@ -112,7 +115,7 @@ def footprint(
     map_: Map,
     frame: tuple[int, int],
     grid: tuple[int, int],
-    edges: tuple[Floats, Floats],
+    cuts: Cuts,
     blur_quads: float,
 ) -> Footprint:
     """Footprint of a camera's frame on pieces of the field.
@@ -121,14 +124,15 @@ def footprint(
     ----------
     map_ : from quads to the field.
     frame, grid : rows and columns of quads, and of the cells of the field.
-    edges : of the pieces along rows and columns, ascending, in cells, from 0 to the grid's size.
+    cuts : where each cell is cut into pieces.
     blur_quads : standard deviation of the blur between field and sensor, in quads.
     """
-    lines = _upright(map_, grid)
+    lines = upright(map_, grid)
     if lines is None:
-        return _scattered(map_, frame, grid, edges, blur_quads)
+        return _scattered(map_, frame, grid, cuts, blur_quads)
     turned, (y, x) = lines  # along rows of quads, and along columns: start and step, in cells
-    of_rows, of_cols = (edges[1], edges[0]) if turned else edges
+    pieces = _Pieces(grid[0], cuts[0]), _Pieces(grid[1], cuts[1])
+    of_rows, of_cols = (pieces[1], pieces[0]) if turned else pieces
     down, in_down, known_down = _axis(frame[0], y, of_rows, blur_quads)
     right, in_right, known_right = _axis(frame[1], x, of_cols, blur_quads)
     inside = None
@@ -138,60 +142,8 @@ def footprint(
     return Footprint(known, inside, _Axes(down, right, turned))
 
 
-def places(map_: Map, frame: tuple[int, int], grid: tuple[int, int]) -> NDArray[np.float32]:
-    """Where the centres of quads lie: (2, h, w) float32, across and down, in cells; far outside
-    where the map has no place for them."""
-    found = np.empty((2, *frame), dtype=np.float32)
-    for start in range(0, frame[0], ROWS):
-        u, v = _centres(map_, frame, grid, start)
-        found[0, start : start + ROWS], found[1, start : start + ROWS] = u, v
-    return found
-
-
-def bilinear(values: Floats, where: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Values of cells (rows, cols) at places of `places`, (h, w): bilinear between the centres of
-    cells, beyond the outermost ones as there."""
-    x, y = where[0] - np.float32(0.5), where[1] - np.float32(0.5)
-    seen = cv2.remap(
-        values.astype(np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    return np.asarray(seen, dtype=np.float32)
-
-
-def between_cells(
-    map_: Map, frame: tuple[int, int], grid: tuple[int, int]
-) -> tuple[bool, sparse.csr_array, sparse.csr_array] | None:
-    """The same along the axes of an upright frame: whether it is a quarter turned, and sparse (h,
-    cells), (w, cells); None for other frames."""
-    lines = _upright(map_, grid)
-    if lines is None:
-        return None
-    turned, (y, x) = lines
-    rows, cols = (grid[1], grid[0]) if turned else grid
-    return turned, _between(frame[0], y, rows), _between(frame[1], x, cols)
-
-
-def _upright(
-    map_: Map, grid: tuple[int, int]
-) -> tuple[bool, tuple[tuple[float, float], tuple[float, float]]] | None:
-    """Start and step in cells, along rows and columns of quads, of a frame whose axes are those of
-    the field, and whether they are exchanged; None for others."""
-    if any(map_.radial) or any(map_.tangential) or map_.residual:
-        return None
-    a, b, c, d, e, f, g, h, _ = (number / map_.homography[8] for number in map_.homography)
-    width, height = map_.size_px
-    rows, cols = grid
-    if max(abs(g) * width, abs(h) * height) > ALIGNED:
-        return None
-    if max(abs(b) * height, abs(d) * width) <= ALIGNED:
-        return False, ((f * rows, e * rows), (c * cols, a * cols))
-    if max(abs(a) * width, abs(e) * height) <= ALIGNED:
-        return True, ((c * cols, b * cols), (f * rows, d * rows))
-    return None
-
-
 def _axis(
-    count: int, line: tuple[float, float], edges: Floats, blur_quads: float
+    count: int, line: tuple[float, float], pieces: _Pieces, blur_quads: float
 ) -> tuple[sparse.csr_array, Floats, Bools]:
     """Shares along one axis, each quad's adding up to 1: sparse (count, pieces); what they added up
     to before; and which quads lie wholly inside."""
@@ -199,7 +151,8 @@ def _axis(
     ends = np.rint((start + step * np.arange(count + 1.0)) * SNAP) / SNAP
     low, high = np.minimum(ends[:-1], ends[1:]), np.maximum(ends[:-1], ends[1:])
     sigma = blur_quads * abs(step)
-    first, number = _touched(low - REACH_SIGMAS * sigma, high + REACH_SIGMAS * sigma, edges)
+    edges = pieces.edges
+    first, number = pieces.touched(low - REACH_SIGMAS * sigma, high + REACH_SIGMAS * sigma)
     quad, piece = _expanded(first, number)
     lo, hi = low[quad], high[quad]
     share = _below_box(edges[piece + 1], lo, hi, sigma) - _below_box(edges[piece], lo, hi, sigma)
@@ -212,39 +165,25 @@ def _axis(
     return matrix, np.asarray(sums, dtype=np.float64), known
 
 
-def _between(count: int, line: tuple[float, float], cells: int) -> sparse.csr_array:
-    """Weights of the two cells whose centres are beside each quad's, sparse (count, cells)."""
-    start, step = line
-    centre = np.rint((start + step * (np.arange(count) + 0.5)) * SNAP) / SNAP
-    at = np.clip(centre - 0.5, 0.0, cells - 1.0)
-    first = np.minimum(at.astype(np.int64), max(cells - 2, 0))
-    share = at - first
-    quads = np.arange(count)
-    both = np.concatenate([1.0 - share, share])
-    columns = np.concatenate([first, np.minimum(first + 1, cells - 1)])
-    kept = both > 0.0
-    rows = np.concatenate([quads, quads])[kept]
-    return sparse.csr_array((both[kept], (rows, columns[kept])), shape=(count, cells))
-
-
 def _scattered(
     map_: Map,
     frame: tuple[int, int],
     grid: tuple[int, int],
-    edges: tuple[Floats, Floats],
+    cuts: Cuts,
     blur_quads: float,
 ) -> Footprint:
     """The footprint of any map, some rows of quads at a time."""
-    pieces = edges[0].size - 1, edges[1].size - 1
+    of_rows, of_cols = _Pieces(grid[0], cuts[0]), _Pieces(grid[1], cuts[1])
+    pieces = of_rows.count, of_cols.count
     known, inside = np.empty(frame, np.bool_), np.empty(frame, np.float32)
     counts, columns, shares = [], [], []
-    slopes = _Slopes(map_, frame, grid)
+    nodes = Nodes(map_, frame, grid)
     for start in range(0, frame[0], ROWS):
-        u, v = _centres(map_, frame, grid, start)
-        here = slice(start, start + u.shape[0])
-        across, down = slopes.at(here)
-        x = _Marginal.of(u.ravel(), across, blur_quads, edges[1])
-        y = _Marginal.of(v.ravel(), down, blur_quads, edges[0])
+        here = slice(start, min(start + ROWS, frame[0]))
+        u, v = nodes.places(here)
+        across, down = nodes.slopes(here)
+        x = _Marginal.of(u.ravel(), across, blur_quads, of_cols)
+        y = _Marginal.of(v.ravel(), down, blur_quads, of_rows)
         count, column, share, sums = _crossed(y, x, pieces[1])
         known[here] = (x.known & y.known).reshape(u.shape)
         inside[here] = sums.reshape(u.shape)
@@ -279,7 +218,7 @@ class _Marginal:
 
     @classmethod
     def of(
-        cls, centre: Floats, slope: tuple[Floats, Floats], blur_quads: float, edges: Floats
+        cls, centre: Floats, slope: tuple[Floats, Floats], blur_quads: float, pieces: _Pieces
     ) -> _Marginal:
         """Of quads at `centre`, (Q,), whose place moves by `slope` from quad to quad."""
         sides = [0.5 * np.abs(side).ravel() for side in slope]
@@ -292,7 +231,8 @@ class _Marginal:
             sigma = 2.0 * blur_quads * np.hypot(*sides)
             reach = half + REACH_SIGMAS * sigma
         low, high = centre - reach, centre + reach
-        first, number = _touched(low, high, edges)
+        edges = pieces.edges
+        first, number = pieces.touched(low, high)
         alone = (number == 1) & (low >= edges[0]) & (high <= edges[-1])
         close = 1e-6 * half
         known = (centre - half >= edges[0] - close) & (centre + half <= edges[-1] + close)
@@ -314,65 +254,29 @@ class _Marginal:
         return np.clip(total / (4.0 * long * short), 0.0, 1.0)
 
 
-class _Slopes:
-    """How the place of a quad, in cells, moves to the next quad of its row and its column."""
+class _Pieces:
+    """The pieces of all cells along an axis."""
 
-    def __init__(self, map_: Map, frame: tuple[int, int], grid: tuple[int, int]) -> None:
-        height, width = frame
-        rows = np.linspace(0.5, height - 0.5, 2 + height // NODE_PX)
-        cols = np.linspace(0.5, width - 0.5, 2 + width // NODE_PX)
-        x, y = np.meshgrid(cols, rows)
-        slope = map_.jacobian(np.stack([x, y], axis=-1))
-        slope[..., 0, :] *= grid[1]
-        slope[..., 1, :] *= grid[0]
-        self._slope = np.nan_to_num(slope, nan=0.0)
-        self._down = _nodes(height, rows.size)
-        self._right = _nodes(width, cols.size)
+    def __init__(self, cells: int, cuts: tuple[float, ...]) -> None:
+        self._cuts = cuts
+        starts = np.arange(cells)[:, None] + np.array(cuts[:-1])
+        self.edges = np.append(starts.ravel(), float(cells))
+        self.count = self.edges.size - 1
 
-    def at(self, rows: slice) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-        """(with x, with y) of the place across, and of that down, of some rows of quads."""
-        down = self._down[rows]
-        found = [
-            np.asarray(down @ np.ascontiguousarray((self._right @ self._slope[..., i, j].T).T))
-            for i in (0, 1)
-            for j in (0, 1)
-        ]
-        return (found[0], found[1]), (found[2], found[3])
+    def touched(self, low: Floats, high: Floats) -> tuple[Indices, Indices]:
+        """First piece between `low` and `high`, and how many there are; none outside."""
+        first, end = self._of(low), self._of(high - CLOSE)
+        there = (high > 0.0) & (low < self.edges[-1])
+        return first, np.where(there, end - first + 1, 0)
 
-
-def _nodes(count: int, nodes: int) -> sparse.csr_array:
-    """Linear interpolation from evenly spread nodes to quads, sparse (count, nodes)."""
-    at = np.arange(count) * ((nodes - 1) / max(count - 1, 1))
-    first = np.minimum(at.astype(np.int64), nodes - 2)
-    share = at - first
-    quads = np.arange(count)
-    return sparse.csr_array(
-        (
-            np.concatenate([1.0 - share, share]),
-            (np.concatenate([quads, quads]), np.concatenate([first, first + 1])),
-        ),
-        shape=(count, nodes),
-    )
-
-
-def _centres(
-    map_: Map, frame: tuple[int, int], grid: tuple[int, int], start: int
-) -> tuple[Floats, Floats]:
-    """Places of the centres of some rows of quads, across and down, in cells."""
-    rows = np.arange(start, min(start + ROWS, frame[0])) + 0.5
-    x, y = np.meshgrid(np.arange(frame[1]) + 0.5, rows)
-    place = map_.to_field(np.stack([x, y], axis=-1))
-    place = np.nan_to_num(place, nan=-1e3)
-    return place[..., 0] * grid[1], place[..., 1] * grid[0]
-
-
-def _touched(low: Floats, high: Floats, edges: Floats) -> tuple[Indices, Indices]:
-    """First piece between `low` and `high`, and how many there are; none outside."""
-    last = edges.size - 2
-    first = np.clip(np.searchsorted(edges, low, side="right") - 1, 0, last)
-    end = np.clip(np.searchsorted(edges, high, side="left") - 1, 0, last)
-    there = (high > edges[0]) & (low < edges[-1])
-    return first, np.where(there, end - first + 1, 0)
+    def _of(self, places: Floats) -> Indices:
+        """The piece in which a place lies, the first or last one beyond the field."""
+        cell = np.floor(places)
+        part = places - cell
+        piece = cell.astype(np.int64) * (len(self._cuts) - 1)
+        for cut in self._cuts[1:-1]:
+            piece += part >= cut
+        return np.clip(piece, 0, self.count - 1, out=piece)
 
 
 def _expanded(first: Indices, number: Indices) -> tuple[Indices, Indices]:

@@ -317,8 +317,7 @@ def to_rgb(planes: NDArray[np.float32], factors: ArrayLike = (1.0, 1.0, 1.0)) ->
     out = np.empty((3, *planes.shape[1:]))
     np.multiply(planes[0], red, out=out[0])
     np.add(planes[1], planes[2], out=out[1], dtype=np.float64)
-    out[1] /= 2.0
-    out[1] *= green
+    out[1] *= 0.5 * green
     np.multiply(planes[3], blue, out=out[2])
     return np.moveaxis(out, 0, -1)
 
@@ -339,9 +338,30 @@ def rgb_variance(
     out = np.empty((3, *planes.shape[1:]), dtype)
     of_planes = ((0,), (1, 2), (3,))
     for channel, (which, factor) in enumerate(zip(of_planes, np.asarray(factors), strict=True)):
+        if dtype is np.float32:
+            _variance_single(planes, which, profile, iso, exposure_s, factor, out[channel])
+            continue
         found = variance_dn2(planes[which[0]], profile, iso, exposure_s)
         for more in which[1:]:
             found += variance_dn2(planes[more], profile, iso, exposure_s)
             found /= 4.0
-        np.multiply(found, factor * factor, out=out[channel], casting="same_kind")
+        np.multiply(found, factor * factor, out=out[channel])
     return np.moveaxis(out, 0, -1)
+
+
+def _variance_single(
+    planes: NDArray[np.float32],
+    which: tuple[int, ...],
+    profile: SensorProfile,
+    iso: int,
+    exposure_s: float,
+    factor: float,
+    out: NDArray[np.floating],
+) -> None:
+    """The same of one channel in single precision: the model is a straight line above black."""
+    dark, unit = variance_dn2([0.0, 1.0], profile, iso, exposure_s) * (factor / len(which)) ** 2
+    np.maximum(planes[which[0]], np.float32(0.0), out=out)
+    for more in which[1:]:
+        out += np.maximum(planes[more], np.float32(0.0))
+    out *= np.float32(unit - dark)
+    out += np.float32(dark * len(which))

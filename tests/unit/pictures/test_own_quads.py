@@ -160,7 +160,7 @@ def test_whole_windows_are_divided_by_what_quads_saw_of_them(place: str) -> None
     _, transport = flat()
     photos = photos_of(
         plan_of(window="whole", family="bernoulli"),
-        camera(PLACES[place], samples=12),
+        camera(PLACES[place], samples=8),
         (np.zeros(CELLS), transport),
         mask=PanelConfig(size_px=(1600, 1200), offset_px=(41.0, -17.0)),
         normalise="row",

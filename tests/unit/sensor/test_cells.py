@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError
+from pdcd.maps.placing import Placing, placed
 from pdcd.sensor.cells import CellMap
 
 RNG = np.random.default_rng(5)
@@ -40,3 +41,60 @@ def test_the_mean_of_a_cell_is_that_of_its_pixels() -> None:
 def test_a_frame_that_the_grid_does_not_divide_is_refused(frame: tuple[int, int]) -> None:
     with pytest.raises(DecodeError, match=f"{frame[0]} x {frame[1]} pixels.*48 x 64 cells"):
         CellMap.block((48, 64), frame)
+
+
+PLACES = [
+    Placing(),
+    Placing(flip="vertical", offset_px=(31.0, 8.0)),
+    Placing(turn_deg=90.0),
+    Placing(turn_deg=7.0, scale=1.2),
+    Placing(turn_deg=-3.0, radial=(0.05, 0.0)),
+]
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("frame", [(23, 31), (3, 4)])
+def test_shares_are_those_of_many_points(place: Placing, frame: tuple[int, int]) -> None:
+    """Any frame: also one whose quads are larger than cells."""
+    grid, dense = (5, 7), 40
+    map_ = placed(place, (frame[1], frame[0]), (1024, 768), "camera")
+    cells = CellMap(grid=grid, frame=frame, map=map_)
+    values = RNG.random((35, 3))
+    x, y = np.meshgrid(np.arange(frame[1] * dense) + 0.5, np.arange(frame[0] * dense) + 0.5)
+    at = map_.to_field(np.stack([x, y], axis=-1) / dense) * (grid[1], grid[0])
+    inside = ((at >= 0.0) & (at < (grid[1], grid[0]))).all(axis=-1)
+    cell = np.where(inside, np.floor(at[..., 1]) * grid[1] + np.floor(at[..., 0]), 0).astype(int)
+
+    def quads(points: np.ndarray) -> np.ndarray:
+        blocks = points.reshape(frame[0], dense, frame[1], dense, -1)
+        return np.asarray(blocks.mean(axis=(1, 3)))
+
+    whole = quads(inside.astype(float))[..., 0] > 1.0 - 1e-9
+    np.testing.assert_array_equal(cells.known, whole)
+    expected = quads(values[cell])
+    np.testing.assert_allclose(cells.spread(values)[whole], expected[whole], atol=0.04)
+
+    image, sigma = RNG.random((*frame, 3)), RNG.random((*frame, 3))
+    shares = np.zeros((*frame, 35))
+    for n in range(35):
+        shares[..., n] = quads((inside & (cell == n)).astype(float))[..., 0]
+    shares[~whole] = 0.0
+    seen = cells.seen()
+    total = shares.sum(axis=(0, 1))[seen, None]
+    mean = np.einsum("hwn,hwc->nc", shares, image)[seen] / total
+    np.testing.assert_allclose(cells.mean(image)[seen], mean, atol=0.05)
+    error = np.sqrt(np.einsum("hwn,hwc->nc", shares**2, sigma**2))[seen] / total
+    np.testing.assert_allclose(cells.error_of_mean(sigma**2)[seen], error, atol=0.05)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_smooth_is_a_plane_where_cells_are(place: Placing) -> None:
+    """Bilinear between the centres of cells: no edges, and a plane stays one."""
+    grid, frame = (5, 7), (40, 57)
+    map_ = placed(place, (frame[1], frame[0]), (1024, 768), "camera")
+    cells = CellMap(grid=grid, frame=frame, map=map_)
+    row, col = np.divmod(np.arange(35), 7)
+    found = cells.smooth(2.0 + 0.3 * row - 0.2 * col)
+    at = cells.centres * (grid[1], grid[0]) - 0.5
+    x, y = np.clip(at[..., 0], 0.0, 6.0), np.clip(at[..., 1], 0.0, 4.0)
+    np.testing.assert_allclose(found, 2.0 + 0.3 * y - 0.2 * x, atol=0.02)

@@ -1,0 +1,146 @@
+"""Every goal on a camera that is turned, and whose frame no grid divides, through RAW files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.mock.camera import BenchSensor
+from pdcd.bench.tables import CameraConfig, SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.errors import DecodeError
+from pdcd.maps.placing import Placing, placed
+from pdcd.pictures import darkroom
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decode import decode_folder
+from pdcd.pictures.develop import read_tiff
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from pdcd.sensor.cells import CellMap
+from pdcd.sensor.raw import RawFrame, read_raw
+from tests import bench_rig
+from tests.soak import wanted
+
+Floats = NDArray[np.float64]
+
+FRAME = (51, 70)
+PLACE = Placing(turn_deg=7.0, scale=1.1)
+CELLS = CellMap(
+    grid=wanted.GRID,
+    frame=FRAME,
+    map=placed(PLACE, (FRAME[1], FRAME[0]), (1024, 768), "camera"),
+)
+SCENE = SceneConfig(kind="open-book", grid=wanted.GRID)
+LOOSE = {"short-range": 0.1, "split": 0.3, "multi-image": 0.4}
+"""Share by which a goal may differ: what is no sum of photos under one weight does, where quads see
+two cells."""
+REQUESTS = [r for r in wanted.requests(16) if r.goal != "white"]
+
+
+def named(request: CaptureRequest) -> str:
+    given = msgspec.to_builtins(request)
+    return "-".join(str(given[k]) for k in ("goal", "method", "family", "window") if given.get(k))
+
+
+def mosaic(_: BenchSensor, light: Floats) -> Floats:
+    """Samples of a camera that is placed like that; each quad sees shares of cells."""
+    quads = CELLS.spread(light)
+    samples = np.empty((2 * FRAME[0], 2 * FRAME[1]))
+    samples[0::2, 0::2] = quads[..., 0]
+    samples[0::2, 1::2] = samples[1::2, 0::2] = quads[..., 1]
+    samples[1::2, 1::2] = quads[..., 2]
+    return samples
+
+
+@pytest.fixture(scope="module")
+def engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Engine, Engine]]:
+    """With one quad a cell, and with the turned camera."""
+    made = []
+    for name, place in (("aligned", Placing()), ("turned", PLACE)):
+        camera = CameraConfig(noise="none", place=place)
+        folder = tmp_path_factory.mktemp(name)
+        engine = Engine.from_config(bench_rig.config(folder, scene=SCENE, camera=camera))
+        engine.start()
+        made.append(engine)
+    yield made[0], made[1]
+    for engine in made:
+        engine.stop()
+
+
+def taken(engine: Engine, request: CaptureRequest, job: str) -> Path:
+    result = bench_rig.capture(engine, request, job=job)
+    assert result.error is None and result.folder is not None, result.error
+    return Path(result.folder)
+
+
+def probe(folder: Path) -> dict[str, NDArray[Any]]:
+    with np.load(folder / "probe.npz") as data:
+        return dict(data)
+
+
+@pytest.mark.parametrize("request_", REQUESTS, ids=named)
+def test_every_goal_is_the_same_on_a_turned_camera(
+    engines: tuple[Engine, Engine],
+    request_: CaptureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> None:
+    job = str(REQUESTS.index(request_))
+    aligned = probe(taken(engines[0], request_, job))
+    with monkeypatch.context() as patch:
+        patch.setattr(BenchSensor, "_mosaic", mosaic)
+        folder = taken(engines[1], request_, job)
+    found = probe(folder)
+    assert found["image"].shape == (*wanted.GRID, 3)
+    name = "high" if request_.goal == "split" else request_.goal
+    image = read_tiff(folder / "linear" / f"{name}.tif")
+    assert image.shape == (*FRAME, 3)
+    expected = CELLS.spread(aligned["image"].reshape(-1, 3))
+    known = CELLS.known
+    error = np.sqrt(np.mean((image - expected)[known] ** 2) / np.mean(expected[known] ** 2))
+    loose = LOOSE.get(request_.method or request_.goal, LOOSE.get(request_.goal, 0.05))
+    assert error < loose
+    assert not image[~known].any()
+    mean = CELLS.mean(expected)
+    off = np.abs(found["image"].reshape(-1, 3) - mean).max() / np.abs(mean).max()
+    assert off < loose
+
+
+def test_shots_of_another_camera_or_orientation_are_refused(
+    engines: tuple[Engine, Engine], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = taken(engines[0], CaptureRequest(goal="direct", codes=8), "turning")
+    record = read_manifest(folder).run
+    plain = read_raw
+    for change in ({"flip": 6}, {"model": "another"}):
+
+        def second(path: Path, change: dict[str, Any] = change, **asked: Any) -> RawFrame:
+            frame = plain(path, **asked)
+            first = path.name == Path(record.shots[0].raw).name
+            return frame if first else replace(frame, **change)
+
+        monkeypatch.setattr(darkroom, "read_raw", second)
+        with pytest.raises(DecodeError, match="orientation"):
+            Darkroom(folder, record).decoded()
+
+
+def test_runs_decode_the_same_again(
+    engines: tuple[Engine, Engine], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(BenchSensor, "_mosaic", mosaic)
+    request = CaptureRequest(goal="indirect", codes=16, parts=4, window="quarter")
+    folder = taken(engines[1], request, "again")
+    cells = read_manifest(folder).run.cells
+    assert cells == CELLS
+    assert decode_folder(folder).identical
+    found = probe(folder)
+    assert np.isfinite(found["sigma"]).any()
+    unseen = ~CELLS.seen().reshape(wanted.GRID)
+    assert np.isinf(found["sigma"][unseen]).all() and not found["image"][unseen].any()
