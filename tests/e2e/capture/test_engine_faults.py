@@ -184,8 +184,8 @@ def test_cancel_at_every_stage(tmp_path: Path) -> None:
     assert len(states) > 20  # there were that many chances to stop
 
 
-FILES = ["codes.npz", "log.jsonl", "frames.csv", "white.dng", "coded.dng", "white.tif",
-         "probe.npz", "indirect.png", "capture.json.new"]  # fmt: skip
+FILES = ["codes.npz.new", "ledger.jsonl", "log.jsonl", "frames.csv", "white.dng",
+         "coded.dng", "white.tif", "probe.npz", "indirect.png", "capture.json.new"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FILES)

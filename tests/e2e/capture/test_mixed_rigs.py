@@ -7,8 +7,9 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import pytest
 
-from pdcd.bench.tables import CameraConfig
+from pdcd.bench.tables import CameraConfig, TriggerConfig
 from pdcd.capture.engine import Engine
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Event, ShutterClosed
@@ -30,7 +31,10 @@ def take(folder: Path, **camera: Any) -> tuple[CaptureResult, Engine]:
     tether = folder / "tether"
     tether.mkdir()
     told = {"noise": "none", "f_number": 8.0, **camera}
-    engine = Engine.from_config(bench_rig.config(folder, camera=CameraConfig(**told)))
+    shutter = "ptp" if camera.get("driver") == "ptp" else "mock"
+    trigger = TriggerConfig(driver=shutter)
+    config = bench_rig.config(folder, camera=CameraConfig(**told), trigger=trigger)
+    engine = Engine.from_config(config)
     closed: list[str] = []
 
     def emit(event: Event) -> None:
@@ -59,8 +63,12 @@ def test_a_real_camera_is_not_compared_with_a_scene_that_it_does_not_see(tmp_pat
     assert engine.grid == bench_rig.GRID  # of the mock's scene: its panels show that many cells
 
 
-def test_the_mock_camera_is_compared_as_ever(tmp_path: Path) -> None:
-    result, _ = take(tmp_path)
+@pytest.mark.parametrize("camera", [{}, {"driver": "ptp", "options": {"usb": "virtual"}}])
+def test_a_camera_of_the_mock_scene_is_compared_with_it(
+    tmp_path: Path, camera: dict[str, Any]
+) -> None:
+    """Also a virtual body, before mock panels and behind its own shutter."""
+    result, _ = take(tmp_path, **camera)
     assert result.folder is not None
     assert isinstance(result.summary["rms_error"], float)
     manifest = read_manifest(Path(result.folder))
