@@ -23,6 +23,7 @@ from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.develop import read_tiff
 from pdcd.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
+from pdcd.sensor import raw
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame
 from tests import bench_rig
@@ -118,7 +119,7 @@ def test_shots_of_another_camera_or_orientation_are_refused(
 ) -> None:
     folder = taken(engines[0], CaptureRequest(goal="direct", codes=8), "turning")
     record = read_manifest(folder).run
-    plain = darkroom.read_raw
+    plain = raw.read_raw
     for change in ({"flip": 6}, {"model": "another"}):
 
         def second(path: Path, change: dict[str, Any] = change, **asked: Any) -> RawFrame:
