@@ -28,6 +28,8 @@ REACH_SIGMAS = 4.0
 """How far blur is followed; what is beyond is less than a ten-thousandth."""
 THIN = 1e-6
 """Least width of a parallelogram's slope, over its length: 0 would be divided by."""
+TOUCH = 1e-6
+"""Share of half a quad by which it may reach beyond the field and still lie in it, by rounding."""
 CLOSE = 1e-12
 """Of a cell: a place that is so near to an edge lies on it."""
 
@@ -200,15 +202,14 @@ def _scattered(
 
 @dataclass(frozen=True, eq=False)
 class _Marginal:
-    """One axis of the footprints of many quads: a box of half width `long`, smeared by one of half
-    width `short` and by a Gaussian.
+    """One axis of the footprints of many quads: a box, smeared by another one, of the half widths
+    `sides`, and by a Gaussian.
 
     first, number : first piece that it touches, and how many; alone : it lies within that one.
     """
 
     centre: Floats
-    long: Floats
-    short: Floats
+    sides: tuple[Floats, Floats]
     sigma: Floats | None
     edges: Floats
     first: Indices
@@ -221,9 +222,7 @@ class _Marginal:
         cls, centre: Floats, slope: tuple[Floats, Floats], blur_quads: float, pieces: _Pieces
     ) -> _Marginal:
         """Of quads at `centre`, (Q,), whose place moves by `slope` from quad to quad."""
-        sides = [0.5 * np.abs(side).ravel() for side in slope]
-        long = np.maximum(*sides)
-        short = np.maximum(np.minimum(*sides), THIN * long)
+        sides = 0.5 * np.abs(slope[0]).ravel(), 0.5 * np.abs(slope[1]).ravel()
         half = sides[0] + sides[1]
         sigma = None
         reach = half
@@ -234,9 +233,10 @@ class _Marginal:
         edges = pieces.edges
         first, number = pieces.touched(low, high)
         alone = (number == 1) & (low >= edges[0]) & (high <= edges[-1])
-        close = 1e-6 * half
-        known = (centre - half >= edges[0] - close) & (centre + half <= edges[-1] + close)
-        return cls(centre, long, short, sigma, edges, first, number, alone, known)
+        known = (centre - (1.0 - TOUCH) * half >= edges[0]) & (
+            centre + (1.0 - TOUCH) * half <= edges[-1]
+        )
+        return cls(centre, sides, sigma, edges, first, number, alone, known)
 
     def shares(self, quad: Indices, piece: Indices) -> Floats:
         """Shares of pieces in quads, (E,) each."""
@@ -247,7 +247,9 @@ class _Marginal:
         return share
 
     def _below(self, edge: Floats, quad: Indices) -> Floats:
-        x, long, short = edge - self.centre[quad], self.long[quad], self.short[quad]
+        x, one, other = edge - self.centre[quad], self.sides[0][quad], self.sides[1][quad]
+        long = np.maximum(one, other)
+        short = np.maximum(np.minimum(one, other), THIN * long)
         sigma = None if self.sigma is None else self.sigma[quad]
         total = _twice(x + long + short, sigma) - _twice(x + long - short, sigma)
         total += _twice(x - long - short, sigma) - _twice(x - long + short, sigma)
@@ -292,15 +294,26 @@ def _crossed(
     """Products of two axes: entries of each quad (Q,), their pieces and shares (E,), adding up to 1
     for each quad, and what they added up to before (Q,)."""
     number = y.number * x.number
-    quad = np.repeat(np.arange(number.size), number)
-    step = np.arange(quad.size) - np.repeat(np.cumsum(number) - number, number)
+    ends = np.cumsum(number)
+    starts = ends - number
+    share = np.ones(int(ends[-1]))
+    column = np.empty(share.size, np.int32)
+    sums = np.ones(number.size)
+    alone = y.alone & x.alone  # most quads: one piece, and all of it
+    column[starts[alone]] = y.first[alone] * across + x.first[alone]
+    cut = np.flatnonzero(~alone)
+    entries = number[cut]
+    quad = np.repeat(cut, entries)
+    step = np.arange(quad.size) - np.repeat(np.cumsum(entries) - entries, entries)
     row, col = np.divmod(step, x.number[quad])
     row += y.first[quad]
     col += x.first[quad]
-    share = y.shares(quad, row) * x.shares(quad, col)
-    sums = np.bincount(quad, share, minlength=number.size)
-    share /= np.where(sums > 0.0, sums, 1.0)[quad]
-    return number, (row * across + col).astype(np.int32), share, np.asarray(sums, dtype=np.float64)
+    parts = y.shares(quad, row) * x.shares(quad, col)
+    sums[cut] = np.bincount(quad, parts, minlength=number.size)[cut]
+    at = starts[quad] + step
+    column[at] = row * across + col
+    share[at] = parts / np.where(sums > 0.0, sums, 1.0)[quad]
+    return number, column, share, sums
 
 
 def _below_box(edge: Floats, low: Floats, high: Floats, sigma: float) -> Floats:
