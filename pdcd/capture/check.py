@@ -118,9 +118,10 @@ class _Check:
         scene = self._config.scene
         if self._grid is None and scene.kind == "matrix":
             return  # how many cells there are stands in the file
-        grid = self._grid or scene.grid or DEFAULT_GRID
+        cells = self._grid or scene.grid or DEFAULT_GRID
+        grid = self._config.schedule.grid or cells
         plan = plan_for(CaptureRequest(goal="indirect"), self._config, grid)
-        frame = self._frame(grid)
+        frame = self._frame(cells)
         if frame is not None:
             self._try("camera.place", partial(hold_against, plan, self._config, frame), "camera")
 
@@ -128,6 +129,8 @@ class _Check:
         """Rows and columns of quads of the camera's photos, where they are known."""
         camera = self._config.camera
         if camera.driver == "mock":
+            if camera.frame_quads is not None:
+                return camera.frame_quads[1], camera.frame_quads[0]
             return grid[0] * camera.quads_per_cell, grid[1] * camera.quads_per_cell
         told = load_profile(camera.profile).frame_quads if self._profile_read else None
         return None if told is None else (told[1], told[0])

@@ -59,9 +59,9 @@ MATRIX = "[scene]\nkind = 'matrix'\npath = 'scene.npz'\n"
         ("[trigger]\ndriver = 'serial'\noptions = {port = '/dev/ttyS0'}", "trigger.driver: a real "
          "port", "virtual clock"),
         ("[camera]\ndriver = 'ptp'\noptions = {sreial = '1'}", "[camera.options] sreial", "serial"),
-        ("[camera.place]\noffset_px = [3000.0, 0.0]", "camera.place: the camera's frame of 64 x 48",
-         "does not see the field"),
-        ("[camera.place]\nradial = [-3.0, 0.0]", "camera.place: the map of the camera", "mend"),
+        ("[camera.place]\noffset_px = [3000.0, 0.0]", "camera.place: the map of the camera",
+         "beside the field"),
+        ("[camera.place]\nradial = [-3.0, 0.0]", "camera.place: the map of the camera", "folds"),
         ("[camera]\ndriver = 'ptp'\nprofile = '450d'\nplace = {scale = 0.4}\n"
          "options = {usb = 'virtual'}",
          "camera.place: the camera's frame of 2145 x 1428", "16.9 %"),

@@ -135,7 +135,7 @@ def test_an_endless_manifest_is_refused_quickly(run: Path, name: str) -> None:
     "change",
     [
         {"shots": []},
-        {"grid": [4, 4], "cells": None},
+        {"grid": [8, 8], "cells": None},
         {"responsivity_e": [1e308, 1e-308, 1.0]},
         {"goal": {"name": "split", "period": 4}},
         {"goal": {"name": "warped"}},
