@@ -18,6 +18,12 @@ from pdcd.bench.reading import Fault, faults_error, overlay, toml_table
 from pdcd.bench.tables import Config
 from pdcd.bench.toml_text import TIMES, emit
 
+GONE = {
+    "camera.homography": "is no more; pictures stay as the sensor has them, and [camera.place] "
+    "says where they lie on the field",
+}
+"""Keys of earlier versions, and what takes their place."""
+
 
 def load(path: Path | str | None = None) -> Config:
     """Read the configuration file that `find` names, or the mock bench when there is none.
@@ -44,7 +50,7 @@ def read(source: Path) -> tuple[Config, list[Fault]]:
     hint = "give an existing file with --config, or none for the mock bench"
     table = toml_table(source, "the configuration", hint)
     faults: list[Fault] = []
-    config = overlay(Config(), table, "", faults)
+    config = overlay(Config(), table, "", faults, GONE)
     config = _resolve(config, source.absolute().parent)
     known = {key for fault in faults for key in fault.keys}
     # A key that could not be read stands at its default; what follows from that is no news.

@@ -119,11 +119,10 @@ class CameraConfig(_Table, frozen=True):
     `quads_per_cell`."""
     responsivity_e: tuple[Positive, Positive, Positive] | None = None
     """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
-    homography: Homography | None = None
-    """Rotation, flip and perspective of the pictures: 3 x 3 row by row, image to image, in Bayer
-    quads (column, row, 1). None leaves them as the sensor has them."""
     place: Placing = field(default_factory=Placing)
     """Where the camera's Bayer quads lie on the field."""
+    blur_quads: NonNegative = 0.0
+    """Standard deviation of the blur between the mask's image and the sensor, in quads."""
     seed: Annotated[int, Meta(ge=0)] = 0
     fetch_timeout_s: Positive = 60.0
     options: dict[str, Any] = field(default_factory=dict)

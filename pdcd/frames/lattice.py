@@ -42,6 +42,19 @@ class Overlap:
 
 
 @dataclass(frozen=True)
+class Piece:
+    """A part of every cell along one axis, from `low` to `high`, that lies in one window.
+
+    shift : whether that window opens under the shifted code. step : as of `Overlap`.
+    """
+
+    low: float
+    high: float
+    shift: int
+    step: int
+
+
+@dataclass(frozen=True)
 class Lattice:
     """Geometry of the cells of both panels over a grid of N = rows x cols scene cells.
 
@@ -103,29 +116,41 @@ class Lattice:
     @cached_property
     def overlaps(self) -> tuple[Overlap, ...]:
         """All parts of a cell with their area (they sum to 1)."""
-        r, c = np.divmod(np.arange(self.cells), self.grid[1])
         areas: dict[tuple[int, int, int, int], float] = {}
         for (wr, pr, dr, sr), (wc, pc, dc, sc) in itertools.product(
             _atoms(self.window, self.offset_cells[0]), _atoms(self.window, self.offset_cells[1])
         ):
             key = (2 * dr + dc, 2 * pr + pc, sr, sc)
             areas[key] = areas.get(key, 0.0) + wr * wc
-        found = []
-        panel_rows, panel_cols = self.shape
-        for (dual, primal, sr, sc), area in sorted(areas.items()):
-            jr, jc = r + sr, c + sc
-            inside = (jr >= 0) & (jr < panel_rows) & (jc >= 0) & (jc < panel_cols)
-            cell = np.where(inside, jr * panel_cols + jc, self.lattice_cells)
-            found.append(Overlap(dual, primal, (sr, sc), cell, area))
-        return tuple(found)
+        return tuple(
+            Overlap(dual, primal, (sr, sc), self._further((sr, sc)), area)
+            for (dual, primal, sr, sc), area in sorted(areas.items())
+        )
 
     def seen(self, field: Floats, overlap: Overlap) -> Floats:
         """Values of one dual field (R, L + 1) over the scene's cells, (R, rows, cols)."""
-        (down, right), (rows, cols) = overlap.step, self.grid
+        return self.stepped(field, overlap.step)
+
+    def stepped(self, field: Floats, step: tuple[int, int]) -> Floats:
+        """Values of one dual field (R, L + 1) so many cells further on, (R, rows, cols)."""
+        (down, right), (rows, cols) = step, self.grid
         if 0 <= down <= self.shape[0] - rows and 0 <= right <= self.shape[1] - cols:
             full = field[:, :-1].reshape(-1, *self.shape)  # a view: most overlaps need no copy
             return full[:, down : down + rows, right : right + cols]
-        return field[:, overlap.dual_cell].reshape(-1, rows, cols)
+        return field[:, self._further(step)].reshape(-1, rows, cols)
+
+    def _further(self, step: tuple[int, int]) -> NDArray[np.int64]:
+        """Code cell, or the rest of the panel, that lies `step` off each of the scene's, (N,)."""
+        r, c = np.divmod(np.arange(self.cells), self.grid[1])
+        r, c = r + step[0], c + step[1]
+        inside = (r >= 0) & (r < self.shape[0]) & (c >= 0) & (c < self.shape[1])
+        return np.where(inside, r * self.shape[1] + c, self.lattice_cells)
+
+    @cached_property
+    def pieces(self) -> tuple[tuple[Piece, ...], tuple[Piece, ...]]:
+        """Where each cell is cut by the edges of windows, along rows and columns."""
+        down, right = self.offset_cells
+        return _pieces(self.window, down), _pieces(self.window, right)
 
     @cached_property
     def spread(self) -> sparse.csr_array:
@@ -159,3 +184,16 @@ def _atoms(window: str, offset: float) -> list[tuple[float, int, int, int]]:
         else:
             pieces.append((hi - lo, 0, 0, math.floor(mid + offset)))
     return pieces
+
+
+def _pieces(window: str, offset: float) -> tuple[Piece, ...]:
+    """The same pieces of one axis, those in one window put together."""
+    found: list[Piece] = []
+    low = 0.0
+    for width, _, shift, step in _atoms(window, offset):
+        if found and (found[-1].shift, found[-1].step) == (shift, step):
+            found[-1] = Piece(found[-1].low, low + width, shift, step)
+        else:
+            found.append(Piece(low, low + width, shift, step))
+        low += width
+    return tuple(found)

@@ -109,44 +109,50 @@ def record_of(
         responsivity_e=(red, green, blue),
         profile=profile,
         shots=tuple(shots),
-        homography=config.camera.homography,
+        camera_place=config.camera.place,
+        blur_quads=config.camera.blur_quads,
     )
 
 
 def rms_sigma(picture: Picture) -> float:
     """RMS sigma over RMS image, where sigma is finite; infinite where that is nowhere or dark."""
     known = np.isfinite(picture.sigma)
-    light = float(np.sum(picture.image[known] ** 2))
-    return float(np.sqrt(np.sum(picture.sigma[known] ** 2) / light)) if light > 0.0 else np.inf
+    light = float(np.sum(picture.image**2, where=known))
+    error = float(np.sum(picture.sigma**2, where=known, dtype=np.float64))
+    return float(np.sqrt(error / light)) if light > 0.0 else np.inf
 
 
 def rms_error(
     plan: Plan,
     record: RunRecord,
     picture: Picture,
+    means: NDArray[np.float64],
     scene: Scene | None,
     config: Config,
     alive: Callable[[], None],
 ) -> float | None:
-    """RMS error of an image over the RMS of the truth; None where that is not known.
+    """RMS error of the answer over the RMS of the truth; None where that is not known.
 
-    On a bench of pixels the truth is seen through the same optics, and looked at where the image
-    is known and lies wholly inside the field.
+    means : (rows, cols, 3), the picture's means over the cells.
+
+    On a bench of cells these are compared, those of cells that the camera sees. On one of pixels
+    the truth is seen through the same optics, and compared quad by quad: where the picture is known
+    and lies wholly inside the field.
     """
-    if scene is None or record.homography is not None or record.cells is None:
+    if scene is None or record.cells is None:
         return None
     optics = optics_of(config, scene)
     if optics is None:
-        truth = record.cells.spread(answer(scene, plan.recipe, alive))
-        inside = np.ones(truth.shape[:2], dtype=np.bool_)
+        seen = record.cells.seen()
+        truth, found = answer(scene, plan.recipe, alive)[seen], means.reshape(-1, 3)[seen]
     elif optics.frame != picture.image.shape[:2] or not _told(plan, scene):
         return None
     else:
-        truth = optics.wanted(lambda part: answer(part, plan.recipe, alive))
-        inside = optics.inside & np.isfinite(picture.sigma).all(axis=-1)
-    scale = float(np.sum(truth[inside] ** 2))
-    error = float(np.sum((picture.image - truth)[inside] ** 2))
-    return float(np.sqrt(error / scale)) if scale else None
+        seen = optics.inside & np.isfinite(picture.sigma).all(axis=-1)
+        truth = optics.wanted(lambda part: answer(part, plan.recipe, alive))[seen]
+        found = picture.image[seen]
+    scale = float(np.sum(truth**2))
+    return float(np.sqrt(np.sum((found - truth) ** 2) / scale)) if scale else None
 
 
 def _told(plan: Plan, scene: Scene) -> bool:

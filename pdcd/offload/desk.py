@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
+from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, disk_errors
 from pdcd.offload.answers import (
@@ -136,9 +137,13 @@ class Desk:
         if job.folder is None or job.ratio is None:
             raise PdcdError("a test exposure came before its shot")
         frame = read_raw(job.folder / raw, sha256=sha256, saturation_dn=saturation_dn)
-        cells = None
-        if self._facts.config.camera.homography is None:
-            cells = CellMap.block(job.plan.grid, frame.frame)
+        config = self._facts.config
+        cells = CellMap(
+            grid=job.plan.grid,
+            frame=frame.frame,
+            map=camera_map(config, frame.frame),
+            blur_quads=config.camera.blur_quads,
+        )
         return Metered(
             peak=peak_share(frame.planes, frame.saturated, saturation_dn),
             expected=expected_share(frame.planes, job.ratio, saturation_dn, cells),
@@ -195,8 +200,16 @@ class Desk:
             parts=len(part_numbers(decoded.recipe)),
             rms_sigma=rms_sigma(picture),
             sigma_kind=picture.kind,
-            sigma_mean=float(known.mean()) if known.size else None,
-            rms_error=rms_error(job.plan, record, picture, facts.scene, facts.config, watch),
+            sigma_mean=float(known.mean(dtype=np.float64)) if known.size else None,
+            rms_error=rms_error(
+                job.plan,
+                record,
+                picture,
+                decoded.cell_means.image,
+                facts.scene,
+                facts.config,
+                watch,
+            ),
             deviations=decoded.deviations(watch),
         )
         self.forget(watch)

@@ -4,33 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import DecodeError
-from pdcd.probing.deviation import row_weights_s, weight_s
-from pdcd.probing.realised import Factors, signed_sum
-from pdcd.recipes.recipe import Combination, Extremes, Photo, Recipe, Rule
+from pdcd.pictures.weights import (
+    Bools,
+    Floats,
+    Shown,
+    cell_weights_s,
+    divided_by_row,
+    quad_weights_s,
+    realised_photo,
+)
+from pdcd.probing.realised import Factors
+from pdcd.recipes.recipe import Extremes, Recipe, Rule
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
-Floats = NDArray[np.float64]
+__all__ = [
+    "Errors",
+    "Exposed",
+    "Floats",
+    "Matrix",
+    "Picture",
+    "Shown",
+    "cell_weights_s",
+    "combine",
+    "divided_by_row",
+    "pictures_of",
+    "realised_photo",
+    "scaled_photos",
+    "sigma_of",
+]
 
+_F = TypeVar("_F", np.float64, np.floating)
 
-class Shown(Protocol):
-    """What the panels really did in a shot; no light is needed to know it."""
-
-    @property
-    def realised(self) -> Factors:
-        """The probing matrix that they gave it."""
-        ...
-
-    @property
-    def missed(self) -> int:
-        """Refreshes that came late or never, where that left codes with unequal light."""
-        ...
+Errors = NDArray[np.floating]
+"""Error bars: float64, or float32 where a frame is large."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +57,10 @@ class Matrix:
 class Exposed:
     """A developed shot.
 
-    light, variance : (h, w, 3) float64
-        Scene units times seconds, signed, and its variance by the sensor model.
+    light : (h, w, 3) float64
+        Scene units times seconds, signed.
+    variance : (h, w, 3) float64, or float32 where the frame is large
+        Its variance by the sensor model.
     saturated : (h, w) bool
     realised : the probing matrix that the panels really gave it.
     exif : what its RAW file says of itself.
@@ -54,8 +68,8 @@ class Exposed:
     """
 
     light: Floats
-    variance: Floats
-    saturated: NDArray[np.bool_]
+    variance: Errors
+    saturated: Bools
     realised: Factors
     exif: dict[str, object]
     missed: int = 0
@@ -63,10 +77,14 @@ class Exposed:
 
 @dataclass(frozen=True)
 class Picture:
-    """`image` and `sigma` (h, w, 3) float64 in scene units; sigma is inf where saturated."""
+    """`image` (h, w, 3) float64 and `sigma`, its error bar, in scene units.
+
+    Sigma is inf where nothing is known: where a quad is saturated, blind or not wholly in the
+    field. Outside the field the image is 0.
+    """
 
     image: Floats
-    sigma: Floats
+    sigma: Errors
 
 
 def combine(
@@ -79,7 +97,7 @@ def combine(
 ) -> dict[str, Picture]:
     """All pictures of a recipe, the answer first.
 
-    `cells` tells which pixels see which cell. `added` holds what is known to be missing from a
+    `cells` tells which quads see which cell. `added` holds what is known to be missing from a
     photo, (h, w, 3) in scene units.
 
     Each photo is divided by its own least-squares weight before photos are subtracted (erratum
@@ -88,7 +106,8 @@ def combine(
 
     With `normalise` "row" each cell is divided by its own weight instead, with "scalar" none is;
     "auto" does so for photos whose codes ask for it and for those that missed refreshes: lost codes
-    leave cells open unequally often, as the paper's random codes do.
+    leave cells open unequally often, as the paper's random codes do. Either way each quad's weight
+    is that of the windows that it saw (`pdcd.pictures.weights`).
     """
     return pictures_of(recipe, scaled_photos(recipe, shots, cells, added, normalise=normalise))
 
@@ -103,77 +122,92 @@ def scaled_photos(
 ) -> dict[str, Picture]:
     """Every photo of a recipe divided by its weight; arguments as of `combine`."""
     scaled: dict[str, Picture] = {}
+    outside = None if cells.known.all() else ~cells.known
     for photo in recipe.photos:
         realised = realised_photo(photo.shots, shots)
-        light = _sum(sign * shots[name].light for sign, name in photo.shots)
-        variance = _sum(shots[name].variance for _, name in photo.shots)
-        blown = np.logical_or.reduce([shots[name].saturated for _, name in photo.shots])
-        weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
-        if weight.ndim:
-            weight = cells.spread(weight)[..., None]
-        sigma = np.sqrt(variance) / weight
-        sigma[blown] = np.inf
-        image = light / weight + (0.0 if added is None else added.get(photo.name, 0.0))
+        by_row = divided_by_row(photo, shots, normalise)
+        weights = quad_weights_s(photo, realised, shots, cells, by_row=by_row)
+        weight = weights.quads_s[..., None] if weights.quads_s.ndim else weights.quads_s
+        variance = _sum((1.0, shots[name].variance) for _, name in photo.shots)
+        sigma = np.sqrt(variance)
+        sigma /= weight.astype(sigma.dtype)
+        unknown = np.logical_or.reduce([shots[name].saturated for _, name in photo.shots])
+        for more in (weights.blind, outside):
+            if more is not None:
+                unknown = unknown | more
+        sigma[unknown] = np.inf
+        image = _sum((sign, shots[name].light) for sign, name in photo.shots) / weight
+        if added is not None and photo.name in added:
+            image += added[photo.name]
+        if outside is not None:
+            image[outside] = 0.0
         scaled[photo.name] = Picture(image, sigma)
     return scaled
 
 
 def pictures_of(recipe: Recipe, photos: Mapping[str, Picture]) -> dict[str, Picture]:
     """All pictures that the recipe makes of scaled photos, the answer first."""
-    return {name: _combination(rule, photos) for name, rule in recipe.pictures.items()}
+    sigmas = {name: photo.sigma for name, photo in photos.items()}
+    return {
+        name: Picture(_image_of(rule, photos), sigma_of(rule, photos, sigmas))
+        for name, rule in recipe.pictures.items()
+    }
 
 
-def divided_by_row(photo: Photo, shots: Mapping[str, Shown], normalise: NormaliseName) -> bool:
-    """Whether each cell of a photo is divided by its own weight; see `combine`."""
-    if normalise == "auto":
-        return photo.row_weights or any(shots[name].missed for _, name in photo.shots)
-    return normalise == "row"
-
-
-def cell_weights_s(photo: Photo, realised: Factors, *, by_row: bool) -> Floats:
-    """What to divide a photo by: one number (), or that of each cell's row (N,)."""
-    common = weight_s(realised, photo.wanted)
-    if not common > 0.0:
-        raise DecodeError(
-            f"photo {photo.name} has no light on the paths it is to keep",
-            hint="look at frames.csv: did the panels show the codes while the shutter was open",
-        )
-    if not by_row:
-        return np.array(common)
-    inner, norm = row_weights_s(realised, photo.wanted)
-    usable = (norm > 0.0) & (inner > 0.0)
-    own: Floats = np.where(usable, inner / np.where(norm > 0.0, norm, 1.0), common)
-    return own
-
-
-def realised_photo(terms: Combination, shots: Mapping[str, Shown]) -> Factors:
-    """Realised probing matrix of a signed sum of shots."""
-    return signed_sum((sign, shots[name].realised) for sign, name in terms)
-
-
-def _combination(rule: Rule, photos: Mapping[str, Picture]) -> Picture:
+def sigma_of(rule: Rule, photos: Mapping[str, Picture], sigmas: Mapping[str, Errors]) -> Errors:
+    """Standard deviation of a picture, from those of its photos, which are independent."""
     if isinstance(rule, Extremes):
-        return _extremes(rule, photos)
-    image = _sum(c * photos[name].image for c, name in rule)
-    variance = _sum(c * c * photos[name].sigma ** 2 for c, name in rule)
-    return Picture(image, np.sqrt(variance))
+        return _sigma_of_extremes(rule, photos, sigmas)
+    if len(rule) == 1 and rule[0][0] == 1.0:
+        return sigmas[rule[0][1]]
+    sigma: Errors = np.sqrt(_sum((c * c, sigmas[name] ** 2) for c, name in rule))
+    return sigma
 
 
-def _extremes(rule: Extremes, photos: Mapping[str, Picture]) -> Picture:
+def _image_of(rule: Rule, photos: Mapping[str, Picture]) -> Floats:
+    if isinstance(rule, Extremes):
+        images = [photos[name].image for name in rule.photos]
+        largest, smallest = np.array(images[0]), np.array(images[0])
+        for image in images[1:]:
+            np.maximum(largest, image, out=largest)
+            np.minimum(smallest, image, out=smallest)
+        return _sum([(rule.largest, largest), (rule.smallest, smallest)])
+    return _sum((c, photos[name].image) for c, name in rule)
+
+
+def _sigma_of_extremes(
+    rule: Extremes, photos: Mapping[str, Picture], sigmas: Mapping[str, Errors]
+) -> Errors:
     """Sigma is that of the two photos chosen, to first order: it does not know that noise itself
     picks the extremes, which makes their difference too large by about two sigma where all photos
     are alike. Where any photo is saturated nothing is known of the extremes."""
-    images = np.stack([photos[name].image for name in rule.photos])
-    sigmas = np.stack([photos[name].sigma for name in rule.photos])
-    known = np.isfinite(sigmas).all(axis=0)
-    image, variance = np.zeros(images.shape[1:]), np.zeros(images.shape[1:])
-    chosen = ((rule.largest, images.argmax(axis=0)), (rule.smallest, images.argmin(axis=0)))
-    for factor, index in chosen:
-        image += factor * np.take_along_axis(images, index[None], axis=0)[0]
-        sigma = np.take_along_axis(sigmas, index[None], axis=0)[0]
+    first = photos[rule.photos[0]].image
+    largest, smallest = np.array(first), np.array(first)
+    of_largest, of_smallest = (np.array(sigmas[rule.photos[0]]) for _ in range(2))
+    known = np.isfinite(of_largest)
+    for name in rule.photos[1:]:
+        image, sigma = photos[name].image, sigmas[name]
+        known &= np.isfinite(sigma)
+        np.copyto(of_largest, sigma, where=image > largest)
+        np.copyto(of_smallest, sigma, where=image < smallest)
+        np.maximum(largest, image, out=largest)
+        np.minimum(smallest, image, out=smallest)
+    variance = np.zeros_like(of_largest)
+    for factor, sigma in ((rule.largest, of_largest), (rule.smallest, of_smallest)):
         variance += (factor * np.where(known, sigma, 0.0)) ** 2
-    return Picture(image, np.where(known, np.sqrt(variance), np.inf))
+    found: Errors = np.where(known, np.sqrt(variance), np.inf).astype(variance.dtype)
+    return found
 
 
-def _sum(arrays: Iterable[Floats]) -> Floats:
-    return np.asarray(np.sum(list(arrays), axis=0))
+def _sum(terms: Iterable[tuple[float, NDArray[_F]]]) -> NDArray[_F]:
+    """Weighted sum of equally shaped arrays, in order, of their own type; a single one with the
+    weight 1 is not copied."""
+    (first, array), *rest = terms
+    total: NDArray[_F] = array if first == 1.0 else np.asarray(first * array)
+    for factor, more in rest:
+        part: NDArray[_F] = more if factor == 1.0 else np.asarray(factor * more)
+        if total is array:
+            total = np.asarray(total + part)
+        else:
+            total += part
+    return total

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -13,11 +14,13 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.frames.patterns import Patterns, none
+from pdcd.maps.placing import placed
 from pdcd.pictures.combine import Exposed, Matrix, Picture, Shown, pictures_of, realised_photo
 from pdcd.pictures.develop import warp
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.photos import corrected_photos
-from pdcd.pictures.sigma import Barred, measured
+from pdcd.pictures.quads import cell_means, of_cells, shared_out
+from pdcd.pictures.sigma import Barred, barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.software import software_sums, summed_matrices
 from pdcd.pictures.watch import Watch
@@ -31,12 +34,14 @@ from pdcd.runs.folder import read_patterns
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.sensor.cells import CellMap
-from pdcd.sensor.raw import read_raw, rgb_variance, to_rgb
+from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
 
 Alive = Callable[[], None]
 
 REFRESH_BYTES = 2048
 """Of a RAW file, read in the time that the matrix of one refresh takes; roughly."""
+LARGE_QUADS = 2**18
+"""Quads from which error bars are held in single precision."""
 MAKING = 2.0
 """Work of making pictures, over that of the matrices of all their refreshes; roughly."""
 
@@ -48,6 +53,8 @@ class Decoded:
     recipe: Recipe
     shots: dict[str, Exposed]
     pictures: dict[str, Barred]
+    """On the camera's own quads, (h, w, 3)."""
+    cells: CellMap
     sums: dict[str, Exposed] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
 
@@ -55,6 +62,11 @@ class Decoded:
     def answer(self) -> Barred:
         """The picture that was asked for."""
         return self.pictures[self.recipe.answer_name]
+
+    @cached_property
+    def cell_means(self) -> Barred:
+        """The answer's means over the cells, (rows, cols, 3)."""
+        return cell_means(self.answer, self.cells)
 
     def deviations(self, alive: Alive = lambda: None) -> dict[str, Deviation]:
         """For each photo, its realised probing matrix against the wanted one.
@@ -81,6 +93,7 @@ class Darkroom:
         self._matrices: dict[str, Matrix] = {}
         self._exposed: dict[str, Exposed] = {}
         self._learned: tuple[tuple[int, int], Learned] | None = None
+        self._like: tuple[str, int] | None = None
         self.replan(record)
 
     @property
@@ -135,7 +148,7 @@ class Darkroom:
             pictures = self._barred(recipe, {**shots, **sums}, cells, alive)
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
-        return Decoded(recipe, shots, pictures, sums)
+        return Decoded(recipe, shots, pictures, cells, sums)
 
     def _barred(
         self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap, alive: Alive
@@ -159,8 +172,18 @@ class Darkroom:
         numbers = part_numbers(recipe)
         if len(numbers) < FEWEST_PARTS:
             return modelled(recipe, shots, scaled, whole, cells, alive)
-        parts = [pictures_of(recipe, photos(only_parts(recipe, {n}))) for n in numbers]
-        return {name: measured(p, [part[name] for part in parts]) for name, p in whole.items()}
+        parts: dict[str, list[Picture]] = {name: [] for name in whole}
+        for number in numbers:
+            for name, part in pictures_of(recipe, photos(only_parts(recipe, {number}))).items():
+                parts[name].append(of_cells(part, cells))
+        return {name: self._measured(p, parts[name], cells) for name, p in whole.items()}
+
+    @staticmethod
+    def _measured(picture: Picture, parts: list[Picture], cells: CellMap) -> Barred:
+        """A picture with the code error that its parts, as means of cells, show."""
+        coarse = of_cells(picture, cells)
+        code = measured(coarse, parts).code
+        return barred(picture, shared_out(code, picture, coarse, cells), "measured")
 
     def _sums_up(self, shots: Mapping[str, Shown]) -> bool:
         """Whether all photos are there that the recipe's sums want."""
@@ -205,6 +228,7 @@ class Darkroom:
                 record.mask,
                 open_ns=shot.open_ns,
                 close_ns=shot.close_ns,
+                fine=record.camera_place is not None,
             )
             realised = collect(_watched(chunks, alive))
             if _level(shot) != 1.0:
@@ -230,8 +254,33 @@ class Darkroom:
             size_bytes=shot.size_bytes,
             saturation_dn=profile.saturation_dn(shot.iso),
         )
+        self._check(shot, raw)
+        gain = profile.row(shot.iso).gain_e_per_dn
+        # From DN to scene units times seconds: electrons, then the camera's responsivity.
+        to_units = gain * shot.f_number**2 / np.array(self._record.responsivity_e)
+        exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
+        factors = to_units / _level(shot)
+        large = raw.saturated.size >= LARGE_QUADS
+        return Exposed(
+            light=to_rgb(raw.planes, factors),
+            variance=rgb_variance(
+                raw.planes,
+                profile,
+                shot.iso,
+                exposure_s,
+                factors,
+                np.float32 if large else np.float64,
+            ),
+            saturated=raw.saturated,
+            realised=shown.realised,
+            exif=raw.exif(),
+            missed=shown.missed,
+        )
+
+    def _check(self, shot: ShotRecord, raw: RawFrame) -> None:
+        """Note what the first photo is like, and refuse others that are not. Raises DecodeError."""
         if self._record.cells is None:
-            cells = CellMap.block(self._record.grid, raw.frame)
+            cells = self._placed(raw.frame)
             self._record = msgspec.structs.replace(self._record, cells=cells)
         elif raw.frame != self._record.cells.frame:
             raise DecodeError(
@@ -239,23 +288,30 @@ class Darkroom:
                 f"{self._record.cells.frame[0]} x {self._record.cells.frame[1]}",
                 hint="restore it from a copy",
             )
-        gain = profile.row(shot.iso).gain_e_per_dn
-        # From DN to scene units times seconds: electrons, then the camera's responsivity.
-        to_units = gain * shot.f_number**2 / np.array(self._record.responsivity_e)
-        exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
-        level = _level(shot)
-        variance = rgb_variance(raw.planes, profile, shot.iso, exposure_s)
-        return Exposed(
-            light=to_rgb(raw.planes) * (to_units / level),
-            variance=variance * (to_units / level) ** 2,
-            saturated=raw.saturated,
-            realised=shown.realised,
-            exif=raw.exif(),
-            missed=shown.missed,
+        self._like = self._like or (raw.model, raw.flip)
+        if (raw.model, raw.flip) != self._like:
+            raise DecodeError(
+                f"{shot.raw} is of {raw.model or 'no camera'} with orientation {raw.flip}, other "
+                f"shots of the run of {self._like[0] or 'no camera'} with {self._like[1]}",
+                hint="take all shots with one camera that stays as it is; switch its automatic "
+                "rotation off",
+            )
+
+    def _placed(self, frame: tuple[int, int]) -> CellMap:
+        """Where the quads of the run's frames lie."""
+        record = self._record
+        if record.camera_place is None:
+            return CellMap.block(record.grid, frame)
+        size_px = record.projector.size_px
+        return CellMap(
+            grid=record.grid,
+            frame=frame,
+            map=placed(record.camera_place, (frame[1], frame[0]), size_px, "camera"),
+            blur_quads=record.blur_quads,
         )
 
     def _cells(self) -> CellMap:
-        """Which pixels see which cell; known from the first photo on."""
+        """Where the quads lie; known from the first photo on."""
         if self._record.cells is None:
             raise DecodeError("no photo was taken yet", hint="take at least one shot")
         return self._record.cells
@@ -284,7 +340,7 @@ def _warped(picture: Barred, homography: Homography) -> Barred:
     known = np.isfinite(picture.sigma)
     whole = warp(known.astype(np.float64), matrix, size_px) > 1.0 - 1e-9
 
-    def error(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
+    def error(sigma: NDArray[np.floating]) -> NDArray[np.float64]:
         return np.where(whole, warp(np.where(known, sigma, 0.0), matrix, size_px), np.inf)
 
     return Barred(

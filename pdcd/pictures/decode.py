@@ -36,18 +36,19 @@ class Comparison(msgspec.Struct, frozen=True):
 def write_pictures(folder: Path, decoded: Decoded) -> None:
     """Write linear/*.tif, probe.npz and preview/*.png below `folder`.
 
+    The TIFFs have the camera's own geometry and resolution, `probe.npz` has means over the cells.
     All previews share one exposure scale, that of the brightest picture, so that they compare.
     """
     with disk_errors(str(folder)):
-        answer = decoded.answer
+        means = decoded.cell_means
         with (folder / "probe.npz").open("wb") as file:
             np.savez(
                 file,
-                image=answer.image,
-                sigma=answer.sigma,
-                sigma_sensor=answer.sensor,
-                sigma_code=answer.code,
-                sigma_kind=np.array(answer.kind),
+                image=means.image,
+                sigma=means.sigma,
+                sigma_sensor=means.sensor,
+                sigma_code=means.code,
+                sigma_kind=np.array(means.kind),
             )
         brightest = max(float(np.percentile(p.image, 99.0)) for p in decoded.pictures.values())
         scale = 0.9 / brightest if brightest > 0.0 else 1.0

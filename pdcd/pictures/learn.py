@@ -54,7 +54,7 @@ def stack_photos(
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
 
     Those not taken yet are left out; `bits` are of those that were. Each is divided by its
-    own time of open mask and lit projector; pixels of a cell are averaged.
+    own time of open mask and lit projector; quads of a cell are averaged.
     """
     photos, sigmas = [], []
     taken = [name for name in recipe.stack if name in shots]
@@ -62,7 +62,7 @@ def stack_photos(
         shot = shots[name]
         weight = time_s(shot.realised, lit)
         photos.append(cells.mean(shot.light) / weight)
-        sigmas.append(np.sqrt(cells.mean(shot.variance) / cells.pixels) / weight)
+        sigmas.append(cells.error_of_mean(shot.variance) / weight)
     return np.array(photos), np.array(sigmas)
 
 

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 
 from pdcd.pictures.combine import Exposed, Floats, Picture, realised_photo, scaled_photos
 from pdcd.pictures.learn import Learned, corrections
-from pdcd.pictures.smooth import smoothed
+from pdcd.pictures.smoothed import smoothed
+from pdcd.pictures.weights import brought
 from pdcd.probing.deviation import weight_s
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
@@ -50,4 +51,4 @@ def _missing(
         return {}
     realised = realised_photo(photo.shots, shots)
     wrong = corrections(learned, realised, weight_s(realised, photo.wanted))
-    return {photo.name: cells.spread(wrong)}
+    return {photo.name: brought(wrong, cells, realised.fine)}

@@ -17,7 +17,7 @@ import scipy.special
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pdcd.pictures.combine import Picture
+from pdcd.pictures.combine import Errors, Picture
 
 Floats = NDArray[np.float64]
 Kind = Literal["measured", "modelled"]
@@ -30,13 +30,14 @@ NEIGHBOURS_PX = 3
 
 @dataclass(frozen=True)
 class Barred(Picture):
-    """A picture with its whole error: ``sigma^2 = sensor^2 + code^2``, (h, w, 3) float64 each.
+    """A picture with its whole error: ``sigma^2 = sensor^2 + code^2``, (h, w, 3) each, float64 or,
+    where the frame is large, float32.
 
     `kind` is how `code` was found.
     """
 
-    sensor: Floats
-    code: Floats
+    sensor: Errors
+    code: Errors
     kind: Kind
 
 
@@ -64,7 +65,7 @@ def measured(picture: Picture, parts: Sequence[Picture]) -> Barred:
     return barred(picture, code, "measured")
 
 
-def barred(picture: Picture, code: Floats, kind: Kind) -> Barred:
+def barred(picture: Picture, code: Errors, kind: Kind) -> Barred:
     """A picture whose sigma is the sensor's, completed by the code error (h, w, 3)."""
     return Barred(picture.image, np.hypot(picture.sigma, code), picture.sigma, code, kind)
 

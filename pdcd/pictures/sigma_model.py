@@ -12,7 +12,7 @@ the mean and the variance over m of ``A_nm / w - W_nm``. For the paper's random 
 known ``(S^2 + 2 Q) / K`` with ``Q = S^2 / N_eff``.
 
 N_eff is one number for a photo, by its roughness: code errors of neighbours are unrelated, light
-from elsewhere is mostly smooth. So what the picture varies from pixel to pixel beyond the sensor's
+from elsewhere is mostly smooth. So what the picture varies from cell to cell beyond the sensor's
 noise is taken to be code error. Texture of the scene, unless a white photo shows it, counts as
 error too, which makes sigma too large; errors that vary slowly are not seen, which makes it too
 small.
@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pdcd.pictures.combine import Exposed, Picture, pictures_of, realised_photo
+from pdcd.pictures.combine import Exposed, Picture, realised_photo, sigma_of
+from pdcd.pictures.quads import of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred
 from pdcd.probing.deviation import row_deviations, weight_s
 from pdcd.recipes.recipe import Recipe
@@ -35,11 +36,11 @@ from pdcd.sensor.cells import CellMap
 Floats = NDArray[np.float64]
 
 RING = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]) / 8.0
-"""Mean of the eight pixels around one."""
+"""Mean of the eight cells around one."""
 FEWEST_CELLS = 4.0
 """Least N_eff: the sharpest of the virtual scenes, a ball of mirrors, has about as much."""
 DARK = 0.02
-"""Share of the brightest white below which a pixel tells nothing of texture."""
+"""Share of the brightest white below which a cell tells nothing of texture."""
 MEDIAN_SQUARE = 0.4549
 """Median of the square of a standard normal number."""
 
@@ -54,35 +55,41 @@ def modelled(
 ) -> dict[str, Barred]:
     """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
 
+    It is worked out on the means of cells, as what varies between the quads of a cell is texture,
+    and then lies on the quads as light does.
+
     `photos` are the scaled ones that the pictures were made of
     (`pdcd.pictures.combine.scaled_photos`). Code errors of different photos are taken as
     independent. `alive` is called now and then, may raise.
     """
-    white = photos["white"].image if "white" in photos else None
+    coarse = {name: of_cells(photo, cells) for name, photo in photos.items()}
+    white = coarse["white"].image if "white" in coarse else None
     alone = {}
     for photo in recipe.photos:
-        picture = photos[photo.name]
+        picture = coarse[photo.name]
         realised = realised_photo(photo.shots, shots)
         rows = row_deviations(realised, photo.wanted, weight_s(realised, photo.wanted), alive)
-        mean, variance, diagonal = (cells.spread(row)[..., None] for row in rows)
+        mean, variance, diagonal = (row.reshape(*cells.grid, 1) for row in rows)
         error = code_error(picture, mean**2 + diagonal**2, variance, photo.wanted.cells, white)
-        alone[photo.name] = Picture(picture.image, error)
-    code = pictures_of(recipe, alone)
-    return {name: barred(p, code[name].sigma, "modelled") for name, p in pictures.items()}
+        alone[photo.name] = shared_out(error, photos[photo.name], picture, cells)
+    return {
+        name: barred(p, sigma_of(recipe.pictures[name], photos, alone), "modelled")
+        for name, p in pictures.items()
+    }
 
 
 def code_error(
     picture: Picture, fixed: Floats, spread: Floats, cells: int, white: Floats | None = None
 ) -> Floats:
-    """Standard deviation by the model, (h, w, C), in the unit of the picture.
+    """Standard deviation by the model, (rows, cols, C), in the unit of the picture.
 
     Parameters
     ----------
-    picture : its sigma is the sensor's.
-    fixed, spread : (h, w, 1)
+    picture : of cells; its sigma is the sensor's.
+    fixed, spread : (rows, cols, 1)
         Mean square error over S^2 that does not depend on N_eff, and that which is divided by it.
     cells : most that N_eff can be.
-    white : (h, w, C), a picture of everything, whose texture then does not count as error.
+    white : (rows, cols, C), a picture of everything, whose texture then does not count as error.
     """
     light = np.empty_like(picture.image)
     around = np.empty_like(picture.image)
@@ -104,7 +111,8 @@ def code_error(
 
 
 def _around(image: Floats, white: Floats | None) -> Floats:
-    """What the pixels around lead one to expect, (h, w): of shares of `white` where that is lit."""
+    """What the cells around lead one to expect, (rows, cols): of shares of `white` where that is
+    lit."""
     expected: Floats = ndimage.convolve(image, RING, mode="nearest")
     if white is not None:
         lit = white > DARK * white.max()

@@ -15,19 +15,12 @@ patterns: then little is learnt and little is done.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.sparse import csr_array
-
-from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
-from pdcd.pictures.learn import Learned
-from pdcd.recipes.recipe import Recipe
-from pdcd.sensor.cells import CellMap
-from pdcd.words import NormaliseName
 
 Floats = NDArray[np.float64]
 Spread = Callable[[Floats], Floats]
@@ -231,35 +224,3 @@ def _spread(kernel: Floats, grid: tuple[int, int]) -> Spread:
         return near
 
     return spread
-
-
-def smoothed(
-    recipe: Recipe,
-    shots: Mapping[str, Exposed],
-    picture: Picture,
-    learned: Learned | None,
-    cells: CellMap,
-    *,
-    normalise: NormaliseName = "auto",
-    alive: Callable[[], None] = lambda: None,
-) -> Picture:
-    """An indirect picture corrected for its smooth light (`pdcd.pictures.smooth`).
-
-    Sigma stays: the correction is a small part of the picture. `normalise` is what the picture was
-    made with (`pdcd.pictures.combine`). `alive` as of `smooth_correction`.
-    """
-    photo = recipe.coded
-    if photo is None:
-        return picture
-    realised = realised_photo(photo.shots, shots)
-    weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
-    image = cells.mean(picture.image)
-    if learned is not None:
-        image = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
-    more = colour_correction(realised.left, realised.right, weight, image, cells.grid, alive)
-    return Picture(picture.image + cells.spread(more), picture.sigma)
-
-
-def _sums(paths: csr_array) -> Floats:
-    """Row sums of a sparse matrix, (N,)."""
-    return np.asarray(paths.sum(axis=1), dtype=np.float64).ravel()

@@ -71,14 +71,14 @@ def _matrix(taken: Sequence[Shown], weights: Floats) -> Matrix:
 
 def _sum(cells: CellMap, taken: Sequence[Exposed], weights: Floats) -> Exposed:
     """``sum_k w_k * photo_k``."""
-    shape = taken[0].light.shape
-    light, variance = np.zeros(shape), np.zeros(shape)
+    light, variance = np.zeros_like(taken[0].light), np.zeros_like(taken[0].variance)
     saturated = cells.spread(np.logical_not(weights.any(axis=0)))
     for weight, shot in zip(weights, taken, strict=True):
-        of_pixels = cells.spread(weight)[..., None]
-        light += of_pixels * shot.light
-        variance += of_pixels**2 * shot.variance
-        saturated = saturated | (shot.saturated & (of_pixels[..., 0] != 0.0))
+        of_quads = cells.spread(weight)
+        saturated = saturated | (shot.saturated & (of_quads != 0.0))
+        light += of_quads[..., None] * shot.light
+        squared = (of_quads**2).astype(variance.dtype)
+        variance += squared[..., None] * shot.variance
     shown = _matrix(taken, weights)
     return Exposed(
         light=light,

@@ -98,7 +98,7 @@ def peak_share(
 
 
 def expected_share(
-    planes: NDArray[np.float32], ratio: Floats, saturation_dn: float, cells: CellMap | None
+    planes: NDArray[np.float32], ratio: Floats, saturation_dn: float, cells: CellMap
 ) -> float:
     """Brightest sample of the real exposure, as a share of saturation; may be more than 1.
 
@@ -106,11 +106,8 @@ def expected_share(
     ----------
     planes : (4, h, w), the test exposure in DN above black.
     ratio : (rows, cols) of `metered_pairs`.
-    cells : which pixels see which cell. None where that is not known: the ratio of an average cell
-        then counts for all.
+    cells : which quads see which cell. What is outside the field does not count.
     """
-    if cells is None:
-        return float(planes.max() * np.median(ratio)) / saturation_dn
     return float((planes * cells.spread(ratio.ravel())).max()) / saturation_dn
 
 

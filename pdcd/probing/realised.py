@@ -25,6 +25,7 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import levels_of
+from pdcd.probing.fine import Fine, FineSums, cut_by_windows, summed
 from pdcd.probing.panel import Panel, Trajectory, decay_integral, offset_cells
 
 Floats = NDArray[np.float64]
@@ -44,12 +45,15 @@ class Factors:
         Mean over each cell of the time for which a point is both lit and seen.
     open_s : (N,) float64
         Mean over each cell of the time for which the mask is open (what ambient light gets).
+    fine : sums over rows for parts of cells; None where windows do not cut the cells, or where
+        nobody asked.
     """
 
     left: Floats
     right: Floats
     coaxial: Floats
     open_s: Floats
+    fine: Fine | None = None
 
     @cached_property
     def total_s(self) -> float:
@@ -75,6 +79,7 @@ def factors(
     open_ns: int,
     close_ns: int,
     offset_cells: tuple[float, float] = (0.0, 0.0),
+    fine: bool = False,
 ) -> Iterator[Factors]:
     """Realised probing matrix of one exposure, chunk by chunk.
 
@@ -84,6 +89,7 @@ def factors(
     primal, dual : optics of projector and mask; both rest on black when the shutter opens.
     open_ns, close_ns : the exposure, on the clock of the log.
     offset_cells : misregistration of the mask, in cells (rows, cols).
+    fine : look at parts of cells, too.
     """
     lattice = Lattice(frames.grid, frames.window, offset_cells)
     p_rows, p_start_ns = frame_spans(
@@ -109,11 +115,12 @@ def factors(
     )
     widest = lattice.fields * (lattice.lattice_cells + 1) * 8
     step = max(1, CHUNK_BYTES // (widest * p_track.fields))
+    finely = fine and cut_by_windows(lattice)
     for start in range(0, len(p_rows), step):
         stop = min(start + step, len(p_rows))
         rows = weights[start * p_track.fields : stop * p_track.fields]
         opens = open_weights[start:stop].sum(axis=0)
-        yield _chunk(lattice, p_track.take(start, stop), d_track, rows, opens)
+        yield _chunk(lattice, p_track.take(start, stop), d_track, rows, opens, finely)
 
 
 def bench_factors(
@@ -124,6 +131,7 @@ def bench_factors(
     *,
     open_ns: int,
     close_ns: int,
+    fine: bool = False,
 ) -> Iterator[Factors]:
     """`factors` of panels as a configuration describes them, misregistration included."""
     return factors(
@@ -134,6 +142,7 @@ def bench_factors(
         open_ns=open_ns,
         close_ns=close_ns,
         offset_cells=offset_cells(projector, mask, frames.grid),
+        fine=fine,
     )
 
 
@@ -146,7 +155,9 @@ def collect(chunks: Iterable[Factors]) -> Factors:
     parts: list[Factors] = []
     coaxial, open_s = [], []
     matrix: Floats | None = None
+    fine: list[Fine | None] = []
     for chunk in chunks:
+        fine = [summed((1.0, part) for part in (*fine, chunk.fine))]
         coaxial.append(chunk.coaxial)
         open_s.append(chunk.open_s)
         parts.append(chunk)
@@ -162,7 +173,7 @@ def collect(chunks: Iterable[Factors]) -> Factors:
     else:
         left = np.concatenate([p.left for p in parts])
         right = np.concatenate([p.right for p in parts])
-    return Factors(left, right, sum_of(coaxial), sum_of(open_s))
+    return Factors(left, right, sum_of(coaxial), sum_of(open_s), *fine)
 
 
 def sum_of(arrays: Iterable[Floats]) -> Floats:
@@ -172,7 +183,10 @@ def sum_of(arrays: Iterable[Floats]) -> Floats:
 
 def shared(whole: Factors, level: float) -> Factors:
     """The realised matrix of a photo that was divided by a number."""
-    return Factors(whole.left / level, whole.right, whole.coaxial / level, whole.open_s / level)
+    fine = None if whole.fine is None else whole.fine.scaled(1.0 / level)
+    return Factors(
+        whole.left / level, whole.right, whole.coaxial / level, whole.open_s / level, fine
+    )
 
 
 def signed_sum(terms: Iterable[tuple[float, Factors]]) -> Factors:
@@ -185,6 +199,7 @@ def signed_sum(terms: Iterable[tuple[float, Factors]]) -> Factors:
         np.concatenate([f.right for _, f in pairs]),
         sum_of(sign * f.coaxial for sign, f in pairs),
         sum_of(sign * f.open_s for sign, f in pairs),
+        summed((sign, f.fine) for sign, f in pairs),
     )
 
 
@@ -194,6 +209,7 @@ def _chunk(
     d_track: Trajectory,
     rows: sparse.csr_array,
     opens: Floats,
+    finely: bool,
 ) -> Factors:
     """Reduce the spans of one chunk to the cells of the scene."""
     cells, k = lattice.cells, lattice.fields
@@ -203,17 +219,25 @@ def _chunk(
     masks = left.reshape(-1, k, lattice.lattice_cells + 1)
     lights = right.reshape(-1, k, cells)
     coaxial = np.zeros(lattice.grid)
+    fine = FineSums(lattice) if finely else None
     for o in lattice.overlaps:
         mask, light = masks[:, o.dual_field], lights[:, o.primal_field].reshape(-1, *lattice.grid)
         live = mask.any(axis=1)  # a window is shut under the other sub-shifts
         if not live.all():
             mask, light = mask[live], light[live]
-        coaxial += o.area * np.einsum("rij,rij->ij", lattice.seen(mask, o), light)
+        time_s = np.einsum("rij,rij->ij", lattice.seen(mask, o), light)
+        coaxial += o.area * time_s
+        if fine is not None:
+            fine.add_coaxial(o, time_s)
+    mean = lights.mean(axis=1)
+    if fine is not None:
+        fine.add_rows(masks, mean)
     return Factors(
         left @ lattice.spread,
-        lights.mean(axis=1),
+        mean,
         coaxial.ravel(),
         open_fine @ lattice.spread,
+        None if fine is None else fine.fine(),
     )
 
 

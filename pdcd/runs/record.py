@@ -7,7 +7,8 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from pdcd.bench.tables import Homography, PanelConfig
+from pdcd.bench.tables import Homography, NonNegative, PanelConfig
+from pdcd.maps.placing import Placing
 from pdcd.request import Goal, How
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
@@ -75,14 +76,20 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     normalise: NormaliseName
     grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
     cells: CellMap | None = None
-    """Which pixels see which cell; None where no photo was taken yet."""
+    """Where the camera's quads see which cell; None where no photo was taken yet."""
+    camera_place: Placing | None = None
+    """Where the camera's frame lies on the field, for `cells`; None in runs from before there were
+    maps, whose frames were cut evenly into cells."""
+    blur_quads: NonNegative = 0.0
+    """Of the camera, for `cells`."""
     projector: PanelConfig
     mask: PanelConfig
     responsivity_e: tuple[Positive, Positive, Positive]
     profile: SensorProfile
     shots: tuple[ShotRecord, ...]
-    homography: Homography | None
-    """Geometric correction of the pictures; see [camera]."""
+    homography: Homography | None = None
+    """Geometric correction of the pictures of runs from before there were maps: 3 x 3, image to
+    image, in quads."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,33 +1,58 @@
-"""Which pixels of a camera's frame see which cell of the scene: the one place that knows it."""
+"""Which quads of a camera's frame see which cells of the field: the one place that knows it.
+
+A quad is a Bayer quad: the pixel of all planes and pictures. `CellMap` says where the quads lie on
+the field, and brings values from cells to quads and back. `pdcd.sensor.footprint` does the sums.
+"""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from pdcd.errors import DecodeError
+from pdcd.maps.map import Map
+from pdcd.sensor.footprint import Footprint, between_cells, bilinear, footprint, places
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+Cuts = tuple[tuple[float, ...], tuple[float, ...]]
+"""Where each cell is cut along rows and columns, 0 and 1 included."""
+
+UNCUT: Cuts = ((0.0, 1.0), (0.0, 1.0))
+LEAST_SEEN = 0.05
+"""Share of a cell's area below which quads that touch it tell nothing of it."""
+LEAST_KNOWN = 0.9
+"""Share of what is seen of a cell that must be known; a cell with more saturated is unknown."""
 
 
 class CellMap(msgspec.Struct, frozen=True, kw_only=True):
-    """Cells as blocks of pixels: the frame is cut evenly into rows and columns of cells.
+    """Where the quads of a frame lie on the grid of cells.
 
     grid : rows and columns of cells, N in all.
-    frame : rows and columns of pixels (h, w), one for each Bayer quad; multiples of the grid's.
+    frame : rows and columns of quads (h, w).
+    map : from quads to the field. None fills the field, and every quad then counts as seeing the
+        mean of what it covers of its cells, however finely codes divide these: so were runs
+        decoded before there were maps, and so are forecasts.
+    blur_quads : standard deviation of the blur between field and sensor, in quads.
 
     Kept with every run, so that it is decoded with the map that it was taken with.
     """
 
     grid: tuple[int, int]
     frame: tuple[int, int]
+    map: Map | None = None
+    blur_quads: float = 0.0
 
     @classmethod
     def block(cls, grid: tuple[int, int], frame: tuple[int, int]) -> CellMap:
-        """The map of a frame. Raises DecodeError when the grid does not divide it."""
+        """The map of a frame that is cut evenly into cells. Raises DecodeError when the grid does
+        not divide it."""
         if frame[0] % grid[0] or frame[1] % grid[1] or not frame[0] * frame[1]:
             raise DecodeError(
                 f"a frame of {frame[0]} x {frame[1]} pixels cannot be cut into {grid[0]} x "
@@ -38,23 +63,150 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         return cls(grid=grid, frame=frame)
 
     @property
-    def pixels(self) -> int:
-        """Pixels of a cell."""
-        return self._block[0] * self._block[1]
-
-    def spread(self, cells: NDArray[Any]) -> NDArray[Any]:
-        """Values of cells, (N, ...) -> of pixels, (h, w, ...)."""
-        down, right = self._block
-        table = cells.reshape(*self.grid, *cells.shape[1:])
-        return table.repeat(down, axis=0).repeat(right, axis=1)
-
-    def mean(self, image: Floats) -> Floats:
-        """Values of pixels (h, w, C) -> their mean over each cell, (N, C)."""
-        (rows, cols), (down, right) = self.grid, self._block
-        blocks = image.reshape(rows, down, cols, right, image.shape[2])
-        means: Floats = blocks.mean(axis=(1, 3)).reshape(rows * cols, -1)
-        return means
+    def known(self) -> Bools:
+        """(h, w), quads that lie wholly within the field."""
+        return _footprint(self, UNCUT).known
 
     @property
-    def _block(self) -> tuple[int, int]:
-        return self.frame[0] // self.grid[0], self.frame[1] // self.grid[1]
+    def inside(self) -> NDArray[np.float32] | None:
+        """(h, w), share of a quad's light that comes from within the field; None where that is 1
+        for all known quads."""
+        return _footprint(self, UNCUT).inside
+
+    @property
+    def centres(self) -> Floats:
+        """(h, w, 2), where the centres of quads lie on the field: x right, y down, 0 to 1."""
+        return self.filled.centres()
+
+    def spread(self, cells: NDArray[Any]) -> NDArray[Any]:
+        """Values of cells, (N, ...) -> of quads, (h, w, ...): the mean over what each quad sees.
+
+        0 outside the field; bool values stay so: true where most of what a quad sees is.
+        """
+        if self._blocks is not None:
+            down, right = self._blocks
+            table = cells.reshape(*self.grid, *cells.shape[1:])
+            return table.repeat(down, axis=0).repeat(right, axis=1)
+        seen = self.gather(cells.reshape(*self.grid, *cells.shape[1:]))
+        return seen > 0.5 if cells.dtype == np.bool_ else seen
+
+    def gather(self, values: NDArray[Any], cuts: Cuts = UNCUT) -> Floats:
+        """Values of pieces of cells, (R, C, ...) -> of quads, (h, w, ...): the mean over what each
+        quad sees; 0 outside the field. `cuts` says where cells are cut into pieces."""
+        seen = _footprint(self, cuts)
+        if values.ndim == 2:
+            return seen.gather(values)
+        out = planar((*self.frame, *values.shape[2:]))
+        for at in np.ndindex(*values.shape[2:]):
+            out[:, :, *at] = seen.gather(values[:, :, *at])
+        return out
+
+    def smooth(self, cells: NDArray[Any]) -> NDArray[Any]:
+        """Values of cells, (N, ...) -> of quads, (h, w, ...), without edges: bilinear between the
+        centres of cells. Quads larger than a cell, and those without a map, as of `spread`."""
+        coarse = self.frame[0] * self.frame[1] < self.grid[0] * self.grid[1]
+        if self.map is None or coarse:
+            return self.spread(cells)
+        table = cells.reshape(*self.grid, *cells.shape[1:])
+        out = planar((*self.frame, *cells.shape[1:]))
+        for at in np.ndindex(*cells.shape[1:]):
+            out[:, :, *at] = _smooth(self, table[:, :, *at])
+        return out
+
+    def mean(self, image: NDArray[Any], known: Bools | None = None) -> Floats:
+        """Values of quads (h, w, C) -> their mean over each cell, (N, C), by area.
+
+        Quads that are not `known` (h, w), or not wholly in the field, do not count. A cell that is
+        seen by none has 0.
+        """
+        if self._blocks is not None and known is None:
+            (rows, cols), (down, right) = self.grid, self._blocks
+            blocks = image.reshape(rows, down, cols, right, image.shape[2])
+            means: Floats = blocks.mean(axis=(1, 3)).reshape(rows * cols, -1)
+            return means
+        good = self.known if known is None else known & self.known
+        area = self._collected(good)
+        out = np.empty((area.size, image.shape[2]))
+        for channel in range(image.shape[2]):
+            out[:, channel] = self._collected(np.where(good, image[..., channel], 0.0))
+        return np.divide(out, area[:, None], out=np.zeros_like(out), where=area[:, None] > 0.0)
+
+    def error_of_mean(self, variance: NDArray[Any], known: Bools | None = None) -> Floats:
+        """Variances of quads (h, w, C) -> standard deviation of `mean`, (N, C), quads being
+        independent; 0 for cells that are seen by none."""
+        good = self.known if known is None else known & self.known
+        area = self._collected(good)
+        out = np.empty((area.size, variance.shape[2]))
+        shares = _footprint(self, UNCUT)
+        for channel in range(variance.shape[2]):
+            summed = shares.collect(np.where(good, variance[..., channel], 0.0), squares=True)
+            out[:, channel] = np.sqrt(summed.ravel())
+        return np.divide(out, area[:, None], out=np.zeros_like(out), where=area[:, None] > 0.0)
+
+    def seen(self, known: Bools | None = None) -> Bools:
+        """(N,), cells of which enough is seen and, of that, known."""
+        whole = self._collected(self.known)
+        enough = whole * self._quad_cells >= LEAST_SEEN
+        if known is None:
+            return enough
+        return enough & (self._collected(known & self.known) >= LEAST_KNOWN * whole)
+
+    @property
+    def _quad_cells(self) -> float:
+        """Cells that the quad in the middle of the frame covers."""
+        middle = np.array([0.5 * self.frame[1], 0.5 * self.frame[0]])
+        slope = self.filled.jacobian(middle)
+        return abs(float(np.linalg.det(slope))) * self.grid[0] * self.grid[1]
+
+    def _collected(self, image: NDArray[Any]) -> Floats:
+        return _footprint(self, UNCUT).collect(image).ravel()
+
+    @property
+    def filled(self) -> Map:
+        """The map, that of a frame which fills the field included."""
+        return self.map or Map.filling((self.frame[1], self.frame[0]))
+
+    @property
+    def _blocks(self) -> tuple[int, int] | None:
+        """Rows and columns of quads in a cell, where they are whole numbers and without a map."""
+        (rows, cols), (height, width) = self.grid, self.frame
+        if self.map is not None or height % rows or width % cols:
+            return None
+        return height // rows, width // cols
+
+
+def planar(shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
+    """An empty image (h, w, ...) whose channels lie one after the other in memory."""
+    return np.moveaxis(np.empty((*shape[2:], *shape[:2]), dtype), (-2, -1), (0, 1))
+
+
+@lru_cache(maxsize=4)
+def _footprint(cells: CellMap, cuts: Cuts) -> Footprint:
+    rows, cols = cells.grid
+    edges = _edges(rows, cuts[0]), _edges(cols, cuts[1])
+    return footprint(cells.filled, cells.frame, cells.grid, edges, cells.blur_quads)
+
+
+def _edges(count: int, cuts: tuple[float, ...]) -> Floats:
+    """Edges of the pieces of all cells along an axis."""
+    edges = np.arange(count)[:, None] + np.array(cuts[:-1])
+    return np.append(edges.ravel(), float(count))
+
+
+@lru_cache(maxsize=2)
+def _places(cells: CellMap) -> NDArray[np.float32]:
+    return places(cells.filled, cells.frame, cells.grid)
+
+
+@lru_cache(maxsize=2)
+def _lines(cells: CellMap) -> tuple[bool, sparse.csr_array, sparse.csr_array] | None:
+    return between_cells(cells.filled, cells.frame, cells.grid)
+
+
+def _smooth(cells: CellMap, table: Floats) -> NDArray[Any]:
+    lines = _lines(cells)
+    if lines is None:
+        return bilinear(table, _places(cells))
+    turned, down, right = lines
+    table = np.ascontiguousarray(table if turned else table.T)
+    return np.asarray(down @ np.ascontiguousarray((right @ table).T))

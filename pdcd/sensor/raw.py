@@ -18,11 +18,13 @@ from pathlib import Path
 
 import numpy as np
 import rawpy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.sensor.profile import SensorProfile, variance_dn2
 from pdcd.sensor.tiff import DATE_TAKEN, MASKED_AREAS, MODEL, Tags, read_tags
+
+Floats = NDArray[np.float64]
 
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 """How names of RAW files end, in lower case."""
@@ -253,19 +255,38 @@ def _single(value: float) -> float:
     return float(str(np.float32(value)))
 
 
-def to_rgb(planes: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(4, h, w) planes R, G1, G2, B -> (h, w, 3) float64, the two greens averaged."""
-    red, green1, green2, blue = planes.astype(np.float64)
-    return np.stack([red, (green1 + green2) / 2.0, blue], axis=-1)
+def to_rgb(planes: NDArray[np.float32], factors: ArrayLike = (1.0, 1.0, 1.0)) -> Floats:
+    """(4, h, w) planes R, G1, G2, B -> (h, w, 3) float64, the two greens averaged, each channel
+    times its factor. Channels lie one after the other in memory."""
+    red, green, blue = np.asarray(factors, dtype=np.float64)
+    out = np.empty((3, *planes.shape[1:]))
+    np.multiply(planes[0], red, out=out[0])
+    np.add(planes[1], planes[2], out=out[1], dtype=np.float64)
+    out[1] /= 2.0
+    out[1] *= green
+    np.multiply(planes[3], blue, out=out[2])
+    return np.moveaxis(out, 0, -1)
 
 
 def rgb_variance(
-    planes: NDArray[np.float32], profile: SensorProfile, iso: int, exposure_s: float
-) -> NDArray[np.float64]:
-    """Variance of `to_rgb(planes)` by the sensor's noise model: (h, w, 3) float64, DN squared.
+    planes: NDArray[np.float32],
+    profile: SensorProfile,
+    iso: int,
+    exposure_s: float,
+    factors: ArrayLike = (1.0, 1.0, 1.0),
+    dtype: type[np.floating] = np.float64,
+) -> NDArray[np.floating]:
+    """Variance of `to_rgb(planes, factors)` by the sensor's noise model, (h, w, 3) of `dtype`.
 
     The measured samples stand in for the expected ones, so that the photon part is itself noisy
     (and a little high where there is no light). Raises `ConfigError` for an unknown ISO.
     """
-    red, green1, green2, blue = variance_dn2(planes, profile, iso, exposure_s)
-    return np.stack([red, (green1 + green2) / 4.0, blue], axis=-1)
+    out = np.empty((3, *planes.shape[1:]), dtype)
+    of_planes = ((0,), (1, 2), (3,))
+    for channel, (which, factor) in enumerate(zip(of_planes, np.asarray(factors), strict=True)):
+        found = variance_dn2(planes[which[0]], profile, iso, exposure_s)
+        for more in which[1:]:
+            found += variance_dn2(planes[more], profile, iso, exposure_s)
+            found /= 4.0
+        np.multiply(found, factor * factor, out=out[channel], casting="same_kind")
+    return np.moveaxis(out, 0, -1)

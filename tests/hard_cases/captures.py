@@ -49,7 +49,7 @@ class Captured:
             decoded = Darkroom(Path(result.folder), self.manifest.run).decoded()
         answer = decoded.answer
         self.image: Floats = answer.image[..., 1].reshape(-1)
-        self.sigma: Floats = answer.sigma[..., 1].reshape(-1)
+        self.sigma: Floats = np.asarray(answer.sigma[..., 1], np.float64).reshape(-1)
         self.saturated = sum(int(shot.saturated.sum()) for shot in decoded.shots.values())
         photos = {photo.name: photo for photo in decoded.recipe.photos}
         assert not isinstance(decoded.recipe.answer, Extremes)

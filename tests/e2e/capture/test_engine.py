@@ -17,10 +17,12 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
+from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
 from pdcd.request import CaptureRequest, new_job_id
 from pdcd.runs.events import Event
 from pdcd.runs.folder import read_manifest
+from pdcd.sensor.cells import CellMap
 from tests import bench_rig, tampered
 from tests.places import DATA
 
@@ -248,18 +250,23 @@ def test_saturation_is_flagged(tmp_path: Path) -> None:
     assert any("saturated" in w for w in read_manifest(folder).warnings)
 
 
-def test_homography_flips_the_picture_after_all_differences(tmp_path: Path) -> None:
-    plain, _ = run(bench_rig.config(tmp_path), goal="direct", codes=8)
-    camera = CameraConfig(noise="none", homography=(-1, 0, 3, 0, 1, 0, 0, 0, 1))
-    config = bench_rig.config(tmp_path, camera=camera)
-    flipped, _ = run(config, goal="direct", codes=8, out=str(tmp_path / "flipped"))
-    np.testing.assert_allclose(image_of(flipped), image_of(plain)[:, ::-1], rtol=1e-6)
-    shifted = CameraConfig(noise="none", homography=(1, 0, 1.5, 0, 1, 0, 0, 0, 1))
-    config = bench_rig.config(tmp_path, camera=shifted)
-    folder, _ = run(config, codes=8, out=str(tmp_path / "shifted"))
-    with np.load(folder / "probe.npz") as data:
-        assert np.all(np.isinf(data["sigma"][:, :2]))
-        assert np.all(np.isfinite(data["sigma"][:, 2:]))
+def test_runs_from_before_there_were_maps_keep_their_homography(tmp_path: Path) -> None:
+    """It flips or shifts the pictures after all differences, as when they were taken."""
+    folder, _ = run(bench_rig.config(tmp_path), goal="direct", codes=8)
+    record = read_manifest(folder).run
+    old = msgspec.structs.replace(
+        record, camera_place=None, cells=CellMap.block(record.grid, record.grid)
+    )
+    plain = Darkroom(folder, old).decoded().answer
+    np.testing.assert_array_equal(plain.image, image_of(folder))
+    flip = msgspec.structs.replace(old, homography=(-1, 0, 3, 0, 1, 0, 0, 0, 1))
+    flipped = Darkroom(folder, flip).decoded()
+    np.testing.assert_allclose(flipped.answer.image, plain.image[:, ::-1], rtol=1e-6)
+    np.testing.assert_array_equal(flipped.cell_means.image, flipped.answer.image)
+    shift = msgspec.structs.replace(old, homography=(1, 0, 1.5, 0, 1, 0, 0, 0, 1))
+    shifted = Darkroom(folder, shift).decoded().cell_means
+    assert np.all(np.isinf(shifted.sigma[:, :2]))
+    assert np.all(np.isfinite(shifted.sigma[:, 2:]))
 
 
 @pytest.mark.parametrize("grid", [(1, 1), (1, 7), (5, 1), (7, 11)])

@@ -69,7 +69,6 @@ def test_expected_share_counts_each_cell_by_its_own_ratio() -> None:
     ratio[0, 0] = 4.0
     cells = CellMap.block((2, 3), (4, 6))
     assert expected_share(planes, ratio, 100.0, cells) == pytest.approx(2.4)
-    assert expected_share(planes, ratio, 100.0, None) == pytest.approx(3.2)
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])

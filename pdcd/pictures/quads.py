@@ -1,0 +1,70 @@
+"""Between the quads of a picture and its cells: error bars there and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pictures.combine import Errors, Picture
+from pdcd.pictures.sigma import Barred
+from pdcd.pictures.smoothed import by_light
+from pdcd.sensor.cells import CellMap, planar
+
+Floats = NDArray[np.float64]
+
+
+def of_cells(picture: Picture, cells: CellMap) -> Picture:
+    """Means of a picture over cells, (rows, cols, 3) float64, and the error of these means by the
+    errors of single quads; infinite where too little of a cell is known.
+
+    Quads that are not known do not count, but where a cell is unknown it has the mean of all that
+    see it, as they were measured. Cells that no quad sees are 0.
+    """
+    known = _known(picture)
+    image, sure = _means(picture.image, known, cells)
+    sigma = cells.error_of_mean(np.where(known[..., None], picture.sigma, 0.0) ** 2, known)
+    sigma[~sure] = np.inf
+    shape = *cells.grid, image.shape[1]
+    return Picture(image.reshape(shape), sigma.reshape(shape))
+
+
+def cell_means(picture: Barred, cells: CellMap) -> Barred:
+    """The same of a picture with its whole error: (rows, cols, 3) float64 each.
+
+    The sensor's part gets less by averaging. The error of the codes does not: quads of a cell share
+    it.
+    """
+    coarse = of_cells(Picture(picture.image, picture.sensor), cells)
+    code, _ = _means(picture.code, _known(picture), cells)
+    code = code.reshape(coarse.image.shape)
+    sigma = np.hypot(coarse.sigma, code)
+    return Barred(coarse.image, sigma, coarse.sigma, code, picture.kind)
+
+
+def shared_out(error: Errors, picture: Picture, coarse: Picture, cells: CellMap) -> Errors:
+    """Errors of cells (rows, cols, 3) -> of quads (h, w, 3), in proportion to the quads' light.
+
+    picture, coarse : the same light on quads and on cells.
+    """
+    out = planar(picture.sigma.shape, picture.sigma.dtype)
+    for channel in range(error.shape[2]):
+        share = by_light(picture.image[..., channel], coarse.image[..., channel].ravel(), cells)
+        share *= cells.smooth(error[..., channel].ravel())
+        out[..., channel] = share
+    return out
+
+
+def _known(picture: Picture) -> NDArray[np.bool_]:
+    """(h, w), quads known in all channels."""
+    return np.asarray(np.isfinite(picture.sigma).all(axis=2))
+
+
+def _means(
+    image: NDArray[np.floating], known: NDArray[np.bool_], cells: CellMap
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """(N, C) means, and which cells are known (N,)."""
+    sure = cells.seen(known)
+    mean = cells.mean(image, known)
+    if not sure.all():
+        mean[~sure] = cells.mean(image)[~sure]
+    return mean, sure

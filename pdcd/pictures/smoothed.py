@@ -1,0 +1,76 @@
+"""The correction for smooth light, worked out on cells and brought to the quads of a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
+from pdcd.pictures.learn import Learned
+from pdcd.pictures.smooth import colour_correction
+from pdcd.pictures.weights import brought
+from pdcd.recipes.recipe import Recipe
+from pdcd.sensor.cells import CellMap
+from pdcd.words import NormaliseName
+
+Floats = NDArray[np.float64]
+
+MOST = 4.0
+"""Most that a quad is taken to be brighter than its cell, where an error is shared out by light."""
+
+
+def smoothed(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    picture: Picture,
+    learned: Learned | None,
+    cells: CellMap,
+    *,
+    normalise: NormaliseName = "auto",
+    alive: Callable[[], None] = lambda: None,
+) -> Picture:
+    """An indirect picture corrected for its smooth light (`pdcd.pictures.smooth`).
+
+    What is missing of a cell is shared out among its quads as they have light. Sigma stays: the
+    correction is a small part of the picture. `normalise` is what the picture was made with
+    (`pdcd.pictures.combine`). `alive` as of `smooth_correction`.
+    """
+    photo = recipe.coded
+    if photo is None:
+        return picture
+    realised = realised_photo(photo.shots, shots)
+    weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
+    image = cells.mean(picture.image)
+    seen = cells.seen()
+    if not seen.all():  # as bright as the others, for want of anything better
+        image[~seen] = image[seen].mean(axis=0) if seen.any() else 0.0
+    rest = image
+    if learned is not None:
+        rest = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
+    more = colour_correction(realised.left, realised.right, weight, rest, cells.grid, alive)
+    out = np.empty_like(picture.image)
+    for channel in range(out.shape[2]):
+        here = picture.image[..., channel]
+        missing = brought(more[:, channel], cells, realised.fine)
+        missing = missing * by_light(here, image[:, channel], cells)
+        np.add(here, missing, out=out[..., channel])
+    if not cells.known.all():
+        out[~cells.known] = 0.0
+    return Picture(out, picture.sigma)
+
+
+def by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> Floats:
+    """Light of quads (h, w) over that of the cells (N,) around them, from 0 to `MOST`: how an error
+    that is in proportion to light lies on the quads of a cell. 1 where the cells are dark."""
+    around = cells.smooth(of_cells)
+    lit = around > 0.0
+    share: Floats = np.divide(image, around, out=np.ones(image.shape), where=lit)
+    return np.clip(share, 0.0, MOST, out=share)
+
+
+def _sums(paths: csr_array) -> Floats:
+    """Row sums of a sparse matrix, (N,)."""
+    return np.asarray(paths.sum(axis=1), dtype=np.float64).ravel()
