@@ -15,6 +15,11 @@ from pdcd.cli.output import progress, say, say_result, tell
 from pdcd.client import Client, Unreachable
 from pdcd.request import CaptureRequest
 
+CONFIG = """\
+# The default bench with a camera of 640 x 480 Bayer quads: enough to read the book.
+[camera]
+quads_per_cell = 10
+"""
 START_S = 20.0
 """Longest time the daemon may take to get ready on a slow machine."""
 
@@ -23,9 +28,10 @@ def demo(args: argparse.Namespace) -> int:
     """Start a daemon on the mock bench, photograph its scene's indirect light, show the run."""
     folder: Path = args.out.absolute()
     with tempfile.TemporaryDirectory(prefix="pdcd-demo-") as scratch:
-        socket = Path(scratch) / "pdcd.sock"
-        tell(f"pdcd serve --socket {socket}")
-        with _daemon(socket, folder, Path(scratch) / "daemon.log") as client:
+        socket, config = Path(scratch) / "pdcd.sock", Path(scratch) / "demo.toml"
+        config.write_text(CONFIG)
+        tell(f"pdcd serve --config {config} --socket {socket}")
+        with _daemon(socket, folder, config, Path(scratch) / "daemon.log") as client:
             request = CaptureRequest(goal="indirect", codes=args.codes, seed=args.seed)
             tell(f"capture.start: indirect light, {args.codes} codes")
             with progress() as on_event:
@@ -39,10 +45,10 @@ def demo(args: argparse.Namespace) -> int:
 
 
 @contextmanager
-def _daemon(socket: Path, state: Path, log: Path) -> Iterator[Client]:
+def _daemon(socket: Path, state: Path, config: Path, log: Path) -> Iterator[Client]:
     """A client of a daemon of its own, which is stopped in the end."""
     command = [sys.executable, "-m", "pdcd", "serve"]
-    command += ["--socket", str(socket), "--state-dir", str(state)]
+    command += ["--config", str(config), "--socket", str(socket), "--state-dir", str(state)]
     with log.open("wb") as out, subprocess.Popen(command, stderr=out) as process:
         try:
             with _connect(socket, process, log) as client:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.scene.matrix import load_matrix, matrix_effects
+from pdcd.scene.matrix import load_matrix
 from pdcd.scene.presets import PRESETS
 from pdcd.scene.scene import Scene
 
@@ -38,8 +38,7 @@ def build_scene(config: SceneConfig) -> Scene:
         )
     if config.ambient == 0.0:
         return scene
-    ambient = np.full((scene.cells, 3), config.ambient)
-    return Scene(scene.name, scene.grid, scene.effects, ambient)
+    return scene.under(np.full((scene.cells, 3), config.ambient))
 
 
 def _matrix_scene(config: SceneConfig) -> Scene:
@@ -54,11 +53,12 @@ def _matrix_scene(config: SceneConfig) -> Scene:
             hint="set `path` to an .npz with `transport` and `grid`",
         )
     path = Path(config.path)
-    transport, grid = load_matrix(path)
+    stored = load_matrix(path)
+    grid = stored.grid
     if config.grid is not None and tuple(config.grid) != grid:
         raise ConfigError(
             f"[scene] grid: {config.grid[0]} x {config.grid[1]} is asked for, "
             f"but {path} holds {grid[0]} x {grid[1]}",
             hint="remove `grid`; the file's own is used",
         )
-    return Scene(path.stem, grid, matrix_effects(transport))
+    return Scene(path.stem, grid, stored.effects(), texture=stored.texture)

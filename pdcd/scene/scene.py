@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,6 +42,12 @@ class Scene:
     def __getstate__(self) -> dict[str, Any]:
         """What another process gets: a texture that can be drawn is drawn anew there."""
         return {name: value for name, value in vars(self).items() if not name.endswith("_drawn")}
+
+    def under(self, ambient: Array) -> Scene:
+        """Return the scene with that ambient light, (N, 3); no texture is drawn for it."""
+        lit = copy.copy(self)
+        object.__setattr__(lit, "ambient", ambient)
+        return lit
 
     @property
     def textures(self) -> tuple[Array, Array] | None:

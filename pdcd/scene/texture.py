@@ -47,6 +47,7 @@ class OnFirstUse:
         if self._drawn not in vars(scene):
             vars(scene)[self._drawn] = given()
         drawn: Array = vars(scene)[self._drawn]
+        drawn.flags.writeable = False  # scenes of other grids may share it
         return drawn
 
     def __set__(self, scene: Scene, given: Array | Drawing | None) -> None:
@@ -59,9 +60,9 @@ def cell_means(texture: Array, grid: tuple[int, int]) -> Array:
     A pixel that lies in several cells counts in each by its share.
     """
     height, width, channels = texture.shape
-    down = _shares(grid[0], height) @ texture.reshape(height, -1)
+    down = shares(grid[0], height) @ texture.reshape(height, -1)
     across = down.reshape(grid[0], width, channels).transpose(1, 0, 2).reshape(width, -1)
-    means = (_shares(grid[1], width) @ across).reshape(grid[1], grid[0], channels)
+    means = (shares(grid[1], width) @ across).reshape(grid[1], grid[0], channels)
     whole: Array = np.ascontiguousarray(means.transpose(1, 0, 2))
     return whole.reshape(grid[0] * grid[1], channels)
 
@@ -103,8 +104,11 @@ def detailed(cells: Array, grid: tuple[int, int], texture: Array, points: Array)
     return sampled(texture, points) * smooth
 
 
-def _shares(cells: int, pixels: int) -> scipy.sparse.csr_array:
-    """Return how much each pixel of a line takes part in the mean of each cell, (cells, pixels)."""
+def shares(cells: int, pixels: int) -> scipy.sparse.csr_array:
+    """Return how much each pixel of a line takes part in the mean of each cell, (cells, pixels).
+
+    Both divide the same line evenly; rows sum to 1.
+    """
     edges = np.unique(
         np.concatenate([np.arange(cells + 1) * pixels, np.arange(pixels + 1) * cells])
     )  # of cells and pixels, in parts of which both are whole numbers

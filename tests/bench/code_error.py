@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pdcd.codes.make import Codes, make_codes
 from pdcd.pictures.smooth import colour_correction
 from pdcd.probing.realised import Factors
-from pdcd.scene.matrix import load_matrix, matrix_effects
+from pdcd.scene.matrix import load_matrix
 from pdcd.scene.presets import PRESETS
 from pdcd.scene.scene import Scene
 from tests.bench import plots
@@ -87,8 +87,8 @@ def run(*, quick: bool, folder: Path) -> Section:
 
 def _scenes() -> Iterator[Scene]:
     for name in MATRICES:
-        transport, grid = load_matrix(ROOT / "tests" / "data" / f"{name}.npz")
-        yield Scene(name, grid, matrix_effects(transport))
+        stored = load_matrix(ROOT / "tests" / "data" / f"{name}.npz")
+        yield Scene(name, stored.grid, stored.effects())
     for build in PRESETS.values():
         yield build(GRID, {})
 

@@ -89,9 +89,9 @@ def _effect(subject: str) -> tuple[Effect, tuple[int, int]]:
     if scene in PRESETS:
         effects = PRESETS[scene](GRID, {}).effects
         return next(effect for effect in effects if effect.name == name), GRID
-    transport, grid = load_matrix(ROOT / "tests" / "data" / f"{scene}.npz")
-    np.fill_diagonal(transport, 0.0)
-    return Dense(name, transport), grid
+    stored = load_matrix(ROOT / "tests" / "data" / f"{scene}.npz")
+    np.fill_diagonal(stored.transport, 0.0)
+    return Dense(name, stored.transport), stored.grid
 
 
 def _forms(own: Effect) -> Iterator[tuple[str, Effect, int]]:

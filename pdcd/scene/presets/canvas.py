@@ -1,8 +1,9 @@
-"""Drawing of preset scenes: shapes on a fine raster, averaged down to cells.
+"""Drawing of preset scenes: shapes on a raster, a few points a cell or the pixels of a projector.
 
 All presets are drawn in one frame, whatever their grid: x from -4/3 (left) to 4/3, y from -1
-(top) to 1. A colour image is (fine rows, fine cols, 3), a shape is a boolean (fine rows, fine
-cols).
+(top) to 1. The same drawing serves twice: averaged over cells it is what light transport is made
+of, and on the `detail` raster it is the texture. A colour image is (rows, cols, 3) of the raster, a
+shape is a boolean (rows, cols).
 """
 
 from __future__ import annotations
@@ -25,36 +26,27 @@ FINE = 5
 """Raster points a cell, along either axis."""
 
 
-class Canvas:
-    """The raster of a grid.
+class Raster:
+    """Points over the frame, and shapes on them.
 
     Attributes
     ----------
-    grid : (rows, cols)
-    pitch : (row, column) size of a cell in the frame
-    x, y : (FINE * rows, FINE * cols) float64
-        Places of the raster points.
-    cell_x, cell_y : (rows, cols) float64
-        Places of the cell centres.
+    x, y : (rows, cols) float64
+        Places of the points.
     """
 
-    def __init__(self, grid: tuple[int, int]) -> None:
-        self.grid = grid
-        self.pitch = (HEIGHT / grid[0], WIDTH / grid[1])
-        self.x, self.y = _places((FINE * grid[0], FINE * grid[1]))
-        self.cell_x, self.cell_y = _places(grid)
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.x, self.y = _places(shape)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of points."""
+        return (self.x.shape[0], self.x.shape[1])
 
     def fill(self, colour: Sequence[float]) -> Array:
         """Return an image of one colour (3,)."""
         image: Array = np.ones((*self.x.shape, 1)) * np.asarray(colour, dtype=np.float64)
         return image
-
-    def cells(self, image: NDArray[Any]) -> Array:
-        """Average an image or a shape over cells: (N, 3) or (N,) float64."""
-        rows, cols = self.grid
-        parts = image.reshape(rows, FINE, cols, FINE, -1).mean(axis=(1, 3), dtype=np.float64)
-        averaged: Array = parts.reshape(rows * cols, *image.shape[2:])
-        return averaged
 
     def disk(self, x: float, y: float, radius: float) -> Shape:
         """Return a disk."""
@@ -75,6 +67,31 @@ class Canvas:
             crosses = (self.y >= y0) != (self.y >= y1)
             inside ^= crosses & (self.x < x0 + (self.y - y0) * (x1 - x0) / (y1 - y0))
         return inside
+
+
+class Canvas(Raster):
+    """The raster of a grid, `FINE` points a cell along either axis.
+
+    Attributes
+    ----------
+    grid : (rows, cols)
+    pitch : (row, column) size of a cell in the frame
+    cell_x, cell_y : (rows, cols) float64
+        Places of the cell centres.
+    """
+
+    def __init__(self, grid: tuple[int, int]) -> None:
+        super().__init__((FINE * grid[0], FINE * grid[1]))
+        self.grid = grid
+        self.pitch = (HEIGHT / grid[0], WIDTH / grid[1])
+        self.cell_x, self.cell_y = _places(grid)
+
+    def cells(self, image: NDArray[Any]) -> Array:
+        """Average an image or a shape over cells: (N, 3) or (N,) float64."""
+        rows, cols = self.grid
+        parts = image.reshape(rows, FINE, cols, FINE, -1).mean(axis=(1, 3), dtype=np.float64)
+        averaged: Array = parts.reshape(rows * cols, *image.shape[2:])
+        return averaged
 
     def links(self, shape: Shape, x: Array, y: Array) -> Any:
         """Return where light goes that falls on `shape`: CSR (N to, N from) of shares.
@@ -102,8 +119,8 @@ def _places(grid: tuple[int, int]) -> tuple[Array, Array]:
     return across, down
 
 
-def generator(kind: str, options: Mapping[str, Any]) -> np.random.Generator:
-    """Return the random numbers of a preset from its only option, `seed` (0 when left out).
+def seed_of(kind: str, options: Mapping[str, Any]) -> int:
+    """Return the only option of a preset, `seed` (0 when left out): it sets what chance decides.
 
     Raises
     ------
@@ -121,4 +138,4 @@ def generator(kind: str, options: Mapping[str, Any]) -> np.random.Generator:
         raise ConfigError(
             f"[scene] options: seed is {seed!r}", hint="give a whole number from 0 on"
         )
-    return np.random.default_rng(seed)
+    return seed

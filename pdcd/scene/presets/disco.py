@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from pdcd.scene.effects import Array, both_ways, coloured_direct, rgb
-from pdcd.scene.presets.canvas import Canvas, generator
+from pdcd.scene.presets.canvas import HEIGHT, WIDTH, Canvas, Raster, seed_of
+from pdcd.scene.presets.detail import DARKEST, PIXELS, detail, grain
 from pdcd.scene.radiosity import Relief, radiosity
 from pdcd.scene.scene import Scene
 
@@ -33,19 +35,15 @@ STRIDE, STEPS = 0.01, 250
 
 def disco_ball(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build a mirror ball that hangs in a room; `seed` sets how its facets were glued."""
-    rng = generator("disco-ball", options)
+    seed = seed_of("disco-ball", options)
     canvas = Canvas(grid)
-    normals = _facet_normals(rng)
+    normals, glint = _facets(seed)
     facet = _facet(canvas.x, canvas.y)
     ball = facet >= 0
 
-    room = _room(canvas)
     relief = Relief(room_height(canvas.cell_x, canvas.cell_y), canvas.pitch)
-    matte = canvas.cells(np.where(ball[..., None], 0.0, room))
+    matte = canvas.cells(np.where(ball[..., None], 0.0, _room(canvas)))
     direct = matte * relief.cosine.reshape(-1, 1)
-    # A facet sends light straight back only when it faces the camera; else it is nearly black.
-    facing = np.exp(-(((1.0 - normals[:, 2]) / 0.02) ** 2))
-    glint = 0.02 + 0.16 * rng.random(len(normals)) ** 2 + 0.70 * facing
     direct += canvas.cells(np.where(ball, glint[facet], 0.0))[:, None]
 
     grey = matte.mean(axis=1)
@@ -59,7 +57,48 @@ def disco_ball(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
             both_ways("spots", paths, tint),
             *radiosity("between the walls", relief, grey[:, None], [tint]),
         ),
+        texture=partial(_texture, seed),
+        indirect_texture=partial(_reflections, seed),
     )
+
+
+@lru_cache(maxsize=1)
+def _texture(seed: int) -> Array:
+    """Draw in detail what returns at once."""
+    raster = detail()
+    image = _in_detail(raster, _facets(seed)[1])
+    pitch = (1.0 / PIXELS, 1.0 / PIXELS)
+    slope = Relief(room_height(raster.x, raster.y), pitch).cosine
+    image *= np.where(_facet(raster.x, raster.y) < 0, slope, 1.0)[..., None]
+    return np.maximum(image, DARKEST)
+
+
+@lru_cache(maxsize=1)
+def _reflections(seed: int) -> Array:
+    """Draw in detail where indirect light comes from: the walls, and facets that show them."""
+    normals, _ = _facets(seed)
+    flat = np.concatenate([np.zeros((len(normals), 2)), np.ones((len(normals), 1))], axis=-1)
+    ray = 2.0 * normals[:, 2:] * normals - flat
+    x, y = _landing(np.array([*CENTRE[:2], CENTRE[2]]) + RADIUS * normals, ray)
+    seen = (np.abs(x) < WIDTH / 2.0) & (np.abs(y) < HEIGHT / 2.0)
+    seen[seen] = _facet(x[seen], y[seen]) < 0  # not what the ball itself hides
+    return np.maximum(_in_detail(detail(), np.where(seen, 0.3, DARKEST)), DARKEST)
+
+
+def _in_detail(raster: Raster, facets: Array) -> Array:
+    """Draw the room and a ball whose facets (facets,) have these values."""
+    image = _room(raster)
+    floor = _floor_rise(raster.y) > _side_rise(raster.x)
+    image *= np.where(floor, grain(0.10, along=24), grain(0.04))[..., None]
+    ring, place = _rings(raster.x, raster.y)
+    facet = _facet(raster.x, raster.y)
+    ball = facet >= 0
+    across, down = place[ball] % 1.0 - 0.5, ring[ball] % 1.0 - 0.5
+    # Facets are a little hollow, so each glints most at one spot, and the glue between is dark.
+    spot = 0.6 + 1.2 * np.exp(-((across + 0.1) ** 2 + (down + 0.15) ** 2) / 0.06)
+    glue = np.maximum(np.abs(across), np.abs(down)) > 0.45
+    image[ball] = (facets[facet[ball]] * np.where(glue, 0.15, spot))[:, None]
+    return image
 
 
 def room_height(x: Array, y: Array) -> Array:
@@ -78,14 +117,14 @@ def _side_rise(x: Array) -> Array:
     return rise
 
 
-def _room(canvas: Canvas) -> Array:
+def _room(raster: Raster) -> Array:
     """Return the colours of wall, floor boards and the thread that holds the ball."""
-    image = canvas.fill((0.56, 0.51, 0.46))
-    floor = _floor_rise(canvas.y) > _side_rise(canvas.x)
-    fan = np.maximum(0.5 + 0.8 * canvas.y, 0.1)
-    boards = np.where(np.floor(5.0 * canvas.x / fan) % 2 == 0, 1.0, 0.75)
+    image = raster.fill((0.56, 0.51, 0.46))
+    floor = _floor_rise(raster.y) > _side_rise(raster.x)
+    fan = np.maximum(0.5 + 0.8 * raster.y, 0.1)
+    boards = np.where(np.floor(5.0 * raster.x / fan) % 2 == 0, 1.0, 0.75)
     image[floor] = np.array((0.60, 0.42, 0.26)) * boards[floor][:, None]
-    image[(np.abs(canvas.x - CENTRE[0]) < 0.018) & (canvas.y < CENTRE[1])] = 0.08
+    image[(np.abs(raster.x - CENTRE[0]) < 0.018) & (raster.y < CENTRE[1])] = 0.08
     return image
 
 
@@ -96,18 +135,33 @@ def _ring_sizes() -> NDArray[np.intp]:
     return sizes
 
 
+def _rings(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the place of points of the frame on the ball: along the rings of facets from pole to
+    pole, and along the facets of a ring; a whole number is the edge of a facet."""
+    across, down = (x - CENTRE[0]) / RADIUS, (y - CENTRE[1]) / RADIUS
+    up = np.sqrt(np.maximum(1.0 - across**2 - down**2, 0.0))
+    ring = (np.arcsin(np.clip(down, -1.0, 1.0)) / np.pi + 0.5) * RINGS
+    size = _ring_sizes()[np.minimum(ring.astype(np.intp), RINGS - 1)]
+    return ring, (np.arctan2(across, up) / (2 * np.pi) + 0.5) * size
+
+
 def _facet(x: Array, y: Array) -> NDArray[np.intp]:
     """Return the number of the facet at places of the frame, -1 off the ball."""
-    across, down = (x - CENTRE[0]) / RADIUS, (y - CENTRE[1]) / RADIUS
-    square = across**2 + down**2
-    up = np.sqrt(np.maximum(1.0 - square, 0.0))
-    sizes = _ring_sizes()
-    ring = (np.arcsin(np.clip(down, -1.0, 1.0)) / np.pi + 0.5) * RINGS
-    ring_index = np.minimum(ring.astype(np.intp), RINGS - 1)
-    place = (np.arctan2(across, up) / (2 * np.pi) + 0.5) * sizes[ring_index]
-    first = np.concatenate(([0], np.cumsum(sizes)[:-1]))
-    number: NDArray[np.intp] = first[ring_index] + place.astype(np.intp)
-    return np.where(square < 1.0, number, np.intp(-1))
+    ring, place = _rings(x, y)
+    first = np.concatenate(([0], np.cumsum(_ring_sizes())[:-1]))
+    number: NDArray[np.intp] = first[np.minimum(ring.astype(np.intp), RINGS - 1)]
+    number = number + place.astype(np.intp)
+    on_ball = ((x - CENTRE[0]) / RADIUS) ** 2 + ((y - CENTRE[1]) / RADIUS) ** 2 < 1.0
+    return np.where(on_ball, number, np.intp(-1))
+
+
+def _facets(seed: int) -> tuple[Array, Array]:
+    """Return the normals (facets, 3), and what each facet returns at once (facets,)."""
+    rng = np.random.default_rng(seed)
+    normals = _facet_normals(rng)
+    # A facet sends light straight back only when it faces the camera; else it is nearly black.
+    facing = np.exp(-(((1.0 - normals[:, 2]) / 0.02) ** 2))
+    return normals, 0.02 + 0.16 * rng.random(len(normals)) ** 2 + 0.70 * facing
 
 
 def _facet_normals(rng: np.random.Generator) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,11 @@ import scipy.sparse
 from scipy.interpolate import PchipInterpolator
 
 from pdcd.scene.effects import COLOURS, Array, Effect, both_ways, coloured_direct
-from pdcd.scene.presets.canvas import Canvas, Shape, generator
+from pdcd.scene.presets.canvas import HEIGHT, WIDTH, Canvas, Raster, Shape, seed_of
+from pdcd.scene.presets.detail import DARKEST, detail, grain
 from pdcd.scene.radiosity import Relief, radiosity
 from pdcd.scene.scene import Scene
+from pdcd.scene.texture import sampled
 
 VASE_X = 0.52
 PROFILE_Y = (-0.72, -0.66, -0.48, -0.05, 0.40, 0.62, 0.70)
@@ -31,22 +34,13 @@ TABLE_EDGE = 0.50
 
 def mirror_and_vase(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build a painted vase with a mirror to its left; `seed` sets the painting."""
-    rng = generator("mirror-and-vase", options)
+    seed = seed_of("mirror-and-vase", options)
     canvas = Canvas(grid)
-    glass, frame = _mirror(canvas, 0.0), _mirror(canvas, 0.07)
-
-    matte_image = canvas.fill((0.66, 0.60, 0.48))
-    matte_image[canvas.y > TABLE_EDGE] = (0.40, 0.26, 0.15)
-    matte_image[np.abs(canvas.x - VASE_X) < _radius(canvas.y)] = (0.70, 0.70, 0.68)
-    _paint(canvas, matte_image, rng)
-    matte_image[frame] = (0.45, 0.30, 0.10)
-    matte_image[glass] = 0.0
-
+    glass = _mirror(canvas, 0.0)
     relief = Relief(_height(canvas), canvas.pitch)
-    albedo = canvas.cells(matte_image)
+    albedo = canvas.cells(_matte(canvas, seed))
     direct = albedo * relief.cosine.reshape(-1, 1)
-    # The mirror shows things flipped sideways; light goes the same way as sight.
-    shown = canvas.links(glass, VASE_X - SQUEEZE * (canvas.x - MIRROR_X), canvas.y)
+    shown = canvas.links(glass, _mirrored(canvas), canvas.y)
     reached = MIRROR * GRAZING * direct
     # There and back by the mirror: such light returns to its own cell and counts as direct.
     direct = direct + MIRROR * (shown.T @ reached)
@@ -55,7 +49,52 @@ def mirror_and_vase(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
         one_way = scipy.sparse.diags_array(reached[:, channel]) @ shown
         effects.append(both_ways(f"mirror {colour}", one_way, np.eye(3)[channel]))
     effects.extend(radiosity("between the walls", relief, albedo, list(np.eye(3))))
-    return Scene("mirror-and-vase", grid, tuple(effects))
+    return Scene("mirror-and-vase", grid, tuple(effects), texture=partial(_texture, seed))
+
+
+def _matte(raster: Raster, seed: int) -> Array:
+    """Draw all that is matte; the mirror is not."""
+    image = raster.fill((0.66, 0.60, 0.48))
+    image[raster.y > TABLE_EDGE] = (0.40, 0.26, 0.15)
+    image[_vase(raster)] = (0.70, 0.70, 0.68)
+    _paint(raster, image, np.random.default_rng(seed))
+    image[_mirror(raster, 0.07)] = (0.45, 0.30, 0.10)
+    image[_mirror(raster, 0.0)] = 0.0
+    return image
+
+
+@lru_cache(maxsize=1)
+def _texture(seed: int) -> Array:
+    """Draw all in detail: wallpaper, glaze, gold leaf, and in the glass what it shows."""
+    raster = detail()
+    image = _matte(raster, seed)
+    glass, vase = _mirror(raster, 0.0), _vase(raster)
+    frame, table = _mirror(raster, 0.07) & ~glass, (raster.y > TABLE_EDGE) & ~vase
+    leaf = np.clip(grain(0.5), 0.7, 2.0)
+    for shape, factors in (
+        (~(glass | vase | frame | table), 1.0 + 0.05 * np.sign(np.sin(300.0 * raster.x))),
+        (vase, 1.0 + 0.03 * np.sin(420.0 * raster.y)),
+        (table, grain(0.12, along=40)),
+        (frame, leaf),
+    ):
+        image[shape] *= factors[shape][:, None]
+    place = np.stack([_mirrored(raster)[glass] / WIDTH, raster.y[glass] / HEIGHT], axis=-1) + 0.5
+    image[glass] = MIRROR * MIRROR * GRAZING * sampled(image, place)
+    return np.maximum(image, DARKEST)
+
+
+def _mirrored(raster: Raster) -> Array:
+    """Return the x of what the mirror shows at each point: things flipped sideways.
+
+    Light goes the same way as sight.
+    """
+    x: Array = VASE_X - SQUEEZE * (raster.x - MIRROR_X)
+    return x
+
+
+def _vase(raster: Raster) -> Shape:
+    shape: Shape = np.abs(raster.x - VASE_X) < _radius(raster.y)
+    return shape
 
 
 def _radius(y: Array) -> Array:
@@ -65,27 +104,27 @@ def _radius(y: Array) -> Array:
     return radius
 
 
-def _mirror(canvas: Canvas, border: float) -> Shape:
+def _mirror(raster: Raster, border: float) -> Shape:
     """Return the mirror: it stands on the table, its left edge nearer to the camera."""
-    across = (canvas.x - MIRROR_X) / MIRROR_HALF
+    across = (raster.x - MIRROR_X) / MIRROR_HALF
     half = 0.70 - 0.07 * across + border
-    inside: Shape = np.abs(canvas.x - MIRROR_X) < MIRROR_HALF + border
-    inside &= np.abs(canvas.y + 0.03) < half
+    inside: Shape = np.abs(raster.x - MIRROR_X) < MIRROR_HALF + border
+    inside &= np.abs(raster.y + 0.03) < half
     return inside
 
 
-def _paint(canvas: Canvas, image: Array, rng: np.random.Generator) -> None:
+def _paint(raster: Raster, image: Array, rng: np.random.Generator) -> None:
     """Paint bands, and petals at places of their own, round the vase."""
     blue, red = (0.10, 0.18, 0.58), (0.70, 0.16, 0.10)
-    radius = _radius(canvas.y)
-    vase = np.abs(canvas.x - VASE_X) < radius
-    round_ = np.arcsin(np.clip((canvas.x - VASE_X) / np.maximum(radius, 1e-9), -1.0, 1.0))
+    radius = _radius(raster.y)
+    vase = _vase(raster)
+    round_ = np.arcsin(np.clip((raster.x - VASE_X) / np.maximum(radius, 1e-9), -1.0, 1.0))
     for top, bottom in ((-0.72, -0.64), (-0.42, -0.34), (0.34, 0.42), (0.62, 0.72)):
-        image[vase & (canvas.y >= top) & (canvas.y < bottom)] = blue
+        image[vase & (raster.y >= top) & (raster.y < bottom)] = blue
     turn = rng.uniform(0.0, 1.0)
     phase = (round_ / 0.7 + turn) % 1.0 - 0.5
     for centre, colour in ((-0.14, red), (0.14, blue)):
-        petal = np.hypot(phase / 0.36, (canvas.y - centre) / 0.11) < 1.0
+        petal = np.hypot(phase / 0.36, (raster.y - centre) / 0.11) < 1.0
         image[vase & petal] = colour
 
 

@@ -91,6 +91,8 @@ def test_ambient_light_is_the_same_everywhere(tmp_path: Path) -> None:
 
 
 EYE = np.eye(6)
+COLOURED = np.repeat(EYE[..., None], 3, axis=2)
+PLAIN = {"transport": EYE, "grid": [2, 3]}
 BAD_ARRAYS: list[tuple[dict[str, Any], str]] = [
     ({"grid": [2, 3]}, "no transport"),
     ({"transport": EYE}, "no grid"),
@@ -111,6 +113,20 @@ BAD_ARRAYS: list[tuple[dict[str, Any], str]] = [
     ({"transport": EYE - 0.1, "grid": [2, 3]}, "negative, the first at row 0, column 1"),
     ({"transport": np.where(EYE, np.nan, 0), "grid": [2, 3]}, "6 values that are not finite"),
     ({"transport": np.where(EYE, np.inf, 0), "grid": [2, 3]}, "not finite"),
+    ({"transport": EYE[..., None], "grid": [2, 3]}, r"shape \(6, 6, 1\)"),
+    ({"transport": EYE[:, :4], "grid": [2, 3], "projector_grid": [3, 2]}, r"needs \(6, 6\)"),
+    ({"transport": EYE[:, :4], "grid": [2, 3], "projector_grid": [4]}, "`projector_grid` is"),
+    ({"transport": EYE[:, :4], "grid": [2, 3], "projector_grid": [0.5, 8]}, "`projector_grid` is"),
+    ({"transport": -COLOURED, "grid": [2, 3]}, "18 entries that are negative, the first at row 0"),
+    ({"transport": COLOURED * np.nan, "grid": [2, 3]}, "not finite"),
+    (PLAIN | {"texture": np.ones((4, 4))}, r"`texture` has shape \(4, 4\)"),
+    (PLAIN | {"texture": np.ones((4, 4, 4))}, r"`texture` has shape \(4, 4, 4\)"),
+    (PLAIN | {"texture": np.ones((3, 4, 4, 3))}, r"`texture` has shape \(3, 4, 4, 3\)"),
+    (PLAIN | {"texture": np.zeros((2, 2, 3))}, "12 values that are not above 0"),
+    (PLAIN | {"texture": np.full((2, 2, 3), -1.0)}, "12 values that are not above 0"),
+    (PLAIN | {"texture": np.full((2, 2, 3), np.nan)}, "`texture`: .*not finite"),
+    (PLAIN | {"texture": np.zeros((0, 2, 3))}, "`texture`: .*holds no number"),
+    (PLAIN | {"texture": np.full((2, 2, 3), "x")}, "`texture`: .*real numbers"),
 ]
 
 
