@@ -64,7 +64,8 @@ class DensePanel:
         cell = int(down) * frames.lattice[1] + int(across)
         if patterns.dtype == np.uint8:
             return float(np.unpackbits(patterns[which])[cell])
-        return (float(np.rint(patterns[which][cell] * 255.0)) / 255.0) ** self.gamma
+        sent = float(np.rint(patterns[which][cell] * 255.0)) / 255.0
+        return float(sent**self.gamma)
 
     @property
     def row_of_pixel(self) -> NDArray[np.int64]:
@@ -89,7 +90,7 @@ class DensePanel:
         """Pixel under points of the field (n, 2); -1 beside the panel."""
         width, height = self.true.size_px
         place = self.true.from_field(points)
-        good = np.isfinite(place).all(axis=1)
+        good = np.asarray(np.isfinite(place).all(axis=1))
         x, y = np.floor(np.where(good[:, None], place, -1.0)).astype(np.int64).T
         inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
         return np.where(inside, y * width + x, -1)
@@ -249,7 +250,7 @@ class DenseBench:
         """What cells (N, 3) send from a point of the field, (3,)."""
         rows, cols = self.grid
         if self.texture is None:
-            return cells[int(y[1] * rows) * cols + int(y[0] * cols)]
+            return np.asarray(cells[int(y[1] * rows) * cols + int(y[0] * cols)])
         texels, (height, width) = self.texture, self.texture.shape[:2]
         assert height % rows == width % cols == 0
         means = texels.reshape(rows, height // rows, cols, width // cols, 3).mean(axis=(1, 3))
@@ -260,7 +261,7 @@ class DenseBench:
         f, g = down - r, across - c
         between = (1 - f) * ((1 - g) * smooth[r, c] + g * smooth[r, c + 1])
         between += f * ((1 - g) * smooth[r + 1, c] + g * smooth[r + 1, c + 1])
-        return texels[int(y[1] * height), int(y[0] * width)] * between
+        return np.asarray(texels[int(y[1] * height), int(y[0] * width)] * between)
 
     def _lens(self, image: Floats) -> Floats:
         height, width = image.shape[:2]

@@ -19,9 +19,9 @@ from pdcd.scene.texture import cell_means, detailed
 from tests.places import ROOT
 
 GRID = (48, 64)
-TILE = (576, 768)
+TILE = (480, 640)
 """Rows and columns of a scene on the sheet."""
-PART = (90, 250)
+PART = (90, 330)
 """Row and column where the part of the book begins."""
 ACROSS = 3
 WHITE = 99.7
@@ -56,7 +56,7 @@ def main(path: Path) -> None:
     rows = [np.concatenate(tiles[i : i + ACROSS], axis=1) for i in range(0, len(tiles), ACROSS)]
     levels = 255.0 * np.clip(np.concatenate(rows), 0.0, 1.0) ** (1.0 / 2.2)
     sheet = Image.fromarray(np.rint(levels).astype(np.uint8))
-    sheet.quantize(256).save(path, optimize=True)
+    sheet.save(path, optimize=True)
 
 
 if __name__ == "__main__":

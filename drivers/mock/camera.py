@@ -81,7 +81,7 @@ class BenchSensor:
         rng = np.random.default_rng([self._config.seed, 4])
         sigma = np.float32(self._bench.truth.sensor.prnu)
         wobble = rng.standard_normal(shape, dtype=np.float32)
-        return np.maximum(1.0 + sigma * wobble, 0.0, dtype=np.float32)
+        return np.asarray(np.maximum(1.0 + sigma * wobble, 0.0), dtype=np.float32)
 
     def _neutral(self) -> tuple[float, float, float]:
         red, green, blue = self.responsivity_e / self.responsivity_e.max()

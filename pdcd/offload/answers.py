@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config

@@ -137,7 +137,8 @@ class OpticalBench:
         corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
         places = self._setting.camera.to_field(corners)
         with np.errstate(invalid="ignore"):
-            good = ((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1)
+            within = (places >= -EDGE) & (places <= 1.0 + EDGE)
+        good = np.asarray(within.all(axis=-1))
         return np.asarray(good[1:, 1:] & good[1:, :-1] & good[:-1, 1:] & good[:-1, :-1])
 
     @property

@@ -10,6 +10,7 @@ no rounding.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map
-from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.maps.placing import Placing, placed
 from pdcd.optics.bench import OpticalBench
@@ -54,20 +55,19 @@ class Found:
     at_pitch: float
 
 
-def aligned(grid: tuple[int, int]) -> Config:
-    """A bench on squared paper."""
+def aligned(grid: tuple[int, int], frame: tuple[int, int]) -> Config:
+    """A bench on squared paper; `frame` is width and height of the camera's quads."""
     return Config(
-        camera=CameraConfig(frame_quads=GRIDS[grid], noise="none"), scene=SceneConfig(grid=grid)
+        camera=CameraConfig(frame_quads=frame, noise="none"), scene=SceneConfig(grid=grid)
     )
 
 
-def anywhere(grid: tuple[int, int], seed: int) -> Config:
-    """A bench whose three devices are turned, mirrored, seen from aside, bent and shifted. Both
+def anywhere(config: Config, seed: int) -> Config:
+    """The bench with its three devices turned, mirrored, seen from aside, bent and shifted. Both
     panels cover the field, and the camera sees all of it."""
     rng = np.random.default_rng([seed, 13])
-    config = aligned(grid)
-    field_px = config.projector.size_px
-    places = [place(rng, px, field_px) for px in (field_px, config.mask.size_px, GRIDS[grid])]
+    field_px, frame = config.projector.size_px, config.camera.frame_quads or (1, 1)
+    places = [place(rng, px, field_px) for px in (field_px, config.mask.size_px, frame)]
     replace = msgspec.structs.replace
     return replace(
         config,
@@ -163,6 +163,12 @@ def at_pitch(config: Config, picture: Picture, bench: OpticalBench) -> float:
     return float(np.abs(sums[count > 0] / count[count > 0] / light.mean() - 1.0).max())
 
 
+def say(line: str) -> None:
+    """Write a line now: the next one may take a minute."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
 def main() -> None:
     """Judge many benches and print their figures, for each grid beside the aligned one's."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -173,16 +179,16 @@ def main() -> None:
     for grid in GRIDS:
         if args.cells and f"{grid[1]}x{grid[0]}" not in args.cells:
             continue
-        best = judge(aligned(grid), args.codes)
-        print(f"{grid}: aligned {best.rms_error:.4%}, at cell pitch {best.at_pitch:.4%}", flush=True)
+        config = aligned(grid, GRIDS[grid])
+        best = judge(config, args.codes)
+        say(f"{grid}: aligned {best.rms_error:.4%}, at cell pitch {best.at_pitch:.4%}")
         for seed in range(args.seeds):
             start = time.process_time()
-            found = judge(anywhere(grid, seed), args.codes)
+            found = judge(anywhere(config, seed), args.codes)
             times = found.rms_error / best.rms_error
-            print(
+            say(
                 f"{grid} seed {seed}: {found.rms_error:.4%} ({times:.2f} times), at cell pitch "
-                f"{found.at_pitch:.4%}, {time.process_time() - start:.1f} s",
-                flush=True,
+                f"{found.at_pitch:.4%}, {time.process_time() - start:.1f} s"
             )
 
 

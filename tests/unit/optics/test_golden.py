@@ -13,7 +13,7 @@ from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import BenchConfig, CameraConfig, Config, PanelConfig, SceneConfig
 from pdcd.bench.truth import truth_of
 from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
-from pdcd.frames.patterns import pack
+from pdcd.frames.patterns import Patterns, pack
 from pdcd.maps.placing import Placing
 from pdcd.optics.bench import OpticalBench
 from pdcd.optics.products import Exposure
@@ -32,7 +32,7 @@ skew_s = 0.0007
 gamma = 1.8
 falloff = 0.3
 scan_s = 0.006
-scan_bands = 4
+scan_bands = 3
 dead_columns = [4]
 place = { turn_deg = 3.0, scale = 1.07, radial = [0.02, -0.004], tangential = [0.003, -0.002] }
 
@@ -74,6 +74,7 @@ def frames_of(window: str, rng: np.random.Generator, *, grey: bool) -> Frames:
     more = 1 if window == "quarter" else 0
     lattice = (GRID[0] + more, GRID[1] + more)
     cells = lattice[0] * lattice[1]
+    patterns: list[Patterns]
     if grey:
         patterns = [rng.random((4, cells)).astype(np.float32) for _ in range(2)]
     else:

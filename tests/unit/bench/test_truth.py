@@ -1,0 +1,121 @@
+"""What a mock bench really is: the file of its truth, and what is refused in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from pdcd.bench import config
+from pdcd.bench.placed import panels_of
+from pdcd.bench.reading import toml_table
+from pdcd.bench.tables import BenchConfig, Config
+from pdcd.bench.truth import Truth, read_truth, truth_of
+from pdcd.errors import ConfigError
+
+EXAMPLE = Path(__file__).parents[3] / "config" / "truth.toml"
+
+
+def told(folder: Path, text: str) -> list[str]:
+    """All faults of a truth."""
+    path = folder / "truth.toml"
+    path.write_text(text)
+    return [fault.message for fault in read_truth(path, Config())[1]]
+
+
+def test_without_a_file_all_is_as_believed() -> None:
+    assert truth_of(Config()) == Truth()
+    assert Truth().of(Config()) == Config()
+
+
+def test_the_example_is_sound_and_changes_what_it_says() -> None:
+    believed = Config(bench=BenchConfig(truth=str(EXAMPLE)))
+    truth, faults = read_truth(EXAMPLE, believed)
+    assert faults == []
+    true = truth.of(believed)
+    assert (true.projector.rise_s, true.mask.place.turn_deg) == (0.0015, 181.3)
+    assert true.mask.refresh_hz == believed.mask.refresh_hz
+    assert true.scene.ambient == 0.01
+    assert panels_of(true) != panels_of(believed)
+
+
+def test_the_example_names_every_table_and_key() -> None:
+    given = toml_table(EXAMPLE, "it", "")
+    left_out = {"phase_s", "jitter_s", "contrast", "offset_px", "dead_rows", "dead_columns"}
+    left_out |= {"samples", "blur_taps", "dark", "full_well", "scan_bands", "falloff"}
+    for table in msgspec.structs.fields(Truth):
+        known = {f.name for f in msgspec.structs.fields(type(getattr(Truth(), table.name)))}
+        assert set(given[table.name]) <= known <= set(given[table.name]) | left_out
+
+
+def test_a_truth_lies_beside_its_configuration(tmp_path: Path) -> None:
+    (tmp_path / "truth.toml").write_text("[mask]\nrise_s = 0.5\n")
+    (tmp_path / "rig.toml").write_text('[bench]\ntruth = "truth.toml"\n')
+    loaded = config.load(tmp_path / "rig.toml")
+    assert truth_of(loaded).of(loaded).mask.rise_s == 0.5
+
+
+def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
+    faults = told(
+        tmp_path,
+        """
+        [mask]
+        rise_ms = 4.0
+        fall_s = -1.0
+        dead_rows = [1200]
+        contrast = 0.5
+        scan_s = 0.2
+        place = { homography = [1, 0, 0, 0, 1, 0, 0, 0, 0] }
+        [projector]
+        gamma = 0.0
+        offset_px = [1.0, 0.0]
+        [camera]
+        blurr = 1.0
+        [scene]
+        blur_taps = 4
+        [sensor]
+        prnu = 2.0
+        [lens]
+        f = 1.0
+        """,
+    )
+    words = [
+        "mask.rise_ms: no such key; is rise_s meant?",
+        "mask.fall_s:",
+        "mask.dead_rows: lines are counted 0 to 1199",
+        "mask.contrast: white over black exceeds 1",
+        "mask.scan_s: rows that are set 0.2 s apart",
+        "mask.place: the map of the mask",
+        "projector.gamma:",
+        "projector.offset_px: the mask is offset",
+        "camera.blurr: no such key",
+        "scene.blur_taps: must be odd",
+        "sensor.prnu:",
+        "lens: no such key",
+    ]
+    for word in words:
+        assert sum(fault.startswith(word) for fault in faults) == 1, (word, faults)
+    assert len(faults) == len(words)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf"])
+def test_numbers_that_are_none_are_refused(tmp_path: Path, number: str) -> None:
+    (fault,) = told(tmp_path, f"[mask]\nskew_s = {number}\n")
+    assert fault.startswith("mask.skew_s: must be a finite number")
+
+
+def test_the_configuration_tells_the_faults_of_its_truth(tmp_path: Path) -> None:
+    (tmp_path / "truth.toml").write_text("[mask]\nrise_s = -1.0\nfoo = 1\n")
+    rig = tmp_path / "rig.toml"
+    rig.write_text('[bench]\ntruth = "truth.toml"\n[camera]\niso = "x"\n')
+    with pytest.raises(ConfigError) as caught:
+        config.load(rig)
+    assert "3 faults" in caught.value.message
+    assert "mask.foo: no such key" in caught.value.message
+    rig.write_text('[bench]\ntruth = "nowhere.toml"\n')
+    with pytest.raises(ConfigError, match=r"bench\.truth: cannot read"):
+        config.load(rig)
+    (tmp_path / "nowhere.toml").write_text("[mask\n")
+    with pytest.raises(ConfigError, match="is not TOML"):
+        config.load(rig)
