@@ -18,17 +18,17 @@ from pdcd.request import CaptureRequest
 from tests import bench_rig
 
 GRID = (12, 16)
-PLACE = "place = { turn_deg = 4.0, scale = 1.1, radial = [0.02, 0.0] }"
+PLACE = "place = { scale = 1.2, offset_px = [7.0, 0.0] }"
 
 
-def config_of(folder: Path, truth: str, camera: Placing) -> Config:
+def config_of(folder: Path, truth: str, mask: Placing) -> Config:
     folder.mkdir()
     path = folder / "truth.toml"
     path.write_text(truth)
     return Config(
         projector=PanelConfig(size_px=(256, 192)),
-        mask=PanelConfig(size_px=(256, 192)),
-        camera=CameraConfig(noise="none", frame_quads=(88, 66), place=camera),
+        mask=PanelConfig(size_px=(256, 192), place=mask),
+        camera=CameraConfig(noise="none", frame_quads=(88, 66)),
         scene=SceneConfig(grid=GRID),
         bench=BenchConfig(truth=str(path)),
         server=ServerConfig(state_dir=str(folder / "state")),
@@ -47,11 +47,11 @@ def rms_error(config: Config) -> float:
 
 
 def test_the_error_against_the_truth_tells_a_wrong_belief_from_a_right_one(tmp_path: Path) -> None:
-    """A camera that is turned, and believed to be so, or not."""
-    camera = Placing(turn_deg=4.0, scale=1.1, radial=(0.02, 0.0))
+    """A mask that lies half a cell aside, and is believed to do so, or not."""
+    there = Placing(scale=1.2, offset_px=(7.0, 0.0))
     right, wrong = (
-        rms_error(config_of(tmp_path / name, f"[camera]\n{PLACE}\n", believed))
-        for name, believed in (("right", camera), ("wrong", Placing()))
+        rms_error(config_of(tmp_path / name, f"[mask]\n{PLACE}\n", believed))
+        for name, believed in (("right", there), ("wrong", Placing(scale=1.2)))
     )
     assert right < 0.1
     assert wrong > 2.0 * right
