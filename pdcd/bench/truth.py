@@ -59,7 +59,7 @@ class TrueCamera(_Table, frozen=True):
     """[camera]"""
 
     place: Placing | None = None
-    blur_quads: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] = 0.0
+    blur_quads: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] | None = None
     """Blur from the mask to the sensor: standard deviation of a Gaussian in quads."""
     falloff: Share = 0.0
     """Vignetting, as a panel's `falloff`."""
@@ -105,6 +105,8 @@ class Truth(_Table, frozen=True):
         camera, scene = config.camera, config.scene
         if self.camera.place is not None:
             camera = replace(camera, place=self.camera.place)
+        if self.camera.blur_quads is not None:
+            camera = replace(camera, blur_quads=self.camera.blur_quads)
         if self.scene.ambient is not None:
             scene = replace(scene, ambient=self.scene.ambient)
         return replace(

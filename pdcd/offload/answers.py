@@ -164,32 +164,33 @@ def rms_error(
     plan: Plan,
     record: RunRecord,
     picture: Picture,
-    cell_means: NDArray[np.float64],
+    means: NDArray[np.float64],
     scene: Scene | None,
     config: Config,
     alive: Callable[[], None],
 ) -> float | None:
-    """RMS error over the RMS of the truth; None where that is not known.
+    """RMS error of the answer over the RMS of the truth; None where that is not known.
 
-    Of the means of cells that the camera sees, (rows, cols, 3). On a bench of pixels, of the
-    picture itself: the truth is seen through the same optics, and looked at where the picture is
-    known and lies wholly inside the field.
+    means : (rows, cols, 3), the picture's means over the cells.
+
+    On a bench of cells these are compared, those of cells that the camera sees. On one of pixels
+    the truth is seen through the same optics, and compared quad by quad: where the picture is known
+    and lies wholly inside the field.
     """
-    if scene is None or record.homography is not None or record.cells is None:
+    if scene is None or record.cells is None:
         return None
     optics = optics_of(config, scene)
     if optics is None:
         seen = record.cells.seen()
-        truth = answer(scene, plan.recipe, alive)[seen]
-        error = cell_means.reshape(-1, cell_means.shape[-1])[seen] - truth
+        truth, found = answer(scene, plan.recipe, alive)[seen], means.reshape(-1, 3)[seen]
     elif optics.frame != picture.image.shape[:2] or not _told(plan, scene):
         return None
     else:
-        whole = optics.wanted(lambda part: answer(part, plan.recipe, alive))
         seen = optics.inside & np.isfinite(picture.sigma).all(axis=-1)
-        truth, error = whole[seen], (picture.image - whole)[seen]
+        truth = optics.wanted(lambda part: answer(part, plan.recipe, alive))[seen]
+        found = picture.image[seen]
     scale = float(np.sum(truth**2))
-    return float(np.sqrt(np.sum(error**2) / scale)) if scale else None
+    return float(np.sqrt(np.sum((found - truth) ** 2) / scale)) if scale else None
 
 
 def _told(plan: Plan, scene: Scene) -> bool:

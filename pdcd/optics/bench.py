@@ -191,11 +191,11 @@ class OpticalBench:
         picture = Picture(direct, reflected, indirect, textures, ambient, self._uneven)
         renderer = Renderer(self._setting, self._looks, self._cells)
         image = renderer.render(driven.sights, driven.met, picture)
-        lens, (rows, cols) = self.truth.camera, self.frame
-        if lens.blur_quads:
-            sigma = (lens.blur_quads, lens.blur_quads, 0.0)
+        (rows, cols), blur = self.frame, self.true.camera.blur_quads
+        if blur:
+            sigma = (blur, blur, 0.0)
             image = gaussian_filter(image, sigma, mode="nearest", truncate=BLUR_REACH)
-        shade = falloff(lens.falloff, (cols, rows))
+        shade = falloff(self.truth.camera.falloff, (cols, rows))
         return image if shade is None else image * shade[..., None]
 
     def _driven(self, lit: Kind, opened: Kind | None) -> _Driven:

@@ -168,7 +168,7 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
         panels[0], panels[1], camera_map(true, FRAME), GRID, direct, transport,
         truth.camera.samples or 2, true.scene.ambient, scene.texture,
         (true.mask.offset_px[0] / size[0], true.mask.offset_px[1] / size[1]), taps,
-        truth.camera.blur_quads, truth.camera.falloff,
+        true.camera.blur_quads, truth.camera.falloff,
     )  # fmt: skip
 
 
