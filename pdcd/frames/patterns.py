@@ -30,6 +30,12 @@ def none() -> NDArray[np.uint8]:
     return np.zeros((0, 0), dtype=np.uint8)
 
 
+def fit(patterns: Patterns, cells: int) -> bool:
+    """Whether patterns are over so many cells; none at all are over any number."""
+    width = -(-cells // 8) if patterns.dtype == np.uint8 else cells
+    return len(patterns) == 0 or patterns.shape[1:] == (width,)
+
+
 def grey_bytes(levels: Patterns) -> NDArray[np.uint8]:
     """Grey levels as panels of 8 bits get them, uint8 of the same shape: 255 is full light."""
     return np.asarray(np.rint(levels * 255.0), dtype=np.uint8)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,7 +57,9 @@ class Previews:
 
     def __init__(self, pictures: Mapping[str, Barred], view: View) -> None:
         """pictures : by name, on the camera's quads, in scene units."""
-        sampler = Sampler(view, view.size_px(LEAST_PX, MOST_PX))
+        self._size_px = view.size_px(LEAST_PX, MOST_PX)
+        # Not finer than the camera sees: what is coarse is enlarged when it is drawn.
+        sampler = Sampler(view, view.size_px(1, MOST_PX))
         self._seen = {name: _seen(picture, sampler) for name, picture in pictures.items()}
         self.balance = self._balanced(view.white_patch)
         for seen in self._seen.values():
@@ -87,14 +90,21 @@ class Previews:
         """The preview of that name with its caption, (H, W, 3) uint8."""
         seen, factor = self._seen[name], self.factor(name)
         scale = self._scale * factor
-        drawn = coded(seen.image * np.float32(scale))
+        drawn = self._enlarged(coded(seen.image * np.float32(scale)), cv2.INTER_LINEAR)
         notes = [f"white balance: {self.balance.source}"]
         if not seen.known.all():
-            _hatch(drawn, ~seen.known)
+            known = self._enlarged(seen.known.view(np.uint8), cv2.INTER_NEAREST)
+            _hatch(drawn, known == 0)
             notes.append("hatched: not known")
         greys = [(int(coded(np.float32(g))), f"{g / scale:.2g}") for g in GREYS]
         title = f"{name}  x {factor:g}" if factor >= 1.0 else f"{name}  x 1/{1.0 / factor:g}"
         return np.concatenate([drawn, strip(drawn.shape[1], title, notes, greys)])
+
+    def _enlarged(self, drawn: Bytes, how: int) -> Bytes:
+        """What is smaller than a preview, as large as one."""
+        if drawn.shape[1::-1] == self._size_px:
+            return drawn
+        return np.asarray(cv2.resize(drawn, self._size_px, interpolation=how), dtype=np.uint8)
 
     def _balanced(self, patch: tuple[float, float] | None) -> Balance:
         """By the patch, where one was named and can be seen, else by the white photo."""

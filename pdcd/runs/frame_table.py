@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pdcd.errors import DecodeError
 from pdcd.frames.frames import BLACK, FrameLog, Frames
 from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import Patterns
+from pdcd.frames.patterns import Patterns, fit
 from pdcd.runs.record import ShotRecord
 
 NAME = "frames.csv"
@@ -115,6 +115,12 @@ def _frames(
     # Every row of the frames was asked for at least once; further passes repeat some of them.
     numbers, first = np.unique(_asked(table)[0], return_index=True)
     first = first[numbers >= 0]
+    lattice = Lattice(grid, shot.window).shape
+    if not all(fit(patterns, lattice[0] * lattice[1]) for patterns in pair):
+        raise DecodeError(
+            f"the codes of shot {shot.name} are not over {lattice[0]} x {lattice[1]} cells",
+            hint="restore codes.npz and the manifest from a copy",
+        )
     return Frames(
         primal_patterns=pair[0],
         dual_patterns=pair[1],
@@ -124,7 +130,7 @@ def _frames(
         code=table["code"][first].astype(np.int32),
         guard=table["guard"][first].astype(np.bool_),
         grid=grid,
-        lattice=Lattice(grid, shot.window).shape,
+        lattice=lattice,
         window=shot.window,
     )
 

@@ -43,7 +43,9 @@ def rms_error(config: Config) -> float:
     result = bench_rig.capture(engine, request)
     engine.stop()
     assert result.error is None, result.error
-    return float(result.summary["rms_error"] or "nan")
+    error = result.summary["rms_error"]
+    assert isinstance(error, float)
+    return error
 
 
 def test_the_error_against_the_truth_tells_a_wrong_belief_from_a_right_one(tmp_path: Path) -> None:
