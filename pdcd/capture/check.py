@@ -20,6 +20,7 @@ from pdcd.bench.registry import Role, load_driver
 from pdcd.bench.tables import DEFAULT_GRID, CameraConfig, Config, SceneConfig
 from pdcd.capture.sight import hold_against
 from pdcd.errors import PdcdError
+from pdcd.maps.placing import Placing
 from pdcd.planning.guided import plan_for
 from pdcd.request import CaptureRequest
 from pdcd.scene.build import build_scene
@@ -94,13 +95,17 @@ class _Check:
         self._grid = build_scene(self._config.scene).grid
 
     def _context(self) -> DriverContext:
-        """What drivers are created with: of a wrong scene they shall not speak again."""
+        """What drivers are created with: of a wrong scene or place they shall not speak again."""
         config = self._config
         if self._grid is None:
             config = msgspec.structs.replace(config, scene=SceneConfig())
         if not self._profile_read:
             camera = msgspec.structs.replace(config.camera, profile=CameraConfig().profile)
             config = msgspec.structs.replace(config, camera=camera)
+        for device in ("projector", "mask", "camera"):
+            if not self._sound((f"{device}.place",)):
+                table = msgspec.structs.replace(getattr(config, device), place=Placing())
+                config = msgspec.structs.replace(config, **{device: table})
         if not self._sound(("rig.clock",)):
             rig = msgspec.structs.replace(config.rig, clock="real")
             config = msgspec.structs.replace(config, rig=rig)

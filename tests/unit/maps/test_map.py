@@ -14,7 +14,7 @@ from pdcd.maps.map import PIECE, Map, between, matrix
 from pdcd.maps.residual import residual_of
 from pdcd.maps.sound import check
 
-few = settings(max_examples=12, deadline=None)
+few = settings(max_examples=12, deadline=None, derandomize=True)
 
 
 def bent(seed: int, size_px: tuple[int, int] = (64, 48)) -> Map:
@@ -126,11 +126,12 @@ def test_the_residual_is_the_cubic_spline_of_its_nodes(shape: tuple[int, int]) -
 @few
 @given(seed=st.integers(0, 10**6))
 def test_points_beyond_the_edges_lead_back(seed: int) -> None:
+    """To themselves, or where a map folds out there to another that lies on the same place."""
     map_ = bent(seed)
     points = (some_points(map_, seed) - 0.5 * np.array(map_.size_px)) * 1.2
     points += 0.5 * np.array(map_.size_px)
-    back = map_.from_field(map_.to_field(points))
-    np.testing.assert_allclose(back, points, rtol=0.0, atol=1e-9)
+    field = map_.to_field(points)
+    np.testing.assert_allclose(map_.to_field(map_.from_field(field)), field, rtol=0.0, atol=1e-11)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
