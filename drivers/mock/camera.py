@@ -44,8 +44,8 @@ class BenchSensor:
     @property
     def frame_quads(self) -> tuple[int, int]:
         """Width and height of its photos in Bayer quads."""
-        rows, cols = self._bench.scene.grid
-        return cols * self._config.quads_per_cell, rows * self._config.quads_per_cell
+        rows, cols = self._bench.frame
+        return cols, rows
 
     def dng(self, iso: int, f_number: float) -> bytes:
         """The last exposure as a DNG file; ConfigError when the profile lacks the ISO.
