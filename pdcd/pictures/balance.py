@@ -6,6 +6,7 @@ small, unless that is only a nominal one; so a thing counts as white only where 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -65,7 +66,7 @@ def by_patch(picture: Singles, known: Bools, place: tuple[float, float]) -> Bala
     height, width = known.shape
     half = max(0.5 * PATCH * height, 0.5)
     rows, cols = (
-        slice(max(round(at * length - half), 0), max(round(at * length + half), 1))
+        slice(max(math.floor(at * length - half), 0), max(math.ceil(at * length + half), 1))
         for at, length in ((place[1], height), (place[0], width))
     )
     light = picture[rows, cols][known[rows, cols]]

@@ -70,7 +70,9 @@ class Rehearsal:
         pictures = combine(self.recipe, shots, cells, self.added, normalise=self.normalise)
         picture = pictures[self.recipe.answer_name]
         total = float(np.sum(self.truth**2)) or 1.0
-        code2, sensor2 = (picture.image - self.truth) ** 2, picture.sigma**2
+        code2 = (picture.image - self.truth) ** 2
+        # A cell whose windows never open for the wanted light has no sigma that says anything.
+        sensor2 = np.where(np.isfinite(picture.sigma), picture.sigma, 0.0) ** 2
         return Estimate(
             code=float(np.sqrt(code2.sum() / total)),
             sensor=float(np.sqrt(sensor2.sum() / total)),

@@ -14,6 +14,7 @@ from drivers.ptp.eos import EosCamera
 from drivers.virtual_camera import BULB_BODY, Body, VirtualUsb
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.capture.engine import Engine
+from pdcd.errors import ConfigError
 from pdcd.maps.map import Map
 from pdcd.maps.placing import Placing
 from pdcd.request import CaptureRequest, CaptureResult
@@ -58,7 +59,6 @@ def take(
 
 
 CASES = [
-    (FAR, {}, "does not see the field"),
     (PART, {"size": (40, 30)}, "% of the cells, less than 50 %"),
     (TURNED, {"size": (6, 4)}, "does not resolve its quarter windows"),
     (Placing(), {"size": (3, 3)}, "does not resolve single cells"),
@@ -75,7 +75,12 @@ def test_a_frame_that_does_not_fit_ends_the_run_after_one_shot(
     assert opened == 1
 
 
-@pytest.mark.parametrize("place", [FAR, PART, TURNED])
+def test_a_camera_that_looks_elsewhere_is_no_rig(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="beside the field"):
+        Engine.from_config(ptp(tmp_path, FAR))
+
+
+@pytest.mark.parametrize("place", [PART, TURNED])
 def test_a_frame_that_is_known_is_refused_before_any_light(tmp_path: Path, place: Placing) -> None:
     camera = CameraConfig(noise="none", f_number=8.0, place=place)
     result, opened = take(bench_rig.config(tmp_path, camera=camera), window="quarter")

@@ -232,7 +232,7 @@ def test_a_pilot_of_all_codes_gives_direct_light_too(tmp_path: Path) -> None:
     camera = CameraConfig(noise="none", quads_per_cell=2)
     result = run(tmp_path, CaptureRequest(goal="direct", codes=16, pilot=16), camera, VASE)
     assert result.folder is not None, result.error
-    assert float(str(result.summary["rms_error"])) < 0.01
+    assert float(str(result.summary["rms_error"])) < 0.012  # in detail finer than cells, too
     shown = {path.stem for path in (Path(result.folder) / "preview").iterdir()}
     assert shown == {"direct", "white", "indirect"}
     shot = read_shots(result)[-1]
