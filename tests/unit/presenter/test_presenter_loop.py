@@ -139,27 +139,50 @@ def test_stop_ends_the_pass(run: Run) -> None:
     assert len(log) == 5
 
 
+class Steady:
+    """A source whose every refresh lasts as long and counts as many as the last."""
+
+    name, queues, flipped = "steady", False, 0
+
+    def __init__(self, period_ns: int, step: int) -> None:
+        self.ns = self.msc = 0
+        self._period_ns, self._step = period_ns, step
+
+    def sync(self) -> None:
+        pass
+
+    def put(self) -> None:
+        pass
+
+    def shown(self) -> None:
+        self.ns += self._period_ns
+        self.msc += self._step
+
+
+class Hurried(Steady):
+    """Every frame comes a refresh late for as long as the machine is busy."""
+
+    def __init__(self, busy_frames: int) -> None:
+        super().__init__(PERIOD_NS, 1)
+        self._busy_frames = busy_frames
+
+    def shown(self) -> None:
+        super().shown()
+        self._busy_frames -= 1
+        if self._busy_frames >= 0:
+            super().shown()
+
+
 def test_a_source_that_repeats_counts_or_runs_at_another_rate_is_not_believed() -> None:
-    class Steady:
-        name, queues, flipped = "steady", False, 0
-
-        def __init__(self, period_ns: int, step: int) -> None:
-            self.ns = self.msc = 0
-            self._period_ns, self._step = period_ns, step
-
-        def sync(self) -> None:
-            pass
-
-        def put(self) -> None:
-            pass
-
-        def shown(self) -> None:
-            self.ns += self._period_ns
-            self.msc += self._step
-
     nominal = float(PERIOD_NS)
     assert clocks.probe(Steady(PERIOD_NS, 1), lambda: None, nominal) == nominal
     assert clocks.probe(Steady(PERIOD_NS + 150_000, 1), lambda: None, nominal) is not None
     assert clocks.probe(Steady(2 * PERIOD_NS, 1), lambda: None, nominal) is None
     assert clocks.probe(Steady(PERIOD_NS, 0), lambda: None, nominal) is None
     assert clocks.probe(Steady(0, 1), lambda: None, nominal) is None
+
+
+def test_a_busy_moment_does_not_lead_to_a_worse_source() -> None:
+    nominal = float(PERIOD_NS)
+    assert clocks.probe(Hurried(40), lambda: None, nominal) == nominal
+    assert clocks.probe(Hurried(10_000), lambda: None, nominal) is None
