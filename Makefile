@@ -3,6 +3,9 @@
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
 .PHONY: demo test test-slow test-systemd lint bench soak mutants clean
 
+# Processes start often here; each would compile every module anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 demo:
 	@.ci/setup
 	@.venv/bin/pdcd demo
