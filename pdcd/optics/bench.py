@@ -26,9 +26,9 @@ from pdcd.bench.truth import Truth, truth_of
 from pdcd.optics.lit import Lit
 from pdcd.optics.products import Exposure, Products
 from pdcd.optics.raster import Raster
-from pdcd.optics.render import Meetings, Picture, Renderer, meetings
+from pdcd.optics.render import Detail, Picture, Renderer
 from pdcd.optics.setting import Setting, falloff
-from pdcd.optics.sights import NOWHERE, CellGrid, Looks, Sights, look, pixels
+from pdcd.optics.sights import NOWHERE, CellGrid, Looks, look, pixels
 from pdcd.optics.sites import Kind, PanelSites
 from pdcd.scene.effects import Array, Effect
 from pdcd.scene.scene import Scene
@@ -37,7 +37,7 @@ from pdcd.scene.texture import cell_means
 Floats = NDArray[np.float64]
 
 KEPT = 2
-"""Ways of driving the panels whose sights are kept: a white shot's and a coded one's."""
+"""Ways of driving the panels of which all is kept: a white shot's and a coded one's."""
 POINTS_PER_PX = 2
 """Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
 BLUR_REACH = 4.0
@@ -49,15 +49,14 @@ EDGE = 1e-9
 
 @dataclass(frozen=True)
 class _Driven:
-    """What follows from the way the panels are driven: the sites of projector and mask, and who
-    sees which; without a mask, site 0 of it stands before everything. `spread` (projector sites, N)
-    is the share of each cell that a site lights."""
+    """What follows from the way the panels are driven: the sites of projector and mask, and how
+    pictures are rendered of what is seen of them; without a mask, site 0 of it stands before
+    everything. `spread` (projector sites, N) is the share of each cell that a site lights."""
 
     lit: PanelSites
     opened: PanelSites
     spread: sparse.csr_array
-    sights: Sights
-    met: Meetings
+    renderer: Renderer
 
 
 class OpticalBench:
@@ -77,6 +76,7 @@ class OpticalBench:
         self._setting.check()
         self._scene = scene
         self._kept: OrderedDict[tuple[Kind, Kind | None], _Driven] = OrderedDict()
+        self._lit_kept: OrderedDict[Kind, tuple[PanelSites, sparse.csr_array]] = OrderedDict()
 
     @property
     def truth(self) -> Truth:
@@ -110,7 +110,8 @@ class OpticalBench:
             driven.spread,
             self._indirect,
         )
-        tables = products.tables(driven.met.direct, driven.met.indirect)
+        met = driven.renderer.met
+        tables = products.tables(met.direct, met.indirect)
         ambient = None if self._ambient is None else (tables.open_s, self._ambient)
         return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
 
@@ -127,8 +128,9 @@ class OpticalBench:
         reflected, sent = (
             answer(Scene(scene.name, scene.grid, effects)) for effects in (direct, indirect)
         )
-        full = (driven.met.direct.other > 0).astype(np.float64)
-        return self._image(driven, full, reflected, sent[driven.met.indirect.other], None)
+        met = driven.renderer.met
+        full = (met.direct.other > 0).astype(np.float64)
+        return self._image(driven, full, reflected, sent[met.indirect.other], None)
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
@@ -167,6 +169,12 @@ class OpticalBench:
         return CellGrid(self._scene.grid, self._scene.textures is not None)
 
     @cached_property
+    def _means(self) -> tuple[Array, Array] | None:
+        """What the scene's textures are over its cells, (N, 3) each."""
+        textures, grid = self._scene.textures, self._scene.grid
+        return textures and (cell_means(textures[0], grid), cell_means(textures[1], grid))
+
+    @cached_property
     def _looks(self) -> Looks:
         return Looks(self._setting)
 
@@ -183,14 +191,11 @@ class OpticalBench:
         ambient: tuple[Floats, Floats] | None,
     ) -> Floats:
         """The picture that the sensor gets, of tables as `Picture` has them but for textures."""
-        textures = self._scene.textures
-        if textures is not None:
-            means = [cell_means(texture, self._scene.grid) for texture in textures]
+        means = self._means
+        if means is not None:
             reflected = reflected / means[0]
-            indirect = indirect / means[1][driven.met.indirect.other]
-        picture = Picture(direct, reflected, indirect, textures, ambient, self._uneven)
-        renderer = Renderer(self._setting, self._looks, self._cells)
-        image = renderer.render(driven.sights, driven.met, picture)
+            indirect = indirect / means[1][driven.renderer.met.indirect.other]
+        image = driven.renderer.render(Picture(direct, reflected, indirect, ambient))
         (rows, cols), blur = self.frame, self.true.camera.blur_quads
         if blur:
             sigma = (blur, blur, 0.0)
@@ -203,21 +208,33 @@ class OpticalBench:
         key = lit, opened
         if key not in self._kept:
             drawn, truth = self._setting.drawn, self.truth
-            projector = PanelSites(drawn.projector, lit, truth.projector)
+            projector, spread = self._lit(lit)
             mask = PanelSites(drawn.mask, opened or lit, truth.mask)
             before = None if opened is None else mask
             sights = look(self._looks, self._setting, self._cells, projector, before)
-            self._kept[key] = _Driven(
-                projector,
-                mask,
-                self._spread(projector),
+            renderer = Renderer(
+                self._setting,
+                self._looks,
+                self._cells,
                 sights,
-                meetings(sights, self._cells),
+                Detail(self._scene.textures, self._uneven),
+                ambient=self._ambient is not None,
             )
+            self._kept[key] = _Driven(projector, mask, spread, renderer)
             while len(self._kept) > KEPT:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
+
+    def _lit(self, kind: Kind) -> tuple[PanelSites, sparse.csr_array]:
+        """The projector's sites when it is driven this way, and their spread."""
+        if kind not in self._lit_kept:
+            sites = PanelSites(self._setting.drawn.projector, kind, self.truth.projector)
+            self._lit_kept[kind] = sites, self._spread(sites)
+            while len(self._lit_kept) > KEPT:
+                self._lit_kept.popitem(last=False)
+        self._lit_kept.move_to_end(kind)
+        return self._lit_kept[kind]
 
     def _spread(self, sites: PanelSites) -> sparse.csr_array:
         """Share of each scene cell that each site of the projector lights, (sites, N)."""
@@ -228,16 +245,20 @@ class OpticalBench:
         points = POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
         x, y = ((np.arange(count * points) + 0.5) / (count * points) for count in (cols, rows))
         raster = Raster(self._setting.on_projector, x, y)
-        uneven = np.ones((height, width)) if self._uneven is None else self._uneven
         whole = sparse.csr_array((len(sites), cells))
+        across_cells = np.arange(x.size) // points
         step = max(1, CHUNK_POINTS // (x.size * points))
         for start in range(0, rows, step):
-            stop = min(start + step, rows)
-            across, down = (v.ravel() for v in raster.rows(start * points, stop * points))
-            site = pixels(sites.image, across, down, missing=NOWHERE)
-            light = pixels(uneven, across, down, missing=0.0) / points**2
-            line, column = np.divmod(np.arange(site.size), x.size)
-            cell = (start + line // points) * cols + column // points
-            on = site >= 0
-            whole += sparse.csr_array((light[on], (site[on], cell[on])), shape=whole.shape)
+            lines = np.arange(start * points, min(start + step, rows) * points)
+            place = [v.ravel() for v in raster.rows(lines[0], lines[-1] + 1)]
+            cell = ((lines // points * cols)[:, None] + across_cells).ravel()
+            key = pixels(sites.image, *place, missing=NOWHERE).astype(np.int64) * cells + cell
+            # Neighbours mostly light the same, so they are summed before they are sorted.
+            first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
+            light = np.diff(np.append(first, key.size)).astype(np.float64)
+            if self._uneven is not None:
+                light = np.add.reduceat(pixels(self._uneven, *place, missing=0.0), first)
+            on = key[first] >= 0
+            pair = np.divmod(key[first][on], cells)
+            whole += sparse.csr_array((light[on] / points**2, pair), shape=whole.shape)
         return sparse.csr_array(whole)
