@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from pdcd.bench.folders import MAX_SOCKET_BYTES
 from pdcd.bench.placed import place_faults
-from pdcd.bench.reading import Fault
+from pdcd.bench.reading import Fault, number_faults
 from pdcd.bench.tables import (
     DEFAULT_GRID,
     Config,
@@ -29,10 +27,6 @@ RATE_TOLERANCE = 5e-4
 refresh in half a minute at the fastest, which the black frames around every code still hide."""
 
 
-MAX_INTEGER = 2**53
-"""Integers stay below this in every message, so that any JSON reader keeps them exactly."""
-
-
 def check(config: Config) -> list[str]:
     """Every fault that the types alone do not exclude; empty when the configuration is sound."""
     return [fault.message for fault in cross_faults(config)]
@@ -40,7 +34,7 @@ def check(config: Config) -> list[str]:
 
 def cross_faults(config: Config) -> Iterator[Fault]:
     """Yield the faults that involve more than the type of one key."""
-    yield from _number_faults(msgspec.to_builtins(config, builtin_types=TIMES), "")
+    yield from number_faults(msgspec.to_builtins(config, builtin_types=TIMES), "")
     yield from _panel_faults(config)
     yield from _place_faults(config)
     yield from _scene_faults(config)
@@ -105,20 +99,6 @@ def rate_fault(config: Config) -> Fault | None:
     )
 
 
-def _number_faults(value: Any, key: str) -> Iterator[Fault]:
-    """Yield NaN, infinities and integers too large for JSON, however deep they lie."""
-    if isinstance(value, dict):
-        for name, item in value.items():
-            yield from _number_faults(item, f"{key}.{name}" if key else name)
-    elif isinstance(value, list | tuple):
-        for index, item in enumerate(value):
-            yield from _number_faults(item, f"{key}[{index}]")
-    elif isinstance(value, float) and not math.isfinite(value):
-        yield Fault((key,), f"{key}: must be a finite number, not {value}")
-    elif isinstance(value, int) and abs(value) >= MAX_INTEGER:
-        yield Fault((key,), f"{key}: must be below 2**53 in size, not {value}")
-
-
 def _panel_faults(config: Config) -> Iterator[Fault]:
     """Yield what keeps the two panels from running in lockstep."""
     # Mock panels may slip: that is what they are for.
@@ -146,8 +126,7 @@ def _place_faults(config: Config) -> Iterator[Fault]:
     """Yield places on the field that no device can have."""
     tables = {name: getattr(config, name).place for name in ("projector", "mask", "camera")}
     wrong = {
-        name: any(_number_faults(msgspec.to_builtins(place), name))
-        for name, place in tables.items()
+        name: any(number_faults(msgspec.to_builtins(place), name)) for name, place in tables.items()
     }
     for name, why in place_faults(config):
         if not wrong[name]:  # numbers that are none have been told of

@@ -5,6 +5,7 @@ The configuration and what belongs to it are read by these rules.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,9 @@ from pdcd.bench.options import convert_field, unknown_key
 from pdcd.errors import ConfigError
 
 _S = TypeVar("_S", bound=msgspec.Struct)
+
+MAX_INTEGER = 2**53
+"""Integers stay below this in every message, so that any JSON reader keeps them exactly."""
 
 
 class Fault(NamedTuple):
@@ -97,3 +101,17 @@ def _beyond_64_bits(value: Any, key: str = "") -> Iterator[str]:
             yield from _beyond_64_bits(held, key)
     elif isinstance(value, int) and not -(2**63) <= value < 2**63:
         yield key
+
+
+def number_faults(value: Any, key: str) -> Iterator[Fault]:
+    """Yield NaN, infinities and integers too large for JSON, however deep they lie."""
+    if isinstance(value, dict):
+        for name, item in value.items():
+            yield from number_faults(item, f"{key}.{name}" if key else name)
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from number_faults(item, f"{key}[{index}]")
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield Fault((key,), f"{key}: must be a finite number, not {value}")
+    elif isinstance(value, int) and abs(value) >= MAX_INTEGER:
+        yield Fault((key,), f"{key}: must be below 2**53 in size, not {value}")

@@ -7,7 +7,6 @@ docs/mock-bench.md.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +14,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, field
 
-from pdcd.bench.reading import Fault, faults_error, overlay, toml_table
+from pdcd.bench.reading import Fault, faults_error, number_faults, overlay, toml_table
 from pdcd.bench.tables import Config, NonNegative, PanelConfig, Positive
 from pdcd.errors import ConfigError
 from pdcd.maps.placing import Placing, placed
@@ -157,9 +156,9 @@ def read_truth(source: Path, config: Config) -> tuple[Truth, list[Fault]]:
 
 def _faults(truth: Truth, config: Config) -> Iterator[Fault]:
     """Yield what the types alone do not exclude."""
-    endless = list(_endless(msgspec.to_builtins(truth), ""))
-    yield from endless
-    if endless:
+    numbers = list(number_faults(msgspec.to_builtins(truth), ""))
+    yield from numbers
+    if numbers:
         return  # what follows from such numbers is no news
     if truth.scene.blur_taps % 2 == 0:
         yield Fault(("scene.blur_taps",), "scene.blur_taps: must be odd")
@@ -207,15 +206,3 @@ def _place_faults(
         placed(place, size, config.projector.size_px, name)
     except ConfigError as err:
         yield Fault((f"{name}.place",), f"{name}.place: {err.message}")
-
-
-def _endless(value: Any, key: str) -> Iterator[Fault]:
-    """Yield numbers that are not finite, however deep they lie."""
-    if isinstance(value, dict):
-        for name, item in value.items():
-            yield from _endless(item, f"{key}.{name}" if key else name)
-    elif isinstance(value, list | tuple):
-        for index, item in enumerate(value):
-            yield from _endless(item, f"{key}[{index}]")
-    elif isinstance(value, float) and not math.isfinite(value):
-        yield Fault((key,), f"{key}: must be a finite number, not {value}")
