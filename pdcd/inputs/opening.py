@@ -21,13 +21,19 @@ CHUNK_BYTES = 2**20
 """Read at a time."""
 
 KINDS = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a FIFO",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFLNK: "a symbolic link",
+    stat.S_IFREG: "file",
+    stat.S_IFDIR: "folder",
+    stat.S_IFIFO: "FIFO",
+    stat.S_IFSOCK: "socket",
+    stat.S_IFCHR: "device",
+    stat.S_IFBLK: "device",
+    stat.S_IFLNK: "symbolic link",
 }
+
+
+def kind_of(mode: int) -> str:
+    """What a thing with this `st_mode` is called: "file", "folder", "FIFO" ..."""
+    return KINDS.get(stat.S_IFMT(mode), "thing")
 
 
 @dataclass(frozen=True)
@@ -137,8 +143,8 @@ def _check_passage(found: os.stat_result, asker: Asker) -> None:
 
 def _check_regular(found: os.stat_result) -> None:
     if not stat.S_ISREG(found.st_mode):
-        kind = KINDS.get(stat.S_IFMT(found.st_mode), "something else")
-        raise Unsound(f"it is {kind}, not a regular file", "give a .npy, .npz or PNG file")
+        kind = kind_of(found.st_mode)
+        raise Unsound(f"it is a {kind}, not a regular file", "give a .npy, .npz or PNG file")
 
 
 def _sure(descriptor: int) -> int:

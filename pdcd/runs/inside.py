@@ -15,6 +15,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pdcd.errors import DecodeError
+from pdcd.inputs.opening import kind_of
 
 MAX_PARTS = 16
 """Deepest file of a folder: parts of its name."""
@@ -25,16 +26,6 @@ CHUNK_BYTES = 2**22
 
 WAY = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 """Flags to open a folder on the way to something, which takes no more than the right to pass."""
-
-KINDS = {
-    stat.S_IFREG: "file",
-    stat.S_IFDIR: "folder",
-    stat.S_IFLNK: "symbolic link",
-    stat.S_IFIFO: "pipe",
-    stat.S_IFSOCK: "socket",
-    stat.S_IFCHR: "device",
-    stat.S_IFBLK: "device",
-}
 
 
 def path_of(descriptor: int) -> Path:
@@ -72,7 +63,7 @@ def opened(folder: Path) -> Iterator[int]:
 
 
 def listing(folder: int) -> dict[str, str]:
-    """All that lies in a folder and below: relative name -> "file", "folder", "pipe" ...
+    """All that lies in a folder and below: relative name -> "file", "folder", "FIFO" ...
 
     Raises DecodeError when that is too much, and OSError.
     """
@@ -87,7 +78,7 @@ def _list(folder: int, prefix: str, found: dict[str, str], depth: int) -> None:
             if len(found) >= MAX_ENTRIES:
                 raise DecodeError(f"it holds more than {MAX_ENTRIES} files")
             mode = entry.stat(follow_symlinks=False).st_mode
-            kind = found[prefix + entry.name] = KINDS.get(stat.S_IFMT(mode), "thing")
+            kind = found[prefix + entry.name] = kind_of(mode)
             if kind == "folder" and depth > 1:
                 flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
                 below = os.open(entry.name, flags, dir_fd=folder)
@@ -116,7 +107,7 @@ def opened_file(folder: int, name: str) -> Iterator[int]:
         found = hold(parts[-1], os.O_PATH | os.O_NOFOLLOW, at)
         mode = os.fstat(found).st_mode
         if not stat.S_ISREG(mode):
-            raise DecodeError(f"it is a {KINDS.get(stat.S_IFMT(mode), 'thing')}, no file")
+            raise DecodeError(f"it is a {kind_of(mode)}, no file")
         # What is opened is what was looked at: a name may have come to mean something else.
         yield hold(str(path_of(found)), os.O_RDONLY | os.O_NONBLOCK, None)
 
