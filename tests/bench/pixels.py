@@ -1,0 +1,116 @@
+"""Photos at the camera's own pixels: what the mock takes, and what decoding makes of them."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.bench.tables import CameraConfig, Config
+from pdcd.maps.placing import Placing
+from pdcd.optics.bench import OpticalBench
+from pdcd.optics.products import Exposure
+from pdcd.pictures import decode
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from tests.bench.captures import capture_with, config_for, opened
+from tests.bench.measure import alone, peak_mib
+from tests.bench.photo import SCENE
+from tests.bench.tables import Aim, Section, Table, seconds
+
+COUNT, WINDOW = 128, "quarter"
+FRAMES = ((480, 640), (1424, 2136))
+"""Rows and columns of quads: a RAW file has twice as many samples each way."""
+UPRIGHT, TURNED = Placing(), Placing(turn_deg=2.0, scale=1.05, radial=(0.02, 0.0))
+PLACES = {"upright": UPRIGHT, "turned, bent": TURNED}
+PHOTO_LIMITS_S = (1.0, 15.0)
+DECODE_LIMIT_S, DECODE_LIMIT_MIB = 4.0, 1536.0
+
+
+def run(*, quick: bool, folder: Path) -> Section:
+    """Take and decode captures, each in processes of their own."""
+    frames = FRAMES[:1] if quick else FRAMES
+    table = Table(
+        f"White and indirect shot, {COUNT} codes, {WINDOW} windows",
+        ("RAW", "camera", "first photo", "next photos", "to pictures", "peak memory"),
+    )
+    aims = []
+    for frame, photo_s in zip(frames, PHOTO_LIMITS_S, strict=False):
+        for name in PLACES:
+            found = _measured(frame, name)
+            size = f"{2 * frame[1]}x{2 * frame[0]}"
+            times = (seconds(found[key]) for key in ("first_s", "next_s", "decode_s"))
+            table.add(size, name, *times, f"{found['peak_mib']:.0f} MiB")
+            what = f"RAW {size}, {name}"
+            aims.append(Aim(f"mock photo, the first, {what}", "s", found["first_s"], photo_s))
+            if frame == FRAMES[-1]:
+                aims += [
+                    Aim(f"RAW files to pictures, {what}", "s", found["decode_s"], DECODE_LIMIT_S),
+                    Aim(f"the same: memory, {what}", "MiB", found["peak_mib"], DECODE_LIMIT_MIB),
+                ]
+    return Section(
+        title="The camera's own pixels",
+        text=(
+            f"The scene `{SCENE}` with all its detail before a camera whose pixels no cell of "
+            "64x48 divides where it is turned by 2 degrees and bent. The first photo computes what "
+            "every pixel sees; the next ones, driven in the same way, use it again. From RAW files "
+            "to pictures is everything: read, decoded, error bars, linear files, previews. It is "
+            "measured in a process of its own, whose peak memory is told."
+        ),
+        tables=[table],
+        aims=aims,
+    )
+
+
+def _measured(frame: tuple[int, int], place: str) -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as made:
+        found: dict[str, Any] = alone("pixels:take", frame=frame, place=place, folder=made)
+        return found | alone("pixels:develop", folder=found.pop("run"))
+
+
+def config_of(frame: tuple[int, int], place: str) -> Config:
+    """The mock bench with such a camera."""
+    camera = CameraConfig(frame_quads=(frame[0], frame[1]), place=PLACES[place])
+    return msgspec.structs.replace(config_for(SCENE), camera=camera)
+
+
+def take(frame: tuple[int, int], place: str, folder: str) -> dict[str, Any]:
+    """Take a capture; seconds of its first mock photo, the mean of the later coded and white ones
+    that were driven like one before, and the folder of the run."""
+    taken: dict[object, list[float]] = {}
+    photo = OpticalBench.photo
+
+    def timed_photo(self: OpticalBench, exposure: Exposure) -> Any:
+        begun_s = time.perf_counter()
+        found = photo(self, exposure)
+        driven = bool(len(exposure.frames.primal_patterns))
+        taken.setdefault(driven, []).append(time.perf_counter() - begun_s)
+        return found
+
+    request = CaptureRequest(goal="indirect", codes=COUNT, window="quarter", seed=1)
+    with pytest.MonkeyPatch.context() as patch, opened(config_of(frame, place)) as engine:
+        patch.setattr(OpticalBench, "photo", timed_photo)
+        result = capture_with(engine, request, Path(folder), "pixels")
+    later = [s for times in taken.values() for s in times[1:]]
+    return {
+        "first_s": max(times[0] for times in taken.values()),
+        "next_s": sum(later) / len(later),
+        "run": result.folder,
+    }
+
+
+def develop(folder: str) -> dict[str, float]:
+    """Seconds and peak MiB from the RAW files of a run to its pictures."""
+    begun_s = time.perf_counter()
+    record = read_manifest(Path(folder)).run
+    decoded = Darkroom(Path(folder), record).decoded()
+    with tempfile.TemporaryDirectory() as made:
+        for name in ("linear", "preview"):
+            (Path(made) / name).mkdir()
+        decode.write_pictures(Path(made), decoded)
+    return {"decode_s": time.perf_counter() - begun_s, "peak_mib": peak_mib()}
