@@ -17,6 +17,7 @@ from pdcd.client import Client, Unreachable
 from tests.places import ROOT
 from tests.soak import processes
 from tests.soak.benches import Bench
+from tests.soak.lapse import Lapse
 
 START_S = 60.0
 BEAT_S = 0.5
@@ -30,7 +31,7 @@ class Daemon:
         self.bench = bench
         self.socket = bench.folder / "s"
         self.gap_s = 0.0
-        """Longest silence of the heart beat so far."""
+        """Longest silence of the heart beat so far, of the time that the machine had."""
         self.excused = False
         """True while a device may hang: the thread that waits for it cannot beat."""
         self.excuse_ends = False
@@ -39,7 +40,7 @@ class Daemon:
         """Answers to hostile requests, by kind."""
         self.faults: list[str] = []
         """Those of them that were faults of the program."""
-        self._beat_s: float | None = None
+        self._silence: Lapse | None = None
         self._ear = self._listen()
         bench.freed()
         (bench.folder / "fault.json").unlink(missing_ok=True)
@@ -125,9 +126,8 @@ class Daemon:
             while data := ear.recv(4096):
                 if b"WATCHDOG=1" not in data:
                     continue
-                now_s, last_s = time.monotonic(), self._beat_s
-                self._beat_s = now_s
-                if last_s is not None and not self.excused:
-                    self.gap_s = max(self.gap_s, now_s - last_s)
+                if self._silence is not None and not self.excused:
+                    self.gap_s = max(self.gap_s, self._silence.own_s)
+                self._silence = Lapse()
                 if self.excuse_ends:
                     self.excused = self.excuse_ends = False

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from dataclasses import dataclass, field
+
+from tests.soak.lapse import Lapse
 
 
 @dataclass
@@ -35,7 +36,7 @@ class Tally:
     rss_mib: float = 0.0
     growth: list[tuple[int, float]] = field(default_factory=list)
     """Captures of a daemon's life, and by how many MiB it grew over them."""
-    begun_s: float = field(default_factory=time.monotonic)
+    lapse: Lapse = field(default_factory=Lapse)
 
     def row(self, name: str) -> Row:
         """The row of an attack."""
@@ -48,14 +49,18 @@ class Tally:
 
     def table(self) -> str:
         """All of it as Markdown."""
-        minutes = (time.monotonic() - self.begun_s) / 60.0
+        whole_s, own_s = self.lapse.whole_s, self.lapse.own_s
         head = [
-            ("time", f"{minutes:.0f} min"),
+            ("time", f"{whole_s / 60.0:.0f} min"),
+            ("of it withheld from the machine by its host", f"{abs(1.0 - own_s / whole_s):.0%}"),
             ("captures", str(self.captures)),
             ("kills", str(self.kills)),
             ("finished folders, each verified", str(self.folders)),
             ("`rig.status` of an honest client, p50 / p99 / max", self._answers()),
-            ("longest silence of the heart beat", f"{self.beat_gap_s:.2f} s"),
+            (
+                "longest silence of the heart beat, without such time",
+                f"{self.beat_gap_s:.2f} s",
+            ),
             ("largest resident memory, all processes of a daemon", f"{self.rss_mib:.0f} MiB"),
             ("growth of a daemon and of what lived as long, over 1000 captures", self._growth()),
             ("hostile requests, by what they were answered", self._kinds()),

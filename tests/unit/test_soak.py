@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from pdcd.recipes.goals import GOALS
 from tests.bench.report import write_soak
 from tests.soak import processes
 from tests.soak.daemon import FAULT, Faulty
+from tests.soak.lapse import Lapse, stolen_s
 from tests.soak.tally import Tally
 from tests.soak.wanted import requests
 
@@ -68,3 +70,17 @@ def test_the_table_tells_counts_and_names_what_broke(tmp_path: Path) -> None:
 
 def test_honest_clients_want_every_goal() -> None:
     assert {request.goal for request in requests()} == set(GOALS)
+
+
+def test_time_that_the_host_withholds_counts_for_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    withheld_s = 0.0
+    monkeypatch.setattr("tests.soak.lapse.stolen_s", lambda: withheld_s)
+    lapse = Lapse()
+    time.sleep(0.02)
+    assert 0.02 <= lapse.own_s <= lapse.whole_s
+    withheld_s = 0.015
+    assert lapse.own_s <= lapse.whole_s - 0.0149
+    withheld_s = 60.0
+    assert lapse.own_s == 0.0
+    monkeypatch.undo()
+    assert 0.0 <= stolen_s() < time.clock_gettime(time.CLOCK_BOOTTIME)
