@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -52,9 +53,12 @@ def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
                 sigma_code=means.code,
                 sigma_kind=np.array(means.kind),
             )
-        for name, picture in decoded.pictures.items():
-            write_tiff(folder / "linear" / f"{name}.tif", picture.image.astype(np.float32))
-        return write_previews(folder / "preview", decoded.pictures, decoded.view)
+        # Both are mostly compressing and copying, which a second core can do meanwhile.
+        with ThreadPoolExecutor(1) as pool:
+            drawn = pool.submit(write_previews, folder / "preview", decoded.pictures, decoded.view)
+            for name, picture in decoded.pictures.items():
+                write_tiff(folder / "linear" / f"{name}.tif", picture.image)
+            return drawn.result()
 
 
 @contextmanager

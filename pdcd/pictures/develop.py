@@ -70,7 +70,7 @@ def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
     ones too, come back exactly. Raises `NoSpaceError`, or
     `PdcdError` for any other refusal of the disk."""
     flags = [cv2.IMWRITE_TIFF_COMPRESSION, _TIFF_UNCOMPRESSED]
-    _write(path, ".tiff", image.astype(np.float32), flags)
+    _write(path, ".tiff", image.astype(np.float32, copy=False), flags)
 
 
 def read_tiff(path: Path) -> NDArray[np.float32]:

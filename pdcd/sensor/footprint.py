@@ -8,6 +8,7 @@ two edges cross within a turned quad, shares are the product of those along the 
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -30,6 +31,8 @@ THIN = 1e-6
 """Least width of a parallelogram's slope, over its length: 0 would be divided by."""
 TOUCH = 1e-6
 """Share of half a quad by which it may reach beyond the field and still lie in it, by rounding."""
+THREADS = 2
+"""That work out a footprint: the sums of a band of rows leave the interpreter to others."""
 CLOSE = 1e-12
 """Of a cell: a place that is so near to an edge lies on it."""
 
@@ -178,9 +181,9 @@ def _scattered(
     of_rows, of_cols = _Pieces(grid[0], cuts[0]), _Pieces(grid[1], cuts[1])
     pieces = of_rows.count, of_cols.count
     known, inside = np.empty(frame, np.bool_), np.empty(frame, np.float32)
-    counts, columns, shares = [], [], []
     nodes = Nodes(map_, frame, grid)
-    for start in range(0, frame[0], ROWS):
+
+    def band(start: int) -> tuple[Indices, NDArray[np.int32], Floats]:
         here = slice(start, min(start + ROWS, frame[0]))
         u, v = nodes.places(here)
         across, down = nodes.slopes(here)
@@ -189,9 +192,10 @@ def _scattered(
         count, column, share, sums = _crossed(y, x, pieces[1])
         known[here] = (x.known & y.known).reshape(u.shape)
         inside[here] = sums.reshape(u.shape)
-        counts.append(count)
-        columns.append(column)
-        shares.append(share)
+        return count, column, share
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        counts, columns, shares = zip(*pool.map(band, range(0, frame[0], ROWS)), strict=True)
     ends = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64)
     whole = sparse.csr_array(
         (np.concatenate(shares), np.concatenate(columns), ends.astype(np.int32)),
