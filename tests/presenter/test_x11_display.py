@@ -56,6 +56,10 @@ def lit(x_quarter: XServer) -> Iterator[Callable[[], bool]]:
     grabber.close()
 
 
+LOOK_S = 0.002
+"""Between two looks at the screen: others need the processor, too."""
+
+
 def pid_of(display: X11Display) -> int:
     assert display._presenter is not None
     return display._presenter.pid
@@ -67,6 +71,7 @@ def until(condition: Callable[[], bool], within_s: float) -> float | None:
     while not condition():
         if time.monotonic() - begun > within_s:
             return None
+        time.sleep(LOOK_S)
     return time.monotonic() - begun
 
 
