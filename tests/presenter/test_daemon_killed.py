@@ -28,7 +28,7 @@ from tests import x11_rig
 from tests.e2e.server.test_daemon_real import connect, daemon, last_event, wait_for_codes
 from tests.xserver import QUARTER, XServer, run
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = pytest.mark.timeout(180)
 
 PATIENCE_S = 60.0
 LOOK_S = 0.002

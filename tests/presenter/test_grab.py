@@ -230,25 +230,27 @@ def test_a_mirrored_window(tmp_path: Path, x_quarter: XServer) -> None:
     np.testing.assert_allclose(found, at(c19=code_s), atol=1e-15)
 
 
-def shifted_server() -> Any:
+@pytest.fixture(scope="module")
+def large() -> Iterator[XServer]:
     """One large screen, on which windows can be put anywhere."""
-    return run((PROJECTOR_PX[0] + 8, PROJECTOR_PX[1] + 8), MASK_PX, kinds=("xvfb",))
+    with run((PROJECTOR_PX[0] + 8, PROJECTOR_PX[1] + 8), MASK_PX, kinds=("xvfb",)) as server:
+        x11_rig.hurry(server)
+        yield replace(server, projector_px=PROJECTOR_PX)
 
 
 @pytest.mark.parametrize(
     ("right", "down", "kept"),
-    [(0, 0, 1.0), (1, 0, 31 / 32), (0, 3, 29 / 32), (2, 1, 30 * 31 / 1024)],
+    [(0, 0, 1.0), (2, 1, 30 * 31 / 1024)],
 )
-def test_a_shifted_window(tmp_path: Path, right: int, down: int, kept: float) -> None:
+def test_a_shifted_window(
+    tmp_path: Path, large: XServer, right: int, down: int, kept: float
+) -> None:
     """The projector's window lies some pixels off; the rest of the cell still meets the mask's."""
-    with shifted_server() as server:
-        spot = [[right, down], [PROJECTOR_PX[0] + 8, 0]]
-        seen = [[0, 0], [PROJECTOR_PX[0] + 8, 0]]
-        sized = replace(server, projector_px=PROJECTOR_PX)
-        more: dict[str, Any] = {"positions_px": spot, "grab_px": seen}
-        x11_rig.hurry(server)
-        with rig_on(tmp_path, sized, np.eye(N), **more) as rig:
-            found, code_s = photo(rig, one_code([CELL], [CELL]))
+    spot = [[right, down], [PROJECTOR_PX[0] + 8, 0]]
+    seen = [[0, 0], [PROJECTOR_PX[0] + 8, 0]]
+    more: dict[str, Any] = {"positions_px": spot, "grab_px": seen}
+    with rig_on(tmp_path, large, np.eye(N), **more) as rig:
+        found, code_s = photo(rig, one_code([CELL], [CELL]))
     np.testing.assert_allclose(found, at(c20=code_s * kept), atol=1e-15)
 
 

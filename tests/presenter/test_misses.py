@@ -123,7 +123,7 @@ def busy() -> Iterator[None]:
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="real-time priority needs root or LimitRTPRIO")
 def test_a_busy_core_costs_no_frame(tmp_path: Path, x_quarter: XServer) -> None:
-    with busy(), playing(tmp_path, x_quarter, 100) as play:
+    with playing(tmp_path, x_quarter, 60) as play, busy():
         assert not until_quiet(play, ()).missed.any()
 
 

@@ -95,7 +95,7 @@ def faults() -> Iterator[tuple[Operation, WireKind, int, int]]:
                 yield operation, kind, first, (1, 1000)[(n + m + first) % 2]
 
 
-@pytest.mark.parametrize(("operation", "kind", "first", "times"), faults())
+@pytest.mark.parametrize(("operation", "kind", "first", "times"), list(faults()))
 def test_any_fault_of_the_wire(
     operation: Operation, kind: WireKind, first: int, times: int, tmp_path: Path
 ) -> None:
