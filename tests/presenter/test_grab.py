@@ -6,7 +6,6 @@ that refresh's length at C and nothing elsewhere, and each fault changes it by a
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -26,7 +25,7 @@ from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.schedule import build_frames
 from pdcd.presenter.xconnection import connect, disconnect
 from pdcd.probing.pixel_matrix import pixel_factors
-from tests import bench_rig, x11_rig
+from tests import bench_rig, lateness, x11_rig
 from tests.panel_pixels import from_pictures, planned, upright
 from tests.xserver import QUARTER, XServer, run
 
@@ -86,16 +85,16 @@ def expose(rig: Rig, frames: Frames) -> tuple[Bench, FrameLog]:
 
 
 def expose_evenly(rig: Rig, frames: Frames) -> tuple[Bench, FrameLog]:
-    """The first of a few exposures in which every code was seen as long; skips where a busy
-    machine took refreshes from them all."""
-    for _ in range(TRIES):
-        with suppress(SyncError):
-            return expose(rig, frames)
-        rig.shutter.close()
-    told = f"(load {os.getloadavg()[0]:.1f}): codes were unequal in all of {TRIES} exposures"
-    if x11_rig.busy():
-        pytest.skip(f"THE MACHINE IS BUSY {told}")
-    pytest.fail(f"refreshes were lost on a machine that is not busy {told}")
+    """The first of a few exposures in which every code was seen as long; skips where the machine
+    itself was late meanwhile."""
+    with lateness.watched() as machine:
+        for _ in range(TRIES):
+            with suppress(SyncError):
+                return expose(rig, frames)
+            rig.shutter.close()
+    told = f"codes were unequal in all of {TRIES} exposures"
+    machine.quiet_or_skip(told)
+    pytest.fail(f"{told} on a machine that was in time")
 
 
 def lit_s(log: FrameLog, row: int) -> float:
