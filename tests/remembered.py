@@ -3,8 +3,8 @@
 Many tests photograph one of five scenes with the same codes. A scene is the same for the same grid
 and options; a colouring for the same lattice, colours and state of its generator, which is left as
 the function leaves it; the paths that a pilot finds for the same photos, as whoever decodes a run
-right after its capture has them. Tests of the functions themselves call them where they are defined, and so
-do the processes that tests start.
+right after its capture has them. Tests of the functions themselves call them where they are
+defined, and so do the processes that tests start.
 """
 
 from __future__ import annotations

@@ -121,8 +121,8 @@ def _powers(prime: int, degree: int) -> NDArray[np.int64]:
         one = [1] + [0] * (degree - 1)
         element, powers = one, [one]
         while len(powers) <= order:
-            last = element[-1]
-            element = [(a + last * t) % prime for a, t in zip([0, *element[:-1]], tail, strict=True)]
+            last, moved = element[-1], [0, *element[:-1]]
+            element = [(a + last * t) % prime for a, t in zip(moved, tail, strict=True)]
             if element == one:
                 break
             powers.append(element)

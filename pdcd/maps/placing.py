@@ -52,7 +52,9 @@ class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     @property
     def by_hand(self) -> tuple[str, ...]:
         """What is given by hand, by key."""
-        return tuple(name for name, default in _by_hand_defaults() if getattr(self, name) != default)
+        return tuple(
+            name for name, default in _by_hand_defaults() if getattr(self, name) != default
+        )
 
 
 @cache
