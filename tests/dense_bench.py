@@ -221,21 +221,34 @@ class DenseBench:
         width, height = self.camera.size_px
         image = np.zeros((height, width, 3))
         inner = (np.arange(self.samples) + 0.5) / self.samples
-        for row in range(height):
-            for col in range(width):
-                for dy in inner:
-                    for dx in inner:
-                        x = self.camera.to_field([col + dx, row + dy])
-                        image[row, col] += self._sample(x, together, sent, alone)
+        rows, cols = (np.add.outer(np.arange(n), inner).ravel() for n in (height, width))
+        # All places in one go: a map takes as long for one point as for a thousand.
+        places = self.camera.to_field(np.stack(np.meshgrid(cols, rows), axis=-1).reshape(-1, 2))
+        offsets = np.array([offset for offset, _ in self.taps])
+        points = places[:, None] + offsets
+        masks = self.mask.at(places + np.array(self.mask_seen_at))
+        behinds = self.projector.at(points.reshape(-1, 2)).reshape(points.shape[:2])
+        for k, (x, mask) in enumerate(zip(places, masks.tolist(), strict=True)):
+            row, col = k // cols.size // self.samples, k % cols.size // self.samples
+            light = self._sample(x, mask, points[k], behinds[k], together, sent, alone)
+            image[row, col] += light
         return image / self.samples**2
 
-    def _sample(self, x: Floats, together: Floats, sent: Floats, alone: Floats) -> Floats:
-        mask = int(self.mask.at(np.array([x + np.array(self.mask_seen_at)]))[0])
+    def _sample(
+        self,
+        x: Floats,
+        mask: int,
+        points: Floats,
+        behind: NDArray[np.int64],
+        together: Floats,
+        sent: Floats,
+        alone: Floats,
+    ) -> Floats:
+        """Light at a place of the field, seen through that pixel of the mask; behind the mask lie
+        the points that the taps take, and those pixels of the projector."""
         dark = len(together) - 1  # a pixel that the test keeps dead: what lies beside is as black
         before = mask if mask >= 0 else dark
         light = np.zeros(3)
-        points = np.array([x + np.array(offset) for offset, _ in self.taps])
-        behind = self.projector.at(points)
         for y, pixel, (_, share) in zip(points, behind, self.taps, strict=True):
             if not ((y >= 0.0) & (y < 1.0)).all():
                 continue

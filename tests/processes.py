@@ -6,7 +6,7 @@ import os
 import select
 import signal
 
-LONG_S = 30.0
+LONG_S = 60.0
 """Bound of a wait for another process; it takes milliseconds when the machine is free."""
 
 

@@ -2,12 +2,14 @@
 
 Many tests photograph one of five scenes with the same codes. A scene is the same for the same grid
 and options; a colouring for the same lattice, colours and state of its generator, which is left as
-the function leaves it. Tests of the functions themselves call them where they are defined, and so
-do the processes that tests start.
+the function leaves it; the paths that a pilot finds for the same photos, as whoever decodes a run
+right after its capture has them. Tests of the functions themselves call them where they are
+defined, and so do the processes that tests start.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from typing import Any, Generic, TypeVar
@@ -17,10 +19,11 @@ from numpy.typing import NDArray
 
 from pdcd.codes import hadamard, singer
 from pdcd.codes.colouring import colour_lattice
+from pdcd.pictures import learn
 from pdcd.scene.presets import PRESETS, Builder
 from pdcd.scene.scene import Scene
 
-SCENES, COLOURINGS = 24, 512
+SCENES, COLOURINGS, PATHS = 24, 512, 16
 """How many are kept; a scene of 48 x 64 cells takes tens of megabytes."""
 
 Key = TypeVar("Key")
@@ -71,6 +74,19 @@ def colouring(memory: Memory[str, tuple[Colouring, Any]]) -> Callable[..., Colou
     return remembered
 
 
+def paths(find: Callable[..., Any], memory: Memory[bytes, Any]) -> Callable[..., Any]:
+    """A search for paths that remembers what it found in photos that are the same to the bit."""
+
+    def remembered(codes: Any, photos: Any, grid: tuple[int, int], *, sigma: Any) -> Any:
+        key = hashlib.sha256(repr((find.__name__, grid)).encode())
+        for array in (codes, photos, sigma):
+            key.update(repr((np.shape(array), np.asarray(array).dtype)).encode())
+            key.update(np.asarray(array).tobytes())
+        return memory.get(key.digest(), lambda: find(codes, photos, grid, sigma=sigma))
+
+    return remembered
+
+
 def begin() -> None:
     """Let the program remember in this process."""
     scenes: Memory[str, Scene] = Memory(SCENES)
@@ -78,3 +94,6 @@ def begin() -> None:
         PRESETS[name] = scene_builder(build, scenes, name)
     for module in (hadamard, singer):
         module.colour_lattice = colouring(Memory(COLOURINGS))  # type: ignore[attr-defined]
+    found: Memory[bytes, Any] = Memory(PATHS)
+    for name in ("match_links", "estimate_links"):
+        setattr(learn, name, paths(getattr(learn, name), found))

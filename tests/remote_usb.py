@@ -11,12 +11,14 @@ import threading
 from contextlib import suppress
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import usb.backend
 import usb.core
 
-from drivers.virtual_camera import VirtualUsb
+if TYPE_CHECKING:
+    # It brings the mock bench and half of scipy, which no borrower needs.
+    from drivers.virtual_camera import VirtualUsb
 
 PLAIN = (
     "get_parent", "get_device_descriptor", "get_configuration_descriptor",

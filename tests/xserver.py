@@ -34,7 +34,7 @@ QUARTER: tuple[Size, Size] = ((256, 192), (400, 300))
 
 NICE = -15
 """Priority of a server where it may be had, as pdcd-x.service gives it."""
-START_S = 30.0
+START_S = 60.0
 """How long a server may take to answer on a loaded machine."""
 
 CONFIG = """
@@ -279,7 +279,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     """End the server: politely, then not."""
     process.terminate()
     try:
-        process.wait(10.0)
+        process.wait(60.0)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

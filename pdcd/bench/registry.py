@@ -75,6 +75,9 @@ def load_driver(role: Role, name: str) -> DriverClass:
     Raises DriverUnavailable, worded apart, when the name is unknown, when the module does not
     import (a missing vendor library, say), and when the module lacks the class.
     """
+    # A name of pdcd's own cannot be taken over, so other packages need not be searched for it.
+    if own := DRIVERS.get((role, name)):
+        return _import(role, name, own)
     known = known_drivers()
     if (role, name) not in known:
         names = sorted(n for r, n in known if r == role)

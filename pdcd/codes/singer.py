@@ -116,18 +116,18 @@ def _powers(prime: int, degree: int) -> NDArray[np.int64]:
     """All powers of a generator of the field of prime^degree elements, in digits: (., degree)."""
     order = prime**degree - 1
     for number in range(1, prime**degree):
-        tail = number // prime ** np.arange(degree) % prime  # z^degree = tail
-        element = np.zeros(degree, dtype=np.int64)
-        element[0] = 1
-        powers = np.empty((order, degree), dtype=np.int64)
-        for step in range(order):
-            powers[step] = element
-            element = (np.concatenate([[0], element[:-1]]) + element[-1] * tail) % prime
-            if step + 1 < order and element[0] == 1 and not element[1:].any():
-                break  # z comes back too early: it generates less than the field
-        else:
-            if element[0] == 1 and not element[1:].any():
-                return powers
+        tail = [number // prime**k % prime for k in range(degree)]  # z^degree = tail
+        # Lists: arrays of a few digits would take several times as long.
+        one = [1] + [0] * (degree - 1)
+        element, powers = one, [one]
+        while len(powers) <= order:
+            last, moved = element[-1], [0, *element[:-1]]
+            element = [(a + last * t) % prime for a, t in zip(moved, tail, strict=True)]
+            if element == one:
+                break
+            powers.append(element)
+        if element == one and len(powers) == order:  # earlier, z generates less than the field
+            return np.array(powers, dtype=np.int64)
     raise AssertionError(f"the field of {prime}^{degree} elements has a generator")
 
 

@@ -69,37 +69,38 @@ class Lattice:
     window: str = "whole"
     offset_cells: tuple[float, float] = (0.0, 0.0)
 
-    @property
+    @cached_property
     def fields(self) -> int:
         """Number of primal fields, and of dual fields: 1 or 4."""
         return SHIFTS if self.window == "quarter" else 1
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, int]:
         """Cells of a code pattern: one more each way when shifts must cover the borders."""
         more = 1 if self.window == "quarter" else 0
         return self.grid[0] + more, self.grid[1] + more
 
-    @property
+    @cached_property
     def cells(self) -> int:
         """Scene cells, N."""
         return self.grid[0] * self.grid[1]
 
-    @property
+    @cached_property
     def lattice_cells(self) -> int:
         """Code cells, L."""
         return self.shape[0] * self.shape[1]
 
     def primal_field_values(self, pattern: Floats, shift: int) -> Floats:
         """What a pattern (L,) shown under a sub-shift puts on the primal fields, (fields, N)."""
-        full = pattern.reshape(self.shape)
-        rows, cols = self.grid
-        parts = []
+        if self.fields == 1:
+            return pattern.reshape(1, -1)
+        full, (rows, cols) = pattern.reshape(self.shape), self.grid
+        values = np.empty((self.fields, rows, cols))
         for f in range(self.fields):
             down = (f >> 1) & (shift >> 1)  # the lower half of a cell sees the next code cell
             right = (f & 1) & (shift & 1)
-            parts.append(full[down : down + rows, right : right + cols].ravel())
-        return np.stack(parts)
+            values[f] = full[down : down + rows, right : right + cols]
+        return values.reshape(self.fields, -1)
 
     def dual_field_values(self, pattern: Floats, shift: int) -> Floats:
         """What a pattern (L,) shown under a sub-shift opens on the dual fields, (fields, L + 1)."""

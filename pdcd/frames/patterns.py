@@ -45,7 +45,7 @@ def bytes_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.uint8]:
     """One pattern as panels of 8 bits get it, (L,) uint8: 255 is full light."""
     row = patterns[index]
     if row.dtype == np.uint8:
-        return np.unpackbits(row.astype(np.uint8), count=cells) * np.uint8(255)
+        return np.unpackbits(row.view(np.uint8), count=cells) * np.uint8(255)
     return grey_bytes(row)
 
 
@@ -53,5 +53,5 @@ def levels_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.float64]
     """One pattern as levels, (L,) float64."""
     row = patterns[index]
     if row.dtype == np.uint8:
-        row = np.unpackbits(row.astype(np.uint8), count=cells)
+        row = np.unpackbits(row.view(np.uint8), count=cells)
     return np.asarray(row, dtype=np.float64)

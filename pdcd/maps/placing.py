@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, lru_cache
 from typing import Annotated, Literal
 
 import msgspec
@@ -52,10 +53,14 @@ class Placing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     def by_hand(self) -> tuple[str, ...]:
         """What is given by hand, by key."""
         return tuple(
-            f.name
-            for f in msgspec.structs.fields(self)
-            if f.name != "map" and getattr(self, f.name) != f.default
+            name for name, default in _by_hand_defaults() if getattr(self, name) != default
         )
+
+
+@cache
+def _by_hand_defaults() -> tuple[tuple[str, object], ...]:
+    """Each key of a place by hand, and its value where it is not given."""
+    return tuple((f.name, f.default) for f in msgspec.structs.fields(Placing) if f.name != "map")
 
 
 def placed(
@@ -72,6 +77,14 @@ def placed(
     check_once(placing, device)
     if placing.map is not None:
         return _given(placing.map, size_px, device)
+    return _worked_out(placing, tuple(size_px), tuple(projector_px), device)
+
+
+@lru_cache(maxsize=32)
+def _worked_out(
+    placing: Placing, size_px: tuple[int, int], projector_px: tuple[int, int], device: str
+) -> Map:
+    """The map of a place by hand, which holds no file; every capture asks for it many times."""
     filling = Map.filling(size_px)
     if placing.homography is None:
         lens = filling.then(_by_hand(placing, projector_px))

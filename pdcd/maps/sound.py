@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,6 +55,7 @@ def check(map_: Map, device: str) -> Map:
     return map_
 
 
+@lru_cache(maxsize=32)
 def share(map_: Map) -> float:
     """The share of the field that the device covers, 0 to 1; in steps of 1 / 4096."""
     middle = (np.arange(64) + 0.5) / 64

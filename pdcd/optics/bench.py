@@ -19,7 +19,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.ndimage import gaussian_filter
 
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
@@ -198,6 +197,9 @@ class OpticalBench:
         image = driven.renderer.render(Picture(direct, reflected, indirect, ambient))
         (rows, cols), blur = self.frame, self.true.camera.blur_quads
         if blur:
+            # Only a mock bench that blurs needs it; the daemons of real ones shall not load it.
+            from scipy.ndimage import gaussian_filter
+
             sigma = (blur, blur, 0.0)
             image = gaussian_filter(image, sigma, mode="nearest", truncate=BLUR_REACH)
         shade = falloff(self.truth.camera.falloff, (cols, rows))

@@ -13,7 +13,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.interpolate import BSpline, make_interp_spline
 
 Floats = NDArray[np.float64]
 Place = Callable[[Floats], Floats]
@@ -64,6 +63,9 @@ def _fitted(
 ) -> tuple[sparse.csr_array, list[Floats]] | None:
     """The map as a matrix for the rows, and for each coordinate one for the columns; None where it
     is not that smooth."""
+    # A third of what a daemon and its work process load with scipy; small rasters need none of it.
+    from scipy.interpolate import make_interp_spline
+
     axes = [np.linspace(points[0], points[-1], nodes) for points in (x, y)]
     values = place(np.stack(np.meshgrid(*axes), axis=-1))
     if not np.isfinite(values).all():
@@ -81,6 +83,8 @@ def _fitted(
 
 
 def _basis(points: Floats, knots: Floats) -> sparse.csr_array:
+    from scipy.interpolate import BSpline
+
     return sparse.csr_array(BSpline.design_matrix(points, knots, DEGREE))
 
 

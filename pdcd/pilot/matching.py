@@ -19,7 +19,9 @@ means and spreads come from the fit before.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -176,7 +178,7 @@ class _Likelihood:
         product: Floats = np.einsum("nij,nj->ni", metric, over)
         return metric, product, np.maximum(np.einsum("ni,ni->n", product, over), 0.0)
 
-    def all_pairs(self, shapes: list[Any], priors: _Round) -> Singles:
+    def all_pairs(self, shapes: Sequence[Any], priors: _Round) -> Singles:
         """Log likelihood of every pair of cell and partner, (N, N), by its best shape."""
         metric, product, square = (a.astype(np.float32) for a in self.metric(priors))
         cells = len(square)
@@ -269,7 +271,7 @@ def _around(best: Cells, grid: Grid) -> Cells:
 
 
 def _fit(
-    likelihood: _Likelihood, partners: Partners, shapes: list[Any], grid: Grid
+    likelihood: _Likelihood, partners: Partners, shapes: Sequence[Any], grid: Grid
 ) -> tuple[Any, _Round]:
     """Expected paths (N, N) to the partners, and the priors that the fit gives for the next."""
     codes, photos, variance = likelihood.codes, likelihood.photos, likelihood.variance
@@ -384,7 +386,8 @@ def _local(values: Floats, width: float, grid: Grid, least: Floats) -> tuple[Flo
     return middle, np.maximum(mean((values - middle) ** 2, 1.25 * width), least)
 
 
-def _shapes(grid: Grid) -> list[Any]:
+@lru_cache(maxsize=1)
+def _shapes(grid: Grid) -> tuple[Any, ...]:
     """Operators (N, N) from a code to that seen at each partner: points between cells, patches."""
     stencils = []
     for down, right in _BETWEEN:
@@ -395,7 +398,7 @@ def _shapes(grid: Grid) -> list[Any]:
         bell = {(y, x): np.exp(-(y * y + x * x) / (2 * width**2)) for y in reach for x in reach}
         total = sum(bell.values())
         stencils.append({at: weight / total for at, weight in bell.items()})
-    return [_operator(stencil, grid) for stencil in stencils]
+    return tuple(_operator(stencil, grid) for stencil in stencils)
 
 
 def _operator(stencil: dict[tuple[int, int], float], grid: Grid) -> Any:

@@ -2,9 +2,16 @@
 
 import os
 import sys
+from importlib.util import find_spec
+from pathlib import Path
 
 # The wheel brings libraries for X11 and Wayland and would guess from the session.
 os.environ["PYGLFW_LIBRARY_VARIANT"] = "x11"
+# Unless told which, it starts an interpreter for each that it finds, to ask for its version.
+_glfw = find_spec("glfw")
+_library = Path(_glfw.origin).with_name("x11") / "libglfw.so" if _glfw and _glfw.origin else None
+if _library is not None and _library.is_file():
+    os.environ.setdefault("PYGLFW_LIBRARY", str(_library))
 
 if __name__ == "__main__":
     from pdcd.presenter.process import main

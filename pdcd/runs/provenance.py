@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 
 
@@ -14,7 +15,15 @@ def utc_now() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Python and the packages that a result depends on."""
+    """Python and the packages that a result depends on, as this process found them first.
+
+    Read once: a package that is upgraded later is not what this process runs.
+    """
+    return dict(_versions())
+
+
+@cache
+def _versions() -> dict[str, str]:
     names = ("pdcd", "numpy", "scipy", "msgspec", "rawpy", "opencv-contrib-python-headless")
     found = {name: importlib.metadata.version(name) for name in names}
     return {"python": platform.python_version(), **found}

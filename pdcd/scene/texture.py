@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
-from scipy.ndimage import map_coordinates
 
 from pdcd.scene.effects import Array
 
@@ -85,6 +84,9 @@ def between(cells: Array, grid: tuple[int, int], points: Array) -> Array:
     Linear between the centres of cells; beyond those of the outermost cells their values go on,
     and a point that is NaN gets those of the first cell.
     """
+    # A tenth of what a daemon loads; where no scene has a texture it is not needed.
+    from scipy.ndimage import map_coordinates
+
     rows, cols = grid
     place = np.nan_to_num(np.stack([points[..., 1] * rows, points[..., 0] * cols])) - 0.5
     images = cells.reshape(rows, cols, -1)

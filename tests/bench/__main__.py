@@ -17,6 +17,7 @@ from tests.bench import (
     growth,
     machine,
     pilots,
+    pixels,
     presenter,
     report,
     representations,
@@ -38,6 +39,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
     growth.run,
     throughput.run,
     camera.run,
+    pixels.run,
     presenter.section,
     hard.run,
 )

@@ -70,7 +70,8 @@ def run(*, quick: bool, folder: Path) -> Section:
 def _measured(frame: tuple[int, int], place: str) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as made:
         found: dict[str, Any] = alone("pixels:take", frame=frame, place=place, folder=made)
-        return found | alone("pixels:develop", folder=found.pop("run"))
+        found |= alone("pixels:develop", folder=found.pop("run"))
+        return found
 
 
 def config_of(frame: tuple[int, int], place: str) -> Config:

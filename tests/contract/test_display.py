@@ -61,7 +61,7 @@ class DisplayContract:
 
     def test_progress_ends_at_the_last_refresh(self, display: Display) -> None:
         seen: list[tuple[int, int, int]] = []
-        asked = frames(64)
+        asked = frames(24)
         display.load(asked)
         display.play(lambda *a: seen.append(a), lambda: False)
         assert seen[0][0] == 0

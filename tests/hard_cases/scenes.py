@@ -169,7 +169,7 @@ def odd_whole() -> Outcome:
     errors = []
     panels = Panel(leak=1 / 300), Panel(leak=1 / 50)
     for grid in ODD_GRIDS:
-        codes = make_codes("balanced", grid, 8, dual="complement", seed=1)
+        codes = make_codes("balanced", grid, 4, dual="complement", seed=1)
         frames = build_frames(
             bench_rig.pairs(codes), grid, window="whole", schedule="full", passes=1
         )

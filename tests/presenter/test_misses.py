@@ -19,7 +19,7 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import Cancelled
 from pdcd.frames.frames import FrameLog
 from pdcd.request import CaptureRequest, CaptureResult
-from tests import bench_rig, x11_rig
+from tests import bench_rig, lateness, x11_rig
 from tests.contract.test_display import frames
 from tests.xserver import XServer
 
@@ -66,22 +66,21 @@ def log_of(folder: Path, server: XServer, codes: int, **options: object) -> Fram
 
 def until_quiet(play: Play, lost_after: tuple[int, ...]) -> FrameLog:
     """The first of a few logs that lost one refresh after each of these rows and no other; skips
-    where a busy machine spoilt them all."""
+    where the machine itself was late meanwhile."""
     wanted = np.array(lost_after, dtype=np.intp) + 1
-    for _ in range(TRIES):
-        try:
-            log = play(lost_after)
-        except Cancelled:
-            continue
-        check(log)
-        late = np.flatnonzero(log.missed)
-        assert set(late.tolist()) >= set(wanted.tolist())  # on any machine
-        if late.size == wanted.size and np.all(log.missed[late] == 1):
-            return log
-    told = f"(load {os.getloadavg()[0]:.1f}): no pass without a refresh lost to it"
-    if x11_rig.busy():
-        pytest.skip(f"THE MACHINE IS BUSY {told}")
-    pytest.fail(f"refreshes were lost on a machine that is not busy {told}")
+    with lateness.watched() as machine:
+        for _ in range(TRIES):
+            try:
+                log = play(lost_after)
+            except Cancelled:
+                continue
+            check(log)
+            late = np.flatnonzero(log.missed)
+            assert set(late.tolist()) >= set(wanted.tolist())  # on any machine
+            if late.size == wanted.size and np.all(log.missed[late] == 1):
+                return log
+    machine.quiet_or_skip(f"it spoilt all of {TRIES} passes")
+    pytest.fail(f"refreshes were lost in all of {TRIES} passes on a machine that was in time")
 
 
 def check(log: FrameLog) -> None:
@@ -123,7 +122,7 @@ def busy() -> Iterator[None]:
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="real-time priority needs root or LimitRTPRIO")
 def test_a_busy_core_costs_no_frame(tmp_path: Path, x_quarter: XServer) -> None:
-    with busy(), playing(tmp_path, x_quarter, 100) as play:
+    with playing(tmp_path, x_quarter, 60) as play, busy():
         assert not until_quiet(play, ()).missed.any()
 
 
@@ -168,7 +167,11 @@ def test_policy_abort_gives_up(tmp_path: Path, x_quarter: XServer) -> None:
 def test_policy_balance_evens_the_codes_in_the_same_exposure(
     tmp_path: Path, x_quarter: XServer
 ) -> None:
-    result = capture(tmp_path, x_quarter, "balance", 1)
+    with lateness.watched() as machine:
+        result = capture(tmp_path, x_quarter, "balance", 1)
+    if result.state != "done" or "discarded" in warnings_of(result):
+        # Further refreshes were lost where no pass can make up for them.
+        machine.quiet_or_skip("it spoilt an exposure")
     assert result.state == "done", result.error
     refreshes = result.summary["refreshes"]
     # One pass, a black row, and at least the ten codes that were not stretched once more.

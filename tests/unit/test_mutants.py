@@ -129,6 +129,8 @@ def g(n):
     return 5
 """
 TESTS = """
+from time import sleep
+
 from pdcd.a import f
 
 
@@ -136,6 +138,7 @@ def test_f():
     n = 0
     while f(n) < 9:
         n = f(n)
+        sleep(0.01)
     assert f(1) == 2
 """
 

@@ -19,7 +19,7 @@ from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 
 Floats = NDArray[np.float64]
-GRID = (4, 8)
+GRID = (4, 6)
 ROWS, COLS = GRID
 N = ROWS * COLS
 
@@ -56,10 +56,10 @@ def test_multi_image_is_exact_with_more_codes_than_cells(goal: str, tmp_path: Pa
     p = {"p": 0.25} if goal == "fraction" else {}
     truth = {"indirect": indirect, "direct": direct, "fraction": direct + 0.25 * indirect}[goal]
     engine = engine_on(tmp_path, t)
-    image, result = take(engine, goal=goal, method="multi-image", codes=64, **p)
+    image, result = take(engine, goal=goal, method="multi-image", codes=32, **p)
     assert relative(image, truth) < 1e-3
     assert result.summary["rms_error"] == pytest.approx(relative(image, truth), rel=1e-6)
-    assert result.summary["shots"] == 64 and result.folder is not None
+    assert result.summary["shots"] == 32 and result.folder is not None
     assert decode_folder(Path(result.folder)).identical
     for name, deviation in read_manifest(Path(result.folder)).realised.items():
         assert deviation["off_rms"] < 1e-6, name
@@ -70,7 +70,7 @@ def test_multi_image_survives_leaking_and_drifting_panels(tmp_path: Path) -> Non
     t = bench_rig.transport(GRID)
     panels = {name: bench_rig.DEFECTS[name] for name in ("projector", "mask")}
     engine = engine_on(tmp_path, t, **panels)
-    image, result = take(engine, goal="direct", method="multi-image", codes=64)
+    image, result = take(engine, goal="direct", method="multi-image", codes=32)
     assert relative(image, np.diag(t)) < 5e-3
     assert result.folder is not None and decode_folder(Path(result.folder)).identical
 
@@ -130,7 +130,7 @@ def test_nayar_loses_all_of_the_light_of_a_mirror(tmp_path: Path) -> None:
     engine = engine_on(tmp_path, t)
     errors = {}
     for method in ("coded", "multi-image", "nayar"):
-        image, result = take(engine, goal="indirect", method=method, codes=64)
+        image, result = take(engine, goal="indirect", method=method, codes=32)
         errors[method] = relative(image, truth)
         assert result.summary["rms_error"] == pytest.approx(errors[method], rel=1e-6)
     assert errors["nayar"] == pytest.approx(1.0, abs=0.01)

@@ -123,8 +123,16 @@ def run(
 ) -> tuple[np.ndarray, dict[str, Any], Path]:
     engine = Engine.from_config(bench_rig.config(folder))
     engine.start()
-    request = msgspec.convert(fields, CaptureRequest)
-    result = bench_rig.capture(engine, request, files=files)
+    return taken(engine, msgspec.convert(fields, CaptureRequest), files=files)
+
+
+def taken(
+    engine: Engine,
+    request: CaptureRequest,
+    job: str = "job",
+    files: Mapping[str, Path] = MappingProxyType({}),
+) -> tuple[np.ndarray, dict[str, Any], Path]:
+    result = bench_rig.capture(engine, request, job, files=files)
     assert result.error is None and result.folder is not None, result.error
     with np.load(Path(result.folder) / "probe.npz") as data:
         return data["image"], dict(result.summary), Path(result.folder)
@@ -194,16 +202,19 @@ def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_pa
         "off-diagonal": matrix(lambda n, m: step(n, 0, 1) == m),
         "filtered": matrix(filter_weight),
     }[goal]
+    engine = Engine.from_config(bench_rig.config(tmp_path))
+    engine.start()
     images = []
-    for seed in range(16):
-        folder = tmp_path / str(seed)
-        folder.mkdir()
-        images.append(run(folder, codes=16, seed=seed, **fields)[0])
+    for seed in range(8 if window == "whole" else 4):
+        request = msgspec.convert({**fields, "codes": 16, "seed": seed}, CaptureRequest)
+        images.append(taken(engine, request, f"job{seed}")[0])
     truth = (pi * bench_rig.transport()).sum(axis=1).reshape(*GRID, 1)
-    spread = np.std(images, axis=0, ddof=1) / 4.0
+    error = np.std(images, axis=0, ddof=1) / np.sqrt(len(images))
     off = np.abs(np.mean(images, axis=0) - truth)
     if window == "whole":
-        assert np.mean(off < 3.0 * spread + 1e-3) > 0.9
+        assert np.mean(off < 3.0 * error + 1e-3) > 0.9
+        # 1.4 by chance; a bias of half of one capture's error in all cells makes it 3.4.
+        assert np.mean((off / (error + 3e-4)) ** 2) < 3.0
     else:
         assert np.sqrt(np.mean(off**2)) < 0.25
 

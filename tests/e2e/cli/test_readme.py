@@ -17,7 +17,7 @@ from pdcd.client import Client, Unreachable
 from pdcd.request import CaptureRequest
 from tests.places import ROOT
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
 
 

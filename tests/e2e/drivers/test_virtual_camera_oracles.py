@@ -21,7 +21,7 @@ import pytest
 from tests.places import ROOT
 from tests.tools import needs, program
 
-CLIENT_S = 45.0
+CLIENT_S = 60.0
 
 cli = needs("gphoto2")
 wheel = pytest.mark.skipif(
@@ -50,7 +50,7 @@ class Camera:
         return f"ptpip:127.0.0.1:{self.port}:{self.port}"
 
     def report(self) -> dict[str, Any]:
-        out, _ = self.process.communicate(timeout=20.0)
+        out, _ = self.process.communicate(timeout=60.0)
         assert self.process.returncode == 0
         found: dict[str, Any] = json.loads(out)
         return found
@@ -196,7 +196,7 @@ def test_the_command_line_serves_until_it_is_interrupted() -> None:
         assert "ptpip:127.0.0.1:" in process.stdout.readline()
         assert "gphoto2 --camera" in process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20.0)
+        _, errors = process.communicate(timeout=60.0)
     finally:
         if process.poll() is None:
             process.kill()

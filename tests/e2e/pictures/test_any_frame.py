@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.tables import CameraConfig
+from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
 from pdcd.maps.placing import Placing, placed
@@ -31,10 +31,12 @@ Floats = NDArray[np.float64]
 
 FRAME = (51, 70)
 PLACE = Placing(turn_deg=7.0, scale=1.1)
+PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
+"""Small panels: 16 pixels to a cell and more, so that few lie on the edge of two."""
 CELLS = CellMap(
     grid=wanted.GRID,
     frame=FRAME,
-    map=placed(PLACE, (FRAME[1], FRAME[0]), (1024, 768), "camera"),
+    map=placed(PLACE, (FRAME[1], FRAME[0]), PROJECTOR_PX, "camera"),
 )
 LOOSE = {"short-range": 0.1, "nayar": 0.2, "split": 0.3, "multi-image": 0.4}
 """Share by which a goal may differ: what is no sum of photos under one weight does, where quads see
@@ -52,9 +54,14 @@ def engines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Engine, 
     """With one quad a cell, and with the turned camera."""
     made = []
     turned = CameraConfig(noise="none", place=PLACE, frame_quads=(FRAME[1], FRAME[0]))
+    panels = {
+        "projector": PanelConfig(size_px=PROJECTOR_PX),
+        "mask": PanelConfig(size_px=MASK_PX),
+    }
     for name, camera in (("aligned", CameraConfig(noise="none")), ("turned", turned)):
         folder = tmp_path_factory.mktemp(name)
-        engine = Engine.from_config(bench_rig.config(folder, grid=wanted.GRID, camera=camera))
+        config = bench_rig.config(folder, grid=wanted.GRID, camera=camera, **panels)
+        engine = Engine.from_config(config)
         engine.start()
         made.append(engine)
     yield made[0], made[1]

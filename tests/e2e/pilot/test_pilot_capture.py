@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import CameraConfig, LimitsConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, LimitsConfig, PanelConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder
@@ -32,6 +32,7 @@ def run(
     camera: CameraConfig | None = None,
     scene: SceneConfig = MIRROR,
     limits: LimitsConfig | None = None,
+    **tables: Any,
 ) -> CaptureResult:
     folder.mkdir(exist_ok=True)
     config = bench_rig.config(
@@ -39,6 +40,7 @@ def run(
         scene=scene,
         camera=camera or CameraConfig(noise="none"),
         limits=limits or LimitsConfig(min_free_bytes=0),
+        **tables,
     )
     engine = Engine.from_config(config)
     engine.start()
@@ -70,14 +72,15 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path) -> None:
 def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str) -> None:
     """Diffuse scenes: four photos, the other 60 codes where they would be without a pilot."""
     scene = CORNER if kind == "corner" else SceneConfig(kind=kind, grid=(24, 32))
-    errors: dict[int, list[float]] = {0: [], 64: []}
-    for pilot, seed in itertools.product(errors, range(2)):
-        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False, seed=seed)
-        camera = CameraConfig(noise=noise, seed=seed)  # type: ignore[arg-type]
-        result = run(tmp_path / f"{pilot}-{seed}", request, camera, scene)
+    errors = []
+    for pilot in (0, 64):
+        request = CaptureRequest(goal="indirect", codes=128, pilot=pilot, white=False)
+        camera = CameraConfig(noise=noise)  # type: ignore[arg-type]
+        result = run(tmp_path / str(pilot), request, camera, scene)
         assert result.state == "done", result.error
-        errors[pilot].append(float(str(result.summary["rms_error"])))
-    assert np.mean(errors[64]) < 1.15 * np.mean(errors[0])
+        errors.append(float(str(result.summary["rms_error"])))
+    # Without the codes that come back the book errs 1.6 times as much.
+    assert errors[1] < 1.15 * errors[0]
     assert (result.summary["codes"], result.summary["pilot"], result.summary["shots"]) == (
         128,
         SCOUTS,
@@ -182,6 +185,11 @@ def test_refusals(request_: CaptureRequest, what: str, tmp_path: Path) -> None:
 
 
 VASE = SceneConfig(kind="mirror-and-vase", grid=(24, 32))
+SMALL_PANELS: dict[str, Any] = {
+    "projector": PanelConfig(size_px=(256, 192)),
+    "mask": PanelConfig(size_px=(400, 300)),
+}
+"""8 pixels to a cell and more; where cells are seen in detail, work grows with the pixels."""
 
 
 @pytest.mark.parametrize(("scene", "coins"), [(MIRROR, 0.097), (VASE, 0.127)])
@@ -230,7 +238,8 @@ def test_a_pilot_of_all_codes_leaves_them_where_it_sees_nothing(
 def test_a_pilot_of_all_codes_gives_direct_light_too(tmp_path: Path) -> None:
     """In colour and with more quads than one to a cell, beside a white photo."""
     camera = CameraConfig(noise="none", quads_per_cell=2)
-    result = run(tmp_path, CaptureRequest(goal="direct", codes=16, pilot=16), camera, VASE)
+    request = CaptureRequest(goal="direct", codes=16, pilot=16)
+    result = run(tmp_path, request, camera, VASE, **SMALL_PANELS)
     assert result.folder is not None, result.error
     assert float(str(result.summary["rms_error"])) < 0.012  # in detail finer than cells, too
     shown = {path.stem for path in (Path(result.folder) / "preview").iterdir()}

@@ -15,7 +15,7 @@ from pdcd.bench.tables import Config, LimitsConfig, ServerConfig
 from pdcd.server.daemon import serve
 from tests.e2e.server._fake_engine import FakeEngine
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 
 
 class Wire:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import threading
 import tracemalloc
+from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
@@ -85,10 +86,16 @@ def check(rig: PtpRig, folder: Path, name: str, raw: RawFile | None, damaged: bo
     assert not [path for path in folder.iterdir() if path.suffix == ".part"]
 
 
-@pytest.mark.parametrize("times", [1, 1000])
-@pytest.mark.parametrize("first", [1, 2])
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda operation: operation.name)
+def faults() -> Iterator[tuple[Operation, WireKind, int, int]]:
+    """Half of all there are: of operation, kind, first time and how often, any three meet in every
+    combination."""
+    for n, operation in enumerate(OPERATIONS):
+        for m, kind in enumerate(KINDS):
+            for first in (1, 2):
+                yield operation, kind, first, (1, 1000)[(n + m + first) % 2]
+
+
+@pytest.mark.parametrize(("operation", "kind", "first", "times"), list(faults()))
 def test_any_fault_of_the_wire(
     operation: Operation, kind: WireKind, first: int, times: int, tmp_path: Path
 ) -> None:
@@ -250,7 +257,7 @@ def test_newer_bodies_meet_the_same(kind: WireKind, tmp_path: Path) -> None:
         rig.disconnect_quietly()
 
 
-def test_hundreds_of_captures_leave_nothing_behind(tmp_path: Path) -> None:
+def test_a_hundred_captures_leave_nothing_behind(tmp_path: Path) -> None:
     film = PlainFilm(lambda exposure: b"II*\0" + repr(exposure).encode())
     rig = PtpRig(film=film)
     rig.connect()
@@ -261,21 +268,22 @@ def test_hundreds_of_captures_leave_nothing_behind(tmp_path: Path) -> None:
             raw.path.unlink()
 
     capture(30)
-    gc.collect()
     tracemalloc.start(1)
     try:
+        capture(20)  # what is kept once is kept now
+        gc.collect()
         before_b, handles, threads = (
             tracemalloc.get_traced_memory()[0],
             fds(),
             threading.active_count(),
         )
-        capture(300)
+        capture(80)
         gc.collect()
         grown_b = tracemalloc.get_traced_memory()[0] - before_b
     finally:
         tracemalloc.stop()
-    assert rig.body.shutter.opened == 330 and rig.body.store.in_ram == 0
-    assert grown_b < 20 * 1024, f"{grown_b} bytes"
+    assert rig.body.shutter.opened == 130 and rig.body.store.in_ram == 0
+    assert grown_b < 80 * 64, f"{grown_b} bytes"
     assert fds() == handles and threading.active_count() == threads
     rig.disconnect()
     assert "pdcd-ptp-alive" not in [thread.name for thread in threading.enumerate()]

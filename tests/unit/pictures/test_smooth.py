@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -88,6 +90,7 @@ def test_weights_of_single_cells_do_as_one_weight_where_they_are_equal() -> None
     assert np.allclose(again, one, rtol=1e-9, atol=1e-12)
 
 
+@cache
 def preset_errors(name: str, family: str, count: int, seed: int) -> tuple[float, float]:
     """The same for a preset of 48 x 64 cells, in all its colours."""
     scene = PRESETS[name]((48, 64), {})

@@ -26,6 +26,9 @@ NOISY = CameraConfig(noise="full")
 MIRROR = SceneConfig(kind="matrix", path=str(DATA / "mirror_32x24.npz"))
 
 
+SMALL = SceneConfig(kind="wax-disk", grid=(9, 12))
+
+
 def plan(folder: Path, request: CaptureRequest, **tables: Any) -> PlanSummary:
     given = {"camera": NOISY, "scene": MIRROR, **tables}
     return Engine.from_config(bench_rig.config(folder, **given)).plan(request)
@@ -61,19 +64,22 @@ def test_explicit_requests_are_left_alone() -> None:
 
 
 def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) -> None:
-    small = SceneConfig(kind="wax-disk", grid=(9, 12))
+    tables: dict[str, Any] = {
+        "scene": SMALL,
+        "limits": LimitsConfig(min_free_bytes=0, max_exposure_s=60.0),
+    }
     with pytest.raises(RequestError, match=r"0\.01 % cannot be had.*codes.*sensor") as caught:
-        plan(tmp_path, CaptureRequest(goal="indirect", error=1e-4), scene=small)
+        plan(tmp_path, CaptureRequest(goal="indirect", error=1e-4), **tables)
     words = str(caught.value.hint).split()
     reachable = float(words[2]) / 100.0
-    summary = plan(tmp_path, CaptureRequest(goal="indirect", error=reachable), scene=small)
+    summary = plan(tmp_path, CaptureRequest(goal="indirect", error=reachable), **tables)
     assert summary.prediction is not None and summary.prediction.bound <= reachable
 
 
 def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
     short = LimitsConfig(min_free_bytes=0, max_exposure_s=0.5)
     with pytest.raises(RequestError, match=r"cannot be had.*0\.5 s"):
-        plan(tmp_path, CaptureRequest(goal="indirect", error=0.01), limits=short)
+        plan(tmp_path, CaptureRequest(goal="indirect", error=0.001), limits=short, scene=SMALL)
     with pytest.raises(RequestError, match=r"no plan fits into 0\.1 s"):
         plan(tmp_path, CaptureRequest(goal="indirect", seconds=0.1))
 
@@ -81,7 +87,10 @@ def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
 def test_a_leak_is_measured_where_that_pays(tmp_path: Path) -> None:
     """Dark frames take half of the time, and a mask of 300 : 1 leaves 6 % without them."""
     leaking = PanelConfig(size_px=(1600, 1200), rise_s=0.001, fall_s=0.002, contrast=300.0)
-    tables: dict[str, Any] = {"scene": SceneConfig(kind="open-book", grid=(24, 32))}
+    tables: dict[str, Any] = {
+        "scene": SceneConfig(kind="open-book", grid=(24, 32)),
+        "limits": LimitsConfig(min_free_bytes=0, max_exposure_s=60.0),
+    }
     request = CaptureRequest(goal="indirect", error=0.03)
 
     def blacks(**more: Any) -> set[str]:
@@ -154,6 +163,7 @@ def test_a_fixed_aperture_that_saturates_is_refused(tmp_path: Path) -> None:
             tmp_path,
             CaptureRequest(goal="indirect", error=0.05),
             camera=CameraConfig(noise="full", f_number=1.0),
+            scene=SMALL,
         )
 
 
