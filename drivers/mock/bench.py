@@ -49,6 +49,8 @@ class Bench:
     shared: Shared = field(default_factory=Shared)
     optics: OpticalBench | None = None
     """The bench pixel by pixel; None where cells say all there is."""
+    _finer: OpticalBench | None = None
+    """The same for patterns of pixels, where `optics` is None."""
 
     @classmethod
     def of(cls, context: DriverContext) -> Bench:
@@ -141,7 +143,11 @@ class Bench:
     def quads(self) -> NDArray[np.float64]:
         """Light of the last exposure at the camera's quads, (rows, cols, 3) float64 in scene units
         times seconds. Raises ExposureError as `photo` does."""
-        if self.optics is None:
+        optics = self.optics
+        if optics is None and self.frames is not None and self.frames.of_pixels:
+            # Cells say nothing of patterns of pixels; the same bench, pixel by pixel, does.
+            optics = self._finer = self._finer or OpticalBench(self.config, self.scene, self.frame)
+        if optics is None:
             per_cell = self.config.camera.quads_per_cell
             cells = self.photo().reshape(*self.grid, 3)
             return cells.repeat(per_cell, axis=0).repeat(per_cell, axis=1)
@@ -154,7 +160,7 @@ class Bench:
                 hint="remove grab_px from display.options, or the truth and places of the bench",
             )
         frames, log = self._played(open_ns)
-        return self.optics.photo(Exposure(frames, log, open_ns, close_ns))
+        return optics.photo(Exposure(frames, log, open_ns, close_ns))
 
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure on cells, (N, 3) float64 in scene units times seconds; for a

@@ -22,8 +22,10 @@ from scipy import sparse
 
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
+from pdcd.frames.frames import PIXELS, Frames
+from pdcd.optics.histories import Histories
 from pdcd.optics.lit import Lit
-from pdcd.optics.products import Exposure, Products
+from pdcd.optics.products import Exposure, Products, Tables, distinct
 from pdcd.optics.raster import Raster
 from pdcd.optics.render import Detail, Picture, Renderer
 from pdcd.optics.setting import Setting, falloff
@@ -96,23 +98,43 @@ class OpticalBench:
         """Light of one exposure at the quads, (rows, cols, 3) in scene units times seconds."""
         frames = exposure.frames
         lit, opened = (
-            Kind(frames.grid, frames.window if len(patterns) else "whole", bool(len(patterns)))
+            _kind(frames, bool(len(patterns)))
             for patterns in (frames.primal_patterns, frames.dual_patterns)
         )
         driven = self._driven(lit, opened)
+        tables = self._tables(driven, exposure)
+        ambient = None if self._ambient is None else (tables.open_s, self._ambient)
+        return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
+
+    def _tables(self, driven: _Driven, exposure: Exposure) -> Tables:
+        """For how long sites were lit and open, and what light that sent about."""
+        met, frames = driven.renderer.met, exposure.frames
+        if not frames.of_pixels:
+            products = Products(
+                self.true,
+                self.truth,
+                driven.lit,
+                driven.opened,
+                exposure,
+                driven.spread,
+                self._indirect,
+            )
+            return products.tables(met.direct, met.indirect)
+        lit = Histories(driven.lit, frames, mask=False)
+        opened = Histories(driven.opened, frames, mask=True)
         products = Products(
             self.true,
             self.truth,
-            driven.lit,
-            driven.opened,
+            lit,
+            opened,
             exposure,
-            driven.spread,
+            lit.spread(driven.spread),
             self._indirect,
         )
-        met = driven.renderer.met
-        tables = products.tables(met.direct, met.indirect)
-        ambient = None if self._ambient is None else (tables.open_s, self._ambient)
-        return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
+        direct, of_direct = distinct(met.direct, opened.of, lit.of)
+        indirect, of_indirect = distinct(met.indirect, opened.of, None)
+        few = products.tables(direct, indirect)
+        return Tables(few.direct[of_direct], few.indirect[of_indirect], few.open_s[opened.of])
 
     def wanted(self, answer: Callable[[Scene], Array]) -> Floats:
         """A picture as the scene itself would have it, through the same optics, (rows, cols, 3).
@@ -264,3 +286,10 @@ class OpticalBench:
             pair = np.divmod(key[first][on], cells)
             whole += sparse.csr_array((light[on] / points**2, pair), shape=whole.shape)
         return sparse.csr_array(whole)
+
+
+def _kind(frames: Frames, patterned: bool) -> Kind:
+    """How a panel is driven that shows patterns of these frames, or none."""
+    if frames.of_pixels:
+        return Kind((0, 0), PIXELS, patterned)
+    return Kind(frames.grid, frames.window if patterned else "whole", patterned)

@@ -18,6 +18,7 @@ from scipy import sparse
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth
 from pdcd.frames.frames import FrameLog, Frames
+from pdcd.optics.histories import Histories
 from pdcd.optics.sites import PanelSites, banded
 from pdcd.probing.panel import Panel, Trajectory
 from pdcd.probing.realised import Times, frame_spans, met, span_weights
@@ -52,6 +53,16 @@ class Pairs:
     other: Numbers
 
 
+def distinct(pairs: Pairs, mask: Numbers, other: Numbers | None) -> tuple[Pairs, Numbers]:
+    """The pairs of histories that pairs of sites are of, and which of them each is. `other` is None
+    where the other ones are cells."""
+    first = mask[pairs.mask]
+    second = pairs.other if other is None else other[pairs.other]
+    width = int(second.max(initial=0)) + 1
+    keys, which = np.unique(first * width + second, return_inverse=True)
+    return Pairs(*np.divmod(keys, width)), which
+
+
 @dataclass(frozen=True)
 class Tables:
     """Seconds for which the pairs of sites `direct` (P,) were lit and open together, the light
@@ -74,8 +85,8 @@ class Products:
         self,
         config: Config,
         truth: Truth,
-        lit: PanelSites,
-        opened: PanelSites,
+        lit: PanelSites | Histories,
+        opened: PanelSites | Histories,
         exposure: Exposure,
         spread: sparse.csr_array,
         effects: tuple[Effect, ...],

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.truth import TruePanel
 from pdcd.frames.atoms import atoms
-from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.lattice import SHIFTS
 from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import bytes_of
@@ -34,6 +34,8 @@ class Kind:
     """What the sites of a panel depend on, besides the panel: so few things that they are kept.
 
     patterned : whether the panel shows patterns at all, and not only black and white.
+
+    Under the window `PIXELS` every pixel is a site, and `grid` says nothing.
     """
 
     grid: tuple[int, int]
@@ -52,6 +54,7 @@ class PanelSites:
 
     def __init__(self, panel: PanelView, kind: Kind, true: TruePanel) -> None:
         self._kind, self._mask = kind, panel.mask
+        self._size_px = panel.size_px
         base = self._bases(panel)
         for dead in (true.dead_rows, np.s_[:]), (np.s_[:], true.dead_columns):
             rows, columns = (list(d) if isinstance(d, tuple) else d for d in dead)
@@ -103,11 +106,24 @@ class PanelSites:
         return np.asarray(sent[self._cell[int(frames.shift[row]), part]])
 
     @property
+    def pixels(self) -> NDArray[np.int64]:
+        """Which pixel each site is, (S,), counted row by row; -1 is black whatever is asked. For
+        patterns of pixels; where there are none, all pixels are the first."""
+        return self._base - 1
+
+    @property
+    def pixel_count(self) -> int:
+        """How many values a pattern of pixels has."""
+        return self._size_px[0] * self._size_px[1]
+
+    @property
     def _shape(self) -> tuple[int, int]:
         """Rows and columns of the sites of one band."""
         rows, cols = self._kind.grid
         if not self._kind.patterned:
             return 1, 1
+        if self._kind.window == PIXELS:
+            return self._size_px[1], self._size_px[0]
         if self._kind.window == "whole":
             return rows, cols
         return (2 * rows + 1, 2 * cols + 1) if self._mask else (2 * rows, 2 * cols)
@@ -118,6 +134,11 @@ class PanelSites:
 
     def _bases(self, panel: PanelView) -> NDArray[np.int64]:
         """Site of each pixel as if all rows were set at once, (height, width); 0 is black."""
+        if self._kind.window == PIXELS:
+            width, height = panel.size_px
+            if not self._kind.patterned:
+                return np.ones((height, width), dtype=np.int64)
+            return np.arange(1, width * height + 1).reshape(height, width)
         atom = atoms(panel, self._kind.grid).astype(np.int64)
         outside = atom[..., 0] < 0
         if not self._kind.patterned:
