@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.frames import BLACK, WHITE
+from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.frames.patterns import Patterns, none, pack
 
 Bits = NDArray[np.bool_]
 
@@ -64,3 +65,24 @@ def still(
         for panel in (projector, mask)
     ]
     return Shown(name, first, second, rows[0], rows[1])
+
+
+def frames_of(shown: Shown) -> Frames:
+    """What a display is given to show it: patterns of pixels, packed."""
+    refreshes = shown.refreshes
+    return Frames(
+        _packed(shown.projector),
+        _packed(shown.mask),
+        shown.projector_index.astype(np.int32),
+        shown.mask_index.astype(np.int32),
+        np.zeros(refreshes, dtype=np.uint8),
+        np.arange(refreshes, dtype=np.int32),
+        shown.mask_index == BLACK,
+        (1, 1),
+        (1, 1),
+        PIXELS,
+    )
+
+
+def _packed(patterns: Bits) -> Patterns:
+    return pack(patterns.reshape(len(patterns), -1)) if len(patterns) else none()
