@@ -38,4 +38,11 @@ JobKind = Literal["capture", "plan", "show", "preview"]
 """What of the rig a job uses: all of it, the arithmetic alone, the panels, all for a quick look."""
 VerdictName = Literal["good", "doubtful", "bad"]
 """On a finished run (docs/quality.md)."""
+PatternName = Literal[
+    "black", "white", "checker", "grid", "code", "projector", "mask",
+    "pixels", "wedge", "star", "dots", "letter",
+]  # fmt: skip
+"""What panels can hold to look at (docs/bench-bringup.md)."""
+MovingName = Literal["flash", "edge", "bar"]
+"""What they can show over and over."""
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 from pdcd import __version__
 from pdcd.cli.options import (
@@ -16,6 +17,7 @@ from pdcd.cli.options import (
     share,
     white_patch_option,
 )
+from pdcd.words import MovingName, PatternName
 
 EXIT_CODES = (
     "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
@@ -129,11 +131,17 @@ def _bench_commands(add: Add) -> None:
     )
     held = add("show", "panels:show", "show a pattern on both panels, without a camera")
     held.add_argument(
-        "pattern", nargs="?", default="grid", choices=("black", "white", "checker", "grid", "code")
+        "pattern",
+        nargs="?",
+        default="grid",
+        choices=(*get_args(PatternName), *get_args(MovingName)),
     )
     held.add_argument("--index", type=int, default=0, metavar="N", help="which code")
     held.add_argument(
         "--loop", action="store_true", help="all codes over and over: see through the mask"
+    )
+    held.add_argument(
+        "--out", type=Path, metavar="PNG", help="on the mock: where to draw it; show-PATTERN.png"
     )
     held.add_argument("--seconds", type=float, metavar="S", help="end by itself")
     held.add_argument(

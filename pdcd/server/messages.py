@@ -24,7 +24,7 @@ from pdcd.runs import events
 from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.roles import Role
-from pdcd.words import JobKind, JobState
+from pdcd.words import JobKind, JobState, PatternName
 
 PROTOCOL = (1, 1)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
@@ -63,6 +63,7 @@ CODES: Mapping[str, int] = MappingProxyType(
         "plan": -32009,
         "denied": -32010,
         "disk": -32011,
+        "calibration": -32012,
     }
 )
 """JSON-RPC code of each error kind."""
@@ -120,7 +121,7 @@ class ShowParams(_Params, frozen=True):
     """`display.show`: a test picture; `index` picks the code of the pattern "code", and `detach`
     leaves it on when the connection ends."""
 
-    pattern: Literal["black", "white", "checker", "grid", "code"]
+    pattern: PatternName
     index: Annotated[int, Meta(ge=0, lt=2**31)] = 0
     detach: bool = False
 
