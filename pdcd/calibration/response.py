@@ -304,8 +304,8 @@ def _refuse(by_level: Floats, noise: Floats) -> None:
         raise CalibrationError(
             f"the two orders of strips disagree by {100.0 * float(apart.max()):.0f} % of white",
             device="projector",
-            hint="the picture is mirrored or turned, out of focus, or not where the geometry has it: "
-            "focus, and calibrate the geometry again",
+            hint="the picture is mirrored or turned, out of focus, or not where the geometry has "
+            "it: focus, and calibrate the geometry again",
         )
     if abs(scale - 1.0) > DRIFT:
         raise CalibrationError(
