@@ -39,6 +39,7 @@ TRANSFER_SHARE = 0.7
 ALIKE = 0.03
 """Blocks within 3 % of the median light stand for the plane in its series of doses."""
 BRIGHT = 0.98
+ROUNDING_DN = 0.29
 DARK_LIMIT_DN = 30.0
 """Of dark photos beside their black level; what the panels leak is a tenth of that."""
 HOT_SIGMAS = 5.0
@@ -107,13 +108,15 @@ class BodyPlan:
 class Body:
     """What was measured at one ISO, plane by plane (R, G1, G2, B).
 
-    black_dn : (4,) float64, black level of the file.
+    black_dn : (4,) float64, black level of the file; black_sigma : by how far it moves from photo
+        to photo.
     transfer, lines : gain and noise, linearity and saturation.
     lamp : largest relative difference of photos that should be equal.
     """
 
     iso: int
     black_dn: Floats
+    black_sigma: float
     transfer: tuple[Transfer, ...]
     lines: tuple[Line, ...]
     lamp: float
@@ -127,6 +130,11 @@ class Body:
     def read_noise(self) -> tuple[float, float]:
         """e- and standard deviation, of all planes."""
         return _mean([(t.read_noise_e, t.read_sigma) for t in self.transfer])
+
+    @property
+    def banding(self) -> tuple[float, float]:
+        """e- of whole rows and standard deviation, of all planes."""
+        return _mean([(t.banding_e, t.banding_sigma) for t in self.transfer])
 
     @property
     def saturation_dn(self) -> float | None:
@@ -156,7 +164,7 @@ class Body:
         steady = self.lamp <= LAMP_LIMIT
         good, doubtful, bad = Verdict.GOOD, Verdict.DOUBTFUL, Verdict.BAD
         return (
-            Figure("sensor.black_dn", float(self.black_dn.mean()), 0.1, "DN"),
+            Figure("sensor.black_dn", float(self.black_dn.mean()), self.black_sigma, "DN"),
             Figure(
                 "sensor.gain_e_per_dn",
                 *gain,
@@ -171,13 +179,13 @@ class Body:
                 "not hidden by rounding",
                 doubtful if rounded else good,
             ),
-            Figure("sensor.banding_e", max(t.banding_e for t in self.transfer), 0.0, "e-"),
+            Figure("sensor.banding_e", *self.banding, "e-"),
             Figure(
                 "sensor.saturation_dn",
-                max(n.slope_dn for n in self.lines) if saturation is None else saturation,
-                1.0,
+                max(n.highest_dn for n in self.lines) if saturation is None else saturation,
+                ROUNDING_DN,
                 "DN",
-                "reached",
+                "at least this: no dose reached it" if saturation is None else "reached",
                 doubtful if saturation is None else good,
             ),
             Figure(
@@ -209,7 +217,7 @@ def measure_body(
     level that moves, saturated or dim flats, something that moved, samples that were filtered.
     """
     dark, again, base = (photos[name] for name in ("dark-a", "dark-b", "base"))
-    shift = _refuse_dark_light(dark, again)
+    shift, black_sigma = _refuse_dark_light(dark, again)
     doses = np.array(list(plan.doses.values()), np.float64)
     order = np.argsort(doses, kind="stable")
     signal, brightest = _series(photos, plan, base)
@@ -238,7 +246,8 @@ def measure_body(
         abs(float(signal[1, names.index(b)] / signal[1, names.index(a)]) - 1.0)
         for a, b in plan.pairs
     )
-    return Body(iso, np.asarray(black_dn, np.float64) + shift, tuple(found), lines, lamp)
+    black = np.asarray(black_dn, np.float64) + shift
+    return Body(iso, black, black_sigma, tuple(found), lines, lamp)
 
 
 def _series(
@@ -297,13 +306,14 @@ def _lit_pairs(
     return [tuple(pairs) for pairs in found]
 
 
-def _refuse_dark_light(dark: Planes, again: Planes) -> Floats:
-    """How far the dark photos lie from the black that was taken off, (4,) DN."""
+def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
+    """How far the dark photos lie from the black that was taken off, (4,) DN, and by how much the
+    two differ."""
     levels = [np.array([_middle(plane) for plane in planes]) for planes in (dark, again)]
-    if float(np.abs(levels[0] - levels[1]).max()) > BLACK_MOVES_DN:
+    apart = float(np.abs(levels[0] - levels[1]).max())
+    if apart > BLACK_MOVES_DN:
         raise CalibrationError(
-            "the black level moves: two dark photos differ by "
-            f"{float(np.abs(levels[0] - levels[1]).max()):.2g} DN",
+            f"the black level moves: two dark photos differ by {apart:.2g} DN",
             device="camera",
             hint="let the camera warm up for ten minutes; switch long-exposure noise reduction "
             "off; keep the room dark",
@@ -316,7 +326,7 @@ def _refuse_dark_light(dark: Planes, again: Planes) -> Floats:
             hint="darken the room; see that both panels are black and that the mask's polarisers "
             "are crossed",
         )
-    return shift
+    return shift, apart / np.sqrt(2.0)
 
 
 def _middle(plane: NDArray[np.float32]) -> float:

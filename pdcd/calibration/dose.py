@@ -34,6 +34,7 @@ class Line:
     error : largest deviation from the line, over the line; `deviations` all of them, (doses,), NaN
         beyond 5 to 95 %.
     saturation_dn : DN above black at which the signal stops; None where no dose reached it.
+    highest_dn : the highest that was seen.
     clipped : whether it stops at one and the same number, as a converter does, or with noise, as a
         full well does.
     """
@@ -44,6 +45,7 @@ class Line:
     error: float
     deviations: Floats
     saturation_dn: float | None
+    highest_dn: float
     clipped: bool
 
 
@@ -102,6 +104,7 @@ def line_of(plane: str, doses: Floats, signal: Floats, brightest: Brightest) -> 
         error=float(np.abs(deviations[used]).max()),
         deviations=deviations,
         saturation_dn=saturation,
+        highest_dn=brightest.signal_dn + brightest.base_dn,
         clipped=stopped and brightest.noise_dn < 1.0,
     )
 

@@ -31,11 +31,13 @@ EDGE_QUADS = 3
 @dataclass(frozen=True)
 class Lamp:
     """drift_per_h : relative change in an hour, and its standard deviation. flicker : relative
-    standard deviation from photo to photo, beyond noise and drift. seconds : of the series."""
+    standard deviation from photo to photo, beyond noise and drift, and its own one. seconds : of
+    the series."""
 
     drift_per_h: float
     drift_sigma: float
     flicker: float
+    flicker_sigma: float
     seconds: float
 
     def figures(self) -> tuple[Figure, ...]:
@@ -54,7 +56,7 @@ class Lamp:
             Figure(
                 "light.lamp_flicker",
                 self.flicker,
-                0.0,
+                self.flicker_sigma,
                 "",
                 f"{flicker:g} or less",
                 Verdict.GOOD if self.flicker <= flicker else Verdict.DOUBTFUL,
@@ -92,6 +94,7 @@ def lamp_of(times_s: Floats, levels: Floats, noise: float = 0.0) -> Lamp:
         drift_per_h=3600.0 * slope,
         drift_sigma=3600.0 * float(np.sqrt(max(spread, noise**2) / (at @ at))),
         flicker=flicker,
+        flicker_sigma=float(np.sqrt(spread / (2.0 * (levels.size - 2)))),
         seconds=float(np.ptp(times_s)),
     )
     change = slope * lamp.seconds

@@ -72,7 +72,7 @@ class Light:
     mask_map : (rows, cols) black over white of the mask by blocks of 16 quads, NaN in the dark.
     rate : (3,) light of a white projector, units of the photos a second, middle of the lit part.
     rate_sigma : relative, of the edges and the photos' noise; the lamp's drift is not in it.
-    lamp : WW-again over WW, less 1.
+    lamp, lamp_sigma : WW-again over WW, less 1, and its standard deviation.
     """
 
     projector: Share
@@ -82,6 +82,7 @@ class Light:
     rate: Floats
     rate_sigma: float
     lamp: float
+    lamp_sigma: float
 
     def ambient(self, albedo: float) -> tuple[float, float] | None:
         """`scene.ambient` and its standard deviation: the room's light in scene units, that is over
@@ -98,7 +99,7 @@ class Light:
             Figure(
                 "light.lamp_change",
                 self.lamp,
-                0.0,
+                self.lamp_sigma,
                 "",
                 f"within {MOVES:g}",
                 Verdict.GOOD if abs(self.lamp) <= LAMP_GOOD else Verdict.DOUBTFUL,
@@ -173,6 +174,7 @@ def measure_light(
         rate=np.asarray(rate),
         rate_sigma=float(np.hypot(series.edge_error, noise / series.lit_s)),
         lamp=series.lamp,
+        lamp_sigma=float(np.hypot(np.sqrt(2.0) * black_sigma, noise) / series.whole.mean[3]),
     )
 
 

@@ -51,7 +51,7 @@ class Pair:
     mean, variance : (blocks,) float64, DN above black and DN^2, of one photo.
     samples : (blocks,) float64, how many the variance is of.
     peak : (blocks,) float64, highest mean of the two.
-    banding_dn2 : variance of whole rows, of one photo.
+    banding_dn2, banding_sigma : variance of whole rows, of one photo, and its standard deviation.
     correlation : of neighbouring samples' noise.
     """
 
@@ -60,6 +60,7 @@ class Pair:
     samples: Floats
     peak: Floats
     banding_dn2: float
+    banding_sigma: float
     correlation: float
 
 
@@ -87,7 +88,7 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None, side: int
         rows, side, cols, side
     )
     kept, clean = _unclipped(d)
-    d, banding = _without_rows(clean, kept)
+    d, banding, of_rows = _without_rows(clean, kept)
     count = kept.sum(axis=(1, 3)).astype(np.float64)
     centre = d.sum(axis=(1, 3)) / np.maximum(count, 1.0)
     d = np.where(kept, d - centre[:, None, :, None], 0.0)
@@ -102,6 +103,7 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None, side: int
         samples=count.ravel(),
         peak=np.maximum(*means).ravel(),
         banding_dn2=banding / float(both.mean()),
+        banding_sigma=float(np.sqrt(2.0 / a.shape[0])) * of_rows / float(both.mean()),
         correlation=beside / square if square else 0.0,
     )
 
@@ -122,8 +124,9 @@ def _unclipped(d: Floats) -> tuple[NDArray[np.bool_], Floats]:
     return kept, np.where(kept, d, 0.0)
 
 
-def _without_rows(d: Floats, kept: NDArray[np.bool_]) -> tuple[Floats, float]:
-    """Differences without what whole rows have in common, and the variance of that.
+def _without_rows(d: Floats, kept: NDArray[np.bool_]) -> tuple[Floats, float, float]:
+    """Differences without what whole rows have in common, the variance of that, and the variance
+    that the means of rows have in all, by noise and by banding.
 
     Along a row a block's own mean goes out first, so that a slope of the light is no banding.
     """
@@ -133,7 +136,8 @@ def _without_rows(d: Floats, kept: NDArray[np.bool_]) -> tuple[Floats, float]:
     samples = (d**2).sum(axis=(2, 3)) / count**2  # what the mean of noise alone would vary by
     side = d.shape[1]
     banding = float((row**2).mean()) * side / (side - 1) - float(samples.mean())
-    return np.where(kept, d - row[:, :, None, None], 0.0), max(banding, 0.0)
+    clean = np.where(kept, d - row[:, :, None, None], 0.0)
+    return clean, max(banding, 0.0), max(banding, 0.0) + float(samples.mean())
 
 
 def _rows_paid_back(variance: Floats, width: int) -> Floats:
@@ -158,6 +162,7 @@ class Transfer:
     read_noise_e: float
     read_sigma: float
     banding_e: float
+    banding_sigma: float
     chi2: float
     rounded: bool
 
@@ -209,6 +214,7 @@ def transfer_of(
     rounded = fit[0] < LEAST_DARK_DN2
     read_dn2 = max(fit[0] - ROUNDING_DN2 - dark_e / gain**2, 1e-6)
     read_dn = float(np.sqrt(read_dn2))
+    band_dn = float(np.sqrt(dark.banding_dn2))
     # read = sqrt(v0 - 1/12) / K: how it moves with either number of the line.
     slope = np.array([0.5 / (read_dn * fit[1]), -read_dn / fit[1] ** 2])
     return Transfer(
@@ -216,7 +222,8 @@ def transfer_of(
         gain_sigma=gain_sigma,
         read_noise_e=gain * read_dn,
         read_sigma=float(np.sqrt(slope @ covariance @ slope)),
-        banding_e=gain * float(np.sqrt(dark.banding_dn2)),
+        banding_e=gain * band_dn,
+        banding_sigma=gain * dark.banding_sigma / (2.0 * max(band_dn, dark.banding_sigma**0.5)),
         chi2=chi2,
         rounded=bool(rounded),
     )

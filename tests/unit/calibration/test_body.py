@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.body import Body, BodyPlan, measure_body, profile_of, profile_text
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Seen, refuse_settings
+from pdcd.calibration.transfer import pair_of, transfer_of
 from pdcd.errors import CalibrationError
 from pdcd.sensor.profile import load_profile
 from tests.unit.calibration.light_bench import LightBench, TrueSensor
@@ -96,17 +97,38 @@ def test_errors_are_those_it_tells() -> None:
 
 
 def test_flicker_texture_and_banding_do_not_move_it() -> None:
-    sensor = TrueSensor(prnu=0.01, banding_e=3.0)
+    sensor = TrueSensor(prnu=0.01, banding_e=6.0)
     body = measured(series(2, sensor, flicker=0.03, texture=0.4))
     gain, sigma = body.gain
     assert gain == pytest.approx(2.96, abs=4 * sigma)
     read, sigma = body.read_noise
-    assert read == pytest.approx(16.8, abs=4 * sigma)  # banding would add 1.6 %
-    assert np.mean([t.banding_e for t in body.transfer]) == pytest.approx(3.0, rel=0.2)
+    assert read == pytest.approx(16.8, abs=4 * sigma)  # banding would add 6 %
+    banding, sigma = body.banding
+    assert banding == pytest.approx(6.0, abs=4 * sigma)
+    assert sigma < 0.4
     # A lamp that flickers by 3 % is no ruler: linearity is doubtful then, and said to be.
     assert body.lamp > 0.01
     linearity = next(f for f in body.figures() if f.name == "sensor.linearity")
     assert linearity.verdict == Verdict.DOUBTFUL
+
+
+def test_a_lamp_of_very_different_light_gives_the_same_gain() -> None:
+    rng, sensor = np.random.default_rng(11), TrueSensor()
+    dark, again, first, second = (
+        sensor.samples(np.full((256, 256), light), rng) for light in (0.0, 0.0, 20000.0, 9000.0)
+    )
+    lit = pair_of(first, second, dark)
+    found = transfer_of("G1", pair_of(dark, again), (lit,), highest_dn=9000.0)
+    assert found.gain_e_per_dn == pytest.approx(2.96, abs=4 * found.gain_sigma)
+    assert found.gain_sigma < 0.03
+
+
+def test_a_sensor_that_is_not_saturated_says_so() -> None:
+    body = measured(series(12, before=lambda name, light: 0.5 * light))
+    assert body.saturation_dn is None
+    figure = next(f for f in body.figures() if f.name == "sensor.saturation_dn")
+    assert "at least" in figure.limit
+    assert figure.value == pytest.approx(0.65 * 13581, rel=0.1)
 
 
 def test_a_full_well_is_told_from_the_end_of_the_converter() -> None:
