@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import CalibrationError
+from pdcd.sensor.profile import SensorProfile
+from pdcd.sensor.raw import RawFrame, rgb_variance, to_rgb
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
@@ -63,6 +65,19 @@ class Seen:
     exposure_s: float = 0.0
     f_number: float | None = None
     black_dn: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, raw: RawFrame) -> Seen:
+        """What a decoded photo says; its black level only where a masked border measured it."""
+        black = tuple(float(b) for b in raw.black) if raw.masked else ()
+        return cls(raw.iso, raw.exposure_s, raw.f_number, black)
+
+
+def photo_of(raw: RawFrame, profile: SensorProfile, iso: int) -> Photo:
+    """A decoded photo as its quads in DN, variances by the sensor's noise model. Raises ConfigError
+    when the profile has no such ISO."""
+    variance = rgb_variance(raw.planes, profile, iso, raw.exposure_s)
+    return Photo(to_rgb(raw.planes), np.asarray(variance, np.float64), raw.saturated)
 
 
 def block_means(values: Floats, side: int = BLOCK_QUADS) -> Floats:

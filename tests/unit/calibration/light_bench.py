@@ -38,6 +38,9 @@ class TruePanel:
         step = np.arange(STEPS + 1) * STEP_S
         state, out = self.leak, []
         for aim in self.leak + (1.0 - self.leak) * np.concatenate([dark, levels, dark]):
+            if abs(aim - state) < 1e-14:
+                out.append(np.full(STEPS, aim))
+                continue
             tau = max(self.rise_s if aim >= state else self.fall_s, 1e-9)
             left = np.exp(-step / tau)
             out.append(aim - (state - aim) * tau * np.diff(left) / STEP_S)
