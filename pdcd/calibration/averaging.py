@@ -10,7 +10,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 BOXES = 3
-"""Box filters of one period each: together they leave 0.0007 of stripes whose period is 10 % off."""
+"""Box filters of one period each: together they leave 0.0007 of stripes that are 10 % longer."""
 BOX_NOISE = 0.55
 """Sum of the squared weights of three boxes along an axis, times their length: 11 / 20."""
 WHOLE = 0.995
@@ -38,14 +38,15 @@ class Averaging:
         seen = np.where(self._lit, light, 0.0)
         return self._summed(seen * self._per_white**power)
 
-    def smooth(self, summed: NDArray[np.generic]) -> NDArray[np.generic]:
+    def smooth(self, summed: Floats) -> Floats:
         """Sums of blocks -> averages over stripes around each block, of one lit quad."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self._boxed(summed) / self._around)
 
-    def noise(self, period_quads: float | None = None) -> float:
+    @property
+    def noise(self) -> float:
         """Factor from the standard deviation of one quad to that of an average over stripes."""
-        return BOX_NOISE / (period_quads or self.period_quads)
+        return BOX_NOISE / self.period_quads
 
     def places(self, apart_quads: float) -> Floats:
         """A lattice of places with lit quads all around, (n, 2) in quads."""
@@ -57,7 +58,7 @@ class Averaging:
         middle = np.stack([cols, rows], axis=-1) * step + step // 2
         return np.asarray((middle + 0.5) * self.block)
 
-    def at(self, of_blocks: NDArray[np.generic], places: Floats) -> NDArray[np.generic]:
+    def at(self, of_blocks: Floats, places: Floats) -> Floats:
         """Values of blocks at places (n, 2) in quads, of the block they lie in, (n,)."""
         cols, rows = np.floor(places / self.block).astype(np.intp).T
         return np.asarray(of_blocks[rows, cols])
@@ -68,10 +69,8 @@ class Averaging:
         whole = of_quads[: rows * self.block, : cols * self.block]
         return np.asarray(whole.reshape(rows, self.block, cols, self.block).sum(axis=(1, 3)))
 
-    def _boxed(self, of_blocks: NDArray[np.generic]) -> NDArray[np.generic]:
+    def _boxed(self, of_blocks: Floats) -> Floats:
         """Three boxes of one period along either axis; nothing lies beyond the photo."""
-        if np.iscomplexobj(of_blocks):
-            return np.asarray(self._boxed(of_blocks.real) + 1j * self._boxed(of_blocks.imag))
         found = of_blocks
         for length in self._lengths():
             found = ndimage.uniform_filter(found, length, mode="constant")

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
 
 from pdcd.calibration.registration import Offsets
 from pdcd.errors import CalibrationError
@@ -27,7 +28,7 @@ Floats = NDArray[np.float64]
 NODES = (8, 10)
 """Rows and columns of a correction, at least."""
 STIFF = 0.1
-"""How far a second difference between nodes may go, in pixels: as much as a residual's curvature."""
+"""How far second differences of nodes may go, in pixels: as far as a residual's do."""
 ROUNDS = 4
 """Reweighted solves."""
 CAUCHY = 2.5
@@ -61,7 +62,7 @@ class Correction:
         """Its standard deviation there, (n, 2)."""
         basis = _basis(points_px, self.size_px, self.nodes.shape[:2])
         found = [np.einsum("np,pq,nq->n", basis, each, basis) for each in self.covariance]
-        return np.sqrt(np.stack(found, axis=-1))
+        return np.asarray(np.sqrt(np.stack(found, axis=-1)))
 
 
 def fitted(offsets: Offsets, mask: Map) -> Correction:
@@ -86,9 +87,10 @@ def fitted(offsets: Offsets, mask: Map) -> Correction:
         for axis in (0, 1)
     ]
     nodes = np.stack([nodes for nodes, _ in solved], axis=-1)
-    covariance = np.stack([each for _, each in solved])
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
     left = offsets.offset_px[good] - basis @ nodes
+    covariance = np.stack([each for _, each in solved])
+    covariance *= _together(points[good], left)[:, None, None]
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
     return Correction(
         mask.size_px, nodes.reshape(*shape, 2), sigma.reshape(*shape, 2), covariance, left
     )
@@ -138,7 +140,22 @@ def _solved(basis: Floats, stiff: Floats, wanted: Floats, sigma: Floats) -> tupl
         scatter = np.hypot(sigma, np.sqrt(max(0.0, spread**2 - float(np.median(sigma**2)))))
         scatter = np.maximum(scatter, 1e-6)
         weight = 1.0 / (1.0 + (left / (CAUCHY * scatter)) ** 2)
-    return nodes, inverse
+    return nodes, np.asarray(inverse, dtype=np.float64)
+
+
+def _together(points: Floats, left: Floats) -> Floats:
+    """By how much variances grow because neighbours are wrong together, of each axis, (2,).
+
+    Where what is left (n, 2) correlates by r from one place to the next, so many places say as much
+    as 1 / ((1 + r) / (1 - r))^2 of them would: the factor of a plane with r along both its axes.
+    """
+    next_to = cKDTree(points).query(points, k=2)[1][:, 1]
+    size = np.maximum(np.median(np.abs(left), axis=0), 1e-9)
+    # Some far off must not say how the many hang together.
+    bounded = np.clip(left, -4.0 * size, 4.0 * size)
+    r = np.mean(bounded * bounded[next_to], axis=0) / np.mean(bounded**2, axis=0)
+    r = np.clip(r, 0.0, 0.8)
+    return np.asarray(((1.0 + r) / (1.0 - r)) ** 2)
 
 
 def _shape(map_: Map) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.registration import GREEN
+from pdcd.calibration.registration import GREEN, Photo
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -70,30 +70,21 @@ class Depth:
         )
 
 
-def depth(
-    light: Floats,
-    variance: Floats,
-    axis: int,
-    period_quads: float,
-    *,
-    saturation: float = np.inf,
-    channel: int = GREEN,
-) -> Depth:
+def depth(photo: Photo, axis: int, period_quads: float, *, channel: int = GREEN) -> Depth:
     """Depth of stripes in one photo, wherever they lie, of a period that is known within 15 %.
 
-    light, variance : (h, w, 3) of quads, black taken off, in one unit and its square.
     axis : 0 for upright stripes in the photo, 1 for lying ones; a tilt by some degrees is allowed.
 
     Raises CalibrationError for a photo without light, saturated, or without stripes.
     """
-    seen, noise = light[..., channel], variance[..., channel]
+    seen, noise = photo.light[..., channel], photo.variance[..., channel]
     if not np.mean(seen) > 5.0 * np.sqrt(np.mean(noise) / seen.size) or not np.mean(seen) > 0.0:
         raise CalibrationError(
             "there is no light in the photo",
             device="camera",
             hint="take the lens cap off, switch the lamp on, and look whether the shutter opens",
         )
-    if np.mean(seen >= saturation) > 0.001:
+    if photo.saturated is not None and np.mean(photo.saturated) > 0.001:
         raise CalibrationError(
             "the photo is saturated", device="camera", hint="expose less, or lower the ISO"
         )

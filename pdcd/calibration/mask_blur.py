@@ -29,7 +29,7 @@ CELLS = (3, 4)
 HARMONICS = 31
 """Highest harmonic of the model."""
 VARIANCES_PX2 = np.concatenate([np.arange(-0.3, 2.0, 0.01), np.geomspace(2.0, 64.0, 120)])
-"""Squared blurs at which the model is worked out; below zero, where noise may lead a sharp bench."""
+"""Squared blurs at which the model is worked out; noise may lead a sharp bench below zero."""
 SURE = 5.0
 """Depth of the fine stripes, over its error, without which blur cannot be told."""
 

@@ -24,7 +24,6 @@ from scipy.spatial import cKDTree
 from pdcd.calibration import series_faults
 from pdcd.calibration.averaging import Averaging
 from pdcd.calibration.stripes import Stripes
-from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map, between
 
 Floats = NDArray[np.float64]
@@ -38,10 +37,15 @@ APART = 1.5
 
 
 class Photo(NamedTuple):
-    """light, variance : (h, w, 3) of quads, black taken off, in any one unit and its square."""
+    """One photo.
+
+    light, variance : (h, w, 3) of quads, black taken off, in any one unit and its square.
+    saturated : (h, w) bool, quads with a sample at its upper end; None where that is not known.
+    """
 
     light: Floats
     variance: Floats
+    saturated: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +53,7 @@ class Series:
     """What one series of stripes says, at n places.
 
     quads : (n, 2) places in the camera's photo.
-    share : (n, S) light of each photo, over white, averaged over stripes.
+    share : (n, S) light of each step, over white, averaged over stripes.
     first : (n,) complex, a_1 / 2 exp(2 pi i e / P).
     sigma : (n,) standard deviation of either part of `first`, by photon and read noise.
     """
@@ -105,7 +109,6 @@ def measure(
     camera: Map,
     projector: Map,
     *,
-    saturation: float = np.inf,
     channel: int = GREEN,
 ) -> Series:
     """What the S photos of a series say.
@@ -115,7 +118,6 @@ def measure(
     photos : in the order of `pdcd.calibration.stripes.patterns`; one at a time is held.
     white : both panels white for as many refreshes as the projector was lit.
     camera, projector : maps as believed.
-    saturation : of the light, in its unit.
     channel : 0 red, 1 green, 2 blue.
 
     Raises CalibrationError for photos without light or modulation, saturated ones, a mirrored mask,
@@ -124,23 +126,24 @@ def measure(
     """
     by = white.light[..., channel]
     lit = series_faults.lit(by, white.variance[..., channel])
-    series_faults.refuse_saturated(by[lit], saturation)
+    series_faults.refuse_saturated(white.saturated, lit)
     period = stripes.period_px * quads_per_px(stripes.axis, camera, projector)
     averaging = Averaging(lit, by, period, max(1, int(period / PER_PERIOD)))
     stack, noise = [], np.zeros(averaging.count.shape)
     for photo in photos:
-        series_faults.refuse_saturated(photo.light[..., channel][lit], saturation)
+        series_faults.refuse_saturated(photo.saturated, lit)
         stack.append(averaging.over_white(photo.light[..., channel]))
         noise += averaging.over_white(photo.variance[..., channel], power=2) / stripes.steps
     if len(stack) != stripes.steps:
         raise ValueError(f"{len(stack)} photos of stripes; {stripes.steps} belong to the series")
     places = averaging.places(APART * period)
-    series_faults.refuse_partial(camera.to_field(places))
+    series_faults.refuse_partial(places, camera, period)
+    stack = [stack[place] for place in np.argsort(stripes.order)]
     turns = np.exp(2j * np.pi * np.arange(stripes.steps) / stripes.steps) / stripes.steps
     share = np.stack([averaging.at(averaging.smooth(each), places) for each in stack], axis=-1)
     variance = averaging.at(averaging.smooth(noise), places)
     # Of S photos' noise, half falls on either part of their first harmonic.
-    sigma = np.sqrt(variance / (2.0 * stripes.steps)) * averaging.noise()
+    sigma = np.sqrt(variance / (2.0 * stripes.steps)) * averaging.noise
     found = Series(stripes, places, share, share @ turns, sigma)
     series_faults.refuse_flat(share, found.first, sigma)
     turning = np.tensordot(turns, np.stack(stack), 1)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from pdcd.calibration.averaging import Averaging
 from pdcd.errors import CalibrationError
+from pdcd.maps.map import Map
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -22,17 +24,20 @@ MOST_SATURATED = 0.001
 LEAST_DEPTH = 0.2
 """Modulation below which stripes tell nothing; 0.81 where all is sharp."""
 LEAST_SHARE = 0.6
-"""Share of the field that must have been measured."""
+"""Share of the field, as far as the camera sees it, that must have been measured."""
+REACH = 2.5
+"""Periods from a measured place within which the field counts as measured: 1.5 of them are averaged
+over, 1 is half the way to where the next place would be."""
 AMBIGUOUS = 0.4
 """Offsets beyond so many periods may be those of the next stripe."""
 OTHER_STRIPE_PX = 1.0
 """By how much two periods may disagree: neighbours of 16 px stripes disagree by 2 px or more."""
-CHANGED = 0.015
+CHANGED = 0.012
 """Part of the photos that no stripes explain, over the stripes' amplitude."""
 FOLLOWED = 0.3
 """Depth of the mask's stripes where the maps have them, over the depth of the product: 1.57 with
 sharp photos; below, they run elsewhere."""
-CELLS = (6, 8)
+CELLS = (12, 16)
 """Rows and columns that the field is divided into, to see how much of it was measured."""
 
 
@@ -51,9 +56,9 @@ def lit(white: Floats, variance: Floats) -> Bools:
     return bright
 
 
-def refuse_saturated(light: Floats, saturation: float) -> None:
-    """Raise CalibrationError where lit quads (n,) are saturated."""
-    share = float(np.mean(light >= saturation))
+def refuse_saturated(saturated: Bools | None, lit: Bools) -> None:
+    """Raise CalibrationError where too many lit quads (h, w) are saturated."""
+    share = 0.0 if saturated is None else float(np.mean(saturated[lit]))
     if share > MOST_SATURATED:
         raise CalibrationError(
             f"{share:.1%} of the lit part of a photo is saturated",
@@ -62,12 +67,17 @@ def refuse_saturated(light: Floats, saturation: float) -> None:
         )
 
 
-def refuse_partial(field: Floats) -> None:
-    """Raise CalibrationError where places (n, 2) leave too much of the field out."""
+def refuse_partial(places: Floats, camera: Map, period_quads: float) -> None:
+    """Raise CalibrationError where places (n, 2) in quads leave too much of the field out."""
     rows, cols = CELLS
-    inside = field[((field >= 0.0) & (field < 1.0)).all(axis=-1)]
-    cell = np.unique((inside * (cols, rows)).astype(np.int64), axis=0)
-    share = len(cell) / (rows * cols)
+    x, y = (np.arange(cols) + 0.5) / cols, (np.arange(rows) + 0.5) / rows
+    cells = camera.from_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    with np.errstate(invalid="ignore"):
+        in_photo = ((cells >= 0.0) & (cells <= camera.size_px)).all(axis=-1)
+    share = 0.0
+    if len(places) and in_photo.any():
+        away = cKDTree(places).query(cells[in_photo])[0]
+        share = float(np.mean(away <= REACH * period_quads))
     if share < LEAST_SHARE:
         raise CalibrationError(
             f"stripes could be measured on {share:.0%} of the field only; "
@@ -87,14 +97,18 @@ def refuse_flat(share: Floats, first: Complex, sigma: Floats) -> None:
             device="display",
             hint="look at both panels: the white photo was not white, or its exposure another one",
         )
+    if level < 0.02:
+        raise CalibrationError(
+            "the photos of stripes are black",
+            device="mask",
+            hint="look whether the mask opens, both panels show their picture, and the exposure is "
+            "that of the white photo",
+        )
     depth = 2.0 * np.abs(first) / np.maximum(mean, 1e-12)
     seen = (depth > LEAST_DEPTH) & (np.abs(first) > LEAST_LIGHT * sigma)
     if seen.mean() > 0.9:
         return
-    if level < 0.02:
-        cause, device = "the photos of stripes are black", "mask"
-        hint = "look whether the mask opens, and both panels show their picture"
-    elif level > 0.4:
+    if level > 0.4:
         cause, device = "one of the panels shows no stripes", "display"
         hint = "`pdcd show` says what each output shows: look at both panels"
     else:
@@ -115,10 +129,12 @@ def refuse_mirrored(
     turning : first harmonic of each block over the photos, whose phase follows the mask's stripes.
     carrier : the same as the maps have it. first : (n,) averages at the places.
     """
-    along, against = (
-        float(np.median(np.abs(averaging.at(averaging.smooth(turning * way), places))))
-        for way in (np.conj(carrier), carrier)
-    )
+    depths = []
+    for way in (np.conj(carrier), carrier):
+        met = turning * way
+        depth = np.hypot(averaging.smooth(met.real), averaging.smooth(met.imag))
+        depths.append(float(np.median(averaging.at(depth, places))))
+    along, against = depths
     if against > 2.0 * along:
         raise CalibrationError(
             "the mask's stripes run the wrong way: it is mirrored or upside down",
@@ -189,7 +205,7 @@ def _unexplained(share: Floats, first: Complex) -> Floats:
     odd = np.arange(1, 16, 2)
     waves = np.cos(odd[:, None, None] * phase)
     least = np.full(len(share), np.inf)
-    for g in np.linspace(0.4, 1.0, 25):
+    for g in np.exp(-np.concatenate([[0.0], np.geomspace(5e-4, 0.5, 30)])):
         shape = np.tensordot(g ** (odd**2 - 1.0) / odd**2, waves, 1)
         shape -= shape.mean(axis=1, keepdims=True)
         centred = share - level[:, None]

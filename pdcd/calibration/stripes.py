@@ -53,18 +53,25 @@ class Stripes:
         """ "right-16" or "down-16"."""
         return f"{('right', 'down')[self.axis]}-{self.period_px}"
 
+    @property
+    def order(self) -> tuple[int, ...]:
+        """Which step each photo shows. Not one after the other: then a bench that moves amid the
+        series leaves something that no stripes explain."""
+        golden = np.arange(self.steps) * 0.5 * (np.sqrt(5.0) - 1.0)
+        return tuple(np.argsort(golden % 1.0).tolist())
+
 
 RULER = (Stripes(0, 16), Stripes(1, 16))
 """What the offset is measured with."""
 FINE = (Stripes(0, 6, 6), Stripes(1, 6, 6))
-"""What tells blur, together with `RULER`; what goes on to 9 px from the edges of the field; and what
-finds out whether the offset is more than half a period: 16 and 6 px agree again only 48 px on."""
+"""What tells blur, together with `RULER`; what measures on to 9 px from the edges of the field; and
+what finds offsets of more than half a period: 16 and 6 px agree again only 48 px on."""
 
 
 def patterns(
     stripes: Stripes, projector: Map, mask: Map, refreshes: int = MOVES
 ) -> Iterator[Shown]:
-    """The S photos of a series, one after the other (each has 8 patterns of the mask's size).
+    """The S photos of a series in the order in which to take them, 8 patterns of the mask each.
 
     projector, mask : maps as they are believed.
     refreshes : that the projector is lit in each photo, a multiple of 8.
@@ -80,8 +87,8 @@ def patterns(
     mask_index = np.concatenate([around, rounds, around])
     projector_index = np.zeros(mask_index.size, dtype=np.int32)
     projector_index[:GUARD] = projector_index[-GUARD:] = BLACK
-    for step in range(stripes.steps):
-        moved = places - stripes.period_px * step / stripes.steps
+    for step in stripes.order:
+        moved: Floats = places - stripes.period_px * step / stripes.steps
         opened = np.stack([_lit(moved + at * move, stripes.period_px) for at in moves_px()])
         yield Shown(f"{stripes.name}-{step}", lit, opened, projector_index, mask_index)
 
@@ -89,7 +96,7 @@ def patterns(
 def projector_stripes(stripes: Stripes, size_px: tuple[int, int]) -> Bits:
     """What the projector shows, (height, width) bool: the first half of each period is lit."""
     width, height = size_px
-    centres = np.arange((width, height)[stripes.axis]) + 0.5
+    centres = np.arange((width, height)[stripes.axis], dtype=np.float64) + 0.5
     lit = _lit(centres, stripes.period_px)
     return np.broadcast_to(lit if stripes.axis == 0 else lit[:, None], (height, width)).copy()
 
@@ -127,7 +134,7 @@ def _places(axis: int, projector: Map, mask: Map) -> tuple[Floats, Floats]:
             device="mask",
             hint="calibrate the geometry first",
         )
-    down, right = np.gradient(wanted)
+    down, right = (np.asarray(way, dtype=np.float64) for way in np.gradient(wanted))
     slope = np.array([[np.nanmedian(right), np.nanmedian(down)]])
     return wanted, (right, down)[_along(slope)]
 

@@ -112,7 +112,7 @@ class RulerBench:
         self.kept = (b"", np.empty(0))
         self.on_projector = everywhere(self.projector.from_field(seen))
         on_mask = np.floor(everywhere(self.mask.from_field(seen)))
-        inside = ((on_mask >= 0) & (on_mask < self.mask_px)).all(axis=-1)
+        inside = np.asarray(((on_mask >= 0) & (on_mask < self.mask_px)).all(axis=-1))
         self.pixel = np.where(inside[..., None], on_mask, 0.0).astype(np.int64)
         self.inside = inside
 
@@ -196,7 +196,7 @@ class RulerBench:
         """The same of panels that answer slowly, both alike, in sixteenths of a refresh."""
         rise, fall = self.taus_s
         state, lamp = np.full_like(targets[0], self.leak), 0.0
-        light, total = np.zeros_like(state), 0.0
+        light = np.zeros_like(state)
         pieces, dark = 16, np.full(3, BLACK)
         step = T_S / pieces
         for index, on in zip(
