@@ -239,7 +239,9 @@ def _place(
     figure = Figure(
         name, left, sigma, "px", f"at most {UNLIKE_PX:g} px beside a shift and a turn", Verdict.BAD
     )
-    return Finding(figure, "recalibrate: something bent, or the card is another one")
+    return Finding(
+        figure, f"calibrate the geometry anew: {culprit}, by more than a shift and a turn, or bent"
+    )
 
 
 def _late(skew_s: float, refresh_s: float) -> str:

@@ -15,7 +15,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.spatial import cKDTree
 
 from pdcd.calibration.registration import Offsets
 from pdcd.errors import CalibrationError
@@ -35,6 +34,8 @@ CAUCHY = 2.5
 """Scale of the weights, in standard deviations."""
 TO_SIGMA = 1.4826
 """From the median of absolute deviations to a standard deviation."""
+PATCHES, GROUPS = (12, 16), 10
+"""Rows and columns of patches of a device; groups of them, each left out once for the errors."""
 FEWEST = 12
 """Offsets that a correction takes."""
 
@@ -82,14 +83,14 @@ def fitted(offsets: Offsets, mask: Map) -> Correction:
     shape = _shape(mask)
     basis = _basis(points[good], mask.size_px, shape)
     stiff = _second_differences(shape) / STIFF
+    group = _groups(points[good], mask.size_px)
     solved = [
-        _solved(basis, stiff, offsets.offset_px[good, axis], offsets.sigma_px[good, axis])
+        _solved(basis, stiff, offsets.offset_px[good, axis], offsets.sigma_px[good, axis], group)
         for axis in (0, 1)
     ]
     nodes = np.stack([nodes for nodes, _ in solved], axis=-1)
     left = offsets.offset_px[good] - basis @ nodes
     covariance = np.stack([each for _, each in solved])
-    covariance *= _together(points[good], left)[:, None, None]
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
     return Correction(
         mask.size_px, nodes.reshape(*shape, 2), sigma.reshape(*shape, 2), covariance, left
@@ -127,35 +128,42 @@ def bent_to(
     return check(msgspec.structs.replace(map_, residual=nodes), device)
 
 
-def _solved(basis: Floats, stiff: Floats, wanted: Floats, sigma: Floats) -> tuple[Floats, Floats]:
-    """Nodes (p,) of one axis and their covariance (p, p)."""
+def _solved(
+    basis: Floats, stiff: Floats, wanted: Floats, sigma: Floats, group: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Nodes (p,) of one axis and their covariance (p, p).
+
+    Neighbours are wrong together, so that formulas for independent errors promise too much. The
+    covariance is that of a jackknife over groups of patches instead, plus what the stiffness leaves
+    open where nothing was measured.
+    """
     scatter, weight = np.maximum(sigma, 1e-6), np.ones(wanted.size)
     for _ in range(ROUNDS):
         rows = basis * (np.sqrt(weight) / scatter)[:, None]
-        inverse = np.linalg.inv(rows.T @ rows + stiff.T @ stiff)
-        nodes = inverse @ (rows.T @ (wanted * np.sqrt(weight) / scatter))
+        meant = wanted * np.sqrt(weight) / scatter
+        normal = rows.T @ rows + stiff.T @ stiff
+        inverse = np.linalg.inv(normal)
+        nodes = inverse @ (rows.T @ meant)
         left = wanted - basis @ nodes
         spread = TO_SIGMA * float(np.median(np.abs(left)))
         # A few nodes are fitted to many offsets: what is left scatters as the offsets do.
         scatter = np.hypot(sigma, np.sqrt(max(0.0, spread**2 - float(np.median(sigma**2)))))
         scatter = np.maximum(scatter, 1e-6)
         weight = 1.0 / (1.0 + (left / (CAUCHY * scatter)) ** 2)
-    return nodes, np.asarray(inverse, dtype=np.float64)
+    covariance = np.asarray(inverse, dtype=np.float64)
+    for number in range(GROUPS):
+        some = group == number
+        without = normal - rows[some].T @ rows[some]
+        change = np.linalg.solve(without, (rows[~some].T @ meant[~some])) - nodes
+        covariance = covariance + (GROUPS - 1) / GROUPS * np.outer(change, change)
+    return nodes, covariance
 
 
-def _together(points: Floats, left: Floats) -> Floats:
-    """By how much variances grow because neighbours are wrong together, of each axis, (2,).
-
-    Where what is left (n, 2) correlates by r from one place to the next, so many places say as much
-    as 1 / ((1 + r) / (1 - r))^2 of them would: the factor of a plane with r along both its axes.
-    """
-    next_to = cKDTree(points).query(points, k=2)[1][:, 1]
-    size = np.maximum(np.median(np.abs(left), axis=0), 1e-9)
-    # Some far off must not say how the many hang together.
-    bounded = np.clip(left, -4.0 * size, 4.0 * size)
-    r = np.mean(bounded * bounded[next_to], axis=0) / np.mean(bounded**2, axis=0)
-    r = np.clip(r, 0.0, 0.8)
-    return np.asarray(((1.0 + r) / (1.0 - r)) ** 2)
+def _groups(points: Floats, size_px: tuple[int, int]) -> NDArray[np.int64]:
+    """Which of the groups each point is left out with: small patches of the device go together."""
+    rows, cols = PATCHES
+    col, row = np.floor(points / np.array(size_px) * (cols, rows)).astype(np.int64).T
+    return np.asarray((3 * row + 4 * col) % GROUPS)
 
 
 def _shape(map_: Map) -> tuple[int, int]:

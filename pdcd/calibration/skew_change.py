@@ -20,7 +20,7 @@ from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
 
-STEP_S = 0.25e-3
+STEP_S = 0.5e-3
 """How finely the change is first looked for."""
 NEAR_S = 0.02e-3
 """Half the way over which the model's slope is taken."""

@@ -193,11 +193,11 @@ class RulerBench:
         return self._slow(shown, targets)
 
     def _slow(self, shown: Shown, targets: list[Floats]) -> tuple[Floats, Floats]:
-        """The same of panels that answer slowly, both alike, in sixteenths of a refresh."""
+        """The same of panels that answer slowly, both alike, in eighths of a refresh."""
         rise, fall = self.taus_s
         state, lamp = np.full_like(targets[0], self.leak), 0.0
         light = np.zeros_like(state)
-        pieces, dark = 16, np.full(3, BLACK)
+        pieces, dark = 8, np.full(3, BLACK)
         step = T_S / pieces
         for index, on in zip(
             np.append(shown.mask_index, dark), np.append(shown.projector_index, dark), strict=True

@@ -67,7 +67,7 @@ def test_small_leaks_are_the_sum_over_edges() -> None:
 
 
 # The table of the bench studied beforehand, offset along the diagonal, % of (whole, half windows).
-STUDIED = {
+STUDIED: dict[tuple[float, float], dict[int, tuple[float, float]]] = {
     (0.3, 0.3): {16: (3.6, 0.0), 8: (7, 0.0), 6: (10, 0.0), 4: (14, 0.04), 2: (26, 6)},
     (0.3, 0.7): {16: (7, 0.0), 8: (14, 0.07), 6: (19, 0.7), 4: (28, 6), 2: (49, 37)},
     (1.0, 0.7): {16: (10, 0.0), 8: (19, 0.5), 6: (25, 3), 4: (35, 15), 2: (65, 59)},

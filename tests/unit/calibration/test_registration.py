@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -36,20 +37,13 @@ class Session:
     def __post_init__(self) -> None:
         self.white = self.bench.white()
 
+    def one_series(self, kind: Stripes, mask: Map | None = None) -> Series:
+        bench = self.bench
+        photos = (bench.photo(each) for each in patterns(kind, bench.projector, mask or self.mask))
+        return measure(kind, photos, self.white, self.camera, bench.projector)
+
     def series(self, kinds: Sequence[Stripes], mask: Map | None = None) -> tuple[Series, Series]:
-        right, down = (
-            measure(
-                kind,
-                (
-                    self.bench.photo(s)
-                    for s in patterns(kind, self.bench.projector, mask or self.mask)
-                ),
-                self.white,
-                self.camera,
-                self.bench.projector,
-            )
-            for kind in kinds
-        )
+        right, down = (self.one_series(kind, mask) for kind in kinds)
         return right, down
 
     def offsets(
@@ -70,6 +64,11 @@ def session(seed: int, blur_px: tuple[float, float] = (0.5, 0.5), **more: float)
         misplaced(bench.camera, size, seed + 5, 0.5),
         misplaced(bench.mask, size, seed + 6, 2.0),
     )
+
+
+@cache
+def some() -> Session:
+    return session(20)
 
 
 @cache
@@ -109,7 +108,7 @@ def test_errors_are_as_large_as_said() -> None:
     points = one().bench.seen_points()
     wrong = correction.at(points) - one().bench.offset_px(mask, points)
     ratio = wrong / correction.sigma_at(points)
-    assert 0.4 < np.sqrt(np.mean(ratio**2)) < 2.0
+    assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.6
 
 
 def test_blur_is_found_on_either_axis() -> None:
@@ -117,7 +116,7 @@ def test_blur_is_found_on_either_axis() -> None:
     found = blur(coarse, fine, one().camera, one().bench.projector, one().mask)
     np.testing.assert_allclose(found.blur_px, (0.4, 0.7), rtol=0.05)
     assert (np.abs(found.blur_px - (0.4, 0.7)) < 5.0 * found.sigma_px).all()
-    assert found.both_px == pytest.approx(np.sqrt((0.4**2 + 0.7**2) / 2.0), rel=0.05)
+    assert found.both_px == pytest.approx(0.570, rel=0.05)
     assert 0.0 < found.both_sigma_px < 0.03
     assert found.worst_px == pytest.approx(0.7, rel=0.15)
     # And so the smallest cell is known.
@@ -125,20 +124,20 @@ def test_blur_is_found_on_either_axis() -> None:
 
 
 def test_slow_panels_move_no_stripes() -> None:
-    fast, slow = session(30), session(30)
+    fast, slow = deepcopy(some()), deepcopy(some())
     slow.bench.taus_s = (4e-3, 9e-3)
     slow.white = slow.bench.white()
-    found = [each.series(RULER[:1] + RULER[:1])[0] for each in (fast, slow)]
+    found = [each.one_series(RULER[0]) for each in (fast, slow)]
     assert np.abs(np.mean(found[0].offset_px - found[1].offset_px)) < 0.01
 
 
 def test_texture_and_smooth_light_drop_out() -> None:
-    plain, rough = session(40), session(40)
+    plain, rough = deepcopy(some()), deepcopy(some())
     rng = np.random.default_rng(1)
-    rough.bench.albedo = rng.uniform(0.4, 1.0, rough.bench.albedo.shape)
+    rough.bench.albedo = 0.4 + 0.6 * rng.random(rough.bench.albedo.shape)
     rough.bench.ambient = 0.5
     rough.white = rough.bench.white()
-    found = [each.series(RULER[:1] + RULER[:1])[0] for each in (plain, rough)]
+    found = [each.one_series(RULER[0]) for each in (plain, rough)]
     same = nearest(found[0].quads, found[1].quads)
     apart = found[0].offset_px - found[1].offset_px[same]
     assert np.median(np.abs(apart)) < 0.01
@@ -229,7 +228,7 @@ def white_is_not_white(it: Session) -> None:
     ],
 )
 def test_what_is_wrong_is_named(spoil: Callable[[Session], None], said: str) -> None:
-    it = session(20)
+    it = deepcopy(some())
     spoil(it)
     with pytest.raises(CalibrationError, match=said) as failed:
         offsets(*it.series(RULER), it.camera, it.mask)
@@ -237,7 +236,7 @@ def test_what_is_wrong_is_named(spoil: Callable[[Session], None], said: str) -> 
 
 
 def test_the_next_stripe_is_not_taken_for_the_right_one() -> None:
-    it = session(20)
+    it = deepcopy(some())
     wrong = np.eye(3)
     wrong[0, 2] = 16.0 / it.bench.projector_px[0]
     it.mask = it.bench.mask.then(wrong)
@@ -247,10 +246,10 @@ def test_the_next_stripe_is_not_taken_for_the_right_one() -> None:
         offsets(*it.series(FINE), it.camera, it.mask, fitted(first, it.mask).at)
 
 
-@pytest.mark.parametrize("from_step", [1, 4, 6])
+@pytest.mark.parametrize("from_step", [3, 5])
 @pytest.mark.parametrize("what", ["mask", "lamp"])
 def test_a_bench_that_changes_amid_the_series_is_noticed(what: str, from_step: int) -> None:
-    it = session(20)
+    it = deepcopy(some())
     photos = []
     for step, shown in enumerate(patterns(RULER[0], it.bench.projector, it.mask)):
         if what == "mask" and step == from_step:
