@@ -47,15 +47,15 @@ def strips(skew_s: float, answer: tuple[float, float, float, float] = ANSWER) ->
 
     1x1, 2x1 and 1x2 refreshes of 6, the mask's late by -3..2 refreshes.
     """
-    steps, n = 120, 6
+    steps, n = 40, 6
     time = (np.arange(n * steps) + 0.5) / steps
     rise_p, fall_p, rise_m, fall_m = (np.exp(-T_S / steps / tau) for tau in answer)
     found = []
     for lit, opened in ((1, 1), (2, 1), (1, 2)):
+        light = _follow(time < lit, rise_p, fall_p)
         for late in range(-3, 3):
-            ask_p = time < lit
             ask_m = np.mod(time - late - skew_s / T_S, n) < opened
-            found.append(np.mean(_follow(ask_p, rise_p, fall_p) * _follow(ask_m, rise_m, fall_m)))
+            found.append(np.mean(light * _follow(ask_m, rise_m, fall_m)))
     return np.array(found)
 
 
