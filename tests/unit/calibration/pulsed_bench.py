@@ -89,6 +89,7 @@ class Bench:
     slip_s: float = 0.0
     full: float = np.inf
     mask_stays_open: bool = False
+    patch: int = 8
     seed: int = 1
 
     def log(self, shown: Shown) -> Ran:
@@ -118,8 +119,8 @@ class Bench:
         light = self._light(lit, opened, p, m, np.clip(centres[..., 1], 0.0, 1.0))
         light = np.where(centres[..., 0] < self.covered, light, 0.02 * light)
         light = gaussian_filter(light, self.blur) if self.blur else light
-        patches = 1.0 + self.flat * rng.standard_normal((1, 1 + width // 8))
-        light = self.lamp * light * np.repeat(patches, 8, axis=1)[:, :width] + self.stray
+        patches = 1.0 + self.flat * rng.standard_normal((1, 1 + width // self.patch))
+        light = self.lamp * light * np.repeat(patches, self.patch, axis=1)[:, :width] + self.stray
         electrons = self.electrons * light[..., None] * np.array([0.8, 1.0, 0.7])
         samples = np.array([1.0, 2.0, 1.0])
         variance = (electrons + 17.0**2) / samples
