@@ -121,14 +121,15 @@ class Fit:
         return Fitted(times, covariance[:count, :count], chi2, dof, scale, stray)
 
     def _covariance(self, jac: Floats) -> Floats:
-        """Covariance of all parameters where the flat field's error is that of a whole strip: what
+        """Covariance of all parameters where what is not noise is an error of a whole strip: what
         all of its bands share does not average out."""
         norm = np.linalg.norm(jac, axis=0)
         idle = norm < NO_SLOPE  # nothing depends on it: nothing is known of it
         norm = np.where(idle, 1.0, norm)
         slopes = jac / norm
         inverse = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12)
-        shared = FLAT * self._value / self._sigma  # (photos, B, K), in standard deviations
+        # (photos, B, K), in standard deviations
+        shared = np.hypot(FLAT * self._value, FLOOR) / self._sigma
         own = (slopes * (1.0 - shared.ravel() ** 2)[:, None]).T @ slopes
         by_strip = (slopes * shared.reshape(-1, 1)).reshape(*shared.shape, -1).sum(axis=1)
         by_strip = by_strip.reshape(-1, norm.size)
