@@ -32,6 +32,8 @@ STEPS_A_REFRESH = 3
 """Of the coarse search."""
 EVENNESS = 0.03
 """A bar whose cells differ by less than this, over their mean, did not run: it had 30 pulses."""
+APART = 4.0
+"""Cells, at least, between that in which the shutter opened and that in which it closed."""
 SHORTEST_S = 1e-7
 TAU_STEP = 0.01
 
@@ -111,6 +113,7 @@ def fit_shutter(
             moved = _fine(pulses, value, errors, opened[band], slower)[0]
             sigma[band] = np.hypot(sigma[band], (moved - opened[band]) / TAU_STEP * tau_sigma)
     _check_inside(opened, pulses)
+    _check_apart(opened, pulses)
     worst = float(chi2.max())
     if worst > CHI2:
         raise CalibrationError(
@@ -231,6 +234,26 @@ def _check_runs(light: CellLight) -> None:
             "the bar does not show: all cells are equally bright",
             device="shutter",
             hint="the projector must show the bar 1:1, and an exposure not last whole cycles of it",
+        )
+
+
+def bar_cells(exposure_s: float, refresh_s: float, cells: tuple[int, int] = (24, 40)) -> int:
+    """How many cells a bar should have for an exposure: its cycle is then far from any whole part
+    of the exposure, so that opening and closing fall into different cells."""
+    counts = np.arange(cells[0], cells[1] + 1)
+    rest = exposure_s / refresh_s % counts
+    return int(counts[np.argmax(np.minimum(rest, counts - rest))])
+
+
+def _check_apart(opened: Floats, pulses: _Pulses) -> None:
+    """Refuse exposures that opened and closed in the same cells: one time trades with the other."""
+    refresh = float(np.median(pulses.long_s))
+    rest = (opened[:, 1] - opened[:, 0]) / refresh % pulses.cells
+    if (np.minimum(rest, pulses.cells - rest) < APART).any():
+        raise CalibrationError(
+            "the exposure lasted about a whole number of cycles of the bar",
+            device="shutter",
+            hint="use another number of cells, or another exposure",
         )
 
 

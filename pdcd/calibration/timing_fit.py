@@ -22,8 +22,6 @@ KEPT_STARTS = 2
 TAIL_START = 0.05, 4.0
 TAIL_BOUNDS = ((0.0, 1.5), (0.4, 12.0))
 """Share and slowness of a second answer."""
-MANY = 40
-"""Degrees of freedom from which on the scatter itself says how large errors are."""
 TRIES = 30
 """Most steps of a fit; ten are usual."""
 NO_SLOPE = 1e-9
@@ -116,25 +114,30 @@ class Fit:
         dof = max(self._value.size - best.size, 1)
         chi2 = 2.0 * float(solved.cost) / dof
         jac = np.asarray(solved.jac, dtype=np.float64)
-        covariance = self._covariance(jac) * (chi2 if dof >= MANY else max(chi2, 1.0))
+        covariance = self._covariance(jac, np.asarray(solved.fun, dtype=np.float64))
         count = free.size
         return Fitted(times, covariance[:count, :count], chi2, dof, scale, stray)
 
-    def _covariance(self, jac: Floats) -> Floats:
-        """Covariance of all parameters where what is not noise is an error of a whole strip: what
-        all of its bands share does not average out."""
+    def _covariance(self, jac: Floats, residuals: Floats) -> Floats:
+        """Covariance of all parameters, by the scatter of the residuals. What all bands of a strip
+        share (an uneven field, a panel that is not quite exponential) does not average out; how
+        much that is, the residuals tell."""
         norm = np.linalg.norm(jac, axis=0)
         idle = norm < NO_SLOPE  # nothing depends on it: nothing is known of it
         norm = np.where(idle, 1.0, norm)
         slopes = jac / norm
         inverse = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12)
-        # (photos, B, K), in standard deviations
-        shared = np.hypot(FLAT * self._value, FLOOR) / self._sigma
-        own = (slopes * (1.0 - shared.ravel() ** 2)[:, None]).T @ slopes
-        by_strip = (slopes * shared.reshape(-1, 1)).reshape(*shared.shape, -1).sum(axis=1)
-        by_strip = by_strip.reshape(-1, norm.size)
-        spread = inverse @ (own + by_strip.T @ by_strip) @ inverse
-        found = np.asarray(spread / np.outer(norm, norm))
+        photos, bands, count = self._value.shape
+        left = residuals.reshape(photos, bands, count)
+        whole = float(np.mean(left**2))
+        of_strips = float(np.mean(left.mean(axis=1) ** 2))
+        shared = (bands * of_strips - whole) / (bands - 1) if bands > 1 else whole
+        shared = min(max(shared, 0.0), whole)
+        own = (whole - shared) * left.size / max(left.size - jac.shape[1], 1)
+        shared *= photos * count / max(photos * count - COMMON - 3, 1)
+        by_strip = slopes.reshape(photos, bands, count, -1).sum(axis=1).reshape(-1, norm.size)
+        middle = own * slopes.T @ slopes + shared * by_strip.T @ by_strip
+        found = np.asarray(inverse @ middle @ inverse / np.outer(norm, norm))
         found[idle, idle] = np.inf
         return found
 
