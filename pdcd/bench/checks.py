@@ -19,7 +19,7 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from pdcd.bench.toml_text import TIMES
-from pdcd.bench.truth import read_truth
+from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
 
 RATE_TOLERANCE = 5e-4
@@ -109,7 +109,14 @@ def _panel_faults(config: Config) -> Iterator[Fault]:
             ("projector.offset_px",),
             "projector.offset_px: the mask is offset against the projector: set mask.offset_px",
         )
+    if config.projector.blur_px:
+        yield Fault(
+            ("projector.blur_px",),
+            "projector.blur_px: what is blurred is the light on the mask: set mask.blur_px",
+        )
     for name, panel in (("projector", config.projector), ("mask", config.mask)):
+        if (fault := scan_fault(name, panel, config.rig.settle_s)) is not None:
+            yield fault
         if abs(panel.phase_s) > 1.0 / panel.refresh_hz:
             yield Fault(
                 (f"{name}.phase_s", f"{name}.refresh_hz"),

@@ -55,6 +55,11 @@ class PanelConfig(_Table, frozen=True):
     """Delay from the vblank to the light (negative: the panel leads)."""
     jitter_s: NonNegative = 0.0
     """Standard deviation of that delay, refresh by refresh."""
+    scan_s: float = 0.0
+    """Time from the first row of pixels until the last one is set; negative: from the last row. The
+    row that comes first has the delay `skew_s`."""
+    scan_bands: Annotated[int, Meta(ge=1, le=16384)] = 16
+    """Bands of rows that are set together; as many as rows, or more: row by row."""
     rise_s: NonNegative = 0.0
     fall_s: NonNegative = 0.0
     """First-order time constants towards white and towards black."""
@@ -63,6 +68,9 @@ class PanelConfig(_Table, frozen=True):
     offset_px: tuple[float, float] = (0.0, 0.0)
     """Mask only: its image against the projector's (right, down), in projector pixels, as it is
     left over: known, but not corrected. `place` corrects."""
+    blur_px: Annotated[float, Meta(ge=0.0, le=64.0)] = 0.0
+    """Mask only: blur of the scene's light on it, standard deviation of a Gaussian in projector
+    pixels."""
     place: Placing = field(default_factory=Placing)
     """Where the panel's pixels lie on the field, for drawing."""
 

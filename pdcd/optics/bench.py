@@ -233,7 +233,7 @@ class OpticalBench:
         if key not in self._kept:
             drawn, truth = self._setting.drawn, self.truth
             projector, spread = self._lit(lit)
-            mask = PanelSites(drawn.mask, opened or lit, truth.mask)
+            mask = PanelSites(drawn.mask, opened or lit, truth.mask, self.true.mask)
             before = None if opened is None else mask
             sights = look(self._looks, self._setting, self._cells, projector, before)
             renderer = Renderer(
@@ -253,7 +253,8 @@ class OpticalBench:
     def _lit(self, kind: Kind) -> tuple[PanelSites, sparse.csr_array]:
         """The projector's sites when it is driven this way, and their spread."""
         if kind not in self._lit_kept:
-            sites = PanelSites(self._setting.drawn.projector, kind, self.truth.projector)
+            drawn, true = self._setting.drawn.projector, self.true.projector
+            sites = PanelSites(drawn, kind, self.truth.projector, true)
             self._lit_kept[kind] = sites, self._spread(sites)
             while len(self._lit_kept) > KEPT:
                 self._lit_kept.popitem(last=False)

@@ -19,9 +19,9 @@ from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.optics.histories import Histories
-from pdcd.optics.sites import PanelSites, banded
+from pdcd.optics.sites import PanelSites
 from pdcd.probing.panel import Panel, Trajectory
-from pdcd.probing.realised import Times, frame_spans, met, span_weights
+from pdcd.probing.spans import Times, frame_spans, met, span_weights
 from pdcd.scene.effects import Array, Effect
 
 Floats = NDArray[np.float64]
@@ -183,7 +183,7 @@ class Products:
         """Rows, starts and levels of the spans of one band of a panel."""
         frames, log = self._exposure.frames, self._exposure.log
         sites = self._d_sites if mask else self._p_sites
-        panel = banded(self._dual if mask else self._primal, int(sites.delay_ns[band]))
+        panel = (self._dual if mask else self._primal).later(int(sites.delay_ns[band]))
         gamma, part = self._gammas[int(mask)], sites.in_band(band)
         rows, starts = frame_spans(
             frames,

@@ -14,13 +14,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.tables import PanelConfig
 from pdcd.bench.truth import TruePanel
 from pdcd.frames.atoms import atoms
 from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.lattice import SHIFTS
 from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import bytes_of
-from pdcd.probing.panel import Panel
+from pdcd.probing.late_rows import band_delays_ns
 
 Floats = NDArray[np.float64]
 Sites = NDArray[np.int32]
@@ -52,7 +53,8 @@ class PanelSites:
     tile : (S,) int64, equal for sites that lie near each other.
     """
 
-    def __init__(self, panel: PanelView, kind: Kind, true: TruePanel) -> None:
+    def __init__(self, panel: PanelView, kind: Kind, true: TruePanel, timed: PanelConfig) -> None:
+        """What is true of it, in the truth's words and, for its times, in the configuration's."""
         self._kind, self._mask = kind, panel.mask
         self._size_px = panel.size_px
         base = self._bases(panel)
@@ -60,10 +62,10 @@ class PanelSites:
             rows, columns = (list(d) if isinstance(d, tuple) else d for d in dead)
             base[rows, columns] = 0
         height = base.shape[0]
-        bands = min(true.scan_bands, height) if true.scan_s else 1
+        bands = min(timed.scan_bands, height) if timed.scan_s else 1
         band_of_row = np.arange(height) * bands // height
         count = self._count
-        self.delay_ns = _delays(true.scan_s, bands)
+        self.delay_ns = band_delays_ns(timed.scan_s, bands)
         if bands == 1:
             self.image = base.astype(np.int32)
             self._base = np.arange(count)
@@ -170,16 +172,3 @@ class PanelSites:
                     cell.append((at + moved) >> 1)
             found[shift] = np.where(opened, cell[0] * (cols + more) + cell[1], closed)
         return found
-
-
-def banded(panel: Panel, delay_ns: int) -> Panel:
-    """The panel as its rows of one band behave."""
-    return Panel(panel.rise_s, panel.fall_s, panel.leak, panel.skew_ns + delay_ns)
-
-
-def _delays(scan_s: float, bands: int) -> NDArray[np.int64]:
-    """When each band is set, after the first one of all, in ns."""
-    if bands == 1:
-        return np.zeros(1, dtype=np.int64)
-    step = np.arange(bands) / (bands - 1)
-    return np.rint(1e9 * (scan_s * step if scan_s > 0 else -scan_s * (1.0 - step))).astype(np.int64)

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from pdcd.bench import config
+from pdcd.bench.checks import check
 from pdcd.bench.placed import panels_of
 from pdcd.bench.reading import toml_table
 from pdcd.bench.tables import BenchConfig, Config
@@ -119,3 +120,40 @@ def test_the_configuration_tells_the_faults_of_its_truth(tmp_path: Path) -> None
     (tmp_path / "nowhere.toml").write_text("[mask\n")
     with pytest.raises(ConfigError, match="is not TOML"):
         config.load(rig)
+
+
+def test_rows_and_blur_are_as_believed_where_nothing_is_said(tmp_path: Path) -> None:
+    """They are words of the configuration, too; the truth has its own for what it changes."""
+    replace = msgspec.structs.replace
+    base = Config()
+    base = replace(
+        base,
+        mask=replace(base.mask, scan_s=0.009, scan_bands=5, blur_px=0.7),
+        projector=replace(base.projector, scan_s=-0.004),
+    )
+    (tmp_path / "none.toml").write_text("[camera]\nsamples = 2\n")
+    (tmp_path / "said.toml").write_text(
+        "[mask]\nscan_s = 0.0\n[projector]\nscan_bands = 3\n[scene]\nblur_px = 1.5\n"
+    )
+    believed, said = (
+        read_truth(tmp_path / name, base)[0].of(base) for name in ("none.toml", "said.toml")
+    )
+    assert believed == base
+    assert (said.mask.scan_s, said.mask.scan_bands, said.mask.blur_px) == (0.0, 5, 1.5)
+    assert (said.projector.scan_s, said.projector.scan_bands) == (-0.004, 3)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "told_"),
+    [
+        ("projector", "blur_px", "projector.blur_px: what is blurred is the light on the mask"),
+        ("mask", "scan_s", "mask.scan_s: rows that are set 0.6 s apart"),
+    ],
+)
+def test_rows_and_blur_that_cannot_be(table: str, key: str, told_: str) -> None:
+    replace = msgspec.structs.replace
+    base = Config()
+    panel = replace(getattr(base, table), **{key: 0.6})
+    found = check(replace(base, **{table: panel}))
+    assert [fault for fault in found if fault.startswith(told_)]
+    assert not check(base)

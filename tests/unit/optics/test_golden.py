@@ -149,13 +149,13 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
             DensePanel(
                 mask, getattr(drawn, name).map, getattr(placed, name).map,
                 optics.rise_s, optics.fall_s, 1.0 / optics.contrast if optics.contrast else 0.0,
-                optics.skew_s, said.gamma, said.scan_s, said.scan_bands, said.falloff,
+                optics.skew_s, said.gamma, optics.scan_s, optics.scan_bands, said.falloff,
                 said.dead_rows, said.dead_columns,
             )
         )  # fmt: skip
     direct = np.stack([e.albedo for e in scene.effects[:3]], axis=1)  # type: ignore[attr-defined]
     size = np.array(PROJECTOR_PX)
-    spread = truth.scene.blur_px
+    spread = true.mask.blur_px
     taps = [((0.0, 0.0), 1.0)]
     if spread:
         place = np.array([-2.5, 0.0, 2.5])
