@@ -33,6 +33,8 @@ NODES = (8, 10)
 """Rows and columns of nodes of the residual."""
 START_SHARE = 0.01
 """Error, over the target's width, that a homography alone is allowed to leave: lenses bend."""
+LEAST_POINTS, LEAST_START = 20, 0.2
+"""Points that a map needs, and the share of them that a homography alone must come near to."""
 LENS_LOSS_PX = 1.0
 """Error from which the first fit counts points less: the residual is still in it."""
 LENS_POINTS = 2000
@@ -196,16 +198,20 @@ def _start(
 ) -> Floats:
     """H by MAGSAC, in half heights, its first eight numbers, and no distortion: (10,)."""
     reach = START_SHARE * 2.0 * target_size_px[0] / target_size_px[1]
-    found = None
-    if len(near) >= 8:
-        found, _ = cv2.findHomography(near, wanted, cv2.USAC_MAGSAC, reach, maxIters=5000)
-    if found is None or abs(found[2, 2]) < 1e-9:
+    found, most = None, 0
+    # OpenCV takes no sample of points that is mirrored, so a mirrored picture is turned over first.
+    for mirror in (np.eye(3), np.diag([-1.0, 1.0, 1.0])) if len(near) >= LEAST_POINTS else ():
+        points = near * np.diag(mirror)[:2]
+        tried, kept = cv2.findHomography(points, wanted, cv2.USAC_MAGSAC, reach, maxIters=5000)
+        if tried is not None and abs(tried[2, 2]) > 1e-9 and int(kept.sum()) > most:
+            found, most = np.asarray(tried, dtype=np.float64) @ mirror, int(kept.sum())
+    if found is None or most < LEAST_START * len(near):
         raise CalibrationError(
             f"no flat picture of the {device} fits the {len(near)} points that were found",
             device=device,
             hint="put a flat matt card there, and see that nothing moves meanwhile",
         )
-    flat = (np.asarray(found, dtype=np.float64) / found[2, 2]).ravel()[:8]
+    flat = (found / found[2, 2]).ravel()[:8]
     return np.concatenate([flat, np.zeros(2)])
 
 

@@ -90,7 +90,10 @@ class Bench:
     covered: Floats | None = None
     """(rows, cols): 1 where light comes through, 0 where something stands before it."""
     full_e: float = 40_000.0
-    channels: tuple[int, ...] = (0, 1, 2)
+    grey: bool = True
+    """Red and blue are copies of green: quicker."""
+    groove: tuple[float, float] = (0.0, 1.0)
+    """Share and blur (quads) of the light that comes again mirrored, as in a V-shaped groove."""
 
     def photo(self, shown: Shown, seed: int | None) -> Photo:
         """What the camera sees; the mean over refreshes. Without a seed: without noise."""
@@ -101,9 +104,9 @@ class Bench:
         lamp = self.electrons * (1.0 - 0.4 * away**2)
         values, variance = np.empty((*frame, 3)), np.empty((*frame, 3))
         saturated = np.zeros(frame, dtype=np.bool_)
-        for channel in range(3):
-            if channel not in self.channels:
-                values[..., channel], variance[..., channel] = 0.0, 1.0
+        for channel in (1, 0, 2):
+            if self.grey and channel != 1:
+                values[..., channel], variance[..., channel] = values[..., 1], variance[..., 1]
                 continue
             light = self._light(shown, channel)
             if self.texture is not None:
@@ -142,6 +145,10 @@ class Bench:
                 mean += count * (0.0 if one == -1 else 1.0 if one == -2 else patterns[one])
             seen = looked_up(way, mean / index.size, channel, self.samples)
             passed.append(leak + (1.0 - leak) * seen + more)
+        share, blur = self.groove
+        if share:
+            again = gaussian_filter(passed[0][:, ::-1], blur)
+            passed[0] = (1.0 - share) * passed[0] + share * again
         return np.asarray(passed[0] * passed[1])
 
 
