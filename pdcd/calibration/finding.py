@@ -77,8 +77,8 @@ class Dots:
     @property
     def _slope(self) -> Floats:
         from_panel = np.column_stack([self.panel_px, np.ones(len(self.panel_px))])
-        slope: Floats = np.linalg.lstsq(from_panel, self.camera_px, rcond=None)[0][:2].T
-        return slope
+        slope = np.linalg.lstsq(from_panel, self.camera_px, rcond=None)[0][:2].T
+        return np.asarray(slope, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +181,7 @@ def _check_shown(ratio: Floats, lit: Bools, grid: DotGrid) -> None:
 
 def _rough(ratio: Floats, lit: Bools, grid: DotGrid) -> tuple[Floats, float]:
     """Places of dots, (n, 2) in quads, to about a quad, and their usual radius in quads."""
-    smooth = cv2.GaussianBlur(ratio, (0, 0), 1.0)
+    smooth = _smooth(ratio, 1.0)
     bright = 0.5 * float(np.percentile(smooth[::2, ::2][lit[::2, ::2]], 98.0))
     _, _, stats, _ = cv2.connectedComponentsWithStats((smooth > bright).astype(np.uint8))
     areas = stats[1:, cv2.CC_STAT_AREA]
@@ -193,7 +193,7 @@ def _rough(ratio: Floats, lit: Bools, grid: DotGrid) -> tuple[Floats, float]:
     usual = ordered[np.searchsorted(np.cumsum(ordered), 0.5 * ordered.sum())]
     radius = float(np.sqrt(usual / np.pi))
     narrow, wide = radius / 1.5, radius * 1.5
-    matched = cv2.GaussianBlur(ratio, (0, 0), narrow) - cv2.GaussianBlur(ratio, (0, 0), wide)
+    matched = _smooth(ratio, narrow) - _smooth(ratio, wide)
     side = 2 * max(1, round(radius)) + 1
     highest = cv2.dilate(matched, np.ones((side, side), dtype=np.uint8))
     row, col = np.nonzero((matched == highest) & (matched > 0.0) & lit)
@@ -246,7 +246,7 @@ def _cells(light: Floats, points: Floats, count: Indices, radius: float) -> Floa
     cols, rows = (count.max(axis=0) + 1).tolist()
     at = np.full((rows, cols, 2), np.nan)
     at[count[:, 1], count[:, 0]] = points
-    smooth = cv2.GaussianBlur(light, (0, 0), max(0.5 * radius, 0.5))
+    smooth = _smooth(light, max(0.5 * radius, 0.5))
     corners = np.stack([at[:-1, :-1], at[1:, :-1], at[:-1, 1:], at[1:, 1:]])
     middle = corners.mean(axis=0)
     known = np.isfinite(middle).all(axis=-1)
@@ -257,6 +257,11 @@ def _cells(light: Floats, points: Floats, count: Indices, radius: float) -> Floa
     # Blur fills holes, and glare: what counts is which places are darker than most.
     found -= 0.5 * (np.nanpercentile(found, 10.0) + np.nanpercentile(found, 90.0))
     return np.asarray(np.clip(2.0 * found, -1.0, 1.0))
+
+
+def _smooth(values: Floats, sigma: float) -> Floats:
+    """Blurred by a Gaussian of so many quads."""
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma), dtype=np.float64)
 
 
 def _sampled(values: Floats, points: Floats) -> Floats:
@@ -288,7 +293,7 @@ def _trusted(
 
 def _unevenness(light: Floats, points: Floats, radius: float) -> Floats:
     """Spread of the white light about each dot, over its mean, (n,); what noise adds is small."""
-    smooth = cv2.GaussianBlur(light, (0, 0), 0.25 * radius)
+    smooth = _smooth(light, 0.25 * radius)
     angles = np.arange(8) * (np.pi / 4.0)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * radius
     values = np.stack([_sampled(smooth, points + step) for step in [*ring, np.zeros(2)]])

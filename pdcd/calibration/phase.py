@@ -139,7 +139,8 @@ def decode(photos: Iterable[Photo], code: PhaseCode, channel: int = GREEN) -> De
         for _ in range(code.bits(axis)):
             bit ^= next(taken).values[..., channel] > sine.mean
             number = 2 * number + bit
-        axes.append(sine.place((number + 0.5) * (0.5 * code.period_px)))
+        near_px: Floats = (number + 0.5) * (0.5 * code.period_px)
+        axes.append(sine.place(near_px))
     return _joined(axes, code)
 
 
@@ -158,7 +159,7 @@ def decode_by_prior(
     axes = []
     for axis in (0, 1):
         sine = _Sine.of(taken, code, channel)
-        axes.append(sine.place(np.nan_to_num(prior_px[..., axis], nan=-1e9)))
+        axes.append(sine.place(prior_px[..., axis]))
     found = _joined(axes, code)
     away = np.abs(found.panel_px - prior_px)[found.valid].max(axis=-1) / code.period_px
     far = float(np.mean(away > WRAPPED))
@@ -219,6 +220,7 @@ class _Sine:
             valid = (depth > LEAST_MODULATION * self.mean) & (
                 size > SURE * np.sqrt(0.5 * self.variance)
             )
+            valid &= np.isfinite(at)
         return at, sigma, valid & ~self.saturated
 
 

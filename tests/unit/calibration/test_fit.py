@@ -48,7 +48,7 @@ def test_the_map_is_what_the_numbers_say() -> None:
     left = target - found.to_target(source)
     np.testing.assert_allclose(found.residual_px, left, rtol=0.0, atol=1e-9)
     step = 1e-3
-    moved = (found.to_target(source + (step, 0.0)) - found.to_target(source)) / step
+    moved = (found.to_target(source + np.array([step, 0.0])) - found.to_target(source)) / step
     np.testing.assert_allclose(found.slope(source)[:, :, 0], moved, atol=1e-5)
 
 

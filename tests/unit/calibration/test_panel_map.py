@@ -163,9 +163,8 @@ def test_a_panel_that_lies_another_way_than_believed_is_named(believed: Map, say
 
 
 def test_a_panel_about_where_it_was_believed_is_fine() -> None:
-    turn, mirrored = turned_against(
-        FOUND, FOUND.then([[0.98, -0.17, 0.1], [0.17, 0.98, 0], [0, 0, 1]])
-    )
+    turned = FOUND.then([[0.98, -0.17, 0.1], [0.17, 0.98, 0], [0, 0, 1]])
+    turn, mirrored = turned_against(FOUND, turned)
     assert not mirrored
     assert abs(abs(turn) - 9.8) < 3.0
     check_believed(FOUND, FOUND.then([[0.9, 0.1, 0.1], [-0.1, 0.9, 0.0], [0, 0, 1]]), "mask")
@@ -202,11 +201,7 @@ def colours(shifts: tuple[float, float, float]) -> list[Fitted]:
 
 def test_colours_that_lie_apart_are_told() -> None:
     apart, told = convergence(colours((0.7, 0.0, -0.2)), "projector")
-    np.testing.assert_allclose(
-        apart[:, 0], np.broadcast_to((0.7, 0.0), apart[:, 0].shape), atol=0.02
-    )
-    np.testing.assert_allclose(
-        apart[:, 1], np.broadcast_to((-0.2, 0.0), apart[:, 1].shape), atol=0.02
-    )
+    wanted = np.broadcast_to([[0.7, 0.0], [-0.2, 0.0]], apart.shape)
+    np.testing.assert_allclose(apart, wanted, rtol=0.0, atol=0.02)
     assert [figure.verdict for figure in told] == [Verdict.DOUBTFUL, Verdict.GOOD]
     assert told[0].value == pytest.approx(0.7, abs=0.02)
