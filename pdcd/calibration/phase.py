@@ -139,7 +139,7 @@ def decode(photos: Iterable[Photo], code: PhaseCode, channel: int = GREEN) -> De
         for _ in range(code.bits(axis)):
             bit ^= next(taken).values[..., channel] > sine.mean
             number = 2 * number + bit
-        near_px: Floats = (number + 0.5) * (0.5 * code.period_px)
+        near_px = np.asarray((number + 0.5) * (0.5 * code.period_px), dtype=np.float64)
         axes.append(sine.place(near_px))
     return _joined(axes, code)
 
@@ -239,7 +239,7 @@ def _joined(axes: list[tuple[Floats, Floats, Bools]], code: PhaseCode) -> Decode
     inside = ((panel_px >= 0.0) & (panel_px <= code.size_px)).all(axis=-1)
     # Half a period beyond is another one's number; a little is noise.
     near = ((panel_px > -1.0) & (panel_px < np.array(code.size_px) + 1.0)).all(axis=-1)
-    beyond = float(np.mean(~near[valid]))
+    beyond = float(np.mean(~np.asarray(near)[valid]))
     if beyond > MOST_BEYOND:
         raise CalibrationError(
             f"{beyond:.0%} of the stripes are decoded to places beyond the {code.panel}",

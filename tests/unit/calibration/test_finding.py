@@ -54,7 +54,7 @@ def test_dots_of_the_mask_are_found_upside_down_and_on_texture() -> None:
     rng = np.random.default_rng(6)
     scene = np.kron(rng.uniform(0.3, 1.0, (8, 12)), np.ones((40, 40)))
     mask = small_way("mask", turn_deg=180.0)
-    made = Bench(small_way(scale=2.0), mask, texture=scene)
+    made = Bench(small_way(scale=2.0), mask, texture=np.asarray(scene, dtype=np.float64))
     white, black, dots = made.photos(OTHER.shown(1), 1)
     _, found_, _ = find_dots(white, black, dots, OTHER, other=GRID)
     error = np.hypot(*(mask.to_panel(found_.camera_px) - found_.panel_px).T)
@@ -90,7 +90,7 @@ def test_colours_lie_where_their_samples_do() -> None:
         assert np.abs(np.median(error, axis=0)).max() < 0.02
 
 
-REFUSED: list[tuple[str, dict[str, float]]] = [
+REFUSED: list[tuple[str, dict[str, Any]]] = [
     ("no light reaches", {"electrons": 0.0}),
     ("too dim", {"electrons": 20.0}),
     ("saturated", {"electrons": 60_000.0}),
@@ -101,7 +101,7 @@ REFUSED: list[tuple[str, dict[str, float]]] = [
 
 
 @pytest.mark.parametrize(("cause", "changes"), REFUSED)
-def test_what_cannot_be_measured_is_named(cause: str, changes: dict[str, float]) -> None:
+def test_what_cannot_be_measured_is_named(cause: str, changes: dict[str, Any]) -> None:
     with pytest.raises(CalibrationError, match=cause) as caught:
         found(bench(**changes))
     assert caught.value.hint

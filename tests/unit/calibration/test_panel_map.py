@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,10 +31,15 @@ GRID = DotGrid.usual("projector", (256, 192))
 WAY = small_way(turn_deg=3.0)
 
 
+def found_by(bench: Bench) -> Dots:
+    white, black, dots = bench.photos(GRID.shown(1), 3)
+    return find_dots(white, black, dots, GRID)[1]
+
+
 @lru_cache(maxsize=1)
 def dots_of() -> Dots:
     bench = Bench(WAY, small_way("mask", scale=1.9))
-    return find_dots(*bench.photos(GRID.shown(1), 3), GRID)[1]
+    return found_by(bench)
 
 
 def error_px(found: Fitted, way: Way = WAY) -> np.ndarray:
@@ -87,7 +93,7 @@ def test_a_disc_is_not_seen_where_its_centre_is() -> None:
     assert np.median(error) < 0.15 * np.median(plain)
 
 
-def part(keep: np.ndarray) -> Dots:
+def part(keep: Any) -> Dots:
     dots = dots_of()
     return replace(
         dots,
@@ -120,7 +126,7 @@ def test_a_picture_cut_to_the_other_panel_is_called_swapped() -> None:
 def test_a_panel_mostly_beyond_the_frame_is_refused() -> None:
     way = small_way(scale=3.0, keystone=(0.0, 0.0))
     bench = Bench(way, small_way("mask", scale=3.0))
-    dots = find_dots(*bench.photos(GRID.shown(1), 3), GRID)[1]
+    dots = found_by(bench)
     with pytest.raises(CalibrationError, match="camera's frame"):
         fit_dots(dots, FRAME)
 
@@ -151,9 +157,9 @@ FOUND = Map(size_px=(480, 320), homography=(1 / 400, 0, -0.1, 0, 1 / 300, -0.03,
 @pytest.mark.parametrize(
     ("believed", "says"),
     [
-        (FOUND.then([[-1, 0, 1], [0, 1, 0], [0, 0, 1]]), "mirrored"),
-        (FOUND.then([[-1, 0, 1], [0, -1, 1], [0, 0, 1]]), "upside down"),
-        (FOUND.then([[0, -1, 1], [1, 0, 0], [0, 0, 1]]), "quarter"),
+        (FOUND.then(np.array([[-1, 0, 1], [0, 1, 0], [0, 0, 1]])), "mirrored"),
+        (FOUND.then(np.array([[-1, 0, 1], [0, -1, 1], [0, 0, 1]])), "upside down"),
+        (FOUND.then(np.array([[0, -1, 1], [1, 0, 0], [0, 0, 1]])), "quarter"),
     ],
 )
 def test_a_panel_that_lies_another_way_than_believed_is_named(believed: Map, says: str) -> None:
@@ -163,23 +169,27 @@ def test_a_panel_that_lies_another_way_than_believed_is_named(believed: Map, say
 
 
 def test_a_panel_about_where_it_was_believed_is_fine() -> None:
-    turned = FOUND.then([[0.98, -0.17, 0.1], [0.17, 0.98, 0], [0, 0, 1]])
+    turned = FOUND.then(np.array([[0.98, -0.17, 0.1], [0.17, 0.98, 0], [0, 0, 1]]))
     turn, mirrored = turned_against(FOUND, turned)
     assert not mirrored
     assert abs(abs(turn) - 9.8) < 3.0
-    check_believed(FOUND, FOUND.then([[0.9, 0.1, 0.1], [-0.1, 0.9, 0.0], [0, 0, 1]]), "mask")
+    check_believed(
+        FOUND, FOUND.then(np.array([[0.9, 0.1, 0.1], [-0.1, 0.9, 0.0], [0, 0, 1]])), "mask"
+    )
 
 
 def test_a_panel_where_the_other_is_believed_is_called_swapped() -> None:
-    elsewhere = FOUND.then([[2.0, 0, 0.8], [0, 2.0, 0.5], [0, 0, 1]])
-    nearly = FOUND.then([[1.02, 0, 0.01], [0, 1.02, 0], [0, 0, 1]])
+    elsewhere = FOUND.then(np.array([[2.0, 0, 0.8], [0, 2.0, 0.5], [0, 0, 1]]))
+    nearly = FOUND.then(np.array([[1.02, 0, 0.01], [0, 1.02, 0], [0, 0, 1]]))
     with pytest.raises(CalibrationError, match="swapped"):
         check_believed(FOUND, elsewhere, "projector", other=nearly)
     check_believed(FOUND, nearly, "projector", other=elsewhere)
 
 
 def test_the_believed_map_goes_by_the_field() -> None:
-    camera = Map.filling((480, 320)).then([[0.8, 0.1, 0.05], [-0.1, 0.9, 0.1], [0.05, 0, 1]])
+    camera = Map.filling((480, 320)).then(
+        np.array([[0.8, 0.1, 0.05], [-0.1, 0.9, 0.1], [0.05, 0, 1]])
+    )
     panel = Map.filling((256, 192)).flipped("horizontal")
     straight = believed_map(camera, panel)
     quads = np.array([[100.0, 80.0], [300.0, 200.0]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,12 +30,12 @@ TRUE = WAY.to_panel(QUADS)
 MIDDLE = ((TRUE > 6.0) & (TRUE < np.array(SIZE) - 6.0)).all(axis=-1)
 
 
-def bench(**changes: object) -> Bench:
+def bench(**changes: Any) -> Bench:
     mask = Way((100, 80), FRAME, scale=4.0, waves_px=0.0)
-    return replace(Bench(WAY, mask, samples=3), **changes)  # type: ignore[arg-type]
+    return replace(Bench(WAY, mask, samples=3), **changes)
 
 
-def photos(shown: tuple[Shown, ...], seed: int = 0, **changes: object) -> Iterator[Photo]:
+def photos(shown: tuple[Shown, ...], seed: int = 0, **changes: Any) -> Iterator[Photo]:
     """One after the other, as they come from a disk."""
     made = bench(**changes)
     return (made.photo(one, 100 * seed + number) for number, one in enumerate(shown))
@@ -140,7 +141,7 @@ def test_photos_in_another_order_are_noticed() -> None:
 
 def test_codes_survive_light_that_comes_again_mirrored() -> None:
     """A V-shaped groove: Gray codes are wrong nearly everywhere, XOR codes are not."""
-    groove = {"groove": (0.6, 12.0), "blur_quads": 0.7, "electrons": 30_000.0}
+    groove: dict[str, Any] = {"groove": (0.6, 12.0), "blur_quads": 0.7, "electrons": 30_000.0}
     gray = decode(photos(CODE.shown(), **groove), CODE)
     assert np.mean(np.hypot(*error(gray).T) > 2.0) > 0.1
     code = XorCode("projector", SIZE)
