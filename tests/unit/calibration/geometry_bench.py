@@ -7,6 +7,8 @@ raster, blurred by a Gaussian, and get photon and read noise.
 
 from __future__ import annotations
 
+import hashlib
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,7 +154,21 @@ class Bench:
         return np.asarray(passed[0] * passed[1])
 
 
+_SEEN: OrderedDict[tuple[Way, int, int, bytes], Floats] = OrderedDict()
+_MOST_SEEN = 96
+
+
 def looked_up(way: Way, picture: Floats, channel: int, samples: int) -> Floats:
+    """The same as `_looked_up`, remembered: most tests share their panels and pictures."""
+    key = way, channel, samples, hashlib.sha256(picture.tobytes()).digest()
+    if key not in _SEEN:
+        _SEEN[key] = _looked_up(way, picture, channel, samples)
+        if len(_SEEN) > _MOST_SEEN:
+            _SEEN.popitem(last=False)
+    return _SEEN[key]
+
+
+def _looked_up(way: Way, picture: Floats, channel: int, samples: int) -> Floats:
     """Mean of a picture over samples x samples points of each quad, (rows, cols)."""
     rows, cols = way.frame
     width, height = way.size_px
