@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.dots import PanelName
-from pdcd.calibration.phase import AXES, LEAST_VALID, Decoded, of_one_panel
 from pdcd.calibration.lit import GREEN, SURE, Photo
+from pdcd.calibration.phase import AXES, LEAST_VALID, Decoded, of_one_panel
 from pdcd.calibration.shown import Bits, Shown
 from pdcd.errors import CalibrationError
 
