@@ -32,6 +32,8 @@ SPARE = {"descriptors": 4, "threads": 3, "processes": 1}
 """How many more a daemon may hold in the end than after its first photo."""
 WARM = 5
 """Photos after which a daemon has all it is going to hold."""
+ROOM = 25
+"""Photos after which their folders are looked at and removed: the disk of a soak is small."""
 CALM, KILLS = 0.4, 0.5
 """Share of photos that are left in peace, and of attacks that are drawn among kills only."""
 LONG, LONG_CALM = 100, 0.9
@@ -94,6 +96,8 @@ class Episode:
             while daemon.alive and time.monotonic() < until_s and taken < self._photos:
                 self._round(daemon)
                 taken += 1
+                if taken % ROOM == 0:
+                    self._folders()
                 if daemon.alive and taken == WARM:
                     before = processes.holdings(daemon.pid)
                     first_mib = processes.resident(daemon.pid)
