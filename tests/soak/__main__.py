@@ -28,7 +28,7 @@ ABOUT = (
 )
 TURN_S = 120.0
 """How long one bench has its turn."""
-LIVES = (15, 60, 250)
+LIVES = (15, 15, 250)
 """Photos of a daemon's life, if nothing ends it sooner."""
 BUSY = "import sys\nwhile True: pass"
 
