@@ -83,8 +83,14 @@ class Episode:
         return fits and (self._bench.mounted or not on_disk)
 
     def _drawn(self) -> Attack:
-        """Most of the attacks are kills."""
-        kills = [a for a in self._attacks if a.name.startswith(("kill", "SIG"))]
+        """Most of the attacks are kills, and most of those leave the daemon alive: another one
+        takes long to start."""
+        kills = [
+            attack
+            for attack in self._attacks
+            if attack.name.startswith(("kill", "SIG"))
+            for _ in range(1 if attack.ends else 4)
+        ]
         return self._rng.choice(kills if self._rng.random() < KILLS else self._attacks)
 
     def live(self, until_s: float) -> None:
