@@ -177,7 +177,9 @@ def verdict_on(folder: Path, truth: str) -> Quality:
     field either way, its panels to fill the field; the scene is bright up to its edges."""
     rng = np.random.default_rng(5)
     cells = SMALL[0] * SMALL[1]
-    transport = rng.uniform(0.5, 1.0, (cells, cells)) / cells + np.diag(rng.uniform(0.5, 1.0, cells))
+    transport = rng.uniform(0.5, 1.0, (cells, cells)) / cells + np.diag(
+        rng.uniform(0.5, 1.0, cells)
+    )
     np.savez(folder / "scene.npz", transport=transport, grid=np.array(SMALL))
     (folder / "truth.toml").write_text(truth)
     config = Config(
