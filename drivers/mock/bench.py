@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.devices import DriverContext, Shared
+from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
 from pdcd.errors import ExposureError
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.optics.bench import OpticalBench
-from pdcd.optics.needed import frame_of, optics_of, windows_cut
+from pdcd.optics.needed import optics_of, windows_cut
 from pdcd.optics.products import Exposure
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors

@@ -43,6 +43,15 @@ def camera_map(config: Config, frame: tuple[int, int]) -> Map:
     return check_share(map_, "camera", least=0.0)
 
 
+def frame_of(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of the mock camera's quads; `grid` is that of the codes."""
+    if config.camera.frame_quads is not None:
+        width, height = config.camera.frame_quads
+        return height, width
+    per_cell = config.camera.quads_per_cell
+    return grid[0] * per_cell, grid[1] * per_cell
+
+
 def place_faults(config: Config) -> Iterator[tuple[str, str]]:
     """Each device whose place cannot be used, and why, on one line; nothing is read or touched.
 

@@ -16,7 +16,7 @@ import msgspec
 from pdcd.bench.checks import rate_fault
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import DriverContext
-from pdcd.bench.placed import dark_places
+from pdcd.bench.placed import dark_places, frame_of
 from pdcd.bench.registry import Role, load_driver
 from pdcd.bench.tables import DEFAULT_GRID, CameraConfig, Config, SceneConfig
 from pdcd.capture.sight import hold_against
@@ -151,9 +151,7 @@ class _Check:
         """Rows and columns of quads of the camera's photos, where they are known."""
         camera = self._config.camera
         if camera.driver == "mock":
-            if camera.frame_quads is not None:
-                return camera.frame_quads[1], camera.frame_quads[0]
-            return grid[0] * camera.quads_per_cell, grid[1] * camera.quads_per_cell
+            return frame_of(self._config, grid)
         told = load_profile(camera.profile).frame_quads if self._profile_read else None
         return None if told is None else (told[1], told[0])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
 from pdcd.frames.lattice import Lattice
 from pdcd.maps.placing import Placing
@@ -9,15 +10,6 @@ from pdcd.optics.bench import OpticalBench
 from pdcd.probing.fine import cut_by_windows
 from pdcd.probing.panel import offset_cells
 from pdcd.scene.scene import Scene
-
-
-def frame_of(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
-    """Rows and columns of the mock camera's quads; `grid` is that of the codes."""
-    if config.camera.frame_quads is not None:
-        width, height = config.camera.frame_quads
-        return height, width
-    per_cell = config.camera.quads_per_cell
-    return grid[0] * per_cell, grid[1] * per_cell
 
 
 def windows_cut(config: Config, grid: tuple[int, int], window: str) -> bool:
