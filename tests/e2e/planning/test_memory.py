@@ -109,7 +109,9 @@ slow = pytest.mark.skipif(
 
 
 @pytest.mark.parametrize(
-    "frame", [SMALL, pytest.param(LARGE, marks=slow)], ids=lambda f: f"{f[0]}x{f[1]}"
+    "frame",
+    [SMALL, pytest.param(LARGE, marks=[slow, pytest.mark.timeout(900)])],
+    ids=lambda f: f"{f[0]}x{f[1]}",
 )
 @pytest.mark.parametrize("place", [Placing(), Placing(turn_deg=2.0, scale=1.05)])
 def test_pictures_of_many_quads_take_what_was_foreseen(
