@@ -14,7 +14,7 @@ from pdcd.frames.panels import PanelView
 from pdcd.maps.file import load_map
 from pdcd.maps.map import Map
 from pdcd.maps.placing import placed
-from pdcd.maps.scale import cell_centres, covers, on_device, pixels_across
+from pdcd.maps.scale import covers, fewest_pixels
 from pdcd.maps.sound import check_share, share
 
 
@@ -81,10 +81,8 @@ def small_cells(
     """Each panel on which a cell's side has fewer pixels than needed where its map puts them, and
     how many. Of a panel whose place cannot be used nothing is said (`place_faults` does)."""
     for panel in _usable(config):
-        points = panel.map.from_field(cell_centres(grid))
-        points = points[on_device(panel.map, points)]
-        cell_px = pixels_across(panel.map, points, grid)[0]
-        if len(points) and cell_px < needed_px * (1.0 - NEAR):
+        cell_px = fewest_pixels(panel.map, grid)
+        if cell_px is not None and cell_px < needed_px * (1.0 - NEAR):
             yield panel.role, cell_px
 
 

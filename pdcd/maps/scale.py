@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,6 +41,14 @@ def pixels_across(map_: Map, points_px: Floats, grid: tuple[int, int]) -> tuple[
     slopes = map_.jacobian(points_px) * np.array([[cols], [rows]])
     steps = np.linalg.svd(slopes, compute_uv=False)
     return float(1.0 / steps.max()), float(1.0 / steps.min())
+
+
+@lru_cache(maxsize=32)
+def fewest_pixels(map_: Map, grid: tuple[int, int]) -> float | None:
+    """Fewest pixels along the side of a cell that lies on the device; None where none does."""
+    points = map_.from_field(cell_centres(grid))
+    points = points[on_device(map_, points)]
+    return pixels_across(map_, points, grid)[0] if len(points) else None
 
 
 def covers(map_: Map) -> bool:
