@@ -1,7 +1,8 @@
 """The mock scene on films of any size, placed by a map: RAW files whose truth is known.
 
 Light is that of whole cells, as the mock bench has it for whole windows; each quad gathers it at
-SIDE x SIDE points of its own area. Nothing of how pdcd decodes is used for it.
+SIDE x SIDE points of its own area. Or the bench of pixels says what each quad sees, with windows.
+Nothing of how pdcd decodes is used for it.
 """
 
 from __future__ import annotations
@@ -115,7 +116,7 @@ class PlacedFilm(BenchFilm):
     """The mock bench, seen through a map by a sensor without noise.
 
     `encode` makes the file; `change` may exchange map and shot of the exposure of that number,
-    counted from 1.
+    counted from 1. Of `windows` the bench of pixels tells, whose camera then is the configured one.
     """
 
     def __init__(
@@ -126,12 +127,14 @@ class PlacedFilm(BenchFilm):
         orientation: int = 1,
         change: Callable[[int, Shot], Shot] = lambda _, shot: shot,
         side: int = SIDE,
+        *,
+        windows: bool = False,
     ) -> None:
         super().__init__(context)
         config = context.config.camera
         self._seen = Bench.of(context)
         self._map, self._encode, self._change = map_, encode, change
-        self._orientation, self._side = orientation, side
+        self._orientation, self._side, self._windows = orientation, side, windows
         self._profile = load_profile(config.profile)
         self._responsivity_e = responsivity_e(config)
         self._f_number = 8.0 if config.f_number == "auto" else float(config.f_number)
@@ -142,8 +145,7 @@ class PlacedFilm(BenchFilm):
         bench, profile = self._seen, self._profile
         open_ns, close_ns = bench.exposed_ns()
         f_number = exposure.f_number or self._f_number
-        light = bench.photo().reshape(*bench.scene.grid, 3)
-        quads = through(light * self._responsivity_e / f_number**2, self._map, self._side)
+        quads = self._light() * self._responsivity_e / f_number**2
         mosaic = np.empty((2 * quads.shape[0], 2 * quads.shape[1]))
         mosaic[0::2, 0::2] = quads[..., 0]
         mosaic[0::2, 1::2] = mosaic[1::2, 0::2] = quads[..., 1]
@@ -160,3 +162,10 @@ class PlacedFilm(BenchFilm):
         )
         bench.photo_taken()
         return self._encode(self._change(self.count, shot))
+
+    def _light(self) -> Floats:
+        """Light of the last exposure at the quads, (h, w, 3)."""
+        if self._windows:
+            return self._seen.quads()
+        cells = self._seen.photo().reshape(*self._seen.scene.grid, 3)
+        return through(cells, self._map, self._side)

@@ -3,25 +3,28 @@
 Modelled: both panels' own refresh and phase, first-order response, black leak, skew, jitter and
 misregistration; sub-cell windows; ambient light; shutter lag and jitter. A bench whose devices are
 placed, or that has a truth, is one of pixels (`pdcd.optics`): there also maps, blur, falloff,
-scan-out, dead lines, gamma. Not modelled: projector colour wheels and dithering, motion. Panels are
-taken to have settled to black when the shutter opens; where they had less time than `rig.settle_s`
-for it, there is no photo.
+scan-out, dead lines, gamma. So is an exposure in which a camera of several quads a cell sees the
+edges of windows. Not modelled: projector colour wheels and dithering, motion. Panels are taken to
+have settled to black when the shutter opens; where they had less time than `rig.settle_s` for it,
+there is no photo.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.devices import DriverContext, Shared
+from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
-from pdcd.bench.truth import Truth
+from pdcd.bench.truth import Truth, truth_of
 from pdcd.errors import ExposureError
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.optics.bench import OpticalBench
-from pdcd.optics.needed import frame_of, optics_of
+from pdcd.optics.needed import optics_of, windows_cut
 from pdcd.optics.products import Exposure
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
@@ -47,10 +50,6 @@ class Bench:
     """How the shutter of this exposure moved before the panels had settled; '' where it did not."""
     shutter_open: bool = field(default=False)
     shared: Shared = field(default_factory=Shared)
-    optics: OpticalBench | None = None
-    """The bench pixel by pixel; None where cells say all there is."""
-    _finer: OpticalBench | None = None
-    """The same for patterns of pixels, where `optics` is None."""
 
     @classmethod
     def of(cls, context: DriverContext) -> Bench:
@@ -58,8 +57,7 @@ class Bench:
 
         def make() -> Bench:
             scene = context.shared.scene = build_scene(context.config.scene)
-            optics = optics_of(context.config, scene)
-            return cls(context.config, scene, shared=context.shared, optics=optics)
+            return cls(context.config, scene, shared=context.shared)
 
         return context.the(cls, make)
 
@@ -130,37 +128,63 @@ class Bench:
         """Rows and columns of the camera's quads."""
         return frame_of(self.config, self.grid)
 
-    @property
-    def truth(self) -> Truth:
-        """What the bench is beyond what its configuration says."""
-        return Truth() if self.optics is None else self.optics.truth
+    @cached_property
+    def optics(self) -> OpticalBench | None:
+        """The bench pixel by pixel; None where cells say all there is.
 
-    @property
+        Made for who photographs the bench: before a real camera, nobody needs it. Raises
+        ConfigError for a truth or a map that cannot be used.
+        """
+        return optics_of(self.config, self.scene)
+
+    @cached_property
+    def truth(self) -> Truth:
+        """What the bench is beyond what its configuration says. Raises ConfigError."""
+        return truth_of(self.config)
+
+    @cached_property
     def true(self) -> Config:
-        """The configuration that describes the bench as it is."""
-        return self.config if self.optics is None else self.optics.true
+        """The configuration that describes the bench as it is. Raises ConfigError."""
+        return self.truth.of(self.config)
 
     def quads(self) -> NDArray[np.float64]:
         """Light of the last exposure at the camera's quads, (rows, cols, 3) float64 in scene units
         times seconds. Raises ExposureError as `photo` does."""
-        optics = self.optics
-        if optics is None and self.frames is not None and self.frames.of_pixels:
-            # Cells say nothing of patterns of pixels; the same bench, pixel by pixel, does.
-            optics = self._finer = self._finer or OpticalBench(self.config, self.scene, self.frame)
+        self._check_photo()
+        open_ns, close_ns = self.exposed_ns()
+        frames, log = self._played(open_ns)
+        optics = self.optics or self._finer_optics(frames)
         if optics is None:
             per_cell = self.config.camera.quads_per_cell
             cells = self.photo().reshape(*self.grid, 3)
             return cells.repeat(per_cell, axis=0).repeat(per_cell, axis=1)
-        self._check_photo()
-        open_ns, close_ns = self.exposed_ns()
         if self.shared.pixels is not None:
             raise ExposureError(
                 "a display that looks at its own pixels stands before a bench of pixels",
                 device="camera",
-                hint="remove grab_px from display.options, or the truth and places of the bench",
+                hint="remove grab_px from display.options, or the truth and places of the bench, "
+                "and leave one quad a cell",
             )
-        frames, log = self._played(open_ns)
         return optics.photo(Exposure(frames, log, open_ns, close_ns))
+
+    def _finer_optics(self, frames: Frames) -> OpticalBench | None:
+        """The bench pixel by pixel where it is needed for these frames alone: for windows that cut
+        cells, and for pictures of the panels' own pixels."""
+        if frames.of_pixels:
+            return self._optics_of_pixels
+        if self.config.camera.quads_per_cell == 1:
+            return None
+        coded = len(frames.primal_patterns) or len(frames.dual_patterns)
+        cut = windows_cut(self.config, frames.grid, frames.window if coded else "whole")
+        return self._optics_if_cut if cut else None
+
+    @cached_property
+    def _optics_of_pixels(self) -> OpticalBench:
+        return OpticalBench(self.config, self.scene, self.frame)
+
+    @cached_property
+    def _optics_if_cut(self) -> OpticalBench | None:
+        return optics_of(self.config, self.scene, cut=True)
 
     def photo(self) -> NDArray[np.float64]:
         """Light of the last exposure on cells, (N, 3) float64 in scene units times seconds; for a

@@ -34,6 +34,7 @@ class BenchSensor:
     """
 
     def __init__(self, bench: Bench, config: CameraConfig) -> None:
+        bench.optics  # noqa: B018 - a bench that cannot be is refused before any device moves
         self._bench = bench
         self._config = config
         self.profile = load_profile(config.profile)

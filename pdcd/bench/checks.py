@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.folders import MAX_SOCKET_BYTES
-from pdcd.bench.placed import place_faults
+from pdcd.bench.placed import place_faults, small_cells
 from pdcd.bench.reading import Fault, number_faults
 from pdcd.bench.tables import (
     DEFAULT_GRID,
@@ -157,23 +157,22 @@ def _scene_faults(config: Config) -> Iterator[Fault]:
         return  # the cells are known only when the file is read
     rows, cols = config.schedule.grid or scene.grid or DEFAULT_GRID
     quarter = config.schedule.window == "quarter"
-    for name, panel in (("projector", config.projector), ("mask", config.mask)):
-        cell_px = min(panel.size_px[0] / cols, panel.size_px[1] / rows)
-        # Half-cell shifts of a half-cell opening fall between the pixels of a smaller cell.
-        needed_px = 4.0 if quarter else 1.0
-        if cell_px < needed_px:
-            yield Fault(
-                ("scene.grid", "schedule.window", f"{name}.size_px"),
-                f"scene.grid: {rows} x {cols} cells leave {cell_px:.3g} pixels a cell on the "
-                f"{name}; {needed_px:g} are needed{' by the quarter window' if quarter else ''}",
-            )
-        offset_px = config.rig.misregistration_px
-        if name == "projector" and quarter and cell_px < 4.0 * offset_px:
-            yield Fault(
-                ("scene.grid", "schedule.window", "rig.misregistration_px", "projector.size_px"),
-                f"schedule.window: the quarter window covers an offset up to a quarter of the "
-                f"cell of {cell_px:.3g} pixels, not rig.misregistration_px = {offset_px:g}",
-            )
+    # Half-cell shifts of a half-cell opening fall between the pixels of a smaller cell.
+    needed_px, needed = (4.0, " by the quarter window") if quarter else (1.0, "")
+    for name, small_px in small_cells(config, (rows, cols), needed_px):
+        yield Fault(
+            ("scene.grid", "schedule.window", f"{name}.size_px", f"{name}.place"),
+            f"scene.grid: {rows} x {cols} cells leave {small_px:.3g} pixels a cell on the {name}; "
+            f"{needed_px:g} are needed{needed}",
+        )
+    width, height = config.projector.size_px
+    cell_px, offset_px = min(width / cols, height / rows), config.rig.misregistration_px
+    if quarter and cell_px < 4.0 * offset_px:
+        yield Fault(
+            ("scene.grid", "schedule.window", "rig.misregistration_px", "projector.size_px"),
+            f"schedule.window: the quarter window covers an offset up to a quarter of the "
+            f"cell of {cell_px:.3g} pixels, not rig.misregistration_px = {offset_px:g}",
+        )
 
 
 def _fault_refreshes(faults: FaultsConfig) -> Iterator[tuple[str, list[str]]]:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
+from pdcd.frames.atoms import check_cells
 from pdcd.frames.panels import PanelView
+from pdcd.maps.file import load_map
 from pdcd.maps.map import Map
 from pdcd.maps.placing import placed
-from pdcd.maps.sound import check_share
+from pdcd.maps.scale import covers, fewest_pixels
+from pdcd.maps.sound import check_share, share
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,15 @@ def camera_map(config: Config, frame: tuple[int, int]) -> Map:
     return check_share(map_, "camera", least=0.0)
 
 
+def frame_of(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of the mock camera's quads; `grid` is that of the codes."""
+    if config.camera.frame_quads is not None:
+        width, height = config.camera.frame_quads
+        return height, width
+    per_cell = config.camera.quads_per_cell
+    return grid[0] * per_cell, grid[1] * per_cell
+
+
 def place_faults(config: Config) -> Iterator[tuple[str, str]]:
     """Each device whose place cannot be used, and why, on one line; nothing is read or touched.
 
@@ -51,8 +64,9 @@ def place_faults(config: Config) -> Iterator[tuple[str, str]]:
         except ConfigError as err:
             yield role, err.message
     place = config.camera.place
-    frame = place.map.size_px if isinstance(place.map, Map) else FRAME_PX
     try:
+        given = load_map(place.map, "camera") if isinstance(place.map, str) else place.map
+        frame = FRAME_PX if given is None else given.size_px
         if place.homography is None:
             camera_map(config, (frame[1], frame[0]))
         else:
@@ -61,6 +75,42 @@ def place_faults(config: Config) -> Iterator[tuple[str, str]]:
         yield "camera", err.message
 
 
+def small_cells(
+    config: Config, grid: tuple[int, int], needed_px: float
+) -> Iterator[tuple[str, float]]:
+    """Each panel on which a cell's side has fewer pixels than needed where its map puts them, and
+    how many. Of a panel whose place cannot be used nothing is said (`place_faults` does)."""
+    for panel in _usable(config):
+        cell_px = fewest_pixels(panel.map, grid)
+        if cell_px is not None and cell_px < needed_px * (1.0 - NEAR):
+            yield panel.role, cell_px
+
+
+def dark_places(config: Config, grid: tuple[int, int]) -> Iterator[tuple[str, str]]:
+    """Each panel that leaves part of the field without a pixel, and what of it: such places stay
+    dark. Of a panel whose place cannot be used nothing is said."""
+    for panel in _usable(config):
+        try:
+            check_cells(panel, grid)
+        except ConfigError as err:
+            yield panel.role, err.message
+            continue
+        if not covers(panel.map):
+            dark = 1.0 - share(panel.map, FINELY)
+            much = f"about {dark:.0%}" if dark >= 0.01 else "less than 1%"
+            yield panel.role, f"{much} of the field has no pixel of the {panel.role}"
+
+
+def _usable(config: Config) -> Iterator[PanelView]:
+    for role in PANELS:
+        with suppress(ConfigError):
+            yield _panel(config, role)
+
+
+NEAR = 1e-9
+"""Share of a cell by which rounding may make it smaller."""
+FINELY = 512
+"""Points a side at which a share of the field is told."""
 FRAME_PX = (300, 200)
 """Quads of a camera of which only the form counts, not how fine it is."""
 PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")

@@ -16,6 +16,7 @@ import msgspec
 from pdcd.bench.checks import rate_fault
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import DriverContext
+from pdcd.bench.placed import dark_places, frame_of
 from pdcd.bench.registry import Role, load_driver
 from pdcd.bench.tables import DEFAULT_GRID, CameraConfig, Config, SceneConfig
 from pdcd.capture.sight import hold_against
@@ -60,6 +61,7 @@ class _Check:
         if self._sound(rates) and (fault := rate_fault(config)) is not None:
             more = "; the mock bench runs all the same, and shows what comes of it"
             self._say(fault.message + more * (config.display.driver == "mock"))
+        self._coverage()
         self._try("schedule", self._plan, "schedule", "rig", "limits")
         return self._lines
 
@@ -119,14 +121,29 @@ class _Check:
         if camera.iso is not None:
             self._try("camera.iso", partial(profile.row, camera.iso), "camera.iso")
 
-    def _plan(self) -> None:
+    def _coverage(self) -> None:
+        """Name panels that do not reach all of the field. Where no cell is lost, codes are shown
+        all the same."""
+        grid = self._code_grid()
+        if grid is None or not self._sound(("scene.grid",)):
+            return
+        for role, what in dark_places(self._config, grid):
+            if self._sound((f"{role}.place", f"{role}.size_px")):
+                self._say(f"{role}.place: {what}: place it so that it covers the field")
+
+    def _code_grid(self) -> tuple[int, int] | None:
+        """Rows and columns of code cells; None where they stand in a file that cannot be read."""
         scene = self._config.scene
         if self._grid is None and scene.kind == "matrix":
-            return  # how many cells there are stands in the file
-        cells = self._grid or scene.grid or DEFAULT_GRID
-        grid = self._config.schedule.grid or cells
+            return None
+        return self._config.schedule.grid or self._grid or scene.grid or DEFAULT_GRID
+
+    def _plan(self) -> None:
+        grid = self._code_grid()
+        if grid is None:
+            return
         plan = plan_for(CaptureRequest(goal="indirect"), self._config, grid)
-        frame = self._frame(cells)
+        frame = self._frame(grid)
         if frame is not None:
             self._try("camera.place", partial(hold_against, plan, self._config, frame), "camera")
 
@@ -134,9 +151,7 @@ class _Check:
         """Rows and columns of quads of the camera's photos, where they are known."""
         camera = self._config.camera
         if camera.driver == "mock":
-            if camera.frame_quads is not None:
-                return camera.frame_quads[1], camera.frame_quads[0]
-            return grid[0] * camera.quads_per_cell, grid[1] * camera.quads_per_cell
+            return frame_of(self._config, grid)
         told = load_profile(camera.profile).frame_quads if self._profile_read else None
         return None if told is None else (told[1], told[0])
 

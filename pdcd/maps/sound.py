@@ -56,9 +56,9 @@ def check(map_: Map, device: str) -> Map:
 
 
 @lru_cache(maxsize=32)
-def share(map_: Map) -> float:
-    """The share of the field that the device covers, 0 to 1; in steps of 1 / 4096."""
-    middle = (np.arange(64) + 0.5) / 64
+def share(map_: Map, points: int = 64) -> float:
+    """The share of the field that the device covers, 0 to 1, by so many points a side."""
+    middle = (np.arange(points) + 0.5) / points
     at = map_.from_field(np.stack(np.meshgrid(middle, middle), axis=-1))
     with np.errstate(invalid="ignore"):  # no number where the field has no point of the device
         return float(np.mean(((at >= 0.0) & (at <= map_.size_px)).all(axis=-1)))

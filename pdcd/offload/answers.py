@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.optics.needed import optics_of
+from pdcd.optics.needed import optics_of, windows_cut
 from pdcd.pictures.assess import assess
 from pdcd.pictures.combine import Picture
 from pdcd.pictures.darkroom import Decoded
@@ -179,7 +179,8 @@ def rms_error(
     """
     if scene is None or record.cells is None:
         return None
-    optics = optics_of(config, scene)
+    cut = any(windows_cut(config, plan.grid, plan.window_of(s)) for s in plan.recipe.shots)
+    optics = optics_of(config, scene, cut=cut)
     if optics is None:
         seen = record.cells.seen()
         truth, found = answer(scene, plan.recipe, alive)[seen], means.reshape(-1, 3)[seen]

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
+from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
+from pdcd.frames.lattice import Lattice
 from pdcd.maps.placing import Placing
 from pdcd.optics.bench import OpticalBench
+from pdcd.probing.fine import cut_by_windows
+from pdcd.probing.panel import offset_cells
 from pdcd.scene.scene import Scene
 
 
-def frame_of(config: Config, grid: tuple[int, int]) -> tuple[int, int]:
-    """Rows and columns of the mock camera's quads; `grid` is that of the codes."""
-    if config.camera.frame_quads is not None:
-        width, height = config.camera.frame_quads
-        return height, width
-    per_cell = config.camera.quads_per_cell
-    return grid[0] * per_cell, grid[1] * per_cell
+def windows_cut(config: Config, grid: tuple[int, int], window: str) -> bool:
+    """Whether edges of the mask's windows fall within cells, as quarter windows and an offset mask
+    make them do; `window` is that of the codes."""
+    offset = offset_cells(config.projector, config.mask, grid)
+    return cut_by_windows(Lattice(grid, window, offset))
 
 
-def optics_of(config: Config, scene: Scene) -> OpticalBench | None:
+def optics_of(config: Config, scene: Scene, *, cut: bool = False) -> OpticalBench | None:
     """The bench pixel by pixel; None where the scene's cells say all there is to see.
 
     They do where nothing has a truth or a place of its own, codes and scene have the same cells,
-    and the camera either sees a cell as one quad or there is nothing finer to see in it. Raises
-    ConfigError for a truth or a map that cannot be used.
+    and the camera either sees a cell as one quad or there is nothing finer to see in it: no detail
+    of the scene, and no edge of a window (`cut`). Raises ConfigError for a truth or a map that
+    cannot be used.
     """
     camera, grid = config.camera, config.schedule.grid or scene.grid
     placed = any(p.place != Placing() for p in (config.projector, config.mask, camera))
-    fine = camera.quads_per_cell > 1 and scene.textures is not None
+    fine = camera.quads_per_cell > 1 and (cut or scene.textures is not None)
     apart = camera.frame_quads is not None or grid != scene.grid
     if config.bench.truth is None and not (placed or fine or apart):
         return None

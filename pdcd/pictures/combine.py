@@ -24,6 +24,7 @@ from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 __all__ = [
+    "LARGE_QUADS",
     "Errors",
     "Exposed",
     "Floats",
@@ -40,6 +41,9 @@ __all__ = [
 ]
 
 _F = TypeVar("_F", np.float64, np.floating)
+
+LARGE_QUADS = 2**18
+"""Quads from which error bars are held in single precision."""
 
 Errors = NDArray[np.floating]
 """Error bars: float64, or float32 where a frame is large."""

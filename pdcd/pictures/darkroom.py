@@ -15,7 +15,15 @@ from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.frames.patterns import Patterns, none
 from pdcd.maps.placing import placed
-from pdcd.pictures.combine import Exposed, Matrix, Picture, Shown, pictures_of, realised_photo
+from pdcd.pictures.combine import (
+    LARGE_QUADS,
+    Exposed,
+    Matrix,
+    Picture,
+    Shown,
+    pictures_of,
+    realised_photo,
+)
 from pdcd.pictures.develop import warp
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.photos import corrected_photos
@@ -42,8 +50,6 @@ Alive = Callable[[], None]
 
 REFRESH_BYTES = 2048
 """Of a RAW file, read in the time that the matrix of one refresh takes; roughly."""
-LARGE_QUADS = 2**18
-"""Quads from which error bars are held in single precision."""
 MAKING = 2.0
 """Work of making pictures, over that of the matrices of all their refreshes; roughly."""
 

@@ -8,12 +8,20 @@ is really taken once that is more than `BASE`; `tests/e2e/planning/test_memory.p
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass
 
+from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.frames.lattice import Lattice
+from pdcd.maps.map import Map
+from pdcd.pictures.combine import LARGE_QUADS
 from pdcd.planning.plan import windowed
+from pdcd.probing.deviation import BLOCK, EXACT_CELLS
+from pdcd.probing.panel import Panel
 from pdcd.recipes.isolation import Isolation
 from pdcd.recipes.parts import part_codes
 from pdcd.recipes.programs import (
@@ -27,7 +35,7 @@ from pdcd.recipes.programs import (
     SignedMatrix,
     Under,
 )
-from pdcd.recipes.recipe import Recipe
+from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.request import How
 from pdcd.words import FamilyName
 
@@ -38,9 +46,26 @@ SLACK = 5.0
 REAL_QUADS = 3_100_000
 """Bayer quads of the largest frame of a supported camera; its size is known from the first photo
 on only."""
-PICTURE_BYTES = 24
-"""A picture takes three float64 a quad. Two shots of `REAL_QUADS` before a turned camera were
-measured to take half of what is foreseen of them."""
+
+
+@dataclass(frozen=True)
+class PerQuad:
+    """Bytes for each quad of the frame: of every shot, photo and picture, and of what is there once
+    however many there are. Of several goals' peaks, the decoding of RAW files included."""
+
+    shot: int
+    photo: int
+    picture: int
+    once: int
+
+
+LARGE = PerQuad(shot=37, photo=80, picture=35, once=145)
+SMALL = PerQuad(shot=49, photo=104, picture=59, once=175)
+"""Of frames below `LARGE_QUADS`, whose error bars have double precision."""
+LEFT = 0.75
+"""Share of the most memory for pictures that is still taken when they are made."""
+AGAIN = 1.25
+"""Rows of a matrix over those of a run that lost no refresh: lost codes are shown again."""
 
 MAKING = {"bernoulli": 10, "rademacher": 2, "balanced": 4, "hadamard": 4, "singer": 4}
 """Bytes a code and cell while codes of a family are made."""
@@ -118,26 +143,61 @@ def _of_program(
 def decoding_bytes(recipe: Recipe, how: How, lattice: Lattice, passes: int, config: Config) -> int:
     """Bytes of all shots' factors and pictures, and of the largest step in making them."""
     cells = lattice.cells
-    speeds = [p.rise_s for p in (config.projector, config.mask)]
-    speeds += [p.fall_s for p in (config.projector, config.mask)]
-    fields = 1 + (2 if any(speeds) else 0)
-    kept = widest = 0
+    ranks, folded = _ranks(recipe, how, lattice, passes, config)
+    kept = 16 * cells * sum(ranks.values())
+    # Chunks are put together, or folded into one matrix, before there are pictures.
+    widest = max(ranks.values(), default=0)
+    reading = 48 * cells**2 if folded else 16 * widest * cells
+    pictures = picture_bytes(recipe, frame_quads(config, lattice.grid))
+    judging = max((_judging(photo, ranks, cells) for photo in recipe.photos), default=0)
+    return kept + max(reading, pictures, int(LEFT * pictures) + judging)
+
+
+def picture_bytes(recipe: Recipe, quads: int) -> int:
+    """Bytes of all that has a value for each quad, at the most of it."""
+    each = SMALL if quads < LARGE_QUADS else LARGE
+    return quads * (
+        each.shot * len(recipe.shots)
+        + each.photo * len(recipe.photos)
+        + each.picture * len(recipe.pictures)
+        + each.once
+    )
+
+
+def frame_quads(config: Config, grid: tuple[int, int]) -> int:
+    """Quads of the camera's frame; of one that is not known, as many as a real one may have."""
+    given = config.camera.place.map
+    if isinstance(given, Map):
+        return given.size_px[0] * given.size_px[1]
+    if config.camera.driver != "mock":
+        return REAL_QUADS
+    rows, cols = frame_of(config, grid)
+    return rows * cols
+
+
+def _ranks(
+    recipe: Recipe, how: How, lattice: Lattice, passes: int, config: Config
+) -> tuple[dict[str, int], bool]:
+    """Rows of the factors of each shot's matrix, and whether any had more than there are cells:
+    these are folded."""
+    fields = Panel.from_config(config.projector).rates.size
+    ranks, folded = {}, False
     for shot in recipe.shots:
         program = None if shot.white else recipe.programs[shot.program]
-        rows = 2 * passes * _spans(program, how, shot.only is not None) * fields
+        rows = AGAIN * passes * _spans(program, how, shot.only is not None) * fields
         if program is not None and windowed(program):
             rows *= lattice.fields
-        rank = min(rows, cells)
-        kept += 16 * rank * cells
-        widest = max(widest, rank)
-    # Folding all rows into one matrix takes two more; comparing it with the wanted one the
-    # covariance of its rows, and that of a difference of two photos four times as much.
-    step = (48 * widest * cells + 64 * widest**2) if widest else 0
-    quads = REAL_QUADS
-    if config.camera.driver == "mock":
-        quads = cells * config.camera.quads_per_cell**2
-    pictures = PICTURE_BYTES * quads * (3 * len(recipe.shots) + 6 * len(recipe.photos) + 16)
-    return kept + step + pictures
+        folded = folded or rows > lattice.cells
+        ranks[shot.name] = min(math.ceil(rows) + 2 * fields, lattice.cells)
+    return ranks, folded
+
+
+def _judging(photo: Photo, ranks: Mapping[str, int], cells: int) -> int:
+    """Bytes of comparing what a photo's panels did with what was wanted."""
+    rank = sum(ranks.get(name, 0) for _, name in photo.shots)
+    joined = 16 * rank * cells if len(photo.shots) > 1 else 0
+    pairs = 24 * cells**2 if cells <= EXACT_CELLS else 0
+    return joined + max(32 * rank * min(2 * BLOCK, cells) + 24 * rank**2, pairs)
 
 
 def _spans(program: Program | None, how: How, single: bool) -> int:
@@ -145,9 +205,9 @@ def _spans(program: Program | None, how: How, single: bool) -> int:
     if program is None or single:
         return 1
     if isinstance(program, Isolation):
-        return program.count()
+        return max(program.count(), how.coded)
     if not program.coded:
-        return _exact_pairs(program)
+        return max(_exact_pairs(program), how.coded)  # repeated to fill as many
     codes = part_codes(how.coded, how.parts) or how.codes
     inner = program.program if isinstance(program, Under) else program
     return 2 * codes if isinstance(inner, Signed | SignedMatrix | Convolved) else codes

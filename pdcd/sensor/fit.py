@@ -8,13 +8,12 @@ import numpy as np
 
 from pdcd.errors import ConfigError
 from pdcd.maps.map import Map
+from pdcd.maps.scale import cell_centres, on_device, pixels_across
 
 LEAST_SEEN = 0.5
 """Share of the cells that the camera must see at least; what lies outside is no part of a photo."""
 WINDOW_QUADS = 2.0
 """Quads along a cell's side from which on its two quarter windows a side can be told apart."""
-SAMPLES = 64
-"""Cells a side, at most, at which a map is looked at."""
 _CLOSE = 1e-6
 """Edges that lie so near to each other, in cells, are the same."""
 
@@ -38,23 +37,13 @@ class Fit:
 
 def fit_of(map_: Map, grid: tuple[int, int]) -> Fit:
     """How the camera of that map sees a grid of so many rows and columns of cells."""
-    rows, cols = grid
     width, height = map_.size_px
-    down, right = (_centres(cells) for cells in grid)
-    field = np.stack(np.meshgrid(right, down), axis=-1).reshape(-1, 2)
-    points = map_.from_field(field)
-    inside = np.all((points >= 0.0) & (points <= (width, height)), axis=-1)  # NaN is outside
-    across = (0.0, 0.0)
-    if inside.any():
-        # Cells that a step of one quad leads across, at worst and at best over its directions.
-        steps = np.linalg.svd(
-            map_.jacobian(points[inside]) * np.array([[cols], [rows]]), compute_uv=False
-        )
-        across = (float(1.0 / steps.max()), float(1.0 / steps.min()))
+    points = map_.from_field(cell_centres(grid))
+    inside = on_device(map_, points)
     return Fit(
         frame=(height, width),
         seen=float(inside.mean()),
-        across=across,
+        across=pixels_across(map_, points[inside], grid),
         aligned=_aligned(map_, grid),
     )
 
@@ -83,12 +72,6 @@ def check_fit(fit: Fit, window: str) -> None:
         f"resolve {what}",
         "take fewer cells (scene.grid), full-size RAW, or move the camera nearer",
     )
-
-
-def _centres(cells: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Centres of some cells along one side of the field, the first and the last among them."""
-    some = np.unique(np.linspace(0, cells - 1, min(cells, SAMPLES)).round())
-    return np.asarray((some + 0.5) / cells)
 
 
 def _aligned(map_: Map, grid: tuple[int, int]) -> bool:

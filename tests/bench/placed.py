@@ -18,12 +18,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.placed import camera_map
+from pdcd.bench.placed import camera_map, frame_of
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.maps.placing import Placing, placed
 from pdcd.optics.bench import OpticalBench
-from pdcd.optics.needed import frame_of
 from pdcd.optics.products import Exposure
 from pdcd.pictures.combine import Exposed, Picture, pictures_of
 from pdcd.pictures.photos import corrected_photos

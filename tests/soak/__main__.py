@@ -28,8 +28,8 @@ ABOUT = (
 )
 TURN_S = 120.0
 """How long one bench has its turn."""
-LIVES = (15, 60, 250)
-"""Photos of a daemon's life, if nothing ends it sooner."""
+LIVES = {"mocks": (15, 15, 250), "windows": (15, 15, 100), "body": (15, 15, 100)}
+"""Photos of a daemon's life on each bench, if nothing ends it sooner."""
 BUSY = "import sys\nwhile True: pass"
 
 
@@ -82,7 +82,7 @@ def main() -> int:
             # Half of the turns on cores that others use as well.
             with _busy(args.busy * (turn % 2)), _watched(bench.folder / "s", tally):
                 while time.monotonic() < ends_s:
-                    Episode(bench, rng, tally, wanted, rng.choice(LIVES)).live(ends_s)
+                    Episode(bench, rng, tally, wanted, rng.choice(LIVES[name])).live(ends_s)
             if args.keep is not None:
                 args.keep.mkdir(parents=True, exist_ok=True)
                 shutil.copy(bench.folder / "log", args.keep / f"{turn:03d}-{name}.log")

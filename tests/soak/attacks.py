@@ -23,6 +23,8 @@ from tests.soak import disk, processes
 from tests.soak.daemons import Daemon
 from tests.soak.wanted import GRID
 
+GONE_S = 10.0
+"""How long a killed process may take to end."""
 CALLS = {
     "display": ("load", "black", "play"),
     "shutter": ("open", "close"),
@@ -71,6 +73,9 @@ def _signal_role(role: str, number: int) -> Callable[[Daemon, Random], int]:
         for pid in found:
             with suppress(ProcessLookupError):
                 os.kill(pid, number)
+        if number == signal.SIGKILL:
+            # A busy machine may take a while: the next photo, left in peace, would meet the kill.
+            processes.gone(set(found), GONE_S)
         return len(found)
 
     return do

@@ -32,7 +32,9 @@ SPARE = {"descriptors": 4, "threads": 3, "processes": 1}
 """How many more a daemon may hold in the end than after its first photo."""
 WARM = 5
 """Photos after which a daemon has all it is going to hold."""
-CALM, KILLS = 0.4, 0.5
+ROOM = 25
+"""Photos after which their folders are looked at and removed: the disk of a soak is small."""
+CALM, KILLS = 0.25, 0.85
 """Share of photos that are left in peace, and of attacks that are drawn among kills only."""
 LONG, LONG_CALM = 100, 0.9
 """A life of so many photos or more is ended by no attack, and more of it is left in peace: only
@@ -81,8 +83,14 @@ class Episode:
         return fits and (self._bench.mounted or not on_disk)
 
     def _drawn(self) -> Attack:
-        """Half of the attacks are kills."""
-        kills = [a for a in self._attacks if a.name.startswith(("kill", "SIG"))]
+        """Most of the attacks are kills, and most of those leave the daemon alive: another one
+        takes long to start."""
+        kills = [
+            attack
+            for attack in self._attacks
+            if attack.name.startswith(("kill", "SIG"))
+            for _ in range(1 if attack.ends else 4)
+        ]
         return self._rng.choice(kills if self._rng.random() < KILLS else self._attacks)
 
     def live(self, until_s: float) -> None:
@@ -94,6 +102,8 @@ class Episode:
             while daemon.alive and time.monotonic() < until_s and taken < self._photos:
                 self._round(daemon)
                 taken += 1
+                if taken % ROOM == 0:
+                    self._folders()
                 if daemon.alive and taken == WARM:
                     before = processes.holdings(daemon.pid)
                     first_mib = processes.resident(daemon.pid)

@@ -15,16 +15,19 @@ from numpy.typing import NDArray
 
 from drivers.mock.bench import Bench
 from pdcd.bench.tables import (
+    BenchConfig,
     CameraConfig,
     Config,
     DisplayConfig,
     FaultsConfig,
     LimitsConfig,
+    PanelConfig,
     RigConfig,
     SceneConfig,
 )
 from pdcd.frames.frames import Frames
 from pdcd.frames.patterns import Patterns, pack
+from pdcd.maps.placing import Placing
 from pdcd.request import CaptureRequest, Quality
 from pdcd.runs.folder import read_manifest
 from tests.bench.captures import capture_with, opened
@@ -163,3 +166,57 @@ def test_codes_with_unequal_light(tmp_path: Path) -> None:
     found = verdict(tmp_path, rig=RigConfig(on_miss="flag"), display=faults)
     assert found.verdict == "doubtful"
     assert any("refreshes were missed" in reason for reason in found.reasons)
+
+
+SMALL = (12, 16)
+"""Cells of the benches that are not what is believed."""
+
+
+def verdict_on(folder: Path, truth: str) -> Quality:
+    """Of a bench that really is as `truth` says. Its camera is believed to see 60 % more than the
+    field either way, its panels to fill the field; the scene is bright up to its edges."""
+    rng = np.random.default_rng(5)
+    cells = SMALL[0] * SMALL[1]
+    transport = rng.uniform(0.5, 1.0, (cells, cells)) / cells + np.diag(
+        rng.uniform(0.5, 1.0, cells)
+    )
+    np.savez(folder / "scene.npz", transport=transport, grid=np.array(SMALL))
+    (folder / "truth.toml").write_text(truth)
+    config = Config(
+        projector=PanelConfig(size_px=(256, 192)),
+        mask=PanelConfig(size_px=(320, 240)),
+        scene=SceneConfig(kind="matrix", path=str(folder / "scene.npz")),
+        camera=CameraConfig(frame_quads=(80, 60), place=Placing(scale=1.6)),
+        bench=BenchConfig(truth=str(folder / "truth.toml")),
+        limits=LimitsConfig(min_free_bytes=0),
+    )
+    request = CaptureRequest(goal="indirect", codes=32, window="quarter")
+    with opened(config) as engine:
+        found = capture_with(engine, request, folder, "job").summary["quality"]
+    assert isinstance(found, Quality)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("truth", "words"),
+    [
+        ("", ""),
+        # Projector and mask are larger than they are believed to be: to the camera, all is nearer.
+        ("[camera]\nplace = { scale = 1.15 }\n", "light outside"),
+        ("[camera]\nplace = { scale = 1.6, offset_px = [90.0, -70.0] }\n", "light outside"),
+        # The projector alone: beside the field the mask is black, so that no light is seen there.
+        ("[projector]\nplace = { scale = 1.4 }\n", "no direct light in the scene"),
+        ("[projector]\nplace = { offset_px = [40.0, 0.0] }\n", "no direct light in the scene"),
+    ],
+)
+def test_a_bench_that_lies_elsewhere_than_believed(tmp_path: Path, truth: str, words: str) -> None:
+    found = verdict_on(tmp_path, truth)
+    if not words:
+        assert (found.verdict, found.reasons) == ("good", ())
+        return
+    assert found.verdict == "doubtful"
+    if words == "light outside":
+        said = [r for r in found.reasons if "of the field's light outside it" in r]
+        assert said and said[0].endswith("check that [camera.place] says where the field lies")
+    else:
+        assert any(reason.startswith(words) for reason in found.reasons), found.reasons

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,12 +13,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import Config, LimitsConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError, RequestError
+from pdcd.maps.placing import Placing
+from pdcd.pictures.decode import decode_folder
 from pdcd.planning import memory
 from pdcd.planning.guided import plan_for
 from pdcd.request import CaptureRequest, new_job_id
+from pdcd.sensor import cells
 from tests import bench_rig
 
 GRID = (12, 16)
@@ -96,6 +100,41 @@ def test_a_capture_takes_no_more_than_its_plan_says(fields: dict[str, Any], tmp_
     assert result.state == "done", result.error
     assert taken[0] <= foreseen
     assert foreseen <= memory.SLACK * taken[0] + memory.BASE
+
+
+SMALL, LARGE = (640, 480), (2136, 1424)
+slow = pytest.mark.skipif(
+    not os.environ.get("PDCD_TEST_SLOW"), reason="takes minutes: make test-slow"
+)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [SMALL, pytest.param(LARGE, marks=[slow, pytest.mark.timeout(900)])],
+    ids=lambda f: f"{f[0]}x{f[1]}",
+)
+@pytest.mark.parametrize("place", [Placing(), Placing(turn_deg=2.0, scale=1.05)])
+def test_pictures_of_many_quads_take_what_was_foreseen(
+    tmp_path: Path, frame: tuple[int, int], place: Placing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From RAW files to pictures: neither less, nor more than 1.4 times as much."""
+    monkeypatch.setattr(memory, "BASE", 0)  # so that nothing hides behind it
+    panel = PanelConfig(size_px=(256, 192))
+    camera = CameraConfig(noise="none", f_number=8.0, frame_quads=frame, place=place)
+    engine = Engine.from_config(
+        bench_rig.config(tmp_path, grid=GRID, projector=panel, mask=panel, camera=camera)
+    )
+    engine.start()
+    request = CaptureRequest(goal="indirect", codes=8, window="whole")
+    foreseen = engine.plan(request).memory_bytes
+    result = bench_rig.capture(engine, request)
+    engine.stop()
+    assert result.folder is not None, result.error
+    for kept in (cells._footprint, cells._places, cells._lines, cells._single):
+        kept.cache_clear()  # as in a process that has decoded nothing yet
+    with peak() as taken:
+        decode_folder(Path(result.folder))
+    assert taken[0] <= foreseen <= 1.4 * taken[0]
 
 
 def test_what_is_too_much_is_refused_before_it_is_taken() -> None:

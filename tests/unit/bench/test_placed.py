@@ -76,8 +76,11 @@ def test_a_file_of_maps_is_found_beside_the_configuration(tmp_path: Path) -> Non
 
 
 def test_a_file_may_be_named_in_python(tmp_path: Path) -> None:
-    save_maps(tmp_path / "maps.npz", {"mask": MASK})
-    assert panels_of(with_mask(Placing(map=str(tmp_path / "maps.npz")))).mask.map == MASK
+    path = str(tmp_path / "maps.npz")
+    save_maps(Path(path), {"mask": MASK, "camera": Map.filling((2136, 1424))})
+    assert panels_of(with_mask(Placing(map=path))).mask.map == MASK
+    camera = msgspec.structs.replace(Config().camera, place=Placing(map=path))
+    assert checks.check(msgspec.structs.replace(Config(), camera=camera)) == []
 
 
 @pytest.mark.parametrize(
@@ -124,6 +127,58 @@ def test_a_place_that_cannot_be_is_one_fault(
     assert lines[0].strip().startswith(starts)
     assert main(["config", "check", "--config", str(path)]) != 0
     assert lines[0].strip() in capsys.readouterr().err
+
+
+KEYSTONE = "[0.0125, 0.012, 0, 0, 0.028, 0, 0, 0.0113, 1]"
+"""Of 80 x 60 pixels: the upper edge fills the field's, the lower one is squeezed to half of it."""
+
+
+SMALL = "[mask]\nsize_px = [80, 60]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (f"{SMALL}place.scale = 2.0", "0.625 pixels a cell on the mask; 1 are needed"),
+        (f"{SMALL}place.homography = {KEYSTONE}", "pixels a cell on the mask; 1 are needed"),
+        (
+            "[schedule]\nwindow = 'quarter'\n[projector.place]\nscale = 4.5",
+            "3.56 pixels a cell on the projector; 4 are needed by the quarter window",
+        ),
+    ],
+)
+def test_cells_smaller_than_the_pixels_of_a_placed_panel_are_one_fault(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, says: str
+) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(ConfigError) as caught:
+        config.load(path)
+    first, line = caught.value.message.splitlines()
+    assert first.startswith("1 fault in")
+    assert line.strip().startswith("scene.grid: ") and says in line
+    assert main(["config", "check", "--config", str(path)]) != 0
+    assert line.strip() in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("scale = 1.0", ""),
+        ("scale = 1.05\nturn_deg = 2.0", ""),
+        ("scale = 0.99", "about 2% of the field has no pixel of the mask"),
+        ("turn_deg = 0.2", "less than 1% of the field has no pixel of the mask"),
+        ("scale = 0.95", "220 of 48 x 64 cells have no pixel on the mask"),
+        ("offset_px = [0.0, 20.0]", "64 of 48 x 64 cells have no pixel on the mask"),
+    ],
+)
+def test_a_panel_that_leaves_part_of_the_field_dark_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, says: str
+) -> None:
+    path = write(tmp_path, f"[mask.place]\n{text}")
+    config.load(path)  # the display refuses what it cannot show
+    assert (main(["config", "check", "--config", str(path)]) == 0) == (not says)
+    told = capsys.readouterr().err.splitlines()[1:]
+    assert [line.strip().startswith(f"mask.place: {says}") for line in told] == [True] * bool(says)
 
 
 def test_no_rig_is_made_with_a_place_that_cannot_be() -> None:

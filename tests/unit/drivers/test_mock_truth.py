@@ -26,6 +26,7 @@ from pdcd.bench.tables import (
 from pdcd.bench.truth import TrueSensor
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError
+from pdcd.maps.map import Map
 from pdcd.maps.placing import Placing
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import read_raw
@@ -124,3 +125,18 @@ def test_a_placed_bench_takes_photos_where_the_camera_looks() -> None:
     np.testing.assert_allclose(light[3:9, 4:12], 0.25, rtol=1e-9)
     light[3:9, 4:12] = 0.0
     assert not light.any()  # beside the field there is no scene
+
+
+@pytest.mark.parametrize("driver", ["folder", "mock"])
+def test_before_a_real_camera_nobody_makes_the_mock_cameras_bench(
+    tmp_path: Path, driver: str
+) -> None:
+    """Its map is of photos that the mock camera does not take, so that this one is refused."""
+    camera = Map.filling((2136, 1424)).then(np.diag([0.9, 0.9, 1.0]))
+    options = {"folder": str(tmp_path)} if driver == "folder" else {}
+    config = Config(camera=CameraConfig(driver=driver, place=Placing(map=camera), options=options))
+    if driver == "mock":
+        with pytest.raises(ConfigError, match="2136 x 1424 pixels, this one has 64 x 48"):
+            Rig(config)
+    else:
+        assert "optics" not in vars(Bench.of(Rig(config)._context))

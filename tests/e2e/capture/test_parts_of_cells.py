@@ -1,0 +1,90 @@
+"""A mock camera that sees parts of cells: photos of quarter windows are those of a bench of pixels.
+
+The reference is the same rig, said to be placed where it lies anyway, which is a bench of pixels.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import CameraConfig, Config
+from pdcd.capture.engine import Engine
+from pdcd.maps.placing import Placing
+from pdcd.pictures.develop import read_tiff
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from tests import bench_rig
+
+Floats = NDArray[np.floating]
+
+GRID = (6, 8)
+REQUEST = {"goal": "indirect", "codes": 16, "family": "bernoulli"}
+
+
+def config_of(
+    folder: Path, per_cell: int, offset_px: tuple[float, float], *, of_pixels: bool
+) -> Config:
+    """Slow, leaking, jittery panels that miss refreshes, before a scene without detail in cells."""
+    folder.mkdir()
+    replace = msgspec.structs.replace
+    panels = {
+        "projector": replace(bench_rig.DEFECTS["projector"], size_px=(128, 96)),
+        "mask": replace(bench_rig.DEFECTS["mask"], size_px=(160, 120), offset_px=offset_px),
+    }
+    rows, cols = (side * per_cell for side in GRID)
+    filled = (1.0 / cols, 0.0, 0.0, 0.0, 1.0 / rows, 0.0, 0.0, 0.0, 1.0)
+    place = Placing(homography=filled) if of_pixels else Placing()
+    camera = CameraConfig(noise="none", f_number=8.0, quads_per_cell=per_cell, place=place)
+    return bench_rig.with_defects(folder, grid=GRID, camera=camera, **panels)
+
+
+def take(config: Config, **asked: Any) -> tuple[dict[str, Floats], float]:
+    """Pictures of a capture by name, and the error that it reports."""
+    engine = Engine.from_config(config)
+    engine.start()
+    result = bench_rig.capture(engine, msgspec.convert({**REQUEST, **asked}, CaptureRequest))
+    engine.stop()
+    assert result.error is None and result.folder is not None, result.error
+    folder = Path(result.folder)
+    assert any(shot.missed for shot in read_manifest(folder).run.shots)  # what is to be tested
+    error = result.summary["rms_error"]
+    assert isinstance(error, float)
+    return {f.stem: read_tiff(f) for f in (folder / "linear").glob("*.tif")}, error
+
+
+@pytest.mark.parametrize(
+    ("per_cell", "window", "offset_px"),
+    [(4, "quarter", (0.0, 0.0)), (10, "quarter", (0.0, 0.0)), (4, "whole", (5.0, -3.0))],
+)
+def test_windows_that_fall_on_parts_of_cells_are_seen_so(
+    tmp_path: Path, per_cell: int, window: str, offset_px: tuple[float, float]
+) -> None:
+    (found, told), (wanted, right) = (
+        take(config_of(tmp_path / name, per_cell, offset_px, of_pixels=name == "pixels"),
+             window=window)
+        for name in ("cells", "pixels")
+    )  # fmt: skip
+    assert found.keys() == wanted.keys() and "indirect" in found
+    for name, picture in wanted.items():
+        assert np.abs(found[name] - picture).max() <= 1e-6 * wanted["white"].max(), name
+    assert told == pytest.approx(right, rel=1e-4)
+
+
+def test_cells_are_enough_for_one_quad_a_cell_and_for_windows_as_large(tmp_path: Path) -> None:
+    """The bench of pixels, which takes longer, is not even made."""
+    for per_cell, window in ((1, "quarter"), (4, "whole")):
+        folder = tmp_path / window
+        config = config_of(folder, per_cell, (0.0, 0.0), of_pixels=False)
+        engine = Engine.from_config(config)
+        engine.start()
+        request = msgspec.convert({**REQUEST, "window": window}, CaptureRequest)
+        assert bench_rig.capture(engine, request).error is None
+        bench = bench_rig.bench_of(engine)
+        engine.stop()
+        assert bench.optics is None and "_optics_if_cut" not in vars(bench)
