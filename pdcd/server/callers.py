@@ -33,8 +33,8 @@ class Caller:
         self.interest: Interest = "none"
         self.gone = False
         """True once the client has left."""
-        self.active_s = asyncio.get_running_loop().time()
-        """When it last wanted something, by the loop's clock."""
+        self.idle_s = 0.0
+        """How long it has wanted nothing."""
         self._stream = stream
         self._lines: deque[tuple[bytes, bool]] = deque()
         self._changed = asyncio.Event()

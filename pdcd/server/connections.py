@@ -217,13 +217,16 @@ class Server:
     async def _idle(
         self, service: Service, caller: Caller, open_requests: set[asyncio.Task[None]]
     ) -> None:
-        """Return when the client has wanted nothing for `idle_s`, having told it so."""
+        """Return when the client has wanted nothing for `idle_s`, having told it so.
+
+        Counted in steps: a daemon that was held up itself for a while blames nobody for that time.
+        """
         limit_s = self._limits.idle_s
-        clock = asyncio.get_running_loop().time
-        while (left_s := caller.active_s + limit_s - clock()) > 0.0:
-            await asyncio.sleep(min(left_s, limit_s / 8.0))
-            if open_requests or caller.interest != "none" or service.engaged(caller):
-                caller.active_s = clock()
+        step_s = limit_s / 8.0
+        while caller.idle_s <= limit_s:
+            await asyncio.sleep(step_s)
+            wanted = open_requests or caller.interest != "none" or service.engaged(caller)
+            caller.idle_s = 0.0 if wanted else caller.idle_s + step_s
         error = BusyError(
             f"this connection asked for nothing for {limit_s:g} s",
             hint="connect again; events.subscribe keeps a connection, [limits] idle_s is the time",
@@ -295,7 +298,7 @@ async def _read(
                     if item.line is not None:
                         caller.send(item.line)
                     continue
-                caller.active_s = asyncio.get_running_loop().time()
+                caller.idle_s = 0.0
                 if len(open_requests) >= OPEN_REQUESTS:
                     _refuse_more(caller, item)
                     descriptors.release(item.fds)

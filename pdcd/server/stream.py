@@ -64,7 +64,15 @@ class Stream:
             self._sock.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Give the socket back. Nobody may wait for it any more."""
+        """Give the socket back. Nobody may wait for it any more.
+
+        What the client sent and nobody read goes first: else its kernel reports a reset, and many a
+        client then never reads what it was told last.
+        """
+        self.cut()
+        with contextlib.suppress(OSError):
+            while self._sock.recv(READ_BYTES):  # it ends: after `cut` no more can come
+                pass
         self._sock.close()
 
     async def _readable(self) -> None:
