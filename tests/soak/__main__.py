@@ -28,7 +28,7 @@ ABOUT = (
 )
 TURN_S = 120.0
 """How long one bench has its turn."""
-LIVES = {"mocks": (15, 15, 250), "windows": (15, 15, 100), "body": (15, 15, 100)}
+LIVES = {"mocks": (15, 15, 15, 250), "windows": (15, 15, 15, 100), "body": (15, 15, 15, 100)}
 """Photos of a daemon's life on each bench, if nothing ends it sooner."""
 BUSY = "import sys\nwhile True: pass"
 

@@ -34,9 +34,9 @@ WARM = 5
 """Photos after which a daemon has all it is going to hold."""
 ROOM = 25
 """Photos after which their folders are looked at and removed: the disk of a soak is small."""
-CALM, KILLS = 0.25, 0.85
+CALM, KILLS = 0.15, 0.9
 """Share of photos that are left in peace, and of attacks that are drawn among kills only."""
-LONG, LONG_CALM = 100, 0.9
+LONG, LONG_CALM = 100, 0.75
 """A life of so many photos or more is ended by no attack, and more of it is left in peace: only
 such a life shows how a daemon grows."""
 
