@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Bits, Shown
-from pdcd.calibration.strips import CLIPPED, COLOURS, FEWEST_QUADS, Taken
+from pdcd.calibration.strips import CLIPPED, COLOURS, FEWEST_QUADS
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import BLACK, WHITE
 from pdcd.maps.map import Map
@@ -91,8 +92,8 @@ def with_bar(
 
 
 def read_bar(
-    photo: Taken,
-    white: Taken,
+    photo: Photo,
+    white: Photo,
     camera: Map,
     *,
     cells: int = CELLS,
@@ -119,7 +120,7 @@ def read_bar(
     band = np.clip((row - first) * bands // (end - first), 0, bands - 1)
     cell = np.where(seen, band[:, None] * cells + np.nan_to_num(x).astype(np.int64), -1)
     size, used = bands * cells, seen
-    clipped = max(float(taken.clipped[used].mean()) for taken in (photo, white))
+    clipped = max(taken.saturated_share(used) for taken in (photo, white))
     if clipped > CLIPPED:
         raise CalibrationError(
             f"{100.0 * clipped:.0f} % of the bar is saturated",

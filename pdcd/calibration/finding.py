@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.lattice import Place, counted, placed
-from pdcd.calibration.lit import BLUE, GREEN, OFFSETS_QUADS, RED, SURE, Photo, lit_by
+from pdcd.calibration.lit import BLUE, GREEN, OFFSETS_QUADS, RED, SURE, lit_by
+from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -148,12 +149,12 @@ def find_dots(
 
 def _ratio(white: Photo, black: Photo, dots: Photo, lit: Bools, channel: int) -> _Ratio:
     """R where the panel's light falls, else 0."""
-    dark = black.values[..., channel]
-    light = white.values[..., channel] - dark
+    dark = black.light[..., channel]
+    light = white.light[..., channel] - dark
     # A colour may have no light where green has.
     least = np.median(light[lit]) * 0.05
     per = np.where(lit & (light > least), 1.0 / np.maximum(light, least), 0.0)
-    value = (dots.values[..., channel] - dark) * per
+    value = (dots.light[..., channel] - dark) * per
     variance = (
         dots.variance[..., channel]
         + value**2 * white.variance[..., channel]

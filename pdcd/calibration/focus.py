@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.registration import GREEN, Photo
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.registration import GREEN
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]

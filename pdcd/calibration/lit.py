@@ -1,12 +1,11 @@
-"""A photo of a calibration as numbers, and whether there is light in it that can be measured."""
+"""Where the light of a panel falls in a photo, and whether there is any that can be measured."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -38,41 +37,13 @@ MOST_AMBIENT = 1.0
 """Light of the room over light of the panel that is borne."""
 
 
-@dataclass(frozen=True, eq=False)
-class Photo:
-    """One photo, or the mean of some.
-
-    values : (h, w, 3) float64, red, mean of both greens, blue of each Bayer quad, black level taken
-        off, in any unit that goes with the light.
-    variance : (h, w, 3), of the same, in that unit squared.
-    saturated : (h, w) bool, quads with a sample at its upper end; None where that is not known.
-    """
-
-    values: Floats
-    variance: Floats
-    saturated: Bools | None = None
-
-    def __post_init__(self) -> None:
-        if self.values.ndim != 3 or self.values.shape[2] != 3:
-            raise ValueError(f"a photo is (h, w, 3), not {self.values.shape}")
-        if self.variance.shape != self.values.shape:
-            raise ValueError("values and variance of a photo differ in shape")
-        if self.saturated is not None and self.saturated.shape != self.values.shape[:2]:
-            raise ValueError("a photo and its saturated quads differ in shape")
-
-    @property
-    def frame(self) -> tuple[int, int]:
-        """Rows and columns of quads."""
-        return self.values.shape[0], self.values.shape[1]
-
-
 def lit_by(white: Photo, black: Photo, panel: str, channel: int = GREEN) -> Bools:
     """Where the light of a panel falls, (h, w) bool: where white is brighter than black.
 
     Raises CalibrationError, which names the cause, where these photos tell nothing of the panel: no
     light at all, a panel that does not switch, too little light, too much, a lit room.
     """
-    values = [photo.values[::STEP, ::STEP, channel] for photo in (white, black)]
+    values = [photo.light[::STEP, ::STEP, channel] for photo in (white, black)]
     if not all(np.isfinite(one).all() for one in values) or white.frame != black.frame:
         raise _untrusted(
             "the photos have numbers that are not finite, or differ in size",
@@ -107,7 +78,7 @@ def lit_by(white: Photo, black: Photo, panel: str, channel: int = GREEN) -> Bool
             panel,
             "switch off the room's lights, or shade the bench",
         )
-    whole: Bools = white.values[..., channel] - black.values[..., channel] > LIT * brightest
+    whole: Bools = white.light[..., channel] - black.light[..., channel] > LIT * brightest
     return whole
 
 
@@ -136,9 +107,7 @@ def _check_light(white: Floats, light: Floats, noise: Floats, panel: str) -> Non
 
 
 def _check_saturated(white: Photo, panel: str) -> None:
-    if white.saturated is None:
-        return
-    share = float(white.saturated.mean())
+    share = white.saturated_share()
     if share > SATURATED:
         raise _untrusted(
             f"{share:.1%} of the photo is saturated",

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.dots import PanelName
-from pdcd.calibration.lit import GREEN, SURE, Photo
+from pdcd.calibration.lit import GREEN, SURE
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Bits, Shown
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import WHITE
@@ -137,7 +138,7 @@ def decode(photos: Iterable[Photo], code: PhaseCode, channel: int = GREEN) -> De
         number = np.zeros(sine.mean.shape, dtype=np.int64)
         bit = np.zeros(sine.mean.shape, dtype=np.bool_)
         for _ in range(code.bits(axis)):
-            bit ^= next(taken).values[..., channel] > sine.mean
+            bit ^= next(taken).light[..., channel] > sine.mean
             number = 2 * number + bit
         near_px = np.asarray((number + 0.5) * (0.5 * code.period_px), dtype=np.float64)
         axes.append(sine.place(near_px))
@@ -195,7 +196,7 @@ class _Sine:
         mean, variance, saturated = np.zeros(frame), np.zeros(frame), np.zeros(frame, np.bool_)
         for step, factor in enumerate(factors.tolist()):
             photo = first if step == 0 else next(photos)
-            values, spread = photo.values[..., channel], photo.variance[..., channel]
+            values, spread = photo.light[..., channel], photo.variance[..., channel]
             z += values * factor
             turned += spread * factor**2
             mean += values / code.steps

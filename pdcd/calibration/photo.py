@@ -33,15 +33,37 @@ BULB_S = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """Quads of one photo, black level taken off.
+    """One photo, or the mean of some.
 
-    light, variance : (h, w, 3) float64, in DN (or electrons) and its square.
-    saturated : (h, w) bool
+    light : (h, w, 3) float64, red, mean of both greens, blue of each Bayer quad, black level taken
+        off, in DN or any other unit that goes with the light.
+    variance : (h, w, 3), of the same, in that unit squared.
+    saturated : (h, w) bool, quads with a sample at its upper end; None where that is not known.
     """
 
     light: Floats
     variance: Floats
-    saturated: Marks
+    saturated: Marks | None = None
+
+    def __post_init__(self) -> None:
+        if self.light.ndim != 3 or self.light.shape[2] != 3:
+            raise ValueError(f"a photo is (h, w, 3), not {self.light.shape}")
+        if self.variance.shape != self.light.shape:
+            raise ValueError("light and variance of a photo differ in shape")
+        if self.saturated is not None and self.saturated.shape != self.light.shape[:2]:
+            raise ValueError("a photo and its saturated quads differ in shape")
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Rows and columns of quads."""
+        return self.light.shape[0], self.light.shape[1]
+
+    def saturated_share(self, where: Marks | None = None) -> float:
+        """Share of saturated quads, of those marked or of all; 0 where that is not known."""
+        if self.saturated is None:
+            return 0.0
+        marks = self.saturated if where is None else self.saturated[where]
+        return float(marks.mean()) if marks.size else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +125,17 @@ def blocks_of(photo: Photo, side: int = BLOCK_QUADS) -> Blocks:
     return Blocks(
         block_means(photo.light, side),
         block_means(photo.variance, side) / side**2,
-        block_means(photo.saturated.astype(np.float64), side),
+        block_means(_marks(photo).astype(np.float64), side),
     )
+
+
+def _marks(photo: Photo) -> Marks:
+    return np.zeros(photo.frame, np.bool_) if photo.saturated is None else photo.saturated
 
 
 def refuse_clipped(name: str, photo: Photo | Blocks, hint: str) -> None:
     """Raise CalibrationError where a photo is over-exposed."""
-    clipped = photo.clipped if isinstance(photo, Blocks) else photo.saturated
-    share = float(np.mean(clipped))
+    share = float(np.mean(photo.clipped)) if isinstance(photo, Blocks) else photo.saturated_share()
     if share > CLIPPED_SHARE:
         raise CalibrationError(
             f"photo {name} is saturated in {100.0 * share:.2g} % of the picture",

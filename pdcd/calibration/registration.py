@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from pdcd.calibration import series_faults
 from pdcd.calibration.averaging import Averaging
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.stripes import Stripes
 from pdcd.maps.map import Map, between
 
@@ -34,18 +34,6 @@ PER_PERIOD = 8
 """Blocks of quads in a period, at least: photos are averaged over blocks before all else."""
 APART = 1.5
 """Periods from one measured place to the next: their boxes share little light."""
-
-
-class Photo(NamedTuple):
-    """One photo.
-
-    light, variance : (h, w, 3) of quads, black taken off, in any one unit and its square.
-    saturated : (h, w) bool, quads with a sample at its upper end; None where that is not known.
-    """
-
-    light: Floats
-    variance: Floats
-    saturated: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.programmes import Programme, Strips
 from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map
@@ -28,20 +29,6 @@ CLIPPED = 0.01
 """Share of clipped quads that is too large."""
 FAINTEST_SIGMAS = 20.0
 """White over its noise, in a strip of a band: with less, no time is known to 0.15 ms."""
-
-
-@dataclass(frozen=True, eq=False)
-class Taken:
-    """A photo as camera and sensor profile have it.
-
-    light, variance : (h, w, 3) float64, R, mean of both greens, B, black level taken off, in any
-        unit that is linear in light, and its square.
-    clipped : (h, w) bool, quads of which a sample is saturated.
-    """
-
-    light: Floats
-    variance: Floats
-    clipped: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +57,7 @@ class Readings:
         )
 
 
-def read_strips(photo: Taken, white: Taken, camera: Map, strips: Strips, *, bands: int) -> Readings:
+def read_strips(photo: Photo, white: Photo, camera: Map, strips: Strips, *, bands: int) -> Readings:
     """How bright the strips are in a photo, over one in which all of them were white.
 
     Parameters
@@ -109,8 +96,8 @@ def read_strips(photo: Taken, white: Taken, camera: Map, strips: Strips, *, band
 
 
 def read_whole(
-    photos: Sequence[Taken],
-    whites: Sequence[Taken],
+    photos: Sequence[Photo],
+    whites: Sequence[Photo],
     camera: Map,
     programmes: Sequence[Programme],
     *,
@@ -147,7 +134,7 @@ def read_whole(
     return Readings(value, sigma, middles, 1.0 / bands, tuple(programmes), tuple(programmes))
 
 
-def _sums(taken: Taken, cell: NDArray[np.int32], size: int) -> tuple[Floats, Floats]:
+def _sums(taken: Photo, cell: NDArray[np.int32], size: int) -> tuple[Floats, Floats]:
     """Light of all quads of each cell and its variance, (size,) each; clipped ones count too, for
     there are few."""
     used = cell >= 0
@@ -159,8 +146,8 @@ def _sums(taken: Taken, cell: NDArray[np.int32], size: int) -> tuple[Floats, Flo
     return first, second
 
 
-def _check_clipped(photos: Sequence[Taken], used: NDArray[np.bool_]) -> None:
-    worst = max(float(taken.clipped[used].mean()) if used.any() else 0.0 for taken in photos)
+def _check_clipped(photos: Sequence[Photo], used: NDArray[np.bool_]) -> None:
+    worst = max(taken.saturated_share(used) for taken in photos)
     if worst > CLIPPED:
         raise CalibrationError(
             f"{100.0 * worst:.0f} % of the photo is saturated",
@@ -198,7 +185,7 @@ def _check_white(full: Floats, var: Floats, quads: NDArray[np.int64], across: in
 
 
 def _check_gaps(
-    white: Taken,
+    white: Photo,
     x: Floats,
     band: NDArray[np.int32],
     inside: NDArray[np.bool_],

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.dots import PanelName
-from pdcd.calibration.lit import GREEN, SURE, Photo
+from pdcd.calibration.lit import GREEN, SURE
 from pdcd.calibration.phase import AXES, LEAST_VALID, Decoded, of_one_panel
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Bits, Shown
 from pdcd.errors import CalibrationError
 
@@ -92,7 +93,7 @@ def decode_xor(photos: Iterable[Photo], code: XorCode, channel: int = GREEN) -> 
         planes, sure = [], None
         for _ in range(code.bits(axis)):
             lit, unlit = next(taken), next(taken)
-            difference = lit.values[..., channel] - unlit.values[..., channel]
+            difference = lit.light[..., channel] - unlit.light[..., channel]
             noise = np.sqrt(lit.variance[..., channel] + unlit.variance[..., channel])
             clear = np.abs(difference) > SURE * noise
             for photo in (lit, unlit):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from pdcd.calibration.lit import Photo
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
 
 Floats = NDArray[np.float64]

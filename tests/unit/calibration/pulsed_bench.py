@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.strips import Taken
 from pdcd.calibration.timing_model import Ran
 from pdcd.frames.frames import WHITE, FrameLog
 from pdcd.maps.map import Map
@@ -105,7 +105,7 @@ class Bench:
         )  # fmt: skip
         return Ran(log, 0, int(at[-1]) + 600_000_000)
 
-    def photo(self, shown: Shown, photo_seed: int = 0) -> Taken:
+    def photo(self, shown: Shown, photo_seed: int = 0) -> Photo:
         """What the camera has of it."""
         rng = np.random.default_rng((self.seed, photo_seed))
         centres = self.camera.centres()
@@ -125,7 +125,7 @@ class Bench:
         samples = np.array([1.0, 2.0, 1.0])
         variance = (electrons + 17.0**2) / samples
         noisy = electrons + np.sqrt(variance) * rng.standard_normal(electrons.shape)
-        return Taken(np.minimum(noisy, self.full), variance, (noisy > self.full).any(axis=-1))
+        return Photo(np.minimum(noisy, self.full), variance, (noisy > self.full).any(axis=-1))
 
     def _kinds(
         self, patterns: NDArray[np.bool_], index: NDArray[np.int32]

@@ -18,7 +18,7 @@ from scipy import ndimage
 from scipy.interpolate import RectBivariateSpline
 from scipy.special import ndtr
 
-from pdcd.calibration.registration import Photo
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown, still
 from pdcd.frames.frames import BLACK, WHITE
 from pdcd.maps.map import Map, between

@@ -284,6 +284,6 @@ def test_a_decoded_file_as_a_photo() -> None:
     assert photo.variance[0, 0] == pytest.approx(
         [10 / 2.96 + fixed, (30 / 2.96 + fixed) / 2.0, 50 / 2.96 + fixed]
     )
-    assert photo.saturated[1, 2]
+    assert photo.saturated is not None and photo.saturated[1, 2]
     assert Seen.of(raw) == Seen(100, 2.0, 8.0, (1024.25, 1024.0, 1024.0, 1023.75))
     assert Seen.of(replace(raw, masked=False)).black_dn == ()

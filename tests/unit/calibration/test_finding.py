@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.finding import Dots, find_dots
-from pdcd.calibration.lit import Photo
+from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 from tests.unit.calibration.geometry_bench import Bench, Way, small_way
 
@@ -138,13 +138,13 @@ def photos() -> list[Photo]:
 def test_pictures_that_were_not_shown_are_named() -> None:
     white, black, dots = photos()
     with pytest.raises(CalibrationError, match="looks the same white and black"):
-        find_dots(white, replace(white, values=white.values + 1.0), dots, GRID)
+        find_dots(white, replace(white, light=white.light + 1.0), dots, GRID)
     with pytest.raises(CalibrationError, match="photo of dots is black"):
         find_dots(white, black, black, GRID)
     with pytest.raises(CalibrationError, match="photo of dots is white"):
         find_dots(white, black, white, GRID)
-    plain = replace(white, values=white.values.copy())
-    plain.values[..., :] = np.median(white.values)
+    plain = replace(white, light=white.light.copy())
+    plain.light[..., :] = np.median(white.light)
     with pytest.raises(CalibrationError, match="not which is which"):
         find_dots(plain, black, dots, GRID)
 
@@ -159,9 +159,9 @@ def test_dots_of_the_other_panel_are_recognised() -> None:
 
 def test_photos_must_be_whole() -> None:
     white, black, dots = photos()
-    broken = white.values.copy()
+    broken = white.light.copy()
     broken[::4, ::4] = np.nan
     with pytest.raises(CalibrationError, match="not finite"):
-        find_dots(replace(white, values=broken), black, dots, GRID)
+        find_dots(replace(white, light=broken), black, dots, GRID)
     with pytest.raises(ValueError, match="differ in shape"):
-        Photo(white.values, white.variance[:10])
+        Photo(white.light, white.variance[:10])

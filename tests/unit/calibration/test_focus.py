@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from pdcd.calibration.focus import Best, Depth, depth, peak, tilt
-from pdcd.calibration.registration import Photo
+from pdcd.calibration.photo import Photo
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -113,7 +115,7 @@ def test_what_is_wrong_is_named() -> None:
     with pytest.raises(CalibrationError, match="no light"):
         depth(photo(1.0, electrons=0.0), 0, PERIOD)
     with pytest.raises(CalibrationError, match="saturated"):
-        depth(plain._replace(saturated=plain.light[..., 1] > 4000.0), 0, PERIOD)
+        depth(replace(plain, saturated=plain.light[..., 1] > 4000.0), 0, PERIOD)
     with pytest.raises(CalibrationError, match="no stripes"):
         depth(photo(6.0), 0, PERIOD)
     with pytest.raises(CalibrationError, match="no stripes"):

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.lit import Photo
 from pdcd.calibration.panel_map import fit_decoded
 from pdcd.calibration.phase import Decoded, PhaseCode, decode, decode_by_prior
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.xor import XorCode, decode_xor
 from pdcd.errors import CalibrationError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from pdcd.calibration.cell_size import Meeting
 from pdcd.calibration.correction import Correction, bent_to, corrected, fitted
 from pdcd.calibration.mask_blur import blur
-from pdcd.calibration.registration import Offsets, Photo, Series, joined, measure, nearest, offsets
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.registration import Offsets, Series, joined, measure, nearest, offsets
 from pdcd.calibration.stripes import FINE, RULER, Stripes, patterns
 from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map
@@ -163,7 +164,7 @@ def cap(it: Session) -> None:
 
 def saturated(it: Session) -> None:
     full = it.white.light[..., 1] > 0.9 * it.white.light.max()
-    it.white = it.white._replace(saturated=full)
+    it.white = replace(it.white, saturated=full)
 
 
 def out_of_focus(it: Session) -> None:

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.calibration.bars import CellLight, bar_photo, read_bar, with_bar
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.programmes import strip_photo, strips_on
 from pdcd.calibration.shown import Shown, still
 from pdcd.calibration.shutter import Opened, bar_cells, fit_shutter, lag_of
-from pdcd.calibration.strips import Taken
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import WHITE, FrameLog
 from pdcd.maps.map import Map
@@ -48,7 +48,7 @@ class Camera:
     flat: float = 5e-4
     seed: int = 1
 
-    def photo(self, shown: Shown) -> Taken:
+    def photo(self, shown: Shown) -> Photo:
         """Camera pixels are two by two of the projector: no maps are needed."""
         lit = self._asked(shown)  # (refreshes, rows, columns) of projector pixels, every second
         per = round(T / STEP_S)
@@ -77,16 +77,16 @@ class Camera:
             out[rows] = (both[:, 1] - both[:, 0])[pixel[rows]]
         return self.taken(out)
 
-    def white(self, seconds: float = 0.4) -> Taken:
+    def white(self, seconds: float = 0.4) -> Photo:
         return replace(self, seed=self.seed + 1000).taken(np.full(CAMERA.size_px[::-1], seconds))
 
-    def taken(self, seconds: NDArray[np.float64]) -> Taken:
+    def taken(self, seconds: NDArray[np.float64]) -> Photo:
         rng = np.random.default_rng(self.seed)
         patches = 1.0 + self.flat * rng.standard_normal((1, 32)).repeat(4, axis=1)
         light = self.electrons * (seconds * patches + self.stray)[..., None] * np.ones(3)
         variance = (light + 17.0**2) / np.array([1.0, 2.0, 1.0])
         noisy = light + np.sqrt(variance) * rng.standard_normal(light.shape)
-        return Taken(noisy, variance, (noisy > 16000.0).any(axis=-1))
+        return Photo(noisy, variance, (noisy > 16000.0).any(axis=-1))
 
     def _asked(self, shown: Shown) -> NDArray[np.float64]:
         height, width = SIZE[1], SIZE[0]

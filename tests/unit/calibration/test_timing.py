@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.figures import Verdict
+from pdcd.calibration.photo import Photo
 from pdcd.calibration.programmes import ALL, COARSE, Strips, strip_photo, strips_on, whole_photos
 from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.strips import Readings, Taken, read_strips, read_whole
+from pdcd.calibration.strips import Readings, read_strips, read_whole
 from pdcd.calibration.timing import Timing, coarse_delay, fit_timing
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import WHITE
@@ -53,7 +54,7 @@ def bench(**more: object) -> Bench:
     return Bench(**{**given, **more})  # type: ignore[arg-type]
 
 
-def photos(on: Bench, strips: Strips, seed: int = 0, periods: int = PERIODS) -> tuple[Taken, Taken]:
+def photos(on: Bench, strips: Strips, seed: int = 0, periods: int = PERIODS) -> tuple[Photo, Photo]:
     pair = (
         strip_photo("strips", strips, PROJECTOR, MASK, white=white, periods=periods)
         for white in (False, True)
@@ -144,14 +145,14 @@ def test_programmes_on_the_whole_field() -> None:
     for panel, side in ((on.projector, "projector_index"), (on.mask, "mask_index")):
         prepare(panel, [tuple((getattr(p, side) == WHITE).astype(float)) for p in shown])
     albedo = np.random.default_rng(3).uniform(0.1, 0.9, (128, 192, 1))
-    pulses: list[Taken] = []
-    whites: list[Taken] = []
+    pulses: list[Photo] = []
+    whites: list[Photo] = []
     for number, photo in enumerate(shown):
         on.lamp = 1.0 + 0.001 * number
         taken = on.photo(photo, number)
         light = albedo * taken.light + 0.2 * taken.light.mean(axis=1, keepdims=True)
         (whites if photo.name.startswith("white") else pulses).append(
-            Taken(light, taken.variance, taken.clipped)
+            Photo(light, taken.variance, taken.saturated)
         )
     reading = read_whole(pulses, whites, CAMERA, ALL, bands=2)
     ran = on.log(shown[1])
