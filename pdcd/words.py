@@ -34,7 +34,12 @@ GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
 WindowName = Literal["auto", "whole", "quarter"]
 BlackLevel = Literal["none", "mask", "ambient", "both"]
 NormaliseName = Literal["auto", "scalar", "row"]
-JobKind = Literal["capture", "plan", "show", "preview"]
+StepName = Literal[
+    "sensor", "light", "geometry", "timing", "shutter", "registration", "response",
+    "coaxial", "focus", "check",
+]  # fmt: skip
+"""Steps of `pdcd calibrate`; all but the last three are part of a whole calibration."""
+JobKind = Literal["capture", "plan", "show", "preview", "calibrate"]
 """What of the rig a job uses: all of it, the arithmetic alone, the panels, all for a quick look."""
 VerdictName = Literal["good", "doubtful", "bad"]
 """On a finished run (docs/quality.md)."""

@@ -185,6 +185,22 @@ class BenchConfig(_Table, frozen=True):
     """File of the truth (`pdcd.bench.truth`); None: the bench is as it is described."""
 
 
+class CalibrationConfig(_Table, frozen=True):
+    """[calibration] which measured values replace typed ones."""
+
+    use: str = "latest"
+    """"latest": the newest of this rig in the state folder, where there is one; "none"; or the
+    path of a folder that `pdcd calibrate` made."""
+    keep: tuple[str, ...] = ()
+    """Keys that stay as typed whatever was measured: "mask.skew_s"."""
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None = None
+    """Digest that the calibration must have; None: any."""
+    check: Literal["daily", "always", "never"] = "daily"
+    """When a capture says that the bench should be checked first."""
+    max_age_days: Positive = 30.0
+    """A capture warns of an older calibration."""
+
+
 class LimitsConfig(_Table, frozen=True):
     """[limits] what the daemon refuses to exceed."""
 
@@ -254,6 +270,7 @@ class Config(_Table, frozen=True):
     scene: SceneConfig = field(default_factory=SceneConfig)
     bench: BenchConfig = field(default_factory=BenchConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     server: ServerConfig = field(default_factory=ServerConfig)
 

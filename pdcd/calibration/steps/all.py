@@ -1,0 +1,44 @@
+"""All steps by name, in the order in which they are run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from pdcd.calibration.metering import meter
+from pdcd.calibration.script import Script, Session
+from pdcd.calibration.steps.geometry import geometry
+
+
+@dataclass(frozen=True)
+class Step:
+    """run : its script. text : what it finds out, in a few words. needs : steps without which it
+    cannot be. card : whether it looks at a white card. usual : whether it is part of a whole
+    calibration."""
+
+    run: Callable[[Session], Script]
+    text: str
+    needs: tuple[str, ...] = ()
+    card: bool = True
+    usual: bool = True
+
+
+STEPS: Mapping[str, Step] = MappingProxyType(
+    {
+        "geometry": Step(geometry, "where projector, mask and camera lie"),
+    }
+)
+METER = "meter"
+"""What comes before all others."""
+
+
+def script_of(name: str, session: Session) -> Script:
+    """The script of a step, by name. Raises KeyError."""
+    return meter(session) if name == METER else STEPS[name].run(session)
+
+
+def ordered(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The steps in their order; all usual ones for none."""
+    wanted = names or tuple(name for name, step in STEPS.items() if step.usual)
+    return tuple(name for name in STEPS if name in wanted)

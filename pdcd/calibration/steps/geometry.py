@@ -1,0 +1,111 @@
+"""Where projector, mask and camera lie on one field: dots of both panels on a card."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.placed import camera_map, panels_of
+from pdcd.calibration.compose import Composed, compose, one_field
+from pdcd.calibration.dots import DotGrid
+from pdcd.calibration.finding import Dots, find_dots
+from pdcd.calibration.fit import Fitted
+from pdcd.calibration.panel_map import (
+    believed_map,
+    check_believed,
+    convergence,
+    figures,
+    fit_dots,
+    turned_against,
+)
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.script import Ask, Measured, Outcome, Script, Session, Taken, Wanted, take
+from pdcd.errors import ConfigError
+
+Floats = NDArray[np.float64]
+
+GREEN = 1
+"""The colour that cells go by."""
+ALIKE_DEG = 20.0
+"""Turns of both panels that differ by less are one turn of the camera."""
+
+
+def geometry(session: Session) -> Script:
+    """White, black and dots of each panel: six photos.
+
+    The maps that come out replace the places of all three devices.
+    """
+    projector, mask = grids(session)
+    of_projector, first = yield from _panel(session, projector, mask)
+    of_mask, second = yield from _panel(session, mask, projector)
+    composed = compose(first[GREEN], second[GREEN])
+    _refuse_unlike(session, composed)
+    field = one_field(composed)
+    maps = {"projector": field.projector, "mask": field.mask, "camera": field.camera}
+    words = {f"{name}.place.map": Measured("maps.npz") for name in maps}
+    words["mask.offset_px"] = Measured((0.0, 0.0))
+    told = [*figures(first[GREEN], "projector"), *figures(second[GREEN], "mask")]
+    for fits, panel in ((first, "projector"), (second, "mask")):
+        told += convergence(fits, panel)[1]
+    return Outcome(
+        figures=tuple(told),
+        words=words,
+        maps=maps,
+        arrays={
+            **_kept("projector", of_projector[GREEN], first[GREEN]),
+            **_kept("mask", of_mask[GREEN], second[GREEN]),
+        },
+    )
+
+
+def grids(session: Session) -> tuple[DotGrid, DotGrid]:
+    """The dots of projector and mask."""
+    projector, mask = session.sizes
+    return DotGrid.usual("projector", projector), DotGrid.usual("mask", mask)
+
+
+def _panel(
+    session: Session, grid: DotGrid, other: DotGrid
+) -> Generator[Wanted | Ask, Taken | None, tuple[Sequence[Dots], list[Fitted]]]:
+    """Photos of one panel's pictures: its dots and maps in red, green and blue."""
+    photos: list[Photo] = []
+    pattern = "RGGB"
+    for shown in grid.shown(session.full):
+        taken = yield from take(Wanted(shown))
+        photos.append(session.photo(taken))
+        pattern = taken.raw.pattern
+    dots = find_dots(photos[0], photos[1], photos[2], grid, other=other, pattern=pattern)
+    return dots, [fit_dots(one, photos[0].frame, other=other) for one in dots]
+
+
+def _refuse_unlike(session: Session, composed: Composed) -> None:
+    """Raise CalibrationError for a panel that is mirrored or turned unlike the configuration, where
+    the other one is not: what both show alike is the camera's own way of looking."""
+    found = composed.projector_of.map, composed.mask_of.map
+    width, height = found[0].size_px
+    try:
+        panels = panels_of(session.config)
+        camera = camera_map(session.config, (height, width))
+    except ConfigError:
+        return  # a belief that cannot be tells nothing
+    believed = [believed_map(camera, one.map) for one in (panels.projector, panels.mask)]
+    turns = [turned_against(*both) for both in zip(found, believed, strict=True)]
+    apart = abs((turns[0][0] - turns[1][0] + 180.0) % 360.0 - 180.0)
+    if turns[0][1] == turns[1][1] and apart < ALIKE_DEG:
+        return
+    for number, panel in enumerate(("projector", "mask")):
+        check_believed(found[number], believed[number], panel, believed[1 - number])
+
+
+def _kept(panel: str, dots: Dots, fitted: Fitted) -> dict[str, NDArray[np.generic]]:
+    """What checks and later steps need of a panel."""
+    return {
+        f"{panel}.dots.index": dots.index,
+        f"{panel}.dots.quads": dots.camera_px,
+        f"{panel}.dots.sigma": dots.sigma_px,
+        f"{panel}.blur_quads": np.array(dots.blur_quads),
+        f"{panel}.fit.covariance": fitted.covariance,
+        f"{panel}.fit.residual_px": fitted.residual_px,
+    }
