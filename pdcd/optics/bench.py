@@ -25,6 +25,7 @@ from pdcd.bench.truth import Truth, truth_of
 from pdcd.frames.frames import PIXELS, Frames
 from pdcd.optics.histories import Histories
 from pdcd.optics.lit import Lit
+from pdcd.optics.lookup import MOST_PAIRS, Whole, every, rendered
 from pdcd.optics.products import Exposure, Products, Tables, distinct
 from pdcd.optics.raster import Raster
 from pdcd.optics.render import Detail, Picture, Renderer
@@ -101,10 +102,41 @@ class OpticalBench:
             _kind(frames, bool(len(patterns)))
             for patterns in (frames.primal_patterns, frames.dual_patterns)
         )
+        if frames.of_pixels and self._scene.textures is None:
+            whole = self._whole(exposure, lit, opened)
+            if whole is not None:
+                ambience = () if self._ambient is None else (self._ambient,)
+                grid, scene = self._scene.grid, (self._direct, *ambience)
+                return self._through_lens(rendered(self._setting, self._looks, grid, whole, scene))
         driven = self._driven(lit, opened)
         tables = self._tables(driven, exposure)
         ambient = None if self._ambient is None else (tables.open_s, self._ambient)
         return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
+
+    def _whole(self, exposure: Exposure, lit: Kind, opened: Kind) -> Whole | None:
+        """What all pairs of histories did together; None where there are too many of them."""
+        projector, spread = self._lit(lit)
+        truth, true = self.truth, self.true
+        mask = PanelSites(self._setting.drawn.mask, opened, truth.mask, true.mask)
+        frames, effects, cells = exposure.frames, self._indirect, self._scene.cells
+        primal = Histories(projector, frames, mask=False)
+        dual = Histories(mask, frames, mask=True)
+        count = len(dual)
+        if max(count * len(primal), count * cells * bool(effects)) > MOST_PAIRS:
+            return None
+        light = primal.spread(spread)
+        products = Products(true, truth, primal, dual, exposure, light, effects)
+        indirect = every(count, cells if effects else 0)
+        tables = products.tables(every(count, len(primal)), indirect)
+        return Whole(
+            mask=dual.of[mask.image].astype(np.int32),
+            projector=primal.of[projector.image].astype(np.int32),
+            beside=int(dual.of[0]),
+            seconds=tables.direct.reshape(count, -1),
+            sent=tables.indirect.reshape(count, cells, 3) if effects else None,
+            open_s=tables.open_s,
+            uneven=self._uneven,
+        )
 
     def _tables(self, driven: _Driven, exposure: Exposure) -> Tables:
         """For how long sites were lit and open, and what light that sent about."""
@@ -216,7 +248,12 @@ class OpticalBench:
         if means is not None:
             reflected = reflected / means[0]
             indirect = indirect / means[1][driven.renderer.met.indirect.other]
-        image = driven.renderer.render(Picture(direct, reflected, indirect, ambient))
+        return self._through_lens(
+            driven.renderer.render(Picture(direct, reflected, indirect, ambient))
+        )
+
+    def _through_lens(self, image: Floats) -> Floats:
+        """What the sensor gets of a picture: blurred and shaded as the lens does."""
         (rows, cols), blur = self.frame, self.true.camera.blur_quads
         if blur:
             # Only a mock bench that blurs needs it; the daemons of real ones shall not load it.
