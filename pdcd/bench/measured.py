@@ -62,7 +62,7 @@ def chosen(config: Config) -> Path | None:
 
 
 def newest(folder: Path, config: Config) -> Path | None:
-    """The newest whole calibration of this rig in a folder; None where there is none."""
+    """The newest whole calibration of this rig in a folder that is not bad, or None."""
     try:
         names = sorted((p for p in folder.iterdir() if (p / RECORD).is_file()), reverse=True)
     except OSError:
@@ -72,7 +72,8 @@ def newest(folder: Path, config: Config) -> Path | None:
             record, _ = read_calibration(candidate)
         except ConfigError:
             continue
-        if record.identity.rig == config.rig.name and not other_bench(record, config):
+        same = record.identity.rig == config.rig.name and not other_bench(record, config)
+        if same and record.verdict != "bad":
             return candidate
     return None
 

@@ -109,7 +109,7 @@ def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
             rows, columns = head.masked
             border = f"{rows} rows and {columns} columns beyond the picture"
             yield Finding("masked border", "good", border if rows + columns else "none")
-        what, grid = "view of the field", config.schedule.grid or config.scene.grid or DEFAULT_GRID
+        what, grid = "view of the field", config.schedule.cells or config.scene.grid or DEFAULT_GRID
         fit = fit_of(camera_map(config, frame), grid)
         seen = f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
         yield Finding("field seen", "good", seen)
