@@ -23,6 +23,8 @@ from pdcd.maps.placing import Placing
 
 FOLDER = "calibrations"
 """Below the state folder."""
+UNFINISHED = ".partial"
+"""How the name of a folder ends whose calibration did not come to its end, whatever lies in it."""
 DEVICES = ("projector", "mask", "camera")
 
 
@@ -64,7 +66,8 @@ def chosen(config: Config) -> Path | None:
 def newest(folder: Path, config: Config) -> Path | None:
     """The newest whole calibration of this rig in a folder that is not bad, or None."""
     try:
-        names = sorted((p for p in folder.iterdir() if (p / RECORD).is_file()), reverse=True)
+        finished = (p for p in folder.iterdir() if not p.name.endswith(UNFINISHED))
+        names = sorted((p for p in finished if (p / RECORD).is_file()), reverse=True)
     except OSError:
         return None
     for candidate in names:

@@ -84,7 +84,7 @@ class Run:
         job, folder = self._job, self._folder
         planned = self._plan()
         iso = min(self._camera.isos) if planned.plan.iso is None else planned.plan.iso
-        doubtful = tuple(doubts(self._config, self._rig, iso, None))
+        doubtful = tuple(doubts(self._config, self._rig, iso))
         self._sight.foresee(planned.plan)
         folder.create(min_free_bytes=self._config.limits.min_free_bytes)
         self._journal.notify(events.Started(job=job.name, goal=job.request.goal))

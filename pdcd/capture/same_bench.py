@@ -19,10 +19,10 @@ SAME_RATE = 1e-3
 """Share by which a refresh rate may differ and be of the same mode."""
 
 
-def doubts(config: Config, rig: Rig, iso: int | None, flip: int | None) -> Iterator[str]:
+def doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]:
     """What speaks against the calibration in use, in words; nothing where none is used.
 
-    iso : of the photos to come. flip : how the camera is held now, where that is known.
+    iso : of the photos to come.
 
     Raises ConfigError where it is one of another camera, of other panels, or of another mode.
     """
@@ -33,17 +33,23 @@ def doubts(config: Config, rig: Rig, iso: int | None, flip: int | None) -> Itera
     record, _ = read_calibration(folder)
     _refuse_others(record, rig)
     seen = record.identity
-    if iso is not None and "camera.profile" in record.measured and seen.iso != iso:
+    if "camera.profile" in record.measured and seen.iso != iso:
         yield f"calibration {record.name} measured the sensor at ISO {seen.iso}, not at ISO {iso}"
-    if flip is not None and seen.flip is not None and seen.flip != flip:
-        yield (
-            f"the camera is held another way than when it was calibrated ({record.name}): "
-            "calibrate geometry"
-        )
     fixed = config.camera.f_number
     if fixed != "auto" and seen.f_number is not None and abs(fixed / seen.f_number - 1.0) > 0.06:
         yield f"calibration {record.name} was taken at f/{seen.f_number:g}, not at f/{fixed:g}"
     yield from _old(record, table)
+
+
+def held_otherwise(config: Config, flip: int) -> bool:
+    """Whether the camera is held another way than when it was calibrated.
+
+    flip : of a photo, as of `RawHead`. Raises ConfigError as `read_calibration`.
+    """
+    if config.calibration.sha256 is None:
+        return False
+    then = read_calibration(Path(config.calibration.use))[0].identity.flip
+    return then is not None and then != flip
 
 
 def _refuse_others(record: Calibration, rig: Rig) -> None:

@@ -16,6 +16,7 @@ from pdcd.bench.findings import Finding, fault
 from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import DEFAULT_GRID, Config
 from pdcd.capture.job import Journal
+from pdcd.capture.same_bench import held_otherwise
 from pdcd.errors import ExposureError, PdcdError
 from pdcd.planning.plan import Plan
 from pdcd.sensor.fit import check_fit, fit_of
@@ -54,6 +55,10 @@ class Sight:
                     "expected of this camera: is it set to full-size RAW?"
                 )
             self._check(head.frame)
+            if held_otherwise(self.config, head.flip):
+                self.journal.warn(
+                    "the camera is held another way than when it was calibrated: calibrate geometry"
+                )
             self._first = file, head
             return
         before, first = self._first

@@ -13,7 +13,7 @@ import pytest
 from pdcd.bench.tables import DisplayConfig, FaultsConfig, RigConfig
 from pdcd.client import Client
 from pdcd.errors import ProtocolError
-from pdcd.request import CaptureRequest
+from pdcd.request import CalibrateRequest, CaptureRequest
 from pdcd.runs.events import ENDS, THINNED, TYPES, Event, Queued, Unknown, read, wire
 from pdcd.runs.folder import read_manifest
 from tests.e2e.server.test_daemon_real import connect, daemon, wait_for_codes
@@ -41,6 +41,10 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
                 assert read_manifest(folder).job == result.job
                 lines = (folder / "log.jsonl").read_text().splitlines()
                 logged = [json.loads(line) for line in lines]
+        asked: list[str] = []
+        calibration = CalibrateRequest(steps=("geometry",), attended=True)
+        client.calibrate(calibration, on_event=events.append, answer=asked.append)
+        assert len(asked) == 1 and "card" in asked[0]
         process.terminate()
     with daemon(tmp_path, rig=RigConfig(clock="real")) as (process, path), connect(path) as client:
         job = wait_for_codes(client)
@@ -63,9 +67,24 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
 @pytest.mark.parametrize("kind", TYPES)
 def test_what_was_sent_is_what_is_read(kind: str) -> None:
     words = {"goal": "white", "cause": "late", "name": "x-1", "shot": "x", "stage": "codes"}
-    fields = {**words, "rms_sigma": None}
+    words |= {"step": "light", "text": "do it", "verdict": "good"}
+    fields = {**words, "rms_sigma": None, "figures": [], "advice": []}
     numbers = dict.fromkeys(
-        ("ahead", "photos", "frames", "frame", "missed", "part", "target", "shots", "done"), 1
+        (
+            "ahead",
+            "photos",
+            "frames",
+            "frame",
+            "missed",
+            "part",
+            "target",
+            "shots",
+            "done",
+            "number",
+            "steps",
+            "seconds",
+        ),
+        1,
     )
     wanted = set(TYPES[kind].__struct_fields__)
     given = {k: v for k, v in {**fields, **numbers, "total": 2}.items() if k in wanted}
