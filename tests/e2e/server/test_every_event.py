@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from pdcd.bench.tables import DisplayConfig, FaultsConfig, RigConfig
+from pdcd.bench.tables import CameraConfig, DisplayConfig, FaultsConfig, RigConfig
 from pdcd.client import Client
 from pdcd.errors import ProtocolError
 from pdcd.request import CalibrateRequest, CaptureRequest
@@ -30,7 +30,11 @@ REQUESTS = {
 def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: Heard) -> None:
     faults = DisplayConfig(faults=FaultsConfig(dropped=(10,), exposures=1))
     events: list[Event] = []
-    with daemon(tmp_path, grid=(8, 8), display=faults) as (process, path), connect(path) as client:
+    camera = CameraConfig(noise="none")  # its lens can be set
+    with (
+        daemon(tmp_path, grid=(8, 8), display=faults, camera=camera) as (process, path),
+        connect(path) as client,
+    ):
         schema = client.call("rig.describe")["schema"]
         named = set(schema["notifications"]["event"]["discriminator"]["mapping"])
         for name, request in REQUESTS.items():
@@ -43,7 +47,8 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
                 logged = [json.loads(line) for line in lines]
         asked: list[str] = []
         calibration = CalibrateRequest(steps=("geometry",), attended=True)
-        client.calibrate(calibration, on_event=events.append, answer=asked.append)
+        measured = client.calibrate(calibration, on_event=events.append, answer=asked.append)
+        assert measured.error is not None and measured.error["kind"] == "calibration"
         assert len(asked) == 1 and "card" in asked[0]
         process.terminate()
     with daemon(tmp_path, rig=RigConfig(clock="real")) as (process, path), connect(path) as client:
