@@ -73,7 +73,7 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
 def test_what_was_sent_is_what_is_read(kind: str) -> None:
     words = {"goal": "white", "cause": "late", "name": "x-1", "shot": "x", "stage": "codes"}
     words |= {"step": "light", "text": "do it", "verdict": "good"}
-    fields = {**words, "rms_sigma": None, "figures": [], "advice": []}
+    fields: dict[str, object] = {**words, "rms_sigma": None, "figures": [], "advice": []}
     numbers = dict.fromkeys(
         (
             "ahead",
