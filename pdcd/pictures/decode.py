@@ -60,8 +60,8 @@ def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
                 for name, picture in decoded.pictures.items()
             ]
             warnings = write_previews(folder / "preview", decoded.pictures, decoded.view)
-            for file in written:
-                file.result()
+            for written_file in written:
+                written_file.result()
         return warnings
 
 

@@ -58,7 +58,7 @@ class Loop:
         Row n of the log is that of refresh n; stalls are counted from number `first`.
         """
         # Single numbers go into plain memory much faster than into an array.
-        log, head = memoryview(log_array), memoryview(head_array)
+        log, head = log_array.data, head_array.data
         source, draw, opens = self._source, self._draw, self._opens
         margin_ns = MARGIN * self._period_ns
         count, put, missed, open_now = len(opens), 0, 0, False

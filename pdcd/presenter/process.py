@@ -148,7 +148,7 @@ class Presenter:
     def play(self, message: Play, arrays: dict[str, NDArray[Any]]) -> None:
         """Show the rows asked for; the log and how far it got are in the shared arrays."""
         options, frames = self._options, self._frames
-        head, shown, stopped, spoilt = memoryview(arrays["head"]), *HEADS
+        head, shown, stopped, spoilt = arrays["head"].data, *HEADS
         if frames is None:
             raise ConfigError("no frames are loaded", device="display", hint="call load first")
         abort = message.abort
