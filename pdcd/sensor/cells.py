@@ -1,24 +1,27 @@
 """Which quads of a camera's frame see which cells of the field: the one place that knows it.
 
 A quad is a Bayer quad: the pixel of all planes and pictures. `CellMap` says where the quads lie on
-the field, and brings values from cells to quads and back. `pdcd.sensor.footprint` does the sums.
+the field, and brings values from cells to quads and back. `pdcd.sensor.footprint` does the sums;
+its libraries take half a second to import, which commands that only name a map are spared.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.errors import DecodeError
 from pdcd.maps.map import Map
 from pdcd.sensor.bands import OfRows, banded, planar
-from pdcd.sensor.footprint import Cuts, Footprint, footprint
-from pdcd.sensor.quad_places import between_cells, bilinear, places
+
+if TYPE_CHECKING:
+    from scipy import sparse
+
+    from pdcd.sensor.footprint import Cuts, Footprint
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -198,6 +201,8 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
 
 @lru_cache(maxsize=4)
 def _footprint(cells: CellMap, cuts: Cuts) -> Footprint:
+    from pdcd.sensor.footprint import footprint
+
     return footprint(cells.filled, cells.frame, cells.grid, cuts, cells.blur_quads)
 
 
@@ -214,17 +219,23 @@ def _single(cells: CellMap) -> Bools:
 
 @lru_cache(maxsize=2)
 def _places(cells: CellMap) -> NDArray[np.float32]:
+    from pdcd.sensor.quad_places import places
+
     return places(cells.filled, cells.frame, cells.grid)
 
 
 @lru_cache(maxsize=2)
 def _lines(cells: CellMap) -> tuple[bool, sparse.csr_array, sparse.csr_array] | None:
+    from pdcd.sensor.quad_places import between_cells
+
     return between_cells(cells.filled, cells.frame, cells.grid)
 
 
 def _smooth(cells: CellMap, table: Floats) -> OfRows:
     lines = _lines(cells)
     if lines is None:
+        from pdcd.sensor.quad_places import bilinear
+
         places, values = _places(cells), table.astype(np.float32)
         return lambda rows: bilinear(values, places[:, rows])
     turned, down, right = lines
