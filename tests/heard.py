@@ -85,12 +85,12 @@ class Heard:
         def captured(
             engine: Engine, request: CaptureRequest, *arrays: Given, emit: Emit, **given: Any
         ) -> CaptureResult:
-            counted: Counter[tuple[str | type, ...]] = Counter()
+            counted: Counter[tuple[str, tuple[type, ...]]] = Counter()
 
             def told(event: Event) -> None:
                 # Alike are those of one type whose fields have values of the same types.
-                fields = (getattr(event, name) for name in event.__struct_fields__)
-                alike = (event.type, *map(type, fields))
+                values = [getattr(event, name) for name in event.__struct_fields__]
+                alike = event.type, tuple(type(value) for value in values)
                 if counted[alike] % SEVERAL == 0:
                     self.take(json.loads(msgspec.json.encode(event)))
                 counted[alike] += 1
