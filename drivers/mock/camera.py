@@ -37,7 +37,9 @@ class BenchSensor:
         bench.optics  # noqa: B018 - a bench that cannot be is refused before any device moves
         self._bench = bench
         self._config = config
-        self.profile = load_profile(config.profile)
+        # Whatever was measured, the body is what it was: its own noise must not move with that.
+        believed = load_profile(config.profile)
+        self.profile = load_profile(believed.base) if believed.base else believed
         self._true = true_profile(self.profile, bench.truth.sensor)
         self.responsivity_e = responsivity_e(config)
         self._rng = np.random.default_rng([config.seed, 1])

@@ -365,13 +365,14 @@ def _mean(values: list[tuple[float, float]]) -> tuple[float, float]:
 
 
 def profile_of(
-    body: Body, known: SensorProfile, *, name: str, description: str, source: str
+    body: Body, known: SensorProfile, *, name: str, description: str, source: str, base: str = ""
 ) -> SensorProfile:
     """The profile of this very body: what was measured, at its ISO, in a profile that was known.
 
     known : gives what was not measured: dark current, bits, size, white level and full well where
         the series did not reach them. Its rows of other ISOs are kept only where it is itself a
         measured profile.
+    base : what `known` was read from, where nobody has measured it.
 
     Raises ConfigError where the numbers make no profile.
     """
@@ -397,6 +398,7 @@ def profile_of(
         dark_e_per_s=known.dark_e_per_s,
         rows=tuple(sorted(rows, key=lambda row: row.iso)),
         frame_quads=known.frame_quads,
+        base=known.base or base,
     )
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.light_plan import Edges, LightPlan
 from pdcd.calibration.light_series import MOVES, Series, Sums, series_of
-from pdcd.calibration.photo import Photo
+from pdcd.calibration.photo import Blocks, Photo
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -129,13 +129,13 @@ def _contrast(panel: str, share: Share, with_room: bool) -> Figure:
     limit = f"{good:g} or more"
     if not share.seen:
         limit = "at least this: its black cannot be seen"
-    if with_room:
-        verdict, limit = max(verdict, Verdict.DOUBTFUL), "light of the room is in it"
+    if with_room:  # without it the contrast is higher: what is good is good
+        verdict, limit = min(verdict, Verdict.DOUBTFUL), f"{good:g} or more; the room is in it"
     return Figure(f"{panel}.contrast", value, sigma, "", limit, verdict)
 
 
 def measure_light(
-    photos: Mapping[str, Photo],
+    photos: Mapping[str, Photo | Blocks],
     plan: LightPlan,
     *,
     edges: Edges | None = None,
@@ -147,7 +147,7 @@ def measure_light(
     Parameters
     ----------
     photos : by the names of `plan.photos()`, all of one aperture and ISO; those of
-        `light_plan.COVERED` may be missing. Each is asked for once: it may be read from a file.
+        `light_plan.COVERED` may be missing. By blocks of 16 quads they take less memory.
     plan : what was shown.
     edges : of the panels; None: unknown, within 4 ms.
     black_sigma : standard deviation of one photo's black level, in the units of the photos: 0.3 DN
