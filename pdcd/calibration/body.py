@@ -311,13 +311,6 @@ def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
     two differ."""
     levels = [np.array([_middle(plane) for plane in planes]) for planes in (dark, again)]
     apart = float(np.abs(levels[0] - levels[1]).max())
-    if apart > BLACK_MOVES_DN:
-        raise CalibrationError(
-            f"the black level moves: two dark photos differ by {apart:.2g} DN",
-            device="camera",
-            hint="let the camera warm up for ten minutes; switch long-exposure noise reduction "
-            "off; keep the room dark",
-        )
     shift = np.asarray(0.5 * (levels[0] + levels[1]), np.float64)
     if float(np.abs(shift).max()) > DARK_LIMIT_DN:
         raise CalibrationError(
@@ -325,6 +318,13 @@ def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
             device="mask",
             hint="darken the room; see that both panels are black and that the mask's polarisers "
             "are crossed",
+        )
+    if apart > BLACK_MOVES_DN:  # much light would move it, too
+        raise CalibrationError(
+            f"the black level moves: two dark photos differ by {apart:.2g} DN",
+            device="camera",
+            hint="let the camera warm up for ten minutes; switch long-exposure noise reduction "
+            "off; keep the room dark",
         )
     return shift, apart / np.sqrt(2.0)
 
