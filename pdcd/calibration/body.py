@@ -42,6 +42,7 @@ BRIGHT = 0.98
 ROUNDING_DN = 0.29
 DARK_LIMIT_DN = 30.0
 """Of dark photos beside their black level; what the panels leak is a tenth of that."""
+LEAKED_DN = 1.5
 HOT_SIGMAS = 5.0
 ROOM_SHARE = 0.2
 """Light without a dose, over saturation."""
@@ -200,7 +201,13 @@ class Body:
 
 
 def measure_body(
-    photos: Mapping[str, Planes], plan: BodyPlan, *, iso: int, black_dn: Floats, dark_e: float = 0.0
+    photos: Mapping[str, Planes],
+    plan: BodyPlan,
+    *,
+    iso: int,
+    black_dn: Floats,
+    dark_e: float = 0.0,
+    masked: bool = False,
 ) -> Body:
     """Black, gain, read noise, saturation and linearity out of a series.
 
@@ -211,7 +218,10 @@ def measure_body(
     plan : what was shown.
     iso : at which it was taken.
     black_dn : (4,) what was taken off: the mean of the masked border, or what the file says.
-    dark_e : electrons of dark current in a dark photo; its noise is taken out of the read noise.
+    dark_e : electrons of dark current in a dark photo; its noise is taken out of the read noise,
+        and that of light that the panels leak.
+    masked : whether `black_dn` is of the masked border. A number of the file may itself be off, so
+        that no more than `LEAKED_DN` above it counts as light.
 
     Raises CalibrationError: no light, a shutter that did not open, light in dark photos, a black
     level that moves, saturated or dim flats, something that moved, samples that were filtered.
@@ -239,6 +249,7 @@ def measure_body(
                 lit[plane],
                 highest_dn=TRANSFER_SHARE * highest,
                 dark_e=dark_e,
+                leaked_dn=float(np.clip(shift[plane], 0.0, DARK_LIMIT_DN if masked else LEAKED_DN)),
             )
         )
     names = list(plan.doses)

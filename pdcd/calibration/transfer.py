@@ -186,7 +186,13 @@ class Transfer:
 
 
 def transfer_of(
-    plane: str, dark: Pair, lit: tuple[Pair, ...], *, highest_dn: float, dark_e: float = 0.0
+    plane: str,
+    dark: Pair,
+    lit: tuple[Pair, ...],
+    *,
+    highest_dn: float,
+    dark_e: float = 0.0,
+    leaked_dn: float = 0.0,
 ) -> Transfer:
     """Fit the line of one plane.
 
@@ -196,8 +202,10 @@ def transfer_of(
     dark, lit : pairs without and with light.
     highest_dn : blocks above it are left out: 70 % of saturation.
     dark_e : electrons of dark current in a dark photo, whose noise is no read noise.
+    leaked_dn : light in a dark photo, whose noise is none either.
 
-    Raises CalibrationError: saturated, too dim, moved between two photos, or filtered samples.
+    Raises CalibrationError: no noise, saturated, too dim, moved between two photos, or filtered
+    samples.
     """
     mean = np.concatenate([dark.mean * 0.0, *(pair.mean for pair in lit)])
     variance = np.concatenate([dark.variance, *(pair.variance for pair in lit)])
@@ -206,6 +214,12 @@ def transfer_of(
     peak = np.concatenate([dark.peak, *(pair.peak for pair in lit)])
     good = (samples > 0.5 * samples.max()) & (of_dark | (peak <= highest_dn))
     _refuse(plane, dark, lit, good & ~of_dark, highest_dn)
+    if not variance[good].any():
+        raise CalibrationError(
+            f"plane {plane}: photos of the same light are equal to the last digit: no noise",
+            device="camera",
+            hint='of a mock bench set camera.noise = "full"; see that two photos were taken',
+        )
     for _ in range(2):
         fit, covariance = _line(mean[good], variance[good], samples[good])
         model = fit[0] + fit[1] * mean
@@ -230,7 +244,7 @@ def transfer_of(
     gain = float(1.0 / fit[1])
     gain_sigma = gain**2 * float(np.sqrt(covariance[1, 1]))
     rounded = fit[0] < LEAST_DARK_DN2
-    read_dn2 = max(fit[0] - ROUNDING_DN2 - dark_e / gain**2, 1e-6)
+    read_dn2 = max(fit[0] - ROUNDING_DN2 - dark_e / gain**2 - leaked_dn / gain, 1e-6)
     read_dn = float(np.sqrt(read_dn2))
     band_dn = float(np.sqrt(dark.banding_dn2))
     # read = sqrt(v0 - 1/12) / K: how it moves with either number of the line.

@@ -48,7 +48,12 @@ def sensor(session: Session) -> Script:
     refuse_settings(seen, iso=session.iso, f_number=f_number, open_s=open_s)
     known, iso = session.profile, session.iso
     body = measure_body(
-        film, plan, iso=iso, black_dn=film.black_dn, dark_e=known.dark_e_per_s * film.exposure_s
+        film,
+        plan,
+        iso=iso,
+        black_dn=film.black_dn,
+        dark_e=known.dark_e_per_s * film.exposure_s,
+        masked=film.masked,
     )
     profile = profile_of(
         body,
@@ -88,7 +93,7 @@ class Film(Mapping[str, Planes]):
     def __init__(self) -> None:
         self._frames: dict[str, _Frame] = {}
         self._black: list[Floats] = []
-        self.exposure_s = 0.0
+        self.exposure_s, self.masked = 0.0, True
 
     def keep(self, taken: Taken) -> None:
         """Hold one photo."""
@@ -97,6 +102,7 @@ class Film(Mapping[str, Planes]):
         samples = np.rint(raw.planes + black[:, None, None]).astype(np.uint16)
         self._frames[taken.name] = _Frame(samples, black)
         self._black.append(raw.black)
+        self.masked = self.masked and raw.masked
         self.exposure_s = raw.exposure_s or taken.open_s
 
     @property
