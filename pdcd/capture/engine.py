@@ -27,6 +27,7 @@ from pdcd.offload.hands import Hands, Here
 from pdcd.offload.keeper import Child
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
+from pdcd.planning.measured import with_grid
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Emit, Event
@@ -67,7 +68,7 @@ class Engine:
 
     def _set_up(self, config: Config) -> None:
         """Make the rig of a configuration, closed, and who works for it."""
-        self._config = config
+        self._config = config = with_grid(config)
         self._rig = Rig(config)
         self._profile = load_profile(config.camera.profile)
         self._hands = self._make_hands(Facts(config, self._profile, self.grid, self._rig.scene))

@@ -100,9 +100,9 @@ class Rig:
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
-        said = self.config.schedule.grid or self.config.scene.grid or DEFAULT_GRID
+        said = self.config.schedule.cells or self.config.scene.grid or DEFAULT_GRID
         scene = self._virtual_scene
-        if scene is None or self.config.schedule.grid is not None:
+        if scene is None or self.config.schedule.cells is not None:
             return said
         return scene.grid
 

@@ -214,6 +214,8 @@ class Runner:
             # A copy by way of JSON types: what breaks the schema shall fail here, in the engine's
             # own call.
             event = events.read(plain(event))
+            if isinstance(event, events.Attention):
+                job.proceed_flag.clear()  # before anybody can have heard of it
             now_ns = time.monotonic_ns()
             if not isinstance(event, events.THINNED):
                 flush()
@@ -226,7 +228,6 @@ class Runner:
             return job.cancel_flag.is_set()
 
         def proceed(text: str) -> None:
-            job.proceed_flag.clear()
             while not job.proceed_flag.wait(PROCEED_LOOK_S) and not cancelled():
                 pass
 
