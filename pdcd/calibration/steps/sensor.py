@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.body import NAMES, Body, BodyPlan, measure_body, profile_of
 from pdcd.calibration.chart import COLOURS, GREY, Chart
 from pdcd.calibration.figures import Verdict
-from pdcd.calibration.metering import FULL, opened
+from pdcd.calibration.metering import FULL, LEAST, opened
 from pdcd.calibration.photo import Seen, refuse_settings
 from pdcd.calibration.script import Measured, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.sensor.raw import RawFrame
@@ -63,6 +63,7 @@ def sensor(session: Session) -> Script:
         description=f"{session.camera.model} at ISO {iso}, measured on the bench",
         source="photon transfer by pdcd calibrate",
     )
+    _keep_below(session, known.saturation_dn(iso), profile.saturation_dn(iso))
     figures = body.figures()
     offset, sigma = body.offset_refreshes
     black = np.array([body.black_sigma])
@@ -78,6 +79,12 @@ def sensor(session: Session) -> Script:
         advice=_advice(body),
         picture=_picture(body, plan, film),
     )
+
+
+def _keep_below(session: Session, believed_dn: float, found_dn: float) -> None:
+    """Have later photos shorter where the sensor is full sooner than was believed."""
+    if found_dn < believed_dn:
+        session.full = max(LEAST, int(session.full * found_dn / believed_dn))
 
 
 class _Frame(NamedTuple):
