@@ -165,7 +165,8 @@ class Bench:
                 hint="remove grab_px from display.options, or the truth and places of the bench, "
                 "and leave one quad a cell",
             )
-        return optics.photo(Exposure(frames, log, open_ns, close_ns))
+        exposure = Exposure(frames, log, open_ns, close_ns, covered=self.shared.covered)
+        return optics.photo(exposure)
 
     def _finer_optics(self, frames: Frames) -> OpticalBench | None:
         """The bench pixel by pixel where it is needed for these frames alone: for windows that cut

@@ -208,6 +208,9 @@ class Shared:
     photographed: bool = False
     """Whether the photos show that scene, said by the camera that makes them of it: only then are
     errors reported against the truth. A real camera before virtual panels sees something else."""
+    covered: bool = False
+    """Whether a virtual projector's lens is covered: none of its light, leaked or not, comes out.
+    """
     usb_backend: object | None = None
     """The pyusb backend to use instead of libusb, which is None."""
 

@@ -79,13 +79,15 @@ class TrueScene(_Table, frozen=True):
 
 
 class TrueSensor(_Table, frozen=True):
-    """[sensor] factors on the profile's own numbers."""
+    """[sensor] factors on the profile's own numbers, and what the lens lets through."""
 
     gain: Positive = 1.0
     """DN for each electron, over what the profile says."""
     read_noise: Positive = 1.0
     dark: Positive = 1.0
     full_well: Positive = 1.0
+    responsivity_e: tuple[Positive, Positive, Positive] | None = None
+    """As `camera.responsivity_e`; None: what is believed, also when that was measured anew."""
     prnu: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
     """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""
 

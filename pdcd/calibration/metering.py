@@ -80,6 +80,19 @@ def meter(session: Session) -> Script:
     )
 
 
+def opened(session: Session, least: int) -> tuple[float | None, int]:
+    """The widest aperture at which `FULL` takes so many refreshes at least, or the session's own;
+    and how many it takes there. Short photos are enough for what needs light alone."""
+    set_to, fixed = session.f_number, session.config.camera.f_number
+    if set_to is None or fixed != "auto":
+        return set_to, session.full
+    for stop in sorted(session.camera.f_numbers):
+        full = int(session.full * (stop / set_to) ** 2)
+        if full >= least and stop < set_to:
+            return stop, full
+    return set_to, session.full
+
+
 def _settled(stops: list[float], f_number: float | None, rate: float) -> tuple[float | None, int]:
     """The aperture at which `WISHED` refreshes or a few more are full, and how many are."""
     if f_number is None or not stops:

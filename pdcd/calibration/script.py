@@ -32,11 +32,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """One photo. iso, f_number : None is the session's own."""
+    """One photo. iso, f_number : None is the session's own. covered : with the projector's lens
+    covered, which somebody was asked for before; a mock bench does it by itself."""
 
     shown: Shown
     iso: int | None = None
     f_number: float | None = None
+    covered: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,7 @@ class Session:
     full : refreshes of white light after which the brightest part of a photo is at `FULL` of
         saturation; 0 before it was metered.
     arrays : of steps so far, and of the calibration before.
+    helped : whether what is asked of a person (`Ask`) is done.
     """
 
     config: Config
@@ -132,6 +135,7 @@ class Session:
     full: int = 0
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     done: list[str] = field(default_factory=list)
+    helped: bool = False
 
     @property
     def refresh_s(self) -> float:

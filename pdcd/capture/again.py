@@ -11,7 +11,7 @@ import msgspec
 from pdcd.bench.calibration import ARRAYS, MAPS, PROFILE, Calibration, StepRecord, read_calibration
 from pdcd.bench.tables import Config
 from pdcd.errors import CalibrationError, ConfigError, disk_errors
-from pdcd.offload.calibrating import Begin, Found, NextAsk, Study
+from pdcd.offload.calibrating import HELPED, Begin, Found, NextAsk, Study
 from pdcd.sensor.profile import SensorProfile
 
 
@@ -68,7 +68,9 @@ def _begin(record: Calibration, folder: Path) -> Begin:
     except msgspec.ValidationError as err:
         raise ConfigError(f"the calibration in {folder} cannot be computed again: {err}") from err
     # Its own arrays hold those of the calibration before it as well.
-    return Begin(config, profile, record.camera.info, folder if record.before else None)
+    before = folder if record.before else None
+    helped = any(step.settings.get(HELPED) for step in record.steps)
+    return Begin(config, profile, record.camera.info, before, helped)
 
 
 def _computed(study: Study, step: StepRecord) -> StepRecord:

@@ -65,7 +65,8 @@ class CalibrationRun:
         before, digest = self._before()
         names = ordered(self.request.steps)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
-        begin = Begin(self.config, self.profile, camera, before)
+        helped = self.request.attended or self.rig.mock
+        begin = Begin(self.config, self.profile, camera, before, helped)
         self.hands.do(self._watch(), Desk.calibrate, begin, self.folder.path)
         if self.request.attended:
             self._ask(
@@ -149,6 +150,14 @@ class CalibrationRun:
         )
 
     def _photo(self, wanted: NextPhoto) -> PhotoRecord:
+        """Take one photo; of a mock bench with the lens covered where it is to be."""
+        self.rig.cover(wanted.covered)
+        try:
+            return self._exposed(wanted)
+        finally:
+            self.rig.cover(False)
+
+    def _exposed(self, wanted: NextPhoto) -> PhotoRecord:
         """Expose, again where refreshes were missed. Raises SyncError when that went on."""
         settings = CameraSettings(wanted.iso, wanted.f_number if self._settable else None)
         for number in range(1, self.config.rig.retries + 2):

@@ -141,6 +141,11 @@ class Rig:
         finally:
             self.readout.disconnect()
 
+    def cover(self, covered: bool) -> None:
+        """Cover the projector's lens, or uncover it, for the exposures to come: of a mock bench. Of
+        any other somebody has to do it."""
+        self._context.shared.covered = covered
+
     def mask_lag_s(self) -> float | None:
         """Lag of the mask as the display measures it; one that is not open is opened for the
         question only."""

@@ -9,6 +9,9 @@ from types import MappingProxyType
 from pdcd.calibration.metering import meter
 from pdcd.calibration.script import Script, Session
 from pdcd.calibration.steps.geometry import geometry
+from pdcd.calibration.steps.light import light
+from pdcd.calibration.steps.response import response
+from pdcd.calibration.steps.sensor import sensor
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,10 @@ class Step:
 
 STEPS: Mapping[str, Step] = MappingProxyType(
     {
+        "sensor": Step(sensor, "black, gain, noise and upper end of the camera's sensor"),
+        "light": Step(light, "contrasts, light of the room, brightness, lamp and lens"),
         "geometry": Step(geometry, "where projector, mask and camera lie"),
+        "response": Step(response, "light of grey levels", needs=("geometry",), usual=False),
     }
 )
 METER = "meter"
