@@ -9,6 +9,8 @@ from types import MappingProxyType
 from pdcd.calibration.metering import meter
 from pdcd.calibration.script import Script, Session
 from pdcd.calibration.steps.geometry import geometry
+from pdcd.calibration.steps.shutter import shutter
+from pdcd.calibration.steps.timing import timing
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,8 @@ class Step:
 STEPS: Mapping[str, Step] = MappingProxyType(
     {
         "geometry": Step(geometry, "where projector, mask and camera lie"),
+        "timing": Step(timing, "lag, rise and fall of both panels", ("geometry",)),
+        "shutter": Step(shutter, "lag and jitter of the shutter", ("geometry", "timing")),
     }
 )
 METER = "meter"
