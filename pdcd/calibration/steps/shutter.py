@@ -14,9 +14,13 @@ from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Measured, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
 from pdcd.calibration.shutter import Opened, ShutterLag, bar_cells, fit_shutter, lag_of
+from pdcd.errors import CalibrationError
 from pdcd.frames.frames import WHITE
 
 PHOTOS = 5
+CELLS = (24, 29), (35, 40)
+"""Cells of the bar, in turns: a shutter that is a whole cycle later than was thought looks the same
+in one of them, but not in both."""
 EXPOSED_S = 0.75
 """Exposure of a photo, about: a cycle and a half of the bar."""
 LEAST_OPEN_S = 0.2
@@ -54,6 +58,18 @@ class _Times:
         found, told, sigmas = zip(*rows, strict=True)
         return lag_of(found, told, sigmas)
 
+    def check(self, cells: list[int], refresh_s: float) -> None:
+        """Refuse lags that depend on the bar's cycle: they are off by one. cells : of each."""
+        late = np.array([one.opened_s for one in self.found]) - np.array(self.told)[:, 0]
+        short = np.array(cells) == min(cells)
+        apart_s = abs(float(late[short].mean() - late[~short].mean()))
+        if apart_s > 0.5 * (max(cells) - min(cells)) * refresh_s:
+            raise CalibrationError(
+                "the shutter's lag is more than a quarter of a second off what is configured",
+                device="shutter",
+                hint="set trigger.lag_s to what pdcd doctor trigger --click shows, and repeat this",
+            )
+
     @property
     def sigma_s(self) -> float:
         """Of one time, the worst."""
@@ -64,13 +80,15 @@ def shutter(session: Session) -> Script:
     """White, and five exposures that begin and end while a bar runs: six photos.
 
     The lag counts from when the driver says that it gave its order, as ``trigger.lag_s`` does.
-    Raises CalibrationError as `read_bar` and `fit_shutter` do.
+    Raises CalibrationError as `read_bar` and `fit_shutter` do, and for a lag that is not at all as
+    configured.
     """
     projector, camera = session.found("projector"), session.found("camera")
     trigger, refresh_s = session.config.trigger, session.refresh_s
     sure_s = trigger.sure_ns * 1e-9
     open_s = max(EXPOSED_S - sure_s, LEAST_OPEN_S)
-    cells = bar_cells(sure_s + open_s, refresh_s)
+    counts = [bar_cells(sure_s + open_s, refresh_s, cells) for cells in CELLS]
+    cells = [counts[number % 2] for number in range(PHOTOS)]
     before = round(BEFORE_S / refresh_s)
     count = before + round((2.0 * sure_s + open_s + AFTER_S) / refresh_s)
     taken = yield from take(Wanted(still("white", session.full, WHITE, WHITE)))
@@ -79,9 +97,9 @@ def shutter(session: Session) -> Script:
     panel = session.config.projector
     times, light = _Times(), None
     for number in range(PHOTOS):
-        shown = bar_photo(f"bar-{number + 1}", projector, count, cells=cells)
+        shown = bar_photo(f"bar-{number + 1}", projector, count, cells=cells[number])
         taken = yield from take(Wanted(shown, moving=WhileShown(before, open_s)))
-        light = read_bar(session.photo(taken), white, camera, cells=cells, bands=bands)
+        light = read_bar(session.photo(taken), white, camera, cells=cells[number], bands=bands)
         told = _told_s(taken, sure_s)
         times.told.append(told)
         times.found.append(
@@ -93,7 +111,8 @@ def shutter(session: Session) -> Script:
                 tau_sigma=_tau_sigma(session),
             )
         )
-    return _outcome(times, light)
+    times.check(cells, refresh_s)
+    return _outcome(session, times, light)
 
 
 def _told_s(taken: Taken, sure_s: float) -> tuple[float, float]:
@@ -109,7 +128,7 @@ def _tau_sigma(session: Session) -> float:
     return float((sigmas[:2] / taus[:2]).max())
 
 
-def _outcome(times: _Times, light: CellLight | None) -> Outcome:
+def _outcome(session: Session, times: _Times, light: CellLight | None) -> Outcome:
     """Both lags as one where they are one; the later one where they are not."""
     opening, closing, both = times.lag((0,)), times.lag((1,)), times.lag((0, 1))
     advice = []
@@ -120,6 +139,8 @@ def _outcome(times: _Times, light: CellLight | None) -> Outcome:
             f"the shutter takes {1e3 * opening.lag_s:.1f} ms to open and "
             f"{1e3 * closing.lag_s:.1f} ms to close: trigger.lag_s is the longer of both"
         )
+    if "timing.taus_s" not in session.arrays:
+        advice.append("rise and fall of the projector are not measured: run timing, then shutter")
     jitter_s = max(both.jitter_s, times.sigma_s)
     samples = 2 * len(times.found)
     good = times.sigma_s < LAG_LIMIT_S

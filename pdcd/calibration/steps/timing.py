@@ -50,7 +50,7 @@ AGAINST = 0.3
 """Lag from top to bottom, in refreshes, from which the panels run against each other."""
 SETTLED = 5.0
 """Time constants after which a panel is black."""
-LEAKS = 0.12, 0.4
+LEAKS = 0.12, 1.0
 """Light of a code in others under the best schedule: more is doubtful, and more is no use."""
 
 
