@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pdcd.bench.devices import Clock, Shutter, WhileShown
-from pdcd.errors import ExposureError
+from pdcd.errors import ExposureError, PdcdError
 from pdcd.runs.events import Emit, ShutterClosed, ShutterOpen
 
 EARLY_NS = 150_000_000
@@ -21,7 +21,9 @@ EARLY_NS = 150_000_000
 class MovingShutter:
     """To be called as `Display.play` calls its `progress`, and passes that on.
 
-    open_ns, close_ns : when the shutter was surely open, and surely closed; None before that.
+    cancelled : whether the job is to end. open_ns, close_ns : when the shutter was surely open, and
+    surely closed; None before that. failure : what went wrong in moving it. It must not be raised
+    through a display that plays: `over` has it end, and `ended` raises.
     """
 
     shutter: Shutter
@@ -30,12 +32,26 @@ class MovingShutter:
     shot: str
     notify: Emit
     progress: Callable[[int, int, int], None]
+    cancelled: Callable[[], bool]
+    failure: PdcdError | None = None
     open_ns: int | None = None
     close_ns: int | None = None
 
     def __call__(self, frame: int, frames: int, missed: int) -> None:
         """Open or close where it is time to; closing may wait for `EARLY_NS`."""
         self.progress(frame, frames, missed)
+        if self.failure is not None:
+            return
+        try:
+            self._move(frame)
+        except PdcdError as err:
+            self.failure = err
+
+    def over(self) -> bool:
+        """Whether the display is to end, to be asked as `Display.play` asks `cancelled`."""
+        return self.failure is not None or self.cancelled()
+
+    def _move(self, frame: int) -> None:
         if self.open_ns is None:
             if frame >= self.when.after:
                 self.open_ns = self.shutter.open()
@@ -50,8 +66,11 @@ class MovingShutter:
     def ended(self) -> tuple[int, int]:
         """`open_ns` and `close_ns`, once the frames are over.
 
-        Raises ExposureError when they were over first; the shutter is closed then, too.
+        Raises `failure`, and ExposureError when they were over first; the shutter is closed then,
+        too.
         """
+        if self.failure is not None:
+            raise self.failure
         if self.open_ns is None or self.close_ns is None:
             self.shutter.close()
             raise ExposureError(

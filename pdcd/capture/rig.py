@@ -25,7 +25,7 @@ from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import DEFAULT_GRID, Config
 from pdcd.capture.moving import MovingShutter
-from pdcd.errors import ConfigError, PdcdError, SyncError, disk_errors
+from pdcd.errors import Cancelled, ConfigError, PdcdError, SyncError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.runs.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.scene.scene import Scene
@@ -220,8 +220,10 @@ class Rig:
         shared.exposed_ns = shared.played = None
         shared.moving = moving is not None
         if moving is not None:
-            mover = MovingShutter(self.shutter, self.clock, moving, name, notify, progress)
-            log, open_ns, close_ns = self._moved(mover, frames, folder, cancelled)
+            mover = MovingShutter(
+                self.shutter, self.clock, moving, name, notify, progress, cancelled
+            )
+            log, open_ns, close_ns = self._moved(mover, frames, folder)
             return Exposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
@@ -240,13 +242,17 @@ class Rig:
         return Exposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
 
     def _moved(
-        self, mover: MovingShutter, frames: Frames, folder: Path, cancelled: Callable[[], bool]
+        self, mover: MovingShutter, frames: Frames, folder: Path
     ) -> tuple[FrameLog, int, int]:
         """Play the loaded frames while the shutter moves; log, and when it was surely open, and
         surely closed."""
         shared = self._context.shared
         try:
-            log = self.display.play(mover, cancelled)
+            log = self.display.play(mover, mover.over)
+        except Cancelled:
+            if mover.failure is not None:
+                raise mover.failure from None
+            raise
         except SyncError:
             if mover.open_ns is not None:
                 self._take_spoilt(mover.open_ns, folder, mover.shot, mover.notify)
