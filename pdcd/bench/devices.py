@@ -82,6 +82,15 @@ class CameraInfo:
 
 
 @dataclass(frozen=True)
+class WhileShown:
+    """A shutter that moves while the panels show their frames, so that a photo tells when it did:
+    told to open once `after` rows were shown, and to close `open_s` after it was surely open."""
+
+    after: int
+    open_s: float
+
+
+@dataclass(frozen=True)
 class RawFile:
     """A RAW file on disk, as fetched: byte-for-byte the camera's own."""
 
@@ -200,6 +209,8 @@ class Shared:
     """When the last exposure surely began and ended, put here by the rig: a virtual camera behind
     a shutter that is not its own goes by it. None while the shutter is open, and once its photo
     was made."""
+    moving: bool = False
+    """Whether the shutter of this exposure is meant to move while the panels show their frames."""
     pixels: Shown | None = None
     """The panels' own pixels of the same frames, from a display that looks at them: a virtual
     camera believes these rather than the frame log."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import CameraInfo
+from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.measured import with_values
 from pdcd.bench.tables import Config
 from pdcd.calibration.figures import Figure, Verdict
@@ -33,12 +33,14 @@ Floats = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Wanted:
     """One photo. iso, f_number : None is the session's own. covered : with the projector's lens
-    covered, which somebody was asked for before; a mock bench does it by itself."""
+    covered, which somebody was asked for before; a mock bench does it by itself. moving : for a
+    shutter that moves while the panels show it; usually it moves before and after that."""
 
     shown: Shown
     iso: int | None = None
     f_number: float | None = None
     covered: bool = False
+    moving: WhileShown | None = None
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ class Taken:
     """One photo as it came.
 
     raw : decoded samples. log : when the panels showed what. open_ns, close_ns : when the shutter
-        was surely open, and surely closed. iso : as asked for.
+        was surely open, and surely closed: `TriggerConfig.sure_ns` of the configuration after it
+        was told so. iso : as asked for.
     """
 
     name: str

@@ -171,6 +171,7 @@ class CalibrationRun:
                     events.Progress(shot=wanted.name, frame=frame, frames=of, missed=missed)
                 ),
                 cancelled=self.cancelled,
+                moving=wanted.moving,
             )
             if not done.log.missed.any():
                 self.folder.write_frames(wanted.name, wanted.frames, done.log)

@@ -20,7 +20,7 @@ from pdcd.bench.calibration import (
     PhotoRecord,
     StepRecord,
 )
-from pdcd.bench.devices import CameraInfo
+from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.tables import Config
 from pdcd.calibration.body import profile_text
 from pdcd.calibration.figures import Figure, Verdict
@@ -53,13 +53,14 @@ VERDICTS: Mapping[Verdict, VerdictName] = {
 @dataclass(frozen=True, eq=False)
 class NextPhoto:
     """Take this photo; f_number is None where the lens is not set from here. covered : of a bench
-    whose projector's lens is covered."""
+    whose projector's lens is covered. moving : for a shutter that moves meanwhile."""
 
     name: str
     frames: Frames
     iso: int
     f_number: float | None
     covered: bool = False
+    moving: WhileShown | None = None
 
 
 @dataclass(frozen=True)
@@ -185,6 +186,7 @@ class Study:
             iso=session.iso if wanted.iso is None else wanted.iso,
             f_number=f_number,
             covered=wanted.covered,
+            moving=wanted.moving,
         )
 
     def _learn(self, outcome: Outcome) -> StepRecord:

@@ -12,6 +12,8 @@ from pdcd.calibration.steps.geometry import geometry
 from pdcd.calibration.steps.light import light
 from pdcd.calibration.steps.response import response
 from pdcd.calibration.steps.sensor import sensor
+from pdcd.calibration.steps.shutter import shutter
+from pdcd.calibration.steps.timing import timing
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,8 @@ STEPS: Mapping[str, Step] = MappingProxyType(
         "sensor": Step(sensor, "black, gain, noise and upper end of the camera's sensor"),
         "light": Step(light, "contrasts, light of the room, brightness, lamp and lens"),
         "geometry": Step(geometry, "where projector, mask and camera lie"),
+        "timing": Step(timing, "lag, rise and fall of both panels", ("geometry",)),
+        "shutter": Step(shutter, "lag and jitter of the shutter", ("geometry", "timing")),
         "response": Step(response, "light of grey levels", needs=("geometry",), usual=False),
     }
 )

@@ -38,6 +38,7 @@ def test_the_example_is_sound_and_changes_what_it_says() -> None:
     assert (true.projector.rise_s, true.mask.place.turn_deg) == (0.0015, 181.3)
     assert true.mask.refresh_hz == believed.mask.refresh_hz
     assert true.scene.ambient == 0.01
+    assert (true.trigger.lag_s, true.trigger.jitter_s) == (0.116, 0.003)
     assert panels_of(true) != panels_of(believed)
 
 
