@@ -9,6 +9,7 @@ from types import MappingProxyType
 from pdcd.calibration.metering import meter
 from pdcd.calibration.script import Script, Session
 from pdcd.calibration.steps.geometry import geometry
+from pdcd.calibration.steps.registration import registration
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,9 @@ class Step:
 STEPS: Mapping[str, Step] = MappingProxyType(
     {
         "geometry": Step(geometry, "where projector, mask and camera lie"),
+        "registration": Step(
+            registration, "where light and mask meet, and how sharp", needs=("geometry",)
+        ),
     }
 )
 METER = "meter"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map, panels_of
+from pdcd.calibration import sketch
 from pdcd.calibration.compose import Composed, compose, one_field
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.finding import Dots, find_dots
@@ -22,7 +23,9 @@ from pdcd.calibration.panel_map import (
 )
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Ask, Measured, Outcome, Script, Session, Taken, Wanted, take
+from pdcd.calibration.stripes import slope_at
 from pdcd.errors import ConfigError
+from pdcd.maps.map import Map
 
 Floats = NDArray[np.float64]
 
@@ -46,11 +49,14 @@ def geometry(session: Session) -> Script:
     maps = {"projector": field.projector, "mask": field.mask, "camera": field.camera}
     words = {f"{name}.place.map": Measured("maps.npz") for name in maps}
     words["mask.offset_px"] = Measured((0.0, 0.0))
-    told = [*figures(first[GREEN], "projector"), *figures(second[GREEN], "mask")]
-    for fits, panel in ((first, "projector"), (second, "mask")):
-        told += convergence(fits, panel)[1]
+    told = [
+        *figures(first[GREEN], "projector"),
+        *figures(second[GREEN], "mask", finer(field.mask, field.projector)),
+        *convergence(first, "projector", second)[1],
+    ]
     return Outcome(
         figures=tuple(told),
+        picture=_picture((of_projector[GREEN], first[GREEN]), (of_mask[GREEN], second[GREEN])),
         words=words,
         maps=maps,
         arrays={
@@ -58,6 +64,13 @@ def geometry(session: Session) -> Script:
             **_kept("mask", of_mask[GREEN], second[GREEN]),
         },
     )
+
+
+def finer(mask: Map, projector: Map) -> float:
+    """Pixels of the mask to one of the projector, along a side, in the middle of the mask."""
+    middle = 0.5 * np.array([mask.size_px], dtype=np.float64)
+    slopes = [slope_at(axis, projector, mask, middle)[0] for axis in (0, 1)]
+    return float(1.0 / np.sqrt(abs(np.linalg.det(np.array(slopes)))))
 
 
 def grids(session: Session) -> tuple[DotGrid, DotGrid]:
@@ -97,6 +110,18 @@ def _refuse_unlike(session: Session, composed: Composed) -> None:
         return
     for number, panel in enumerate(("projector", "mask")):
         check_believed(found[number], believed[number], panel, believed[1 - number])
+
+
+def _picture(*panels: tuple[Dots, Fitted]) -> NDArray[np.uint8]:
+    """What the maps of projector and mask leave of each dot."""
+    picture = sketch.blank()
+    for number, (dots, fitted) in enumerate(panels):
+        size = np.array(dots.grid.size_px, dtype=np.float64)
+        height = round(420 * size[1] / size[0])
+        box = (20 + 440 * number, 60, 420, min(height, 480))
+        title = f"{dots.grid.panel}: what the map leaves of {len(dots.index)} dots"
+        sketch.arrows(picture, box, dots.panel_px / size, fitted.residual_px, title)
+    return picture
 
 
 def _kept(panel: str, dots: Dots, fitted: Fitted) -> dict[str, NDArray[np.generic]]:
