@@ -197,7 +197,8 @@ def convergence(
     found = _colours_apart(colours, places)
     if beside is not None:
         # A shift in the photo, and what it is on this panel.
-        in_photo = _times(np.linalg.inv(beside[1].slope(places)), _colours_apart(beside, places))
+        back = np.asarray(np.linalg.inv(beside[1].slope(places)), dtype=np.float64)
+        in_photo = _times(back, _colours_apart(beside, places))
         found = found - _times(green.slope(places), in_photo)
     given = []
     for number, (name, other) in enumerate((("red", colours[0]), ("blue", colours[2]))):

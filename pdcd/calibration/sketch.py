@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -99,7 +100,7 @@ def curve(
 
     if fit is not None:
         points = at(x, fit)
-        for one, two in zip(points[:-1], points[1:], strict=True):
+        for one, two in pairwise(points):
             _line(on, one, two, GREY)
     for right, down in at(x, values).tolist():
         cv2.circle(on, (round(right), round(down)), 3, BLUE, -1, cv2.LINE_AA)

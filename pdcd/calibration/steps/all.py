@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from pdcd.calibration.metering import meter
 from pdcd.calibration.script import Script, Session
+from pdcd.calibration.steps.check import check_bench
 from pdcd.calibration.steps.geometry import geometry
 from pdcd.calibration.steps.registration import registration
 
@@ -31,6 +32,7 @@ STEPS: Mapping[str, Step] = MappingProxyType(
         "registration": Step(
             registration, "where light and mask meet, and how sharp", needs=("geometry",)
         ),
+        "check": Step(check_bench, "whether all is as it was calibrated", needs=("geometry",)),
     }
 )
 METER = "meter"

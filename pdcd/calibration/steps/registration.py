@@ -46,8 +46,9 @@ MAP_PX = 0.06
 """95 % of the field are known at least so well, or the map is doubtful."""
 TRUSTED_PX = 4.0
 """Offsets that the maps of geometry should not leave."""
-UNEVEN = 1.5
-"""Blur of the worst part of the field over that of all of it, that asks for another focus."""
+UNEVEN, UNEVEN_PX = 1.5, 0.5
+"""Blur of the worst part of the field over that of all of it, and in projector pixels, that asks
+for another focus; less blur is not told part by part."""
 
 
 def registration(session: Session) -> Script:
@@ -141,7 +142,7 @@ def _figures(
             Verdict.GOOD if error_px <= MAP_PX / 2.0 else Verdict.DOUBTFUL,
         ),
         Figure("mask.blur_px", spread.both_px, spread.both_sigma_px, "px"),
-        Figure("mask.blur_worst_px", spread.worst_px, spread.both_sigma_px, "px"),
+        Figure("mask.blur_worst_px", spread.worst_px, 0.0, "px"),
         Figure("smallest_cell_px", smallest, 0.0, "px", f"at most {cell:.3g} px", enough),
         Figure("smallest_cell_leak", share, 0.0, ""),
     ]  # fmt: skip
@@ -158,7 +159,7 @@ def _advice(config: Config, before: Offsets, spread: MaskBlur, meeting: Meeting)
         said.append("the maps of geometry were far off: repeat geometry, then registration")
     if meeting.e95_px > GOOD_PX:
         said.append("the offset moves while it is measured: let the bench warm up, and repeat")
-    if spread.worst_px > UNEVEN * spread.both_px:
+    if spread.worst_px > max(UNEVEN * spread.both_px, UNEVEN_PX):
         said.append(
             f"blur on the mask is {spread.worst_px:.2f} px in one part of the field, "
             f"{spread.both_px:.2f} px over all of it: look whether the mask or the card is tilted"
