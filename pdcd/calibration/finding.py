@@ -180,20 +180,28 @@ def find_again(
 
 
 def _moved_by(rough: Floats, expected: Floats, pitch: float) -> Floats:
-    """By how much all dots have moved, (2,): the shift that most of them agree on. A shift by
-    whole pitches leaves some at the edges without a partner."""
-    reach, bin_quads = 2.0 * pitch, 0.25 * pitch
-    near = cKDTree(rough).query_ball_point(expected, reach)
+    """By how much all dots have moved, (2,): the least shift that most of them agree on. Dots at
+    the edges tell it from a shift by whole pitches more."""
+    reach, bin_quads = 2, 0.25 * pitch
+    places = cKDTree(rough)
+    near = places.query_ball_point(expected, reach * pitch)
     apart = np.concatenate(
         [rough[some] - at for some, at in zip(near, expected, strict=True) if some]
         or [np.zeros((1, 2))]
     )
-    edges = np.arange(-reach, reach + bin_quads, bin_quads)
-    votes = _smooth(np.histogram2d(apart[:, 0], apart[:, 1], bins=(edges, edges))[0], 1.0)
-    right, down = np.unravel_index(int(np.argmax(votes)), votes.shape)
-    middle = np.array([edges[right], edges[down]]) + 0.5 * bin_quads
-    close = np.hypot(*(apart - middle).T) < 2.0 * bin_quads
-    return np.asarray(np.median(apart[close], axis=0) if close.any() else middle)
+    count = 4 * reach + 1
+    edges = (np.arange(-count, count + 2) - 0.5) * bin_quads
+    votes = _smooth(np.histogram2d(apart[:, 0], apart[:, 1], bins=(edges, edges))[0], 0.7)
+    highest = (votes == cv2.dilate(votes, np.ones((3, 3), dtype=np.uint8))) & (votes > 0.0)
+    highest &= votes > 0.5 * votes.max()
+    shifts = (np.argwhere(highest) - count) * bin_quads
+    partners = []
+    for shift in shifts:
+        close = np.hypot(*(apart - shift).T) < 2.0 * bin_quads
+        shift[:] = np.median(apart[close], axis=0)
+        partners.append(int((places.query(expected + shift)[0] < bin_quads).sum()))
+    most = np.array(partners) >= 0.99 * max(partners)
+    return np.asarray(shifts[most][np.argmin(np.hypot(*shifts[most].T))])
 
 
 def _ratio(white: Photo, black: Photo, dots: Photo, lit: Bools, channel: int) -> _Ratio:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.check import Dots, Look, closed_share, parts_of
 from pdcd.calibration.dots import DotGrid
-from pdcd.calibration.finding import RING, find_again
+from pdcd.calibration.finding import find_again
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.programmes import PULSES, WHITES, Programme, strip_photo, strips_on
 from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
@@ -34,6 +34,8 @@ PROGRAMMES: tuple[Programme, ...] = (*PULSES, WHITES, Programme(0, 0))
 """Of the strips."""
 STRIPS_FLOOR = 1e-4
 """Error of a strip over white, besides noise: edges, and light from beside."""
+DOTS_END = 1.75
+"""Radii from the middle of a dot at which its light has ended; dots are five radii apart."""
 PANELS = ("projector", "mask")
 
 
@@ -98,7 +100,7 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
         before = expected[panel]
         found[panel] = Dots(*_again(white, photo, grid, before))
         if panel == "mask":
-            radius = RING * grid.radius_px * _quads_per_px(session.found("mask"), camera)
+            radius = DOTS_END * grid.radius_px * _quads_per_px(session.found("mask"), camera)
             closed = closed_share(
                 photo.light[..., GREEN], photo.variance[..., GREEN], white.light[..., GREEN],
                 found[panel].quads, radius,
@@ -139,8 +141,14 @@ def by_maps(session: Session) -> dict[str, Dots]:
     return found
 
 
-def kept(seen: Seen, exposure: Exposure, calibrated: Floats) -> dict[str, NDArray[Any]]:
-    """A look as arrays. calibrated : `fingerprint` of what it belongs to."""
+def kept(
+    seen: Seen, exposure: Exposure, calibrated: Floats, later_s: float = 0.0
+) -> dict[str, NDArray[Any]]:
+    """A look as arrays.
+
+    calibrated : `fingerprint` of what it belongs to. later_s : by which its lag is no longer the
+        one of its model.
+    """
     now = seen.look
     arrays: dict[str, NDArray[Any]] = {
         "check.white": now.white,
@@ -161,7 +169,7 @@ def kept(seen: Seen, exposure: Exposure, calibrated: Floats) -> dict[str, NDArra
         }
     if seen.strips is not None and seen.model is not None and seen.sigma is not None:
         # What the model says depends on the delay that the display takes out: kept is the rest.
-        arrays["check.strips"] = np.stack([seen.strips - seen.model(0.0), seen.sigma])
+        arrays["check.strips"] = np.stack([seen.strips - seen.model(later_s), seen.sigma])
     return arrays
 
 

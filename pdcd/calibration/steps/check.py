@@ -6,7 +6,7 @@ taken becomes the reference itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration import sketch
 from pdcd.calibration.cell_size import HALF, guard_px
-from pdcd.calibration.check import GOOD_CLOSED, GOOD_LAMP, GOOD_S, Checked, Look, check
+from pdcd.calibration.check import GOOD_CLOSED, GOOD_LAMP, GOOD_PX, GOOD_S, Checked, Look, check
 from pdcd.calibration.correction import bent_to
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.look import (
@@ -37,11 +37,33 @@ Floats = NDArray[np.float64]
 
 NODES = (8, 10)
 """Rows and columns of the residual of a refitted map, at least."""
+TAKEN = "taken into account; "
+"""What `pdcd.calibration.check` begins the advice on small changes with."""
+SURE = {
+    "mask.place": GOOD_PX, "camera.place": GOOD_PX, "mask.skew_s": GOOD_S, "lamp": GOOD_LAMP,
+    "mask.contrast": GOOD_CLOSED, "settings": 0.0,
+}  # fmt: skip
+"""Errors from which on a change is not taken into account."""
+WORDS = {
+    "mask.place": "mask.place.map",
+    "camera.place": "camera.place.map",
+    "lamp": "camera.responsivity_e",
+}
+"""Words of the figures that have others."""
 NO_LAG = (
     "the lag of the mask was not looked at: run pdcd calibrate timing, then check for a reference"
 )
 KEPT = "this look is the reference for checks to come: nothing was compared"
 AGAIN = "calibrate anew before the next session: what was found is more than can be allowed for"
+
+
+@dataclass(frozen=True, eq=False)
+class _Before:
+    """The reference, how it was taken, and what its strips left of the model."""
+
+    then: Look
+    exposure: Exposure
+    strips: Floats
 
 
 def check_bench(session: Session) -> Script:
@@ -56,26 +78,26 @@ def check_bench(session: Session) -> Script:
         exposure = Exposure(session.iso, session.f_number, session.full)
         seen = yield from look(session, exposure, by_maps(session))
         return _first(seen, exposure, calibrated)
-    then, exposure, strips = before
+    then, exposure = before.then, before.exposure
     if session.camera.isos and exposure.iso not in session.camera.isos:
         exposure = Exposure(session.iso, exposure.f_number, exposure.refreshes)
     seen = yield from look(session, exposure, {panel: getattr(then, panel) for panel in PANELS})
-    now, said = _with_lag(seen, then, strips, session.refresh_s)
+    now, said = _with_lag(seen, then, before.strips, session.refresh_s)
     found = check(
         now, then, session.found("camera"), session.found("projector"),
         guard_px(cell_px(session.config), HALF), session.refresh_s,
     )  # fmt: skip
-    return _compared(session, Seen(now, seen.strips, seen.sigma, seen.model), then, found, said)
+    return _compared(session, seen, now, before, found, said)
 
 
-def _before(session: Session, calibrated: Floats) -> tuple[Look, Exposure, Floats] | None:
+def _before(session: Session, calibrated: Floats) -> _Before | None:
     """The reference, where there is one of this calibration."""
     try:
         then, exposure, strips, belongs = reference(session.arrays)
     except KeyError:
         return None
     same = belongs.shape == calibrated.shape and np.allclose(belongs, calibrated, rtol=1e-9)
-    return (then, exposure, strips) if same else None
+    return _Before(then, exposure, strips) if same else None
 
 
 def _first(seen: Seen, exposure: Exposure, calibrated: Floats) -> Outcome:
@@ -110,68 +132,94 @@ def _with_lag(seen: Seen, then: Look, strips: Floats, refresh_s: float) -> tuple
         change, said = (np.nan, np.nan), f"{err.message}: {err.hint}"
     else:
         said = ""
-    looked = Look(
-        now.projector, now.mask, now.white, now.closed, change, now.settings, now.saturated
-    )
-    return looked, said
+    return replace(now, skew_s=change), said
 
 
-def _compared(session: Session, seen: Seen, then: Look, found: Checked, said: str) -> Outcome:
+def _compared(
+    session: Session, seen: Seen, now: Look, before: _Before, found: Checked, said: str
+) -> Outcome:
     """Figures, advice, and what is refitted."""
     findings = [f for f in found.findings if said != NO_LAG or f.figure.name != "mask.skew_s"]
-    advice = [f"{f.figure.name}: {f.advice}" for f in findings if f.advice]
-    advice += [said] if said else []
     figures = tuple(finding.figure for finding in findings)
     verdict = max(figure.verdict for figure in figures)
-    maps: dict[str, Map] = {}
-    words: dict[str, Measured] = {}
-    arrays: Mapping[str, NDArray[Any]] = {}
-    if verdict is Verdict.BAD:
-        advice.append(AGAIN)
-    elif verdict is Verdict.DOUBTFUL:
-        maps, words, arrays = _refitted(session, found, figures)
-    return Outcome(
+    refit = Outcome()
+    if verdict is Verdict.DOUBTFUL:
+        refit = _refitted(session, seen, now, before, found, figures)
+    advice = []
+    for finding in findings:
+        text = finding.advice
+        if text.startswith(TAKEN) and not _covers(refit, finding.figure.name):
+            text = text.removeprefix(TAKEN)
+        advice += [f"{finding.figure.name}: {text}"] if text else []
+    advice += [said] if said else []
+    advice += [AGAIN] if verdict is Verdict.BAD else []
+    return replace(
+        refit,
         figures=figures,
-        words=words,
-        maps=maps,
-        arrays=arrays,
         advice=tuple(advice),
-        picture=_picture(session, seen.look, then, found, advice),
+        picture=_picture(session, now, before.then, found, advice),
     )
+
+
+def _covers(refit: Outcome, name: str) -> bool:
+    """Whether a figure is among what was refitted."""
+    return WORDS.get(name, name) in refit.words
 
 
 def _refitted(
-    session: Session, found: Checked, figures: tuple[Figure, ...]
-) -> tuple[dict[str, Map], dict[str, Measured], dict[str, NDArray[Any]]]:
-    """Maps and words with what has changed a little, of each thing that was surely measured."""
-    changed = {f.name: f for f in figures if f.verdict is Verdict.DOUBTFUL}
-    config, maps = session.config, {}
-    words: dict[str, Measured] = {}
+    session: Session,
+    seen: Seen,
+    now: Look,
+    before: _Before,
+    found: Checked,
+    figures: tuple[Figure, ...],
+) -> Outcome:
+    """Maps and words with what has changed a little and was surely measured, and a reference that
+    knows of it: else the next check would take it into account once more."""
+    changed = {
+        f.name: f for f in figures if f.verdict is Verdict.DOUBTFUL and f.sigma < SURE[f.name]
+    }
+    config, then = session.config, before.then
+    maps = _moved(session, found) if {"camera.place", "mask.place"} & changed.keys() else {}
+    words = {f"{name}.place.map": Measured("maps.npz") for name in maps}
     arrays: dict[str, NDArray[Any]] = {}
-    camera, projector, mask = (session.found(name) for name in ("camera", "projector", "mask"))
-    if "camera.place" in changed:
-        maps["camera"] = bent_to(
-            camera, lambda at: camera.to_field(found.camera.back(at)), _nodes(camera), "camera"
-        )
-    if "mask.place" in changed:
-        maps["mask"] = bent_to(
-            mask,
-            lambda at: projector.to_field(found.mask(between(mask, projector, at))),
-            _nodes(mask),
-            "mask",
-        )
-    words |= {f"{name}.place.map": Measured("maps.npz") for name in maps}
-    lag = changed.get("mask.skew_s")
-    if lag is not None and lag.sigma < GOOD_S:
+    kept_now = replace(then, projector=now.projector, mask=now.mask) if maps else then
+    later_s, strips = 0.0, before.strips
+    if lag := changed.get("mask.skew_s"):
         words["mask.skew_s"] = Measured(config.mask.skew_s + lag.value, lag.sigma)
         arrays["timing.lag_s"] = session.arrays["timing.lag_s"] + lag.value
-    closed = changed.get("mask.contrast")
-    if closed is not None and config.mask.contrast is not None and closed.sigma < GOOD_CLOSED:
+        later_s, strips = lag.value, None
+    if (closed := changed.get("mask.contrast")) and config.mask.contrast is not None:
         words["mask.contrast"] = Measured(config.mask.contrast / (1.0 + closed.value))
-    lamp, light = changed.get("lamp"), config.camera.responsivity_e
-    if lamp is not None and light is not None and lamp.sigma < GOOD_LAMP:
+        kept_now = replace(kept_now, closed=now.closed)
+    light = config.camera.responsivity_e
+    if "lamp" in changed and light is not None:
         words["camera.responsivity_e"] = Measured(tuple(each * found.lamp for each in light))
-    return maps, words, arrays
+        kept_now = replace(kept_now, white=now.white)
+    refit = Outcome(words=words, maps=maps, arrays=arrays)
+    after = replace(session, arrays=dict(session.arrays), done=[])
+    after.learn("check", refit)
+    arrays |= kept(replace(seen, look=kept_now), before.exposure, fingerprint(after), later_s)
+    if strips is not None:
+        arrays["check.strips"] = strips
+    return refit
+
+
+def _moved(session: Session, found: Checked) -> dict[str, Map]:
+    """Maps of camera and mask as they lie now."""
+    camera, projector, mask = (session.found(name) for name in ("camera", "projector", "mask"))
+
+    def on_projector(points_px: Floats) -> Floats:
+        moved = found.mask(between(mask, projector, points_px))
+        return projector.to_field(moved)
+
+    def in_photo(points_px: Floats) -> Floats:
+        return camera.to_field(found.camera.back(points_px))
+
+    return {
+        "camera": bent_to(camera, in_photo, _nodes(camera), "camera"),
+        "mask": bent_to(mask, on_projector, _nodes(mask), "mask"),
+    }
 
 
 def _nodes(map_: Map) -> tuple[int, int]:
