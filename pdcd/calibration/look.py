@@ -20,6 +20,7 @@ from pdcd.calibration.photo import Photo
 from pdcd.calibration.programmes import PULSES, WHITES, Programme, strip_photo, strips_on
 from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
+from pdcd.calibration.similarity import similarity
 from pdcd.calibration.strips import read_strips
 from pdcd.calibration.timing_model import Model, Tail, Times
 from pdcd.frames.frames import WHITE
@@ -103,7 +104,7 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
             radius = DOTS_END * grid.radius_px * _quads_per_px(session.found("mask"), camera)
             closed = closed_share(
                 photo.light[..., GREEN], photo.variance[..., GREEN], white.light[..., GREEN],
-                found[panel].quads, radius,
+                _all_places(session, before, found[panel]), radius,
             )  # fmt: skip
     settings = _settings(session, exposure, said.iso, said.f_number)
     open_s = refreshes * session.refresh_s
@@ -139,6 +140,19 @@ def by_maps(session: Session) -> dict[str, Dots]:
             inside = ((quads > 0.0) & (quads < camera.size_px)).all(axis=-1)
         found[panel] = Dots(index[inside], quads[inside], np.zeros(int(inside.sum())))
     return found
+
+
+def _all_places(session: Session, before: Dots, now: Dots) -> Floats:
+    """Where all dots of the mask are in the photo, (n, 2), those that were not found, too: their
+    light is not what comes through black."""
+    grid, mask = grids(session)["mask"], session.found("mask")
+    rows, cols = grid.shape
+    index = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
+    number = {tuple(at): n for n, at in enumerate(before.index.tolist())}
+    then = before.quads[[number[tuple(at)] for at in now.index.tolist()]]
+    moved = similarity(then, now.quads, now.sigma)
+    places = moved(between(mask, session.found("camera"), grid.centres(index)))
+    return np.asarray(places[np.isfinite(places).all(axis=-1)])
 
 
 def kept(

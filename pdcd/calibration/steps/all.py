@@ -9,6 +9,8 @@ from types import MappingProxyType
 from pdcd.calibration.metering import meter
 from pdcd.calibration.script import Script, Session
 from pdcd.calibration.steps.check import check_bench
+from pdcd.calibration.steps.coaxial import coaxial
+from pdcd.calibration.steps.focus import focus
 from pdcd.calibration.steps.geometry import geometry
 from pdcd.calibration.steps.registration import registration
 
@@ -31,6 +33,10 @@ STEPS: Mapping[str, Step] = MappingProxyType(
         "geometry": Step(geometry, "where projector, mask and camera lie"),
         "registration": Step(
             registration, "where light and mask meet, and how sharp", needs=("geometry",)
+        ),
+        "coaxial": Step(coaxial, "whether mask and projector look from one point", usual=False),
+        "focus": Step(
+            focus, "how sharp relay and projector are, while somebody focuses", usual=False
         ),
         "check": Step(check_bench, "whether all is as it was calibrated", needs=("geometry",)),
     }

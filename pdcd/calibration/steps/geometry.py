@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +42,8 @@ def geometry(session: Session) -> Script:
     The maps that come out replace the places of all three devices.
     """
     projector, mask = grids(session)
-    of_projector, first = yield from _panel(session, projector, mask)
-    of_mask, second = yield from _panel(session, mask, projector)
+    of_projector, first, _ = yield from panel_dots(session, projector, mask)
+    of_mask, second, _ = yield from panel_dots(session, mask, projector)
     composed = compose(first[GREEN], second[GREEN])
     _refuse_unlike(session, composed)
     field = one_field(composed)
@@ -79,18 +80,20 @@ def grids(session: Session) -> tuple[DotGrid, DotGrid]:
     return DotGrid.usual("projector", projector), DotGrid.usual("mask", mask)
 
 
-def _panel(
-    session: Session, grid: DotGrid, other: DotGrid
-) -> Generator[Wanted | Ask, Taken | None, tuple[Sequence[Dots], list[Fitted]]]:
-    """Photos of one panel's pictures: its dots and maps in red, green and blue."""
+def panel_dots(
+    session: Session, grid: DotGrid, other: DotGrid, prefix: str = ""
+) -> Generator[Wanted | Ask, Taken | None, tuple[Sequence[Dots], list[Fitted], float]]:
+    """Photos of one panel's pictures: its dots and maps in red, green and blue, and how bright the
+    white one was in DN. prefix : of the photos' names."""
     photos: list[Photo] = []
     pattern = "RGGB"
     for shown in grid.shown(session.full):
-        taken = yield from take(Wanted(shown))
+        taken = yield from take(Wanted(replace(shown, name=prefix + shown.name)))
         photos.append(session.photo(taken))
         pattern = taken.raw.pattern
     dots = find_dots(photos[0], photos[1], photos[2], grid, other=other, pattern=pattern)
-    return dots, [fit_dots(one, photos[0].frame, other=other) for one in dots]
+    bright = float(np.percentile(photos[0].light[..., GREEN], 90.0))
+    return dots, [fit_dots(one, photos[0].frame, other=other) for one in dots], bright
 
 
 def _refuse_unlike(session: Session, composed: Composed) -> None:

@@ -13,6 +13,7 @@ from pdcd.bench.tables import Config
 from pdcd.bench.truth import truth_of
 from pdcd.calibration.script import Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.shown import frames_of
+from pdcd.calibration.steps.check import check_bench
 from pdcd.capture.rig import Rig
 from pdcd.maps.placing import Placing
 from pdcd.sensor.profile import load_profile
@@ -23,7 +24,8 @@ from pdcd.sensor.raw import read_raw
 class Hands:
     """Takes photos on a bench, step after step.
 
-    session : what is known so far. asked : what a person was asked to do.
+    session : what is known so far. asked : what a person was asked to do. benches : what the bench
+        is after each of that, where it changes.
     """
 
     config: Config
@@ -32,6 +34,7 @@ class Hands:
     f_number: float = 36.0
     session: Session = field(init=False)
     asked: list[str] = field(default_factory=list)
+    benches: list[Config] = field(default_factory=list)
     photos: int = 0
 
     def __post_init__(self) -> None:
@@ -68,11 +71,18 @@ class Hands:
                     wanted = script.send(self._taken(wanted))
                 else:
                     self.asked.append(wanted.text)
+                    if self.benches:
+                        self.rig = Rig(self.benches.pop(0))
+                        self.rig.connect()
                     wanted = script.send(None)
             except StopIteration as end:
                 outcome: Outcome = end.value
                 self.session.learn(step, outcome)
                 return outcome
+
+    def run_check(self) -> Outcome:
+        """Run the check."""
+        return self.run("check", check_bench(self.session))
 
     def _taken(self, wanted: Wanted) -> Taken:
         self.photos += 1
