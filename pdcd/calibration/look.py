@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.check import Dots, Look, closed_share, parts_of
+from pdcd.calibration.correction import NODES, bent_to
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.finding import find_again
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.programmes import PULSES, WHITES, Programme, strip_photo, strips_on
 from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
-from pdcd.calibration.similarity import similarity
+from pdcd.calibration.similarity import Similarity, similarity
 from pdcd.calibration.strips import read_strips
 from pdcd.calibration.timing_model import Model, Tail, Times
 from pdcd.frames.frames import WHITE
@@ -115,7 +116,8 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
     )  # fmt: skip
     if "timing.lag_s" not in session.arrays:
         return Seen(found_look)
-    strips = yield from _strips(session, exposure, white)
+    camera = as_it_lies(camera, similarity(*common(expected["projector"], found["projector"])))
+    strips = yield from _strips(session, exposure, white, camera)
     return Seen(found_look, *strips)
 
 
@@ -142,15 +144,25 @@ def by_maps(session: Session) -> dict[str, Dots]:
     return found
 
 
+def common(before: Dots, now: Dots) -> tuple[Floats, Floats, Floats]:
+    """Places (n, 2) of dots as they were and as they are, and the sigma of the latter, (n,)."""
+    number = {tuple(at): n for n, at in enumerate(before.index.tolist())}
+    return before.quads[[number[tuple(at)] for at in now.index.tolist()]], now.quads, now.sigma
+
+
+def as_it_lies(camera: Map, moved: Similarity) -> Map:
+    """The camera's map after all of the photo has moved. Raises ConfigError where it cannot be."""
+    shape = np.shape(camera.residual)[:2] if camera.residual else NODES
+    return bent_to(camera, lambda at: camera.to_field(moved.back(at)), shape, "camera")
+
+
 def _all_places(session: Session, before: Dots, now: Dots) -> Floats:
     """Where all dots of the mask are in the photo, (n, 2), those that were not found, too: their
     light is not what comes through black."""
     grid, mask = grids(session)["mask"], session.found("mask")
     rows, cols = grid.shape
     index = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
-    number = {tuple(at): n for n, at in enumerate(before.index.tolist())}
-    then = before.quads[[number[tuple(at)] for at in now.index.tolist()]]
-    moved = similarity(then, now.quads, now.sigma)
+    moved = similarity(*common(before, now))
     places = moved(between(mask, session.found("camera"), grid.centres(index)))
     return np.asarray(places[np.isfinite(places).all(axis=-1)])
 
@@ -237,10 +249,10 @@ def _again(
 
 
 def _strips(
-    session: Session, exposure: Exposure, white: Photo
+    session: Session, exposure: Exposure, white: Photo, camera: Map
 ) -> Generator[Wanted | Ask, Taken | None, tuple[Floats, Floats, Lagged]]:
     """What strips say, their sigma, and the model of it."""
-    projector, mask, camera = (session.found(name) for name in ("projector", "mask", "camera"))
+    projector, mask = session.found("projector"), session.found("mask")
     lags = session.arrays["timing.lag_s"]
     strips = strips_on(projector, 0, PROGRAMMES)
     period = strips.programmes[0].of

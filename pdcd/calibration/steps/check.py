@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from pdcd.calibration import sketch
 from pdcd.calibration.cell_size import HALF, guard_px
 from pdcd.calibration.check import GOOD_CLOSED, GOOD_LAMP, GOOD_PX, GOOD_S, Checked, Look, check
-from pdcd.calibration.correction import bent_to
+from pdcd.calibration.correction import NODES, bent_to
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.look import (
     PANELS,
     Exposure,
     Seen,
+    as_it_lies,
     by_maps,
+    common,
     fingerprint,
     kept,
     look,
@@ -35,8 +37,6 @@ from pdcd.maps.map import Map, between
 
 Floats = NDArray[np.float64]
 
-NODES = (8, 10)
-"""Rows and columns of the residual of a refitted map, at least."""
 TAKEN = "taken into account; "
 """What `pdcd.calibration.check` begins the advice on small changes with."""
 SURE = {
@@ -213,19 +213,10 @@ def _moved(session: Session, found: Checked) -> dict[str, Map]:
         moved = found.mask(between(mask, projector, points_px))
         return projector.to_field(moved)
 
-    def in_photo(points_px: Floats) -> Floats:
-        return camera.to_field(found.camera.back(points_px))
-
     return {
-        "camera": bent_to(camera, in_photo, _nodes(camera), "camera"),
-        "mask": bent_to(mask, on_projector, _nodes(mask), "mask"),
+        "camera": as_it_lies(camera, found.camera),
+        "mask": bent_to(mask, on_projector, np.shape(mask.residual)[:2] or NODES, "mask"),
     }
-
-
-def _nodes(map_: Map) -> tuple[int, int]:
-    """Rows and columns of a map's residual; `NODES` for one without."""
-    shape = np.shape(map_.residual)[:2] if map_.residual else NODES
-    return int(shape[0]), int(shape[1])
 
 
 def _picture(
@@ -237,15 +228,10 @@ def _picture(
     box_height = min(round(420 * height / width), 340)
     for number, panel in enumerate(PANELS):
         after, before = getattr(now, panel), getattr(then, panel)
-        place = {tuple(at): n for n, at in enumerate(before.index.tolist())}
-        both = [
-            (n, place[tuple(at)]) for n, at in enumerate(after.index.tolist()) if tuple(at) in place
-        ]
-        one, two = np.array(both).T
-        moved = after.quads[one] - before.quads[two]
+        was, found_again, _ = common(before, after)
         box = (20 + 440 * number, 40, 420, box_height)
         title = f"how the {panel}'s dots moved in the photo"
-        sketch.arrows(picture, box, before.quads[two] / (width, height), moved, title, unit="quads")
+        sketch.arrows(picture, box, was / (width, height), found_again - was, title, unit="quads")
     verdict = ("as it was", "a little changed: taken into account", "changed: calibrate anew")
     lines = [f"the bench is {verdict[found.verdict]}; lamp {found.lamp:.1%}"]
     sketch.write(picture, [*lines, *(text[:118] for text in advice)], 20, box_height + 75)

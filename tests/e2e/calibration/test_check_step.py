@@ -127,8 +127,9 @@ def verdicts(outcome: Outcome) -> dict[str, Verdict]:
     ("now", "found", "said"),
     [
         (replace(THEN, seed=11), {}, ""),
-        # Of the guard of 1 px that cells of 4 px leave, a third may be refitted.
-        (replace(THEN, right_px=2.3), {"mask.place": BAD}, "the mask moved"),
+        # Of the guard of 4 px that cells of 16 px leave, a third may be refitted.
+        (replace(THEN, right_px=2.3), {"mask.place": REFIT}, "the mask moved"),
+        (replace(THEN, right_px=3.0), {"mask.place": BAD}, "the mask moved"),
         (replace(THEN, albedo=0.81), {"lamp": REFIT}, "iris"),
         (replace(THEN, contrast=1.0 / (1.0 / CONTRAST + 0.0076)), {"mask.contrast": BAD}, "polar"),
         (replace(THEN, skew_s=SKEW_S + 1e-3), {"mask.skew_s": BAD}, "calibrate the timing"),

@@ -50,9 +50,9 @@ def hands(folder: Path, more: str = "", *, albedo: float = 0.9) -> Hands:
     """A small bench whose maps are known, as after geometry."""
     (folder / "truth.toml").write_text(TRUTH + more)
     config = Config(
-        projector=PanelConfig(size_px=(144, 96)),
-        mask=PanelConfig(size_px=(216, 144)),
-        camera=CameraConfig(profile="450d", frame_quads=(240, 160), seed=5),
+        projector=PanelConfig(size_px=(192, 144)),
+        mask=PanelConfig(size_px=(288, 216)),
+        camera=CameraConfig(profile="450d", frame_quads=(230, 172), seed=5),
         scene=SceneConfig(kind="card", grid=(12, 18), options={"albedo": albedo}),
         bench=BenchConfig(truth=str(folder / "truth.toml")),
         server=ServerConfig(state_dir=str(folder / "state")),
@@ -92,7 +92,7 @@ def test_the_mask_is_found_where_it_is(tmp_path: Path) -> None:
     assert np.median(apart_px(one, one.session.found("mask"))) > 1.0
     outcome = one.run("registration", registration(one.session))
     assert one.photos == 29
-    # A panel of 144 pixels has few stripes: at full size, 95 % are within 0.06.
+    # A panel of 192 pixels has few stripes: at full size, 95 % are within 0.06.
     wrong = apart_px(one, outcome.maps["mask"])
     assert np.quantile(wrong, 0.95) < 0.12
     assert np.median(wrong) < 0.05
