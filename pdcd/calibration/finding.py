@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from pdcd.calibration.dots import DotGrid
+from pdcd.calibration.dots import PER_RADIUS, DotGrid
 from pdcd.calibration.lattice import Place, counted, placed
 from pdcd.calibration.lit import BLUE, GREEN, OFFSETS_QUADS, RED, SURE, lit_by
 from pdcd.calibration.photo import Photo
+from pdcd.calibration.series_faults import lit as lit_white
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -145,6 +147,61 @@ def find_dots(
         seen = _measured(ratio, points, radius, grid)
         found.append(seen.dots(grid, index, offsets[channel], score))
     return found[0], found[1], found[2]
+
+
+def find_again(
+    white: Photo, dots: Photo, grid: DotGrid, index: Indices, expected: Floats
+) -> tuple[Indices, Floats, Floats]:
+    """Dots whose places are known nearly, in two photos only.
+
+    white : both panels white. dots : of one panel, the other white.
+    index : (n, 2) (column, row) of dots of the grid. expected : (n, 2) where in quads they should
+        be, all of them moved by less than two of their pitches, and turned by a degree or so.
+
+    Returns index (m, 2), places (m, 2) and their standard deviations (m, 2) in quads of those that
+    are there. Raises CalibrationError where there is no light, or dots cannot be found.
+    """
+    by = white.light[..., GREEN]
+    lit = lit_white(by, white.variance[..., GREEN])
+    per = np.where(lit, 1.0 / np.where(lit, by, 1.0), 0.0)
+    value = dots.light[..., GREEN] * per
+    variance = dots.variance[..., GREEN] + value**2 * white.variance[..., GREEN]
+    ratio = _Ratio(value, variance * per**2, by)
+    _check_shown(value, lit, grid)
+    rough, radius = _rough(value, lit, grid)
+    near = expected + _moved_by(rough, expected, PER_RADIUS * radius)
+    away, which = cKDTree(rough).query(near)
+    good = away < 0.4 * PER_RADIUS * radius
+    if good.sum() < LEAST_DOTS:
+        raise _few(int(good.sum()), grid)
+    found = _measured(ratio, rough[which[good]], radius, grid)
+    seen = np.isfinite(found.sigma).all(axis=-1)
+    return index[good][seen], found.at[seen], found.sigma[seen]
+
+
+def _moved_by(rough: Floats, expected: Floats, pitch: float) -> Floats:
+    """By how much all dots have moved, (2,): the least shift that most of them agree on. Dots at
+    the edges tell it from a shift by whole pitches more."""
+    reach, bin_quads = 2, 0.25 * pitch
+    places = cKDTree(rough)
+    near = places.query_ball_point(expected, reach * pitch)
+    apart = np.concatenate(
+        [rough[some] - at for some, at in zip(near, expected, strict=True) if some]
+        or [np.zeros((1, 2))]
+    )
+    count = 4 * reach + 1
+    edges = (np.arange(-count, count + 2) - 0.5) * bin_quads
+    votes = _smooth(np.histogram2d(apart[:, 0], apart[:, 1], bins=(edges, edges))[0], 0.7)
+    highest = (votes == cv2.dilate(votes, np.ones((3, 3), dtype=np.uint8))) & (votes > 0.0)
+    highest &= votes > 0.5 * votes.max()
+    shifts = (np.argwhere(highest) - count) * bin_quads
+    partners = []
+    for shift in shifts:
+        close = np.hypot(*(apart - shift).T) < 2.0 * bin_quads
+        shift[:] = np.median(apart[close], axis=0)
+        partners.append(int((places.query(expected + shift)[0] < bin_quads).sum()))
+    most = np.array(partners) >= 0.99 * max(partners)
+    return np.asarray(shifts[most][np.argmin(np.hypot(*shifts[most].T))])
 
 
 def _ratio(white: Photo, black: Photo, dots: Photo, lit: Bools, channel: int) -> _Ratio:

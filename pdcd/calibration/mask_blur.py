@@ -73,7 +73,8 @@ def blur(
     """The blur on the mask.
 
     coarse, fine : (right, down), series of a long period and of a short one.
-    camera, projector, mask : maps as believed when the stripes were shown.
+    camera, projector, mask : maps as believed when the stripes were shown; the fine ones may have
+        been shown by a mask's map that was corrected meanwhile.
 
     Raises CalibrationError where the fine stripes are blurred away.
     """
@@ -107,7 +108,9 @@ def _squares(coarse: Series, fine: Series, camera: Map, projector: Map, mask: Ma
     axis = coarse.stripes.axis
     points = between(camera, mask, coarse.quads)
     slope = slope_at(axis, projector, mask, points)
-    models = [_model(each.stripes, slope, coarse.offset_px) for each in (coarse, fine)]
+    # Both may have been shown by maps of their own: what counts is each series' own phase.
+    own = coarse.offset_px, fine.offset_px[there]
+    models = [_model(each.stripes, slope, at) for each, at in zip((coarse, fine), own, strict=True)]
     ratio = np.log(models[1] / models[0])
     seen = np.log(np.maximum(depth, 1e-9) / coarse.modulation)
     # The more blur, the less is left of the fine stripes: the model falls.

@@ -155,8 +155,13 @@ def accepted(fitted: Fitted, panel: str) -> Fitted:
     return fitted
 
 
-def figures(fitted: Fitted, panel: str) -> list[Figure]:
-    """How good a map is, each with its limit."""
+def figures(fitted: Fitted, panel: str, scale: float = 1.0) -> list[Figure]:
+    """How good a map is, each with its limit.
+
+    scale : pixels of this panel to one of the projector. A finer panel's may be off by more of
+        them: what counts is the place on the projector.
+    """
+    scale = max(1.0, scale)
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
     count = len(left)
     inliers, middle = float(fitted.inlier.mean()), mad_px(fitted.residual_px)
@@ -168,38 +173,68 @@ def figures(fitted: Fitted, panel: str) -> list[Figure]:
     own = float(np.percentile(fitted.sigma_px(places).max(axis=-1), 95.0))
     return [
         _figure(f"{panel}.inliers", inliers, np.sqrt(inliers * (1.0 - inliers) / count), INLIERS),
-        _figure(f"{panel}.fit_px", middle, middle / np.sqrt(count), MAD_PX),
-        _figure(f"{panel}.fit_worst_px", worst, 3.0 * middle / np.sqrt(count), WORST_PX),
-        _figure(f"{panel}.residual_px", moved, own, RESIDUAL_PX),
-        _figure(f"{panel}.map_px", own, own / np.sqrt(2.0 * count), SIGMA_PX),
+        _figure(f"{panel}.fit_px", middle, middle / np.sqrt(count), scale * MAD_PX),
+        _figure(f"{panel}.fit_worst_px", worst, 3.0 * middle / np.sqrt(count), scale * WORST_PX),
+        _figure(f"{panel}.residual_px", moved, own, scale * RESIDUAL_PX),
+        _figure(f"{panel}.map_px", own, own / np.sqrt(2.0 * count), scale * SIGMA_PX),
     ]
 
 
-def convergence(colours: Sequence[Fitted], panel: str) -> tuple[Floats, list[Figure]]:
+def convergence(
+    colours: Sequence[Fitted], panel: str, beside: Sequence[Fitted] | None = None
+) -> tuple[Floats, list[Figure]]:
     """How far red and blue of a panel lie from green.
 
     colours : the maps in red, green and blue.
+    beside : those of a panel that one light shines through, and that has no convergence of its
+        own. How far its colours are apart in the photo is the camera's doing, and taken off.
 
     Returns (places, 2, 2) float64, red minus green and blue minus green over the photo, right and
     down in panel pixels; and the largest lengths as figures.
     """
-    red, green, blue = colours
-    width, height = green.map.size_px
-    places = np.stack(
-        np.meshgrid((np.arange(24) + 0.5) / 24 * width, (np.arange(16) + 0.5) / 16 * height), -1
-    ).reshape(-1, 2)
-    at = green.to_target(places)
-    places = places[((at >= 0.0) & (at <= green.target_size_px)).all(axis=-1)]
-    # Light of one panel pixel, seen in two colours at different places: the shift in the photo,
-    # in panel pixels, is the difference of the maps the other way round.
-    base = green.to_target(places)
-    found = np.stack([base - red.to_target(places), base - blue.to_target(places)], axis=1)
+    green = colours[1]
+    places = _both_see(green, None if beside is None else beside[1])
+    found = _colours_apart(colours, places)
+    if beside is not None:
+        # A shift in the photo, and what it is on this panel.
+        back = np.asarray(np.linalg.inv(beside[1].slope(places)), dtype=np.float64)
+        in_photo = _times(back, _colours_apart(beside, places))
+        found = found - _times(green.slope(places), in_photo)
     given = []
-    for number, (name, other) in enumerate((("red", red), ("blue", blue))):
+    for number, (name, other) in enumerate((("red", colours[0]), ("blue", colours[2]))):
         far = float(np.percentile(np.hypot(*found[:, number].T), 95.0))
         sigma = float(np.median(np.hypot(other.sigma_px(places), green.sigma_px(places))))
         given.append(_figure(f"{panel}.{name}_apart_px", far, sigma, APART_PX))
     return found, given
+
+
+def _both_see(one: Fitted, other: Fitted | None) -> Floats:
+    """Places (n, 2) over the photo that lie on a panel, and on the other one."""
+    width, height = one.map.size_px
+    places = np.stack(
+        np.meshgrid((np.arange(24) + 0.5) / 24 * width, (np.arange(16) + 0.5) / 16 * height), -1
+    ).reshape(-1, 2)
+    for fitted in (one,) if other is None else (one, other):
+        at = fitted.to_target(places)
+        with np.errstate(invalid="ignore"):
+            places = places[((at >= 0.0) & (at <= fitted.target_size_px)).all(axis=-1)]
+    return np.asarray(places)
+
+
+def _colours_apart(colours: Sequence[Fitted], places: Floats) -> Floats:
+    """Red minus green and blue minus green at places (n, 2) of the photo, (n, 2, 2), in pixels of
+    the panel.
+
+    Light of one pixel is seen in two colours at different places: the shift in the photo, in
+    pixels, is the difference of the maps the other way round.
+    """
+    red, green, blue = (one.to_target(places) for one in colours)
+    return np.stack([green - red, green - blue], axis=1)
+
+
+def _times(slopes: Floats, vectors: Floats) -> Floats:
+    """Slopes (n, 2, 2) times vectors (n, colours, 2)."""
+    return np.asarray(np.einsum("nij,ncj->nci", slopes, vectors))
 
 
 def _figure(name: str, value: float, sigma: float, limit: float, unit: str = "px") -> Figure:
@@ -208,7 +243,7 @@ def _figure(name: str, value: float, sigma: float, limit: float, unit: str = "px
         good, bad = value >= limit, 1.0 - value > REFUSED * (1.0 - limit)
         text, unit = f"at least {limit:g}", ""
     else:
-        good, bad, text = value <= limit, value > REFUSED * limit, f"at most {limit:g} {unit}"
+        good, bad, text = value <= limit, value > REFUSED * limit, f"at most {limit:.3g} {unit}"
     verdict = Verdict.GOOD if good else Verdict.BAD if bad else Verdict.DOUBTFUL
     return Figure(name, value, float(sigma), unit, text, verdict)
 

@@ -90,6 +90,66 @@ class Offsets:
         return self.quantile_px(0.95)
 
 
+class Gathering:
+    """A series under way: of each photo only its averages are kept.
+
+    Parameters
+    ----------
+    white : both panels white for as many refreshes as the projector was lit.
+    camera, projector : maps as believed.
+    channel : 0 red, 1 green, 2 blue.
+
+    Raises CalibrationError for a white photo without light, or saturated.
+    """
+
+    def __init__(
+        self, stripes: Stripes, white: Photo, camera: Map, projector: Map, *, channel: int = GREEN
+    ) -> None:
+        self._stripes, self._camera, self._projector = stripes, camera, projector
+        self._channel = channel
+        by = white.light[..., channel]
+        self._lit = series_faults.lit(by, white.variance[..., channel])
+        series_faults.refuse_saturated(white.saturated, self._lit)
+        self._period = stripes.period_px * quads_per_px(stripes.axis, camera, projector)
+        block = max(1, int(self._period / PER_PERIOD))
+        self._averaging = Averaging(self._lit, by, self._period, block)
+        self._stack: list[Floats] = []
+        self._noise = np.zeros(self._averaging.count.shape)
+
+    def add(self, photo: Photo) -> None:
+        """The next photo, in the order of `pdcd.calibration.stripes.patterns`. Raises
+        CalibrationError for a saturated one."""
+        series_faults.refuse_saturated(photo.saturated, self._lit)
+        self._stack.append(self._averaging.over_white(photo.light[..., self._channel]))
+        noise = self._averaging.over_white(photo.variance[..., self._channel], power=2)
+        self._noise += noise / self._stripes.steps
+
+    def series(self) -> Series:
+        """What all S photos say.
+
+        Raises CalibrationError for photos without light or modulation, a mirrored mask, a bench
+        that moved or whose light changed, and where less than 60 % of the field could be measured.
+        """
+        stripes, averaging, steps = self._stripes, self._averaging, self._stripes.steps
+        if len(self._stack) != steps:
+            raise ValueError(f"{len(self._stack)} photos of stripes; {steps} belong to the series")
+        places = averaging.places(APART * self._period)
+        series_faults.refuse_partial(places, self._camera, self._period)
+        stack = [self._stack[place] for place in np.argsort(stripes.order)]
+        turns = np.exp(2j * np.pi * np.arange(steps) / steps) / steps
+        share = np.stack([averaging.at(averaging.smooth(each), places) for each in stack], axis=-1)
+        variance = averaging.at(averaging.smooth(self._noise), places)
+        # Of S photos' noise, half falls on either part of their first harmonic.
+        sigma = np.sqrt(variance / (2.0 * steps)) * averaging.noise
+        found = Series(stripes, places, share, share @ turns, sigma)
+        series_faults.refuse_flat(share, found.first, sigma)
+        turning = np.tensordot(turns, np.stack(stack), 1)
+        carrier = _carrier(stripes, self._camera, self._projector, averaging)
+        series_faults.refuse_mirrored(turning, carrier, found.first, averaging, places)
+        series_faults.refuse_changed(share, found.first, sigma)
+        return found
+
+
 def measure(
     stripes: Stripes,
     photos: Iterable[Photo],
@@ -99,47 +159,11 @@ def measure(
     *,
     channel: int = GREEN,
 ) -> Series:
-    """What the S photos of a series say.
-
-    Parameters
-    ----------
-    photos : in the order of `pdcd.calibration.stripes.patterns`; one at a time is held.
-    white : both panels white for as many refreshes as the projector was lit.
-    camera, projector : maps as believed.
-    channel : 0 red, 1 green, 2 blue.
-
-    Raises CalibrationError for photos without light or modulation, saturated ones, a mirrored mask,
-    a bench that moved or whose light changed, and where less than 60 % of the field could be
-    measured.
-    """
-    by = white.light[..., channel]
-    lit = series_faults.lit(by, white.variance[..., channel])
-    series_faults.refuse_saturated(white.saturated, lit)
-    period = stripes.period_px * quads_per_px(stripes.axis, camera, projector)
-    averaging = Averaging(lit, by, period, max(1, int(period / PER_PERIOD)))
-    stack, noise = [], np.zeros(averaging.count.shape)
+    """What the S photos of a series say; one at a time is held. See `Gathering`."""
+    gathering = Gathering(stripes, white, camera, projector, channel=channel)
     for photo in photos:
-        series_faults.refuse_saturated(photo.saturated, lit)
-        stack.append(averaging.over_white(photo.light[..., channel]))
-        noise += averaging.over_white(photo.variance[..., channel], power=2) / stripes.steps
-    if len(stack) != stripes.steps:
-        raise ValueError(f"{len(stack)} photos of stripes; {stripes.steps} belong to the series")
-    places = averaging.places(APART * period)
-    series_faults.refuse_partial(places, camera, period)
-    stack = [stack[place] for place in np.argsort(stripes.order)]
-    turns = np.exp(2j * np.pi * np.arange(stripes.steps) / stripes.steps) / stripes.steps
-    share = np.stack([averaging.at(averaging.smooth(each), places) for each in stack], axis=-1)
-    variance = averaging.at(averaging.smooth(noise), places)
-    # Of S photos' noise, half falls on either part of their first harmonic.
-    sigma = np.sqrt(variance / (2.0 * stripes.steps)) * averaging.noise
-    found = Series(stripes, places, share, share @ turns, sigma)
-    series_faults.refuse_flat(share, found.first, sigma)
-    turning = np.tensordot(turns, np.stack(stack), 1)
-    series_faults.refuse_mirrored(
-        turning, _carrier(stripes, camera, projector, averaging), found.first, averaging, places
-    )
-    series_faults.refuse_changed(share, found.first, sigma)
-    return found
+        gathering.add(photo)
+    return gathering.series()
 
 
 def offsets(

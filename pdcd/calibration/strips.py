@@ -57,13 +57,16 @@ class Readings:
         )
 
 
-def read_strips(photo: Photo, white: Photo, camera: Map, strips: Strips, *, bands: int) -> Readings:
+def read_strips(
+    photo: Photo, white: Photo, camera: Map, strips: Strips, *, bands: int, gaps: bool = True
+) -> Readings:
     """How bright the strips are in a photo, over one in which all of them were white.
 
     Parameters
     ----------
     photo, white : of equal exposure and size, that of the camera's map.
     bands : of rows of the field, equally high.
+    gaps : whether the white photo has dark gaps between its strips, which are then looked at.
 
     Raises CalibrationError: no light, clipped, part of the field not covered, strips not where the
     maps say, or out of focus.
@@ -81,7 +84,8 @@ def read_strips(photo: Photo, white: Photo, camera: Map, strips: Strips, *, band
     quads = np.bincount(cell[cell >= 0], minlength=size)
     (light, var), (full, full_var) = sums
     _check_white(full, full_var, quads, strips.count)
-    _check_gaps(white, x, band, inside, strips)
+    if gaps:
+        _check_gaps(white, x, band, inside, strips)
     value = light / full
     sigma = np.sqrt(var + value**2 * full_var) / full
     shape = bands, strips.count

@@ -8,8 +8,12 @@ from types import MappingProxyType
 
 from pdcd.calibration.metering import meter
 from pdcd.calibration.script import Script, Session
+from pdcd.calibration.steps.check import check_bench
+from pdcd.calibration.steps.coaxial import coaxial
+from pdcd.calibration.steps.focus import focus
 from pdcd.calibration.steps.geometry import geometry
 from pdcd.calibration.steps.light import light
+from pdcd.calibration.steps.registration import registration
 from pdcd.calibration.steps.response import response
 from pdcd.calibration.steps.sensor import sensor
 from pdcd.calibration.steps.shutter import shutter
@@ -36,7 +40,15 @@ STEPS: Mapping[str, Step] = MappingProxyType(
         "geometry": Step(geometry, "where projector, mask and camera lie"),
         "timing": Step(timing, "lag, rise and fall of both panels", ("geometry",)),
         "shutter": Step(shutter, "lag and jitter of the shutter", ("geometry", "timing")),
+        "registration": Step(
+            registration, "where light and mask meet, and how sharp", needs=("geometry",)
+        ),
         "response": Step(response, "light of grey levels", needs=("geometry",), usual=False),
+        "coaxial": Step(coaxial, "whether mask and projector look from one point", usual=False),
+        "focus": Step(
+            focus, "how sharp relay and projector are, while somebody focuses", usual=False
+        ),
+        "check": Step(check_bench, "whether all is as it was calibrated", needs=("geometry",)),
     }
 )
 METER = "meter"

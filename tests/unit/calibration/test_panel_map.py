@@ -215,3 +215,24 @@ def test_colours_that_lie_apart_are_told() -> None:
     np.testing.assert_allclose(apart, wanted, rtol=0.0, atol=0.02)
     assert [figure.verdict for figure in told] == [Verdict.DOUBTFUL, Verdict.GOOD]
     assert told[0].value == pytest.approx(0.7, abs=0.02)
+
+
+def test_what_both_panels_show_alike_is_the_cameras() -> None:
+    camera_only = colours((0.4, 0.0, -0.3))
+    apart, told = convergence(colours((0.7, 0.0, -0.2)), "projector", camera_only)
+    wanted = np.broadcast_to([[0.3, 0.0], [0.1, 0.0]], apart.shape)
+    np.testing.assert_allclose(apart, wanted, rtol=0.0, atol=0.03)
+    assert [figure.verdict for figure in told] == [Verdict.GOOD, Verdict.GOOD]
+
+
+def test_pixels_of_a_fine_panel_may_be_off_by_more() -> None:
+    found = fit_dots(dots_of(), FRAME)
+    by_name = {figure.name: figure for figure in figures(found, "mask", 2.5)}
+    plain = {figure.name: figure for figure in figures(found, "mask")}
+    assert (plain["mask.fit_px"].limit, by_name["mask.fit_px"].limit) == (
+        "at most 0.1 px",
+        "at most 0.25 px",
+    )
+    assert by_name["mask.inliers"].limit == plain["mask.inliers"].limit
+    # A coarse panel is held to the same as the projector.
+    assert figures(found, "mask", 0.5)[1].limit == plain["mask.fit_px"].limit
