@@ -54,8 +54,8 @@ COVER = "cover the projector's lens with its cap; leave all else as it is"
 UNCOVER = "take the cap off the projector's lens again"
 ADVICE = {
     "projector.contrast": "black of the projector is bright: see that its picture mode is not "
-    "dynamic, darken the room, and cover the projector's lens when asked (pdcd calibrate attended)",
-    "mask.contrast": "the mask leaks: turn its polariser (pdcd calibrate prints the contrast)",
+    "dynamic, and darken the room",
+    "mask.contrast": "the mask leaks: turn its polariser a little and calibrate light again",
     "scene.ambient": "the room is bright: switch its lights off, draw the curtains",
     "light.lamp_change": "the lamp drifts: let it warm up for half an hour",
     "light.lamp_drift": "the lamp drifts: let it warm up for half an hour",
