@@ -124,8 +124,9 @@ class Display(Protocol):
     ) -> FrameLog:
         """Show the loaded frames once, then black; returns the log.
 
-        `progress(frame, frames, missed)` is called from time to time; `cancelled()` is asked at
-        least ten times a second and, when true, the panels go black and `Cancelled` is raised.
+        `progress(frame, frames, missed)` is called about ten times a second, and may take half a
+        second: a calibration moves the shutter in it. `cancelled()` is asked at least ten times a
+        second and, when true, the panels go black and `Cancelled` is raised.
         Raises SyncError when the panels cannot be kept in step.
         """
         ...

@@ -98,7 +98,10 @@ def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
     rows = (np.arange(1200) + 0.5) / 1200
     real = lags_s(true, rows).reshape(bands.size, -1).mean(axis=1)
     np.testing.assert_allclose(bands, real, rtol=0, atol=0.15e-3)
-    assert found.mask.scan_bands > 40
+    said = lags_s(found, rows).reshape(bands.size, -1).mean(axis=1)
+    np.testing.assert_allclose(said, real - REFRESH_S, rtol=0, atol=0.15e-3)
+    assert found.display.mask_delay_refreshes == -1  # for the middle of the field
+    assert found.mask.scan_bands > 100
     assert found.rig.settle_s > abs(found.mask.scan_s) + abs(found.mask.skew_s)
     assert any("turned by 180 degrees" in text for text in step.advice)
 
