@@ -80,7 +80,7 @@ def fitted(offsets: Offsets, mask: Map) -> Correction:
             device="mask",
             hint="clear the field, and put a flat bright card across all of it",
         )
-    shape = _shape(mask)
+    shape = nodes_of(mask)
     basis = _basis(points[good], mask.size_px, shape)
     stiff = _second_differences(shape) / STIFF
     group = _groups(points[good], mask.size_px)
@@ -166,7 +166,7 @@ def _groups(points: Floats, size_px: tuple[int, int]) -> NDArray[np.int64]:
     return np.asarray((3 * row + 4 * col) % GROUPS)
 
 
-def _shape(map_: Map) -> tuple[int, int]:
+def nodes_of(map_: Map) -> tuple[int, int]:
     """Rows and columns of nodes: the map's own, or so many between them that none is moved."""
     own = np.shape(map_.residual)[:2] if map_.residual else (2, 2)
     found = []

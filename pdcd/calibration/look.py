@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.check import Dots, Look, closed_share, parts_of
-from pdcd.calibration.correction import NODES, bent_to
+from pdcd.calibration.correction import bent_to, nodes_of
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.finding import find_again
 from pdcd.calibration.photo import Photo
@@ -152,8 +152,7 @@ def common(before: Dots, now: Dots) -> tuple[Floats, Floats, Floats]:
 
 def as_it_lies(camera: Map, moved: Similarity) -> Map:
     """The camera's map after all of the photo has moved. Raises ConfigError where it cannot be."""
-    shape = np.shape(camera.residual)[:2] if camera.residual else NODES
-    return bent_to(camera, lambda at: camera.to_field(moved.back(at)), shape, "camera")
+    return bent_to(camera, lambda at: camera.to_field(moved.back(at)), nodes_of(camera), "camera")
 
 
 def _all_places(session: Session, before: Dots, now: Dots) -> Floats:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdcd.calibration import sketch
 from pdcd.calibration.cell_size import HALF, guard_px
 from pdcd.calibration.check import GOOD_CLOSED, GOOD_LAMP, GOOD_PX, GOOD_S, Checked, Look, check
-from pdcd.calibration.correction import NODES, bent_to
+from pdcd.calibration.correction import bent_to, nodes_of
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.look import (
     PANELS,
@@ -216,7 +216,7 @@ def _moved(session: Session, found: Checked) -> dict[str, Map]:
 
     return {
         "camera": as_it_lies(camera, found.camera),
-        "mask": bent_to(mask, on_projector, np.shape(mask.residual)[:2] or NODES, "mask"),
+        "mask": bent_to(mask, on_projector, nodes_of(mask), "mask"),
     }
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration import sketch
 from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.focus import Best, Depth, depth
+from pdcd.calibration.focus import LEAST_PERIODS, PARTS, Best, Depth, depth
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
@@ -96,8 +96,13 @@ def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | Non
 def _measured(photo: Photo, period_quads: float, known: bool) -> tuple[Depth, float]:
     """Depth of the stripes, and their period in quads as it was found."""
     best: tuple[Depth, float] | None = None
-    failed = CalibrationError("no stripes are seen", device="camera")
+    failed = CalibrationError(
+        "the photo has too few quads for stripes that the camera can tell apart", device="camera"
+    )
+    most = photo.frame[1] // PARTS[1] / LEAST_PERIODS
     for scale in GUESSES[: 1 if known else None]:
+        if scale * period_quads > most:
+            continue
         try:
             found = depth(photo, 0, scale * period_quads)
         except CalibrationError as err:

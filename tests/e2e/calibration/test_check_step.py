@@ -75,7 +75,7 @@ class Truth:
             projector=PanelConfig(size_px=(256, 192)),
             mask=PanelConfig(size_px=(400, 300), contrast=CONTRAST),
             camera=CameraConfig(
-                profile="450d", frame_quads=(256, 192), seed=self.seed, iso=self.iso
+                profile="450d", frame_quads=(300, 216), seed=self.seed, iso=self.iso
             ),
             scene=SceneConfig(kind="card", grid=(12, 16), options={"albedo": self.albedo}),
             bench=BenchConfig(truth=str(folder / "truth.toml")),

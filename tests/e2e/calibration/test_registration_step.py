@@ -41,12 +41,14 @@ blur_quads = 0.5
 [camera.place]
 turn_deg = -1.4
 scale = 1.06
+"""
+AMBIENT = """
 [scene]
 ambient = 0.002
 """
 
 
-def hands(folder: Path, more: str = "", *, albedo: float = 0.9) -> Hands:
+def hands(folder: Path, more: str = AMBIENT, *, albedo: float = 0.9) -> Hands:
     """A small bench whose maps are known, as after geometry."""
     (folder / "truth.toml").write_text(TRUTH + more)
     config = Config(
@@ -116,7 +118,7 @@ def test_a_mirrored_mask_is_named(tmp_path: Path) -> None:
 
 
 def test_a_lens_cap_is_named(tmp_path: Path) -> None:
-    one = hands(tmp_path, albedo=1e-6)
+    one = hands(tmp_path, "", albedo=1e-6)
     with pytest.raises(CalibrationError, match="no light"):
         one.run("registration", registration(one.session))
 
