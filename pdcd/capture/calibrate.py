@@ -161,32 +161,35 @@ class CalibrationRun:
         """Expose, again where refreshes were missed. Raises SyncError when that went on."""
         settings = CameraSettings(wanted.iso, wanted.f_number if self._settable else None)
         for number in range(1, self.config.rig.retries + 2):
-            done = self.rig.expose(
-                wanted.frames,
-                settings,
-                self.folder.path / "raw",
-                wanted.name,
-                notify=self._notify,
-                progress=lambda frame, of, missed: self.emit(
-                    events.Progress(shot=wanted.name, frame=frame, frames=of, missed=missed)
-                ),
-                cancelled=self.cancelled,
-                moving=wanted.moving,
-            )
-            if not done.log.missed.any():
-                self.folder.write_frames(wanted.name, wanted.frames, done.log)
-                return self._taken(wanted, done)
+            try:
+                done = self._expose(wanted, settings)
+            except SyncError as err:  # the display gave up
+                cause = err.message
+            else:
+                if not done.log.missed.any():
+                    self.folder.write_frames(wanted.name, wanted.frames, done.log)
+                    return self._taken(wanted, done)
+                cause = f"{int(done.log.missed.sum())} refreshes were missed"
             name = self.folder.set_aside(wanted.name, number)
-            missed = int(done.log.missed.sum())
-            self._notify(
-                events.Discarded(
-                    shot=wanted.name, name=name, cause=f"{missed} refreshes were missed"
-                )
-            )
+            self._notify(events.Discarded(shot=wanted.name, name=name, cause=cause))
         raise SyncError(
-            f"photo {wanted.name} was spoilt {number} times: {missed} refreshes were missed",
+            f"photo {wanted.name} was spoilt {number} times: {cause}",
             device="display",
             hint="see that nothing else runs on this machine: pdcd timing",
+        )
+
+    def _expose(self, wanted: NextPhoto, settings: CameraSettings) -> Exposure:
+        return self.rig.expose(
+            wanted.frames,
+            settings,
+            self.folder.path / "raw",
+            wanted.name,
+            notify=self._notify,
+            progress=lambda frame, of, missed: self.emit(
+                events.Progress(shot=wanted.name, frame=frame, frames=of, missed=missed)
+            ),
+            cancelled=self.cancelled,
+            moving=wanted.moving,
         )
 
     @property
