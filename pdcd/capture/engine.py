@@ -34,6 +34,7 @@ from pdcd.runs.events import Emit, Event
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.place import Place
 from pdcd.runs.views import CameraView, DriverView, OwnerView, Preview, RigView
+from pdcd.scene.card import CARD
 from pdcd.sensor.profile import load_profile
 
 logger = logging.getLogger(__name__)
@@ -44,10 +45,6 @@ Asked = Callable[[], bool]
 
 def _unheard(event: Event) -> None:
     """Nobody listens."""
-
-
-CARD = "card"
-"""The scene that a mock bench puts up to be calibrated."""
 
 
 def _at_once(text: str) -> None:

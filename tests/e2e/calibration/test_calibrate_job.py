@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -131,8 +132,7 @@ def test_it_is_whole_and_every_change_is_found(
     assert found.whole and found.job == "20260101T000000Z-0001", found
     rng = np.random.default_rng(1)
     copy = tmp_path / "copy"
-    subprocess.run(["cp", "-r", str(folder), str(copy)], check=True)
-    subprocess.run(["chmod", "-R", "u+w", str(copy)], check=True)
+    copied(folder, copy)
     for file in sorted(p for p in copy.rglob("*") if p.is_file()):
         data = bytearray(file.read_bytes())
         at = int(rng.integers(len(data)))
@@ -155,14 +155,20 @@ def test_it_is_computed_again_bit_for_bit(
     assert main(["calibrate", "--again", str(folder)]) == 0
     assert "DIFFERS" not in capsys.readouterr().out
     copy = tmp_path / "copy"
-    subprocess.run(["cp", "-r", str(folder), str(copy)], check=True)
+    copied(folder, copy)
     photo = next((copy / "raw").glob("geometry-dots-mask*"))
-    photo.chmod(0o600)
     data = bytearray(photo.read_bytes())
     data[-1] ^= 1
     photo.write_bytes(data)
     with pytest.raises(DecodeError):
         again(copy)
+
+
+def copied(folder: Path, copy: Path) -> None:
+    """A copy that may be written."""
+    shutil.copytree(folder, copy)
+    for path in copy.rglob("*"):
+        path.chmod(0o700)
 
 
 def with_table(config: Config, **table: object) -> Config:
