@@ -14,6 +14,7 @@
     ├── ExposureError        exposure        the shutter or the exposure went wrong
     ├── DecodeError          decode          a RAW file or a run folder cannot be read
     ├── PlanError            plan            planning died, hung, or ran out of memory
+    ├── CalibrationError     calibration     photos of a calibration cannot be trusted
     ├── NoSpaceError         no_space        the disk is full, or would be
     ├── DiskError            disk            the disk refuses for another reason
     └── Cancelled            cancelled       the user, the client or a signal ended the job
@@ -111,6 +112,12 @@ class PlanError(PdcdError):
     """Planning did not come to an end: its process died or hung, or memory ran out."""
 
     kind = "plan"
+
+
+class CalibrationError(PdcdError):
+    """Photos of a calibration cannot be trusted: the message names the cause, and none is kept."""
+
+    kind = "calibration"
 
 
 class NoSpaceError(PdcdError):

@@ -21,6 +21,7 @@ from pdcd.words import (
     JobState,
     MethodName,
     NormaliseName,
+    StepName,
     VerdictName,
     WindowName,
 )
@@ -247,6 +248,9 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     prediction: Prediction | None = None
     prior: str | None = None
     """What guided the codes, in words."""
+    reasons: tuple[str, ...] = ()
+    """Why cells, window and schedule are what they are, a line each, on a bench that was measured.
+    """
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):
@@ -278,6 +282,17 @@ class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     `quality`, the verdict."""
     warnings: tuple[str, ...] = ()
     """What the user must know of the run, one line each; the manifest has all of them."""
+
+
+class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a bench is to measure of itself.
+
+    steps : none is all of a whole calibration. attended : whether somebody is there to put a card
+        before the camera and say so; else it begins at once.
+    """
+
+    steps: tuple[StepName, ...] = ()
+    attended: bool = False
 
 
 def new_job_id() -> str:

@@ -34,8 +34,20 @@ GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
 WindowName = Literal["auto", "whole", "quarter"]
 BlackLevel = Literal["none", "mask", "ambient", "both"]
 NormaliseName = Literal["auto", "scalar", "row"]
-JobKind = Literal["capture", "plan", "show", "preview"]
+StepName = Literal[
+    "sensor", "light", "geometry", "timing", "shutter", "registration", "response",
+    "coaxial", "focus", "check",
+]  # fmt: skip
+"""Steps of `pdcd calibrate` (docs/calibration.md)."""
+JobKind = Literal["capture", "plan", "show", "preview", "calibrate"]
 """What of the rig a job uses: all of it, the arithmetic alone, the panels, all for a quick look."""
 VerdictName = Literal["good", "doubtful", "bad"]
 """On a finished run (docs/quality.md)."""
+PatternName = Literal[
+    "black", "white", "checker", "grid", "code", "projector", "mask",
+    "pixels", "wedge", "star", "dots", "letter",
+]  # fmt: skip
+"""What panels can hold to look at (docs/bench-bringup.md)."""
+MovingName = Literal["flash", "edge", "bar"]
+"""What they can show over and over."""
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -47,6 +47,10 @@ class DensePanel:
             for x in range(width):
                 u, v = centres[y, x]
                 dead = y in self.dead_rows or x in self.dead_columns
+                if frames.window == "pixels":
+                    if which != -1 and not dead:
+                        out[y, x] = 1.0 if which == -2 else self._own(frames, which, x, y)
+                    continue
                 if which == -1 or dead or not (0.0 <= u < 1.0 and 0.0 <= v < 1.0):
                     continue
                 out[y, x] = 1.0 if which == -2 else self._level(frames, row, which, u, v)
@@ -65,6 +69,15 @@ class DensePanel:
         if patterns.dtype == np.uint8:
             return float(np.unpackbits(patterns[which])[cell])
         sent = float(np.rint(patterns[which][cell] * 255.0)) / 255.0
+        return float(sent**self.gamma)
+
+    def _own(self, frames: Frames, which: int, x: int, y: int) -> float:
+        """A pixel of a picture of the panel's own pixels."""
+        patterns = frames.dual_patterns if self.mask else frames.primal_patterns
+        at = y * self.true.size_px[0] + x
+        if patterns.dtype == np.uint8:
+            return float(np.unpackbits(patterns[which])[at])
+        sent = float(np.rint(patterns[which][at] * 255.0)) / 255.0
         return float(sent**self.gamma)
 
     @property

@@ -14,9 +14,9 @@ from pdcd.bench.devices import Clock, DisplayInfo, DriverContext
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
-from pdcd.frames.atoms import check_cells
 from pdcd.frames.balance import play_all, streams
 from pdcd.frames.bitplanes import check_binary
+from pdcd.frames.draw import check_fit
 from pdcd.frames.frames import BLACK, FrameLog, Frames
 from pdcd.probing.panel import apart_s
 
@@ -86,9 +86,9 @@ class MockDisplay:
         """Check that every code cell has pixels on both panels, and keep the frames."""
         if self._config.display.planes_per_refresh > 1:
             check_binary(frames.primal_patterns, frames.dual_patterns)
-        check_cells(self._panels.projector, frames.grid)
-        check_cells(self._panels.mask, frames.grid)
-        if frames.grid != self._bench.grid:
+        check_fit(frames, self._panels.projector)
+        check_fit(frames, self._panels.mask)
+        if not frames.of_pixels and frames.grid != self._bench.grid:
             raise ConfigError(
                 f"frames of {frames.grid} cells for a bench of {self._bench.grid}",
                 device="display",

@@ -19,7 +19,7 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from pdcd.bench.toml_text import TIMES
-from pdcd.bench.truth import read_truth
+from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
 
 RATE_TOLERANCE = 5e-4
@@ -109,7 +109,14 @@ def _panel_faults(config: Config) -> Iterator[Fault]:
             ("projector.offset_px",),
             "projector.offset_px: the mask is offset against the projector: set mask.offset_px",
         )
+    if config.projector.blur_px:
+        yield Fault(
+            ("projector.blur_px",),
+            "projector.blur_px: what is blurred is the light on the mask: set mask.blur_px",
+        )
     for name, panel in (("projector", config.projector), ("mask", config.mask)):
+        if (fault := scan_fault(name, panel, config.rig.settle_s)) is not None:
+            yield fault
         if abs(panel.phase_s) > 1.0 / panel.refresh_hz:
             yield Fault(
                 (f"{name}.phase_s", f"{name}.refresh_hz"),
@@ -146,9 +153,9 @@ def _scene_faults(config: Config) -> Iterator[Fault]:
         )
     if scene.path is not None and not Path(scene.path).is_file():
         yield Fault(("scene.path",), f"scene.path: there is no file {scene.path}")
-    if config.schedule.grid is None and scene.grid is None and scene.kind == "matrix":
+    if config.schedule.cells is None and scene.grid is None and scene.kind == "matrix":
         return  # the cells are known only when the file is read
-    rows, cols = config.schedule.grid or scene.grid or DEFAULT_GRID
+    rows, cols = config.schedule.cells or scene.grid or DEFAULT_GRID
     quarter = config.schedule.window == "quarter"
     # Half-cell shifts of a half-cell opening fall between the pixels of a smaller cell.
     needed_px, needed = (4.0, " by the quarter window") if quarter else (1.0, "")

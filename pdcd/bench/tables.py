@@ -55,6 +55,11 @@ class PanelConfig(_Table, frozen=True):
     """Delay from the vblank to the light (negative: the panel leads)."""
     jitter_s: NonNegative = 0.0
     """Standard deviation of that delay, refresh by refresh."""
+    scan_s: float = 0.0
+    """Time from the first row of pixels until the last one is set; negative: from the last row. The
+    row that comes first has the delay `skew_s`."""
+    scan_bands: Annotated[int, Meta(ge=1, le=16384)] = 16
+    """Bands of rows that are set together; as many as rows, or more: row by row."""
     rise_s: NonNegative = 0.0
     fall_s: NonNegative = 0.0
     """First-order time constants towards white and towards black."""
@@ -63,6 +68,9 @@ class PanelConfig(_Table, frozen=True):
     offset_px: tuple[float, float] = (0.0, 0.0)
     """Mask only: its image against the projector's (right, down), in projector pixels, as it is
     left over: known, but not corrected. `place` corrects."""
+    blur_px: Annotated[float, Meta(ge=0.0, le=64.0)] = 0.0
+    """Mask only: blur of the scene's light on it, standard deviation of a Gaussian in projector
+    pixels."""
     place: Placing = field(default_factory=Placing)
     """Where the panel's pixels lie on the field, for drawing."""
 
@@ -160,8 +168,11 @@ class SceneConfig(_Table, frozen=True):
 class ScheduleConfig(_Table, frozen=True):
     """[schedule] defaults of the codes and of their timing."""
 
-    grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]] | None = None
-    """Rows and columns of code cells; None: the scene's."""
+    grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]] | Literal["auto"] | None = (
+        None
+    )
+    """Rows and columns of code cells; None: the scene's; "auto": the smallest cells that keep apart
+    what a calibration measured."""
     codes: Annotated[int, Meta(ge=1, le=65536)] = 128
     family: FamilyName = "hadamard"
     window: WindowName = "auto"
@@ -169,12 +180,33 @@ class ScheduleConfig(_Table, frozen=True):
     black_level: BlackLevel = "none"
     normalise: NormaliseName = "auto"
 
+    @property
+    def cells(self) -> tuple[int, int] | None:
+        """Rows and columns of code cells, where they are typed."""
+        return None if self.grid == "auto" else self.grid
+
 
 class BenchConfig(_Table, frozen=True):
     """[bench] what the mock bench really is, where that is not what the rest of the file says."""
 
     truth: str | None = None
     """File of the truth (`pdcd.bench.truth`); None: the bench is as it is described."""
+
+
+class CalibrationConfig(_Table, frozen=True):
+    """[calibration] which measured values replace typed ones."""
+
+    use: str = "latest"
+    """"latest": the newest of this rig in the state folder, where there is one; "none"; or the
+    path of a folder that `pdcd calibrate` made."""
+    keep: tuple[str, ...] = ()
+    """Keys that stay as typed whatever was measured: "mask.skew_s"."""
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None = None
+    """Digest that the calibration must have; None: any."""
+    check: Literal["daily", "always", "never"] = "daily"
+    """When a capture says that the bench should be checked first."""
+    max_age_days: Positive = 30.0
+    """A capture warns of an older calibration."""
 
 
 class LimitsConfig(_Table, frozen=True):
@@ -246,6 +278,7 @@ class Config(_Table, frozen=True):
     scene: SceneConfig = field(default_factory=SceneConfig)
     bench: BenchConfig = field(default_factory=BenchConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     server: ServerConfig = field(default_factory=ServerConfig)
 

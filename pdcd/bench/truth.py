@@ -43,9 +43,9 @@ class TruePanel(_Table, frozen=True):
     place: Placing | None = None
     gamma: Positive = 1.0
     """Light of a grey level, over full light: (level / 255) to this power."""
-    scan_s: float = 0.0
+    scan_s: float | None = None
     """Time from the first row of pixels until the last one is set; negative: from the last row."""
-    scan_bands: Annotated[int, Meta(ge=1, le=16384)] = 16
+    scan_bands: Annotated[int, Meta(ge=1, le=16384)] | None = None
     """Bands of rows that are set together; as many as rows, or more: row by row."""
     falloff: Share = 0.0
     """Light that is lost in the corners; between, it goes by the square of the radius."""
@@ -71,20 +71,30 @@ class TrueScene(_Table, frozen=True):
     """[scene]"""
 
     ambient: NonNegative | None = None
-    blur_px: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] = 0.0
-    """Blur from the scene to the mask: standard deviation of a Gaussian in projector pixels."""
+    blur_px: Annotated[float, Meta(ge=0.0, le=LARGEST_BLUR)] | None = None
+    """Blur from the scene to the mask: standard deviation of a Gaussian in projector pixels. The
+    configuration has it as `mask.blur_px`."""
     blur_taps: Annotated[int, Meta(ge=3, le=15)] = 5
     """Points along either axis at which that Gaussian is taken; an odd number."""
 
 
+class TrueTrigger(_Table, frozen=True):
+    """[trigger]"""
+
+    lag_s: NonNegative | None = None
+    jitter_s: NonNegative | None = None
+
+
 class TrueSensor(_Table, frozen=True):
-    """[sensor] factors on the profile's own numbers."""
+    """[sensor] factors on the profile's own numbers, and what the lens lets through."""
 
     gain: Positive = 1.0
     """DN for each electron, over what the profile says."""
     read_noise: Positive = 1.0
     dark: Positive = 1.0
     full_well: Positive = 1.0
+    responsivity_e: tuple[Positive, Positive, Positive] | None = None
+    """As `camera.responsivity_e`; None: what is believed, also when that was measured anew."""
     prnu: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
     """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""
 
@@ -97,6 +107,7 @@ class Truth(_Table, frozen=True):
     camera: TrueCamera = field(default_factory=TrueCamera)
     scene: TrueScene = field(default_factory=TrueScene)
     sensor: TrueSensor = field(default_factory=TrueSensor)
+    trigger: TrueTrigger = field(default_factory=TrueTrigger)
 
     def of(self, config: Config) -> Config:
         """The configuration that would describe the bench as it is, in its own words."""
@@ -108,12 +119,17 @@ class Truth(_Table, frozen=True):
             camera = replace(camera, blur_quads=self.camera.blur_quads)
         if self.scene.ambient is not None:
             scene = replace(scene, ambient=self.scene.ambient)
+        said = {k: v for k, v in msgspec.structs.asdict(self.trigger).items() if v is not None}
+        mask = _panel(config.mask, self.mask)
+        if self.scene.blur_px is not None:
+            mask = replace(mask, blur_px=self.scene.blur_px)
         return replace(
             config,
             projector=_panel(config.projector, self.projector),
-            mask=_panel(config.mask, self.mask),
+            mask=mask,
             camera=camera,
             scene=scene,
+            trigger=replace(config.trigger, **said),
         )
 
 
@@ -190,13 +206,20 @@ def _panel_faults(
         yield Fault(
             (f"{name}.phase_s",), f"{name}.phase_s: {panel.phase_s} s is more than one refresh"
         )
-    if abs(said.scan_s) + abs(panel.skew_s) > config.rig.settle_s and said.scan_s:
-        yield Fault(
-            (f"{name}.scan_s",),
-            f"{name}.scan_s: rows that are set {abs(said.scan_s):g} s apart are not black within "
-            f"rig.settle_s = {config.rig.settle_s:g} s",
-        )
+    if said.scan_s and (fault := scan_fault(name, panel, config.rig.settle_s)) is not None:
+        yield fault
     yield from _place_faults(name, panel.place, panel.size_px, config)
+
+
+def scan_fault(name: str, panel: PanelConfig, settle_s: float) -> Fault | None:
+    """What to say of rows that are not black when the shutter closes; None when they are."""
+    if not panel.scan_s or abs(panel.scan_s) + abs(panel.skew_s) <= settle_s:
+        return None
+    return Fault(
+        (f"{name}.scan_s", "rig.settle_s"),
+        f"{name}.scan_s: rows that are set {abs(panel.scan_s):g} s apart are not black within "
+        f"rig.settle_s = {settle_s:g} s",
+    )
 
 
 def _place_faults(

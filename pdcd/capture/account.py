@@ -172,7 +172,7 @@ def taken_words(taken: int, planned: int, missing: Sequence[str]) -> str:
 
 
 def failure_of(
-    job: Job,
+    job: str,
     folder: RunFolder | None,
     now_ns: int,
     error: PdcdError,
@@ -206,7 +206,7 @@ def failure_of(
         except PdcdError as err:
             logger.warning("cannot write log.jsonl error=%s", err)
     return CaptureResult(
-        job=job.name,
+        job=job,
         state="cancelled" if cancelled else "failed",
         folder=None if where is None else str(where),
         error=fields,

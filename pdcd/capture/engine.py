@@ -6,12 +6,15 @@ import hashlib
 import logging
 from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
+import msgspec
+
 from pdcd.bench.folders import state_dir
-from pdcd.bench.tables import Config
+from pdcd.bench.measured import FOLDER, calibrated
+from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.account import failure_of
+from pdcd.capture.calibrate import FOLDERS, CalibrationRun
 from pdcd.capture.job import Job, planning
 from pdcd.capture.previews import forget_old
 from pdcd.capture.rig import Rig
@@ -24,12 +27,14 @@ from pdcd.offload.hands import Hands, Here
 from pdcd.offload.keeper import Child
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
+from pdcd.planning.measured import with_grid
 from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Emit, Event
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.place import Place
 from pdcd.runs.views import CameraView, DriverView, OwnerView, Preview, RigView
+from pdcd.scene.card import CARD
 from pdcd.sensor.profile import load_profile
 
 logger = logging.getLogger(__name__)
@@ -42,6 +47,10 @@ def _unheard(event: Event) -> None:
     """Nobody listens."""
 
 
+def _at_once(text: str) -> None:
+    """Nobody is there to do anything."""
+
+
 def _never() -> bool:
     """Nobody cancels."""
     return False
@@ -51,10 +60,15 @@ class Engine:
     """One rig and all that can be done with it. Not for use from two threads at once."""
 
     def __init__(self, config: Config, hands: Callable[[Facts], Hands] = Here) -> None:
-        self._config = config
+        self._asked, self._make_hands = config, hands
+        self._set_up(calibrated(config))
+
+    def _set_up(self, config: Config) -> None:
+        """Make the rig of a configuration, closed, and who works for it."""
+        self._config = config = with_grid(config)
         self._rig = Rig(config)
         self._profile = load_profile(config.camera.profile)
-        self._hands = hands(Facts(config, self._profile, self.grid, self._rig.scene))
+        self._hands = self._make_hands(Facts(config, self._profile, self.grid, self._rig.scene))
 
     @classmethod
     def from_config(cls, config: Config) -> Engine:
@@ -69,7 +83,12 @@ class Engine:
         """The same with a process of its own to plan and decode in, which may die without harm to
         this one. To be used in one thread, which lives as long as the engine is wanted. `newborn`
         is that process, where it was started already."""
-        return cls(config, partial(Child, newborn=newborn))
+        ready = [] if newborn is None else [newborn]
+
+        def child(facts: Facts) -> Child:
+            return Child(facts, newborn=ready.pop() if ready else None)
+
+        return cls(config, child)
 
     def start(self) -> None:
         """Open the rig. On return panels are black, the shutter is closed, the camera answers."""
@@ -229,8 +248,76 @@ class Engine:
             warnings = () if run is None else run.warnings
             now_ns = self._rig.clock.now_ns()
             return failure_of(
-                ordered, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
+                job, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
             )
+
+    def calibrate(
+        self,
+        request: CalibrateRequest,
+        *,
+        job: str,
+        emit: Emit,
+        cancelled: Asked,
+        proceed: Callable[[str], None] = _at_once,
+    ) -> CaptureResult:
+        """Have the bench measure itself; never raises for what goes wrong in it.
+
+        When it returns, panels are black and the shutter is closed, and a calibration that is not
+        bad is in use from then on. `proceed(text)` returns once somebody has done what the text
+        asks; `emit` and `cancelled` are those of `capture`. A mock bench puts up its own card.
+        """
+        rig = self._with_card()
+        rig.pulse.heard_by = cancelled
+        safe, folder = False, None
+        with ExitStack() as held:
+            try:
+                place = held.enter_context(Place.at(state_dir(self._config) / FOLDER))
+                folder = held.enter_context(RunFolder(place, job, below=FOLDERS))
+                run = CalibrationRun(
+                    self._config, rig, self._profile, self._hands, folder, job, request, emit,
+                    cancelled, proceed,
+                )  # fmt: skip
+                result = run.execute()
+            except PdcdError as err:
+                failure = err
+            except Exception as err:
+                logger.exception("calibration failed job=%s", job)
+                failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
+            else:
+                if result.summary["verdict"] != "bad":
+                    self._adopt(result.folder)
+                return result
+            finally:
+                safe = rig.make_safe()
+                if rig is not self._rig:
+                    rig.disconnect()
+                    self._rig.connect()
+            return failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+
+    def _with_card(self) -> Rig:
+        """The rig before a white card: a mock bench has its scene taken away for the while."""
+        if not self._rig.mock or self._config.scene.kind == CARD:
+            return self._rig
+        rows, cols = self.grid
+        scene = SceneConfig(kind=CARD, grid=(rows, cols), ambient=self._config.scene.ambient)
+        rig = Rig(msgspec.structs.replace(self._config, scene=scene))
+        self._rig.disconnect()
+        try:
+            rig.connect()
+        except BaseException:
+            self._rig.connect()
+            raise
+        return rig
+
+    def _adopt(self, folder: str | None) -> None:
+        """Go on by the calibration in a folder, where the configuration asks for the latest."""
+        if folder is None or self._asked.calibration.use != "latest":
+            return
+        was_open = self._rig.camera_info is not None
+        self.stop()
+        self._set_up(calibrated(self._asked))
+        if was_open:
+            self.start()
 
     def _out(self, request: CaptureRequest) -> Path:
         """The folder that runs go to when nobody holds one open."""

@@ -3,26 +3,40 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pdcd.bench.placed import Panels
 from pdcd.bench.tables import Config
+from pdcd.calibration.pictures import MOVING, STILL
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
-from pdcd.frames.frames import WHITE, Frames
+from pdcd.frames.draw import draw
+from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import pack
+from pdcd.frames.patterns import Patterns, compact, none, pack
 from pdcd.frames.schedule import build_frames
-from pdcd.planning.guards import choose_window
+from pdcd.planning.guards import choose_window, shares_of_cell
 
-PATTERNS = ("white", "checker", "grid", "code")
+CELL_PATTERNS = ("white", "checker", "grid", "code")
+"""Patterns over the cells of the codes: they lie where the panels are placed."""
+ALONE = ("projector", "mask")
+"""One panel white, the other black."""
+PATTERNS = (*CELL_PATTERNS, *ALONE, *STILL)
+"""All that can be held; `MOVING` can only be played."""
 GRID_CELLS = 8
 """Distance of the lines of the alignment grid."""
+SHEET_ROWS, SHEET_STEP, MARGIN_PX, SHEET_GREY = 6, 4, 8, 96
+"""Of a sheet: refreshes, their scale, and the frame around each panel."""
 
 
 def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Config) -> Frames:
-    """One refresh: the projector shows the pattern, the mask its complement (white, grid: both).
+    """One refresh. Of patterns over cells the mask shows the complement of the projector's (white,
+    grid: both the same); pictures of pixels are on both, each panel in its own way.
 
     Raises RequestError for a pattern that is not known or a code that does not exist.
     """
+    if pattern in STILL or pattern in ALONE:
+        return pixel_frames(pattern, config)
     rows, cols = grid
     primal = np.zeros((rows, cols), dtype=np.bool_)
     if pattern == "checker":
@@ -57,6 +71,52 @@ def pattern_frames(pattern: str, index: int, grid: tuple[int, int], config: Conf
     )
 
 
+def pixel_frames(pattern: str, config: Config, seconds: float = 0.0) -> Frames:
+    """The refreshes of a picture of pixels, one of `STILL`, `ALONE` or `MOVING`; what moves does so
+    for about that time, and at least once."""
+    sizes = config.projector.size_px, config.mask.size_px
+    if pattern in ALONE:
+        patterns: list[Patterns] = [none(), none()]
+        index = [np.array([WHITE if pattern == role else BLACK], np.int32) for role in ALONE]
+    else:
+        pictures = [MOVING[pattern](s) if pattern in MOVING else [STILL[pattern](s)] for s in sizes]
+        patterns = [compact(np.stack(own).reshape(len(own), -1)) for own in pictures]
+        times = max(1, round(seconds * config.row_hz / len(pictures[0])))
+        index = [np.tile(np.arange(len(own), dtype=np.int32), times) for own in pictures]
+    count = index[0].size
+    return Frames(
+        primal_patterns=patterns[0],
+        dual_patterns=patterns[1],
+        primal_index=index[0],
+        dual_index=index[1],
+        shift=np.zeros(count, dtype=np.uint8),
+        code=np.arange(count, dtype=np.int32),
+        guard=np.zeros(count, dtype=np.bool_),
+        grid=(1, 1),
+        lattice=(1, 1),
+        window=PIXELS,
+    )
+
+
+def sheet(frames: Frames, panels: Panels) -> NDArray[np.uint8]:
+    """What both panels show, projector left and mask right, (H, W, 3) uint8; of several refreshes
+    the first ones below each other, smaller."""
+    rows = range(min(len(frames), SHEET_ROWS))
+    step = 1 if len(rows) == 1 else SHEET_STEP
+    lines = []
+    for row in rows:
+        shown = [
+            draw(frames, view, row)[::step, ::step] for view in (panels.projector, panels.mask)
+        ]
+        height = max(part.shape[0] for part in shown) + MARGIN_PX
+        padded = [
+            np.pad(p, ((0, height - p.shape[0]), (0, MARGIN_PX)), constant_values=SHEET_GREY)
+            for p in shown
+        ]
+        lines.append(np.concatenate(padded, axis=1))
+    return np.repeat(np.concatenate(lines)[..., None], 3, axis=2)
+
+
 def loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames:
     """All codes of the schedule over and over for about that time, as an indirect photo has them.
 
@@ -64,7 +124,7 @@ def loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames
     """
     schedule, (width, height) = config.schedule, config.projector.size_px
     cell_px = min(width / grid[1], height / grid[0])
-    window = choose_window(schedule.window, config.rig.misregistration_px / cell_px)
+    window = choose_window(schedule.window, *shares_of_cell(config, cell_px))
     codes = make_codes(
         schedule.family, Lattice(grid, window).shape, schedule.codes, dual="complement"
     )

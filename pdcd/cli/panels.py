@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import signal
 import time
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
 
 import msgspec
 
@@ -13,7 +15,13 @@ from pdcd.cli.capture import daemon_socket, signals_to
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table, tell
 from pdcd.client import Client, Unreachable
-from pdcd.errors import BusyError
+from pdcd.errors import BusyError, Cancelled
+from pdcd.words import MovingName
+
+if TYPE_CHECKING:
+    from pdcd.bench.devices import Display
+    from pdcd.bench.tables import Config
+    from pdcd.frames.frames import Frames
 
 MOCK = "mock"
 NOTHING_TO_SEE = "these are the mock bench's panels, which exist as numbers only: nothing to see"
@@ -38,10 +46,10 @@ def show(args: argparse.Namespace) -> int:
 
 def _show_there(args: argparse.Namespace, client: Client) -> int:
     """Ask the daemon; the picture stays as long as this command does, or for good if detached."""
-    if args.loop:
+    if args.loop or args.pattern in get_args(MovingName):
         raise BusyError(
             "the daemon has the panels, and shows single patterns only",
-            hint="leave out --loop, or end the daemon for as long as you look",
+            hint="show one that stays, or end the daemon for as long as you look",
         )
     shown = client.show(args.pattern, args.index, detach=args.detach)
     if args.json:
@@ -49,7 +57,7 @@ def _show_there(args: argparse.Namespace, client: Client) -> int:
     else:
         say(f"{_picture(shown.pattern, shown.index)}: job {shown.job}")
     if client.hello.drivers.get("display") == MOCK:
-        tell(NOTHING_TO_SEE)
+        tell(NOTHING_TO_SEE + "; pdcd show without a daemon draws them")
     if args.pattern == "black":
         return DONE
     if args.detach:
@@ -76,8 +84,7 @@ def _show_there(args: argparse.Namespace, client: Client) -> int:
 def _show_here(args: argparse.Namespace) -> int:
     """Drive the panels from this process."""
     from pdcd.capture.rig import Rig
-    from pdcd.capture.show import loop_frames, pattern_frames
-    from pdcd.errors import Cancelled
+    from pdcd.capture.show import loop_frames, pattern_frames, pixel_frames
 
     config = load(args.config)
     # A lost refresh is no reason to stop showing.
@@ -86,43 +93,71 @@ def _show_here(args: argparse.Namespace) -> int:
     )
     rig = Rig(config)
     grid = rig.grid
-    end_s = time.monotonic() + (args.seconds if args.seconds is not None else float("inf"))
-    display = rig.display
-    black = args.pattern == "black" and not args.loop
-    frames = None if args.loop or black else pattern_frames(args.pattern, args.index, grid, config)
+    moving = args.loop or args.pattern in get_args(MovingName)
+    if args.loop:
+        frames = loop_frames(grid, config, LOOP_S)
+    elif moving:
+        frames = pixel_frames(args.pattern, config, LOOP_S)
+    elif args.pattern != "black":
+        frames = pattern_frames(args.pattern, args.index, grid, config)
+    else:
+        frames = None
     if args.json:
         say_json({"pattern": "loop" if args.loop else args.pattern, "index": args.index})
     if config.display.driver == MOCK:
-        what = "all codes" if args.loop else _picture(args.pattern, args.index)
-        sizes = (f"{p.size_px[0]} x {p.size_px[1]} px" for p in (config.projector, config.mask))
-        tell("{}: would be on a projector of {} and a mask of {}".format(what, *sizes))
-        tell(NOTHING_TO_SEE)
+        _draw(args, config, frames)
         return DONE
+    end_s = time.monotonic() + (args.seconds if args.seconds is not None else float("inf"))
     try:
-        display.connect()
-        if black:
+        rig.display.connect()
+        if frames is None:
             return DONE
         tell("Ctrl-C ends" if args.seconds is None else f"for {args.seconds:g} s")
-        if frames is not None:
-            display.show(frames)
+        if moving:
+            _play(rig.display, frames, end_s)
+        else:
+            rig.display.show(frames)
             while time.monotonic() < end_s:
                 rig.clock.sleep_until_ns(rig.clock.now_ns() + 50_000_000)
-            return DONE
-        display.load(loop_frames(grid, config, LOOP_S))
-        while time.monotonic() < end_s:
-            try:
-                display.play(lambda *_: None, lambda: time.monotonic() >= end_s)
-            except Cancelled:
-                break
         return DONE
     finally:
-        display.disconnect()
+        rig.display.disconnect()
+
+
+def _play(display: Display, frames: Frames, end_s: float) -> None:
+    """Show frames over and over until a monotonic time."""
+    display.load(frames)
+    while time.monotonic() < end_s:
+        try:
+            display.play(lambda *_: None, lambda: time.monotonic() >= end_s)
+        except Cancelled:
+            break
+
+
+def _draw(args: argparse.Namespace, config: Config, frames: Frames | None) -> None:
+    """Draw what would be on the mock's panels."""
+    from pdcd.bench.placed import panels_of
+    from pdcd.capture.show import sheet
+    from pdcd.pictures.develop import write_png
+
+    what = "all codes" if args.loop else _picture(args.pattern, args.index)
+    sizes = (f"{p.size_px[0]} x {p.size_px[1]} px" for p in (config.projector, config.mask))
+    tell("{}: would be on a projector of {} and a mask of {}".format(what, *sizes))
+    if frames is None:
+        tell(NOTHING_TO_SEE)
+        return
+    name = "loop" if args.loop else args.pattern
+    path = args.out if args.out is not None else Path(f"show-{name}.png")
+    write_png(path, sheet(frames, panels_of(config)))
+    say(str(path))
 
 
 def _picture(pattern: str, index: int) -> str:
     """What both panels show, for people; a mask's pattern is as `pdcd.capture.show` has it."""
     name = f"code {index}" if pattern == "code" else pattern
-    if pattern in ("white", "grid", "black"):
+    if pattern in ("projector", "mask"):
+        return f"the {pattern} alone, white"
+    if pattern not in ("checker", "code"):
         return f"{name} on projector and mask"
     return f"{name} on the projector, its complement on the mask"
 

@@ -17,7 +17,7 @@ from pdcd.frames.atoms import atoms, check_cells
 from pdcd.frames.bitplanes import check_binary, pack_planes
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.panels import PanelView
-from pdcd.frames.patterns import bytes_of
+from pdcd.frames.patterns import bytes_of, fit
 
 FULL = 255
 """A pixel at full light."""
@@ -33,9 +33,10 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
     row : row of the frames, 0 <= row < F, or `BLACK`.
 
     Full light is 255. Levels are not corrected for the panel's response. Raises ConfigError for a
-    row that there is not, and where a cell of the grid has no pixel.
+    row that there is not, where a cell of the grid has no pixel, and for patterns of pixels that
+    are not the panel's.
     """
-    check_cells(panel, frames.grid)
+    check_fit(frames, panel)
     if row != BLACK and not 0 <= row < len(frames):
         raise ConfigError(f"the frames have no row {row}", device="display")
     shown = frames.dual_index if panel.mask else frames.primal_index
@@ -43,6 +44,11 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
     width, height = panel.size_px
     if index == BLACK:
         return np.zeros((height, width), dtype=np.uint8)
+    patterns = frames.dual_patterns if panel.mask else frames.primal_patterns
+    if frames.of_pixels:
+        if index == WHITE:
+            return np.full((height, width), FULL, dtype=np.uint8)
+        return bytes_of(patterns, index, width * height).reshape(height, width)
     atom = atoms(panel, frames.grid)
     lit = atom[..., 0] >= 0
     if index == WHITE:
@@ -57,9 +63,23 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
     else:
         cell = (atom + 2 * moved) >> 2
     rows, cols = frames.lattice
-    patterns = frames.dual_patterns if panel.mask else frames.primal_patterns
     levels = bytes_of(patterns, index, rows * cols).reshape(rows, cols)
     return np.where(lit, levels[cell[..., 1], cell[..., 0]], np.uint8(0))
+
+
+def check_fit(frames: Frames, panel: PanelView) -> None:
+    """Refuse frames that a panel cannot show: with a cell that has no pixel on it, or with patterns
+    of pixels that are not its own. Raises ConfigError."""
+    if not frames.of_pixels:
+        check_cells(panel, frames.grid)
+        return
+    width, height = panel.size_px
+    if not fit(frames.dual_patterns if panel.mask else frames.primal_patterns, width * height):
+        raise ConfigError(
+            f"patterns of pixels that are not the {panel.role}'s {width} x {height}",
+            device=panel.role,
+            hint="make them for the panel's own size",
+        )
 
 
 def draw_planes(

@@ -17,6 +17,10 @@ WHITE = -2
 """Pattern index of a fully lit (projector) or fully open (mask) panel."""
 
 
+PIXELS = "pixels"
+"""Window of frames whose patterns are pictures of the panels' own pixels."""
+
+
 @dataclass(frozen=True)
 class Frames:
     """What both panels are asked to show, refresh by refresh (F refreshes).
@@ -36,8 +40,11 @@ class Frames:
     grid : (rows, cols)
         Cells of the scene; `lattice` (rows, cols) is that of the patterns (one more of each in
         quarter-window mode, so that shifted cells cover the borders).
-    window : "whole" or "quarter"
-        Part of each mask cell that opens: all of it, or its central half by half.
+    window : "whole", "quarter" or "pixels"
+        Part of each mask cell that opens: all of it, or its central half by half. "pixels": there
+        are no cells, and patterns are pictures of each panel's own pixels, L = width * height of
+        that panel, row-major from its upper left corner. Then white is every pixel, nothing is
+        shifted, and `grid` and `lattice` say nothing.
     """
 
     primal_patterns: Patterns
@@ -53,6 +60,11 @@ class Frames:
 
     def __len__(self) -> int:
         return int(self.primal_index.size)
+
+    @property
+    def of_pixels(self) -> bool:
+        """Whether patterns are pictures of the panels' own pixels."""
+        return self.window == PIXELS
 
 
 @dataclass(frozen=True)

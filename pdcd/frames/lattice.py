@@ -128,6 +128,21 @@ class Lattice:
             for (dual, primal, sr, sc), area in sorted(areas.items())
         )
 
+    @cached_property
+    def windows(self) -> tuple[Overlap, ...]:
+        """All parts of a cell that lie in one window of the mask, whatever the projector does
+        there: piece by piece of `pieces`, columns fastest. Their `primal_field` is 0."""
+        return tuple(
+            Overlap(
+                2 * down.shift + right.shift,
+                0,
+                (down.step, right.step),
+                self._further((down.step, right.step)),
+                (down.high - down.low) * (right.high - right.low),
+            )
+            for down, right in itertools.product(*self.pieces)
+        )
+
     def seen(self, field: Floats, overlap: Overlap) -> Floats:
         """Values of one dual field (R, L + 1) over the scene's cells, (R, rows, cols)."""
         return self.stepped(field, overlap.step)

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.calibration import Entry, PhotoRecord
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import Config
@@ -30,6 +31,7 @@ from pdcd.offload.answers import (
     rms_error,
     rms_sigma,
 )
+from pdcd.offload.calibrating import Begin, Next, Study
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.develop import write_png
@@ -85,6 +87,39 @@ class Desk:
     def __init__(self, facts: Facts) -> None:
         self._facts = facts
         self._job: _Job | None = None
+        self._study: Study | None = None
+
+    def calibrate(self, watch: Watch, begin: Begin, folder: Path) -> None:
+        """Begin a calibration, whose photos will lie in `folder`; what was kept of the job before
+        is forgotten. Raises ConfigError."""
+        self._job = None
+        self._study = Study.begun(begin, folder)
+
+    def step(self, watch: Watch, name: str, now_utc: str) -> Next:
+        """Begin a step: what it wants first. Raises CalibrationError."""
+        return self._of_study().begin(name, now_utc)
+
+    def photo(self, watch: Watch, record: PhotoRecord) -> Next:
+        """Go on with the photo that was wanted, which lies in the folder with its lines of
+        frames.csv. Raises DecodeError and CalibrationError."""
+        return self._of_study().photo(record)
+
+    def answered(self, watch: Watch) -> Next:
+        """Go on: somebody did what was asked."""
+        return self._of_study().answered()
+
+    def measured(self, watch: Watch) -> dict[str, Entry]:
+        """Write what all steps found into the folder, and return the values. Raises DiskError."""
+        return self._of_study().write()
+
+    def flip(self, watch: Watch, folder: Path, raw: str) -> int:
+        """How the camera was held: `RawHead.flip` of a photo in a folder. Raises DecodeError."""
+        return read_head(folder / raw).flip
+
+    def _of_study(self) -> Study:
+        if self._study is None:
+            raise PdcdError("no calibration is under way")
+        return self._study
 
     def plan(
         self,
@@ -99,7 +134,7 @@ class Desk:
         `camera` may be None where the request wants no choice (`wants_choice`) and no pictures will
         be made. `given` holds the request's arrays. Raises RequestError.
         """
-        self._job = None
+        self._job = self._study = None
         facts = self._facts
         watch.stage = "codes"
         if not wants_choice(request):

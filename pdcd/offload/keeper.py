@@ -129,7 +129,7 @@ class Child:
         if self._process is not None and self._process.poll() is not None:
             how = self._how_it_ended()
             self._replace()
-            if name != FIRST:
+            if name not in FIRST:
                 raise broken(name, how, "see the daemon's log")
             logger.warning("work process replaced reason=%r", how)
         self.start()

@@ -22,11 +22,17 @@ WORK: Mapping[str, Task] = MappingProxyType(
         "learn": Desk.learn,
         "see": Desk.see,
         "develop": Desk.develop,
+        "calibrate": Desk.calibrate,
+        "step": Desk.step,
+        "photo": Desk.photo,
+        "answered": Desk.answered,
+        "measured": Desk.measured,
+        "flip": Desk.flip,
     }
 )
 """All that a child process can be asked."""
 
-FIRST = "plan"
+FIRST = frozenset({"plan", "calibrate"})
 """What begins a job: it needs nothing of what was done before."""
 
 
@@ -37,7 +43,7 @@ SPENT = 12
 def broken(name: str, what: str, hint: str) -> PdcdError:
     """The failure of a job whose work could not go on: PlanError while it was planned, else
     DecodeError. `what` follows on "the planning process" or "the decoding process"."""
-    if name == FIRST:
+    if name in FIRST:
         return PlanError(f"the planning process {what}", hint=hint)
     return DecodeError(f"the decoding process {what}", hint=f"the RAW files are kept; {hint}")
 

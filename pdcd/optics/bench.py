@@ -22,8 +22,11 @@ from scipy import sparse
 
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
+from pdcd.frames.frames import PIXELS, Frames
+from pdcd.optics.histories import Histories
 from pdcd.optics.lit import Lit
-from pdcd.optics.products import Exposure, Products
+from pdcd.optics.lookup import MOST_PAIRS, Whole, every, rendered
+from pdcd.optics.products import Exposure, Products, Tables, distinct
 from pdcd.optics.raster import Raster
 from pdcd.optics.render import Detail, Picture, Renderer
 from pdcd.optics.setting import Setting, falloff
@@ -96,23 +99,74 @@ class OpticalBench:
         """Light of one exposure at the quads, (rows, cols, 3) in scene units times seconds."""
         frames = exposure.frames
         lit, opened = (
-            Kind(frames.grid, frames.window if len(patterns) else "whole", bool(len(patterns)))
+            _kind(frames, bool(len(patterns)))
             for patterns in (frames.primal_patterns, frames.dual_patterns)
         )
+        if frames.of_pixels and self._scene.textures is None:
+            whole = self._whole(exposure, lit, opened)
+            if whole is not None:
+                ambience = () if self._ambient is None else (self._ambient,)
+                grid, scene = self._scene.grid, (self._direct, *ambience)
+                return self._through_lens(rendered(self._setting, self._looks, grid, whole, scene))
         driven = self._driven(lit, opened)
+        tables = self._tables(driven, exposure)
+        ambient = None if self._ambient is None else (tables.open_s, self._ambient)
+        return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
+
+    def _whole(self, exposure: Exposure, lit: Kind, opened: Kind) -> Whole | None:
+        """What all pairs of histories did together; None where there are too many of them."""
+        projector, spread = self._lit(lit)
+        truth, true = self.truth, self.true
+        mask = PanelSites(self._setting.drawn.mask, opened, truth.mask, true.mask)
+        frames, effects, cells = exposure.frames, self._indirect, self._scene.cells
+        primal = Histories(projector, frames, mask=False)
+        dual = Histories(mask, frames, mask=True)
+        count = len(dual)
+        if max(count * len(primal), count * cells * bool(effects)) > MOST_PAIRS:
+            return None
+        light = primal.spread(spread)
+        products = Products(true, truth, primal, dual, exposure, light, effects)
+        indirect = every(count, cells if effects else 0)
+        tables = products.tables(every(count, len(primal)), indirect)
+        return Whole(
+            mask=dual.of[mask.image].astype(np.int32),
+            projector=primal.of[projector.image].astype(np.int32),
+            beside=int(dual.of[0]),
+            seconds=tables.direct.reshape(count, -1),
+            sent=tables.indirect.reshape(count, cells, 3) if effects else None,
+            open_s=tables.open_s,
+            uneven=self._uneven,
+        )
+
+    def _tables(self, driven: _Driven, exposure: Exposure) -> Tables:
+        """For how long sites were lit and open, and what light that sent about."""
+        met, frames = driven.renderer.met, exposure.frames
+        if not frames.of_pixels:
+            products = Products(
+                self.true,
+                self.truth,
+                driven.lit,
+                driven.opened,
+                exposure,
+                driven.spread,
+                self._indirect,
+            )
+            return products.tables(met.direct, met.indirect)
+        lit = Histories(driven.lit, frames, mask=False)
+        opened = Histories(driven.opened, frames, mask=True)
         products = Products(
             self.true,
             self.truth,
-            driven.lit,
-            driven.opened,
+            lit,
+            opened,
             exposure,
-            driven.spread,
+            lit.spread(driven.spread),
             self._indirect,
         )
-        met = driven.renderer.met
-        tables = products.tables(met.direct, met.indirect)
-        ambient = None if self._ambient is None else (tables.open_s, self._ambient)
-        return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
+        direct, of_direct = distinct(met.direct, opened.of, lit.of)
+        indirect, of_indirect = distinct(met.indirect, opened.of, None)
+        few = products.tables(direct, indirect)
+        return Tables(few.direct[of_direct], few.indirect[of_indirect], few.open_s[opened.of])
 
     def wanted(self, answer: Callable[[Scene], Array]) -> Floats:
         """A picture as the scene itself would have it, through the same optics, (rows, cols, 3).
@@ -194,7 +248,12 @@ class OpticalBench:
         if means is not None:
             reflected = reflected / means[0]
             indirect = indirect / means[1][driven.renderer.met.indirect.other]
-        image = driven.renderer.render(Picture(direct, reflected, indirect, ambient))
+        return self._through_lens(
+            driven.renderer.render(Picture(direct, reflected, indirect, ambient))
+        )
+
+    def _through_lens(self, image: Floats) -> Floats:
+        """What the sensor gets of a picture: blurred and shaded as the lens does."""
         (rows, cols), blur = self.frame, self.true.camera.blur_quads
         if blur:
             # Only a mock bench that blurs needs it; the daemons of real ones shall not load it.
@@ -211,7 +270,7 @@ class OpticalBench:
         if key not in self._kept:
             drawn, truth = self._setting.drawn, self.truth
             projector, spread = self._lit(lit)
-            mask = PanelSites(drawn.mask, opened or lit, truth.mask)
+            mask = PanelSites(drawn.mask, opened or lit, truth.mask, self.true.mask)
             before = None if opened is None else mask
             sights = look(self._looks, self._setting, self._cells, projector, before)
             renderer = Renderer(
@@ -231,7 +290,8 @@ class OpticalBench:
     def _lit(self, kind: Kind) -> tuple[PanelSites, sparse.csr_array]:
         """The projector's sites when it is driven this way, and their spread."""
         if kind not in self._lit_kept:
-            sites = PanelSites(self._setting.drawn.projector, kind, self.truth.projector)
+            drawn, true = self._setting.drawn.projector, self.true.projector
+            sites = PanelSites(drawn, kind, self.truth.projector, true)
             self._lit_kept[kind] = sites, self._spread(sites)
             while len(self._lit_kept) > KEPT:
                 self._lit_kept.popitem(last=False)
@@ -264,3 +324,10 @@ class OpticalBench:
             pair = np.divmod(key[first][on], cells)
             whole += sparse.csr_array((light[on] / points**2, pair), shape=whole.shape)
         return sparse.csr_array(whole)
+
+
+def _kind(frames: Frames, patterned: bool) -> Kind:
+    """How a panel is driven that shows patterns of these frames, or none."""
+    if frames.of_pixels:
+        return Kind((0, 0), PIXELS, patterned)
+    return Kind(frames.grid, frames.window if patterned else "whole", patterned)

@@ -18,9 +18,10 @@ from scipy import sparse
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth
 from pdcd.frames.frames import FrameLog, Frames
-from pdcd.optics.sites import PanelSites, banded
+from pdcd.optics.histories import Histories
+from pdcd.optics.sites import PanelSites
 from pdcd.probing.panel import Panel, Trajectory
-from pdcd.probing.realised import Times, frame_spans, met, span_weights
+from pdcd.probing.spans import Times, frame_spans, met, span_weights
 from pdcd.scene.effects import Array, Effect
 
 Floats = NDArray[np.float64]
@@ -33,12 +34,16 @@ COLOURS = 3
 
 @dataclass(frozen=True)
 class Exposure:
-    """What two panels showed, and when the shutter was open; times on the clock of the log."""
+    """What two panels showed, and when the shutter was open; times on the clock of the log.
+
+    covered : whether the projector's lens was covered.
+    """
 
     frames: Frames
     log: FrameLog
     open_ns: int
     close_ns: int
+    covered: bool = False
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,16 @@ class Pairs:
 
     mask: Numbers
     other: Numbers
+
+
+def distinct(pairs: Pairs, mask: Numbers, other: Numbers | None) -> tuple[Pairs, Numbers]:
+    """The pairs of histories that pairs of sites are of, and which of them each is. `other` is None
+    where the other ones are cells."""
+    first = mask[pairs.mask]
+    second = pairs.other if other is None else other[pairs.other]
+    width = int(second.max(initial=0)) + 1
+    keys, which = np.unique(first * width + second, return_inverse=True)
+    return Pairs(*np.divmod(keys, width)), which
 
 
 @dataclass(frozen=True)
@@ -74,8 +89,8 @@ class Products:
         self,
         config: Config,
         truth: Truth,
-        lit: PanelSites,
-        opened: PanelSites,
+        lit: PanelSites | Histories,
+        opened: PanelSites | Histories,
         exposure: Exposure,
         spread: sparse.csr_array,
         effects: tuple[Effect, ...],
@@ -98,6 +113,8 @@ class Products:
         )
         for p_band in range(self._p_sites.delay_ns.size):
             self._add_band(out, direct, indirect, p_band)
+        if self._exposure.covered:
+            out.direct[:] = out.indirect[:] = 0.0
         return out
 
     def _add_band(self, out: Tables, direct: Pairs, indirect: Pairs, p_band: int) -> None:
@@ -172,7 +189,7 @@ class Products:
         """Rows, starts and levels of the spans of one band of a panel."""
         frames, log = self._exposure.frames, self._exposure.log
         sites = self._d_sites if mask else self._p_sites
-        panel = banded(self._dual if mask else self._primal, int(sites.delay_ns[band]))
+        panel = (self._dual if mask else self._primal).later(int(sites.delay_ns[band]))
         gamma, part = self._gammas[int(mask)], sites.in_band(band)
         rows, starts = frame_spans(
             frames,

@@ -89,7 +89,7 @@ class Setting:
     @cached_property
     def taps(self) -> tuple[Tap, ...]:
         """The blur from scene to mask: a Gaussian taken at a few points, its variance exact."""
-        sigma_px, count = self.truth.scene.blur_px, self.truth.scene.blur_taps
+        sigma_px, count = self.true.mask.blur_px, self.truth.scene.blur_taps
         if sigma_px == 0.0:
             return (Tap((0.0, 0.0), 1.0),)
         place, share = gaussian_taps(count)

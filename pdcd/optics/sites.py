@@ -14,13 +14,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.tables import PanelConfig
 from pdcd.bench.truth import TruePanel
 from pdcd.frames.atoms import atoms
-from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.lattice import SHIFTS
 from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import bytes_of
-from pdcd.probing.panel import Panel
+from pdcd.probing.late_rows import band_delays_ns
 
 Floats = NDArray[np.float64]
 Sites = NDArray[np.int32]
@@ -34,6 +35,8 @@ class Kind:
     """What the sites of a panel depend on, besides the panel: so few things that they are kept.
 
     patterned : whether the panel shows patterns at all, and not only black and white.
+
+    Under the window `PIXELS` every pixel is a site, and `grid` says nothing.
     """
 
     grid: tuple[int, int]
@@ -50,17 +53,19 @@ class PanelSites:
     tile : (S,) int64, equal for sites that lie near each other.
     """
 
-    def __init__(self, panel: PanelView, kind: Kind, true: TruePanel) -> None:
+    def __init__(self, panel: PanelView, kind: Kind, true: TruePanel, timed: PanelConfig) -> None:
+        """What is true of it, in the truth's words and, for its times, in the configuration's."""
         self._kind, self._mask = kind, panel.mask
+        self._size_px = panel.size_px
         base = self._bases(panel)
         for dead in (true.dead_rows, np.s_[:]), (np.s_[:], true.dead_columns):
             rows, columns = (list(d) if isinstance(d, tuple) else d for d in dead)
             base[rows, columns] = 0
         height = base.shape[0]
-        bands = min(true.scan_bands, height) if true.scan_s else 1
+        bands = min(timed.scan_bands, height) if timed.scan_s else 1
         band_of_row = np.arange(height) * bands // height
         count = self._count
-        self.delay_ns = _delays(true.scan_s, bands)
+        self.delay_ns = band_delays_ns(timed.scan_s, bands)
         if bands == 1:
             self.image = base.astype(np.int32)
             self._base = np.arange(count)
@@ -103,11 +108,24 @@ class PanelSites:
         return np.asarray(sent[self._cell[int(frames.shift[row]), part]])
 
     @property
+    def pixels(self) -> NDArray[np.int64]:
+        """Which pixel each site is, (S,), counted row by row; -1 is black whatever is asked. For
+        patterns of pixels; where there are none, all pixels are the first."""
+        return self._base - 1
+
+    @property
+    def pixel_count(self) -> int:
+        """How many values a pattern of pixels has."""
+        return self._size_px[0] * self._size_px[1]
+
+    @property
     def _shape(self) -> tuple[int, int]:
         """Rows and columns of the sites of one band."""
         rows, cols = self._kind.grid
         if not self._kind.patterned:
             return 1, 1
+        if self._kind.window == PIXELS:
+            return self._size_px[1], self._size_px[0]
         if self._kind.window == "whole":
             return rows, cols
         return (2 * rows + 1, 2 * cols + 1) if self._mask else (2 * rows, 2 * cols)
@@ -118,6 +136,11 @@ class PanelSites:
 
     def _bases(self, panel: PanelView) -> NDArray[np.int64]:
         """Site of each pixel as if all rows were set at once, (height, width); 0 is black."""
+        if self._kind.window == PIXELS:
+            width, height = panel.size_px
+            if not self._kind.patterned:
+                return np.ones((height, width), dtype=np.int64)
+            return np.arange(1, width * height + 1).reshape(height, width)
         atom = atoms(panel, self._kind.grid).astype(np.int64)
         outside = atom[..., 0] < 0
         if not self._kind.patterned:
@@ -149,16 +172,3 @@ class PanelSites:
                     cell.append((at + moved) >> 1)
             found[shift] = np.where(opened, cell[0] * (cols + more) + cell[1], closed)
         return found
-
-
-def banded(panel: Panel, delay_ns: int) -> Panel:
-    """The panel as its rows of one band behave."""
-    return Panel(panel.rise_s, panel.fall_s, panel.leak, panel.skew_ns + delay_ns)
-
-
-def _delays(scan_s: float, bands: int) -> NDArray[np.int64]:
-    """When each band is set, after the first one of all, in ns."""
-    if bands == 1:
-        return np.zeros(1, dtype=np.int64)
-    step = np.arange(bands) / (bands - 1)
-    return np.rint(1e9 * (scan_s * step if scan_s > 0 else -scan_s * (1.0 - step))).astype(np.int64)

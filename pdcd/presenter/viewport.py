@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.frames.atoms import atoms, check_cells
+from pdcd.frames.atoms import atoms
 from pdcd.frames.bitplanes import PLANES
+from pdcd.frames.draw import check_fit
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import grey_bytes
@@ -36,7 +37,7 @@ PIECES = """
 // What each piece shows. Pixel (x, y) is piece (x - 1, y - 1); the first ones are beside the field.
 const int CELLS = 0, HALVES = 1, WINDOWS = 2, NONE = -1, WHITE = -2;
 uniform usampler2D patterns;  // four bytes a texel, first byte lowest
-uniform int kind;             // of the pieces: cells, halves of cells (projector), windows (mask)
+uniform int kind;             // of the pieces: cells, pixels, halves (projector), windows (mask)
 uniform int cols;
 uniform bool grey;
 uniform ivec4 frame[2 * GROUPS];  // first bytes of patterns, NONE or WHITE; then sub-shifts
@@ -88,7 +89,7 @@ void main() {
 }
 """
 
-CELLS, HALVES, WINDOWS = range(3)
+CELLS, HALVES, WINDOWS, PIXELS = range(4)
 UNITS = 3
 """Texture units of a panel."""
 TEXTURE_WIDTH = 4096
@@ -141,16 +142,20 @@ class Viewport:
         """Take over the panel's patterns and rows. Raises ConfigError when they do not fit."""
         mask = self._panel.mask
         self._drawn = None
-        check_cells(self._panel, frames.grid)
+        check_fit(frames, self._panel)
         patterns = frames.dual_patterns if mask else frames.primal_patterns
         index = frames.dual_index if mask else frames.primal_index
         grey = patterns.dtype != np.uint8
         self._upload(grey_bytes(patterns) if grey else patterns)
-        moving = WINDOWS if mask else HALVES
-        kind = moving if frames.window == "quarter" else CELLS
-        if self._geometry != (frames.grid, kind):
-            self._place(frames.grid, kind)
-        self._first["kind"], self._first["cols"] = kind, frames.lattice[1]
+        width, height = self._panel.size_px
+        grid, cols, kind = frames.grid, frames.lattice[1], CELLS
+        if frames.of_pixels:  # every pixel is a cell, wherever the panel lies
+            grid, cols, kind = (height, width), width, PIXELS
+        elif frames.window == "quarter":
+            kind = WINDOWS if mask else HALVES
+        if self._geometry != (grid, kind):
+            self._place(grid, kind)
+        self._first["kind"], self._first["cols"] = kind, cols
         self._first["grey"] = grey
         # One more, black, so that row -1 is black.
         first = np.where(index >= 0, index * patterns.shape[1], index)
@@ -254,14 +259,17 @@ class Viewport:
 
 def pieces_along(cells: int, kind: int) -> int:
     """How many pieces there are along an axis."""
-    return {CELLS: cells, HALVES: 2 * cells, WINDOWS: 2 * cells + 1}[kind]
+    return {CELLS: cells, HALVES: 2 * cells, WINDOWS: 2 * cells + 1, PIXELS: cells}[kind]
 
 
 def table_of(panel: PanelView, grid: tuple[int, int], kind: int) -> NDArray[Any]:
     """Which pixel of the small picture each pixel of a panel copies, (height, width, 2): across and
     down, 0 beside the field; uint8 where that is enough, else uint16."""
-    atom = atoms(panel, grid)
-    piece = {CELLS: atom >> 2, HALVES: atom >> 1, WINDOWS: (atom + 1) >> 1}[kind]
-    number = np.where(atom < 0, 0, piece + 1)
+    if kind == PIXELS:
+        number = np.stack(np.meshgrid(*(np.arange(1, n + 1) for n in panel.size_px)), axis=-1)
+    else:
+        atom = atoms(panel, grid)
+        piece = {CELLS: atom >> 2, HALVES: atom >> 1, WINDOWS: (atom + 1) >> 1}[kind]
+        number = np.where(atom < 0, 0, piece + 1)
     largest = max(pieces_along(cells, kind) for cells in grid)
     return number.astype(np.uint8 if largest <= np.iinfo(np.uint8).max else np.uint16)

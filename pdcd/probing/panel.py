@@ -9,7 +9,7 @@ ever holding all of them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,10 @@ class Panel:
         leak = 0.0 if config.contrast is None else 1.0 / config.contrast
         return cls(config.rise_s, config.fall_s, leak, round(config.skew_s * 1e9))
 
+    def later(self, delay_ns: int) -> Panel:
+        """The panel as those of its rows behave that come so much later."""
+        return replace(self, skew_ns=self.skew_ns + delay_ns) if delay_ns else self
+
     @property
     def rates(self) -> Floats:
         """Decay rates in 1/s of the fields of a span: 0 for the constant, then the others."""
@@ -60,6 +64,14 @@ def offset_cells(
     right_px, down_px = mask.offset_px
     width_px, height_px = projector.size_px
     return down_px * grid[0] / height_px, right_px * grid[1] / width_px
+
+
+def blur_cells(
+    projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]
+) -> tuple[float, float]:
+    """Blur of the light on the mask in cells (rows, cols), from projector pixels."""
+    width_px, height_px = projector.size_px
+    return mask.blur_px * grid[0] / height_px, mask.blur_px * grid[1] / width_px
 
 
 class Trajectory:

@@ -22,7 +22,8 @@ from pdcd.errors import ConfigError
 from pdcd.frames.frames import FrameLog
 from pdcd.frames.pixels import BLACK_PICTURE, PanelPictures, Shown
 from pdcd.probing.panel import Panel, Trajectory, offset_cells
-from pdcd.probing.realised import Factors, Floats, span_starts, span_weights
+from pdcd.probing.realised import Factors, Floats
+from pdcd.probing.spans import span_starts, span_weights
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,8 @@ def pixel_factors(
     grid : (rows, cols) of the scene's cells; both panels spread over all of them.
     open_ns, close_ns : the exposure, on the clock of the log.
 
-    Raises ConfigError when pictures and log differ in number, or pictures and panels in size.
+    Raises ConfigError when pictures and log differ in number, or pictures and panels in size, and
+    for panels with `scan_s` or `blur_px`.
     """
     _check(shown, log, projector, mask)
     places = _Places(grid, projector.size_px, mask.size_px, offset_cells(projector, mask, grid))
@@ -173,7 +175,8 @@ def pixel_factors(
 
 
 def _check(shown: Shown, log: FrameLog, projector: PanelConfig, mask: PanelConfig) -> None:
-    """Raise ConfigError when pictures and log differ in number, or pictures and panels in size."""
+    """Raise ConfigError when pictures and log differ in number, pictures and panels in size, or
+    panels are described by more than pixels that all answer alike."""
     if len(shown) != len(log):
         raise ConfigError(
             f"{len(shown)} pictures of the screen for {len(log)} refreshes",
@@ -184,6 +187,12 @@ def _check(shown: Shown, log: FrameLog, projector: PanelConfig, mask: PanelConfi
         ("projector", projector, shown.projector),
         ("mask", mask, shown.mask),
     ):
+        if panel.scan_s or panel.blur_px:
+            raise ConfigError(
+                "rows that are set one after the other, and blur, are not known of single pixels",
+                device=name,
+                hint=f"leave out scan_s and blur_px of [{name}], or say them in the bench's truth",
+            )
         if pictures.size_px != panel.size_px:
             raise ConfigError(
                 f"pictures of {pictures.size_px} pixels for a panel of {panel.size_px}",

@@ -22,14 +22,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import levels_of
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.frames.lattice import Lattice, Overlap
+from pdcd.probing.blurred import Blur
 from pdcd.probing.fine import Fine, FineSums, cut_by_windows, summed
-from pdcd.probing.panel import Panel, Trajectory, decay_integral, offset_cells
+from pdcd.probing.late_rows import ALL_AT_ONCE, Band, bands_of
+from pdcd.probing.panel import Panel, Trajectory, blur_cells, offset_cells
+from pdcd.probing.spans import Times, frame_spans, met, span_weights, target
 
 Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
+Bands = tuple[Band, ...]
 
 CHUNK_BYTES = 8 * 2**20
 """Largest field array of a chunk: bounds the memory and stays in the cache."""
@@ -80,6 +82,8 @@ def factors(
     close_ns: int,
     offset_cells: tuple[float, float] = (0.0, 0.0),
     fine: bool = False,
+    bands: tuple[Bands, Bands] = (ALL_AT_ONCE, ALL_AT_ONCE),
+    blur_cells: tuple[float, float] = (0.0, 0.0),
 ) -> Iterator[Factors]:
     """Realised probing matrix of one exposure, chunk by chunk.
 
@@ -90,37 +94,99 @@ def factors(
     open_ns, close_ns : the exposure, on the clock of the log.
     offset_cells : misregistration of the mask, in cells (rows, cols).
     fine : look at parts of cells, too.
+    bands : fields of projector and mask whose light comes later than that of others. Time and
+        memory grow with the number of the projector's bands, hardly with the mask's.
+    blur_cells : blur of the light on the mask, of direct light only, in cells (rows, cols).
     """
     lattice = Lattice(frames.grid, frames.window, offset_cells)
-    p_rows, p_start_ns = frame_spans(
-        frames, log.primal_shown, log.primal_ns, int(log.end_ns[0]), primal, open_ns, True
-    )
-    d_rows, d_start_ns = frame_spans(
-        frames, log.dual_shown, log.dual_ns, int(log.end_ns[1]), dual, open_ns, False
-    )
-    p_track = Trajectory(
-        primal,
-        p_start_ns,
-        lattice.fields * lattice.cells,
-        lambda s: _target(frames, lattice, p_rows[s], primal_side=True),
-    )
-    d_track = Trajectory(
-        dual,
-        d_start_ns,
-        lattice.fields * (lattice.lattice_cells + 1),
-        lambda s: _target(frames, lattice, d_rows[s], primal_side=False),
-    )
-    weights, open_weights = span_weights(
-        primal, dual, p_start_ns, d_start_ns, exposure_ns=close_ns - open_ns
-    )
-    widest = lattice.fields * (lattice.lattice_cells + 1) * 8
-    step = max(1, CHUNK_BYTES // (widest * p_track.fields))
+    exposed = _Exposed(frames, lattice, log, primal, dual, open_ns, close_ns)
+    blur = Blur(lattice, blur_cells) if any(blur_cells) else None
     finely = fine and cut_by_windows(lattice)
-    for start in range(0, len(p_rows), step):
-        stop = min(start + step, len(p_rows))
-        rows = weights[start * p_track.fields : stop * p_track.fields]
-        opens = open_weights[start:stop].sum(axis=0)
-        yield _chunk(lattice, p_track.take(start, stop), d_track, rows, opens, finely)
+    for number, band in enumerate(bands[0]):
+        p_rows, p_start_ns, p_track = exposed.track(band, primal_side=True)
+        gates = [exposed.gate(dual_band, band, p_start_ns) for dual_band in bands[1]]
+        widest = lattice.fields * (lattice.lattice_cells + 1) * 8
+        step = max(1, CHUNK_BYTES // (widest * p_track.fields))
+        for start in range(0, len(p_rows), step):
+            stop = min(start + step, len(p_rows))
+            right = p_track.take(start, stop).reshape((stop - start) * p_track.fields, -1)
+            if not isinstance(band.pixels, slice):  # the others have their turn
+                whole = np.zeros((len(right), lattice.fields * lattice.cells))
+                whole[:, band.pixels] = right
+                right = whole
+            met_here = _through(right, gates, start, stop, p_track.fields)
+            yield _chunk(lattice, right, met_here, finely, blur, first=number == 0)
+
+
+@dataclass(frozen=True)
+class _Gate:
+    """One band of the mask: its pixels among all, its spans, and how they overlap the
+    projector's."""
+
+    band: Band
+    track: Trajectory
+    weights: sparse.csr_array
+    opens: sparse.csr_array
+
+
+@dataclass(frozen=True)
+class _Exposed:
+    """One exposure, whose panels are looked at band by band."""
+
+    frames: Frames
+    lattice: Lattice
+    log: FrameLog
+    primal: Panel
+    dual: Panel
+    open_ns: int
+    close_ns: int
+
+    def track(self, band: Band, *, primal_side: bool) -> tuple[list[int], Times, Trajectory]:
+        """Rows, starts and levels of the spans of one band of a panel."""
+        log, lattice = self.log, self.lattice
+        shown, at = (
+            (log.primal_shown, log.primal_ns) if primal_side else (log.dual_shown, log.dual_ns)
+        )
+        panel = (self.primal if primal_side else self.dual).later(band.delay_ns)
+        end_ns = int(log.end_ns[0 if primal_side else 1])
+        rows, starts = frame_spans(self.frames, shown, at, end_ns, panel, self.open_ns, primal_side)
+        pixels = lattice.fields * (lattice.cells if primal_side else lattice.lattice_cells + 1)
+        return rows, starts, Trajectory(
+            panel,
+            starts,
+            band.count(pixels),
+            lambda s: target(self.frames, lattice, rows[s], primal_side=primal_side)[band.pixels],
+        )  # fmt: skip
+
+    def gate(self, band: Band, primal_band: Band, p_start_ns: Times) -> _Gate:
+        """One band of the mask before one of the projector."""
+        _, starts, track = self.track(band, primal_side=False)
+        exposure_ns = self.close_ns - self.open_ns
+        primal = self.primal.later(primal_band.delay_ns)
+        weights, opens = span_weights(
+            primal, self.dual, p_start_ns, starts, exposure_ns=exposure_ns
+        )
+        return _Gate(band, track, weights, opens)
+
+
+def _through(
+    right: Floats, gates: list[_Gate], start: int, stop: int, fields: int
+) -> tuple[Floats, NDArray[np.bool_], Floats]:
+    """`met` of all bands of the mask: left (R, D), alive, open_s (D,)."""
+    if len(gates) == 1 and isinstance(gates[0].band.pixels, slice):
+        rows = gates[0].weights[start * fields : stop * fields]
+        return met(right, gates[0].track, rows, gates[0].opens[start:stop].sum(axis=0))
+    count = sum(gate.track.pixels for gate in gates)
+    left, open_s = np.zeros((len(right), count)), np.zeros(count)
+    always = np.ones((len(right), 1))
+    for gate in gates:
+        rows = gate.weights[start * fields : stop * fields]
+        part, alive, opened = met(always, gate.track, rows, gate.opens[start:stop].sum(axis=0))
+        index = np.arange(count)[gate.band.pixels]
+        left[np.ix_(np.flatnonzero(alive), index)] = part
+        open_s[gate.band.pixels] = opened
+    both = np.asarray(left.any(axis=1) & right.any(axis=1))
+    return left[both], both, open_s
 
 
 def bench_factors(
@@ -133,7 +199,8 @@ def bench_factors(
     close_ns: int,
     fine: bool = False,
 ) -> Iterator[Factors]:
-    """`factors` of panels as a configuration describes them, misregistration included."""
+    """`factors` of panels as a configuration describes them: misregistration, rows that are set one
+    after the other, and blur included."""
     return factors(
         frames,
         log,
@@ -143,6 +210,11 @@ def bench_factors(
         close_ns=close_ns,
         offset_cells=offset_cells(projector, mask, frames.grid),
         fine=fine,
+        bands=(
+            bands_of(projector, projector.size_px, Lattice(frames.grid, frames.window), mask=False),
+            bands_of(mask, projector.size_px, Lattice(frames.grid, frames.window), mask=True),
+        ),
+        blur_cells=blur_cells(projector, mask, frames.grid),
     )
 
 
@@ -205,23 +277,23 @@ def signed_sum(terms: Iterable[tuple[float, Factors]]) -> Factors:
 
 def _chunk(
     lattice: Lattice,
-    primal_fields: Floats,
-    d_track: Trajectory,
-    rows: sparse.csr_array,
-    opens: Floats,
+    right: Floats,
+    through: tuple[Floats, NDArray[np.bool_], Floats],
     finely: bool,
+    blur: Blur | None,
+    *,
+    first: bool,
 ) -> Factors:
-    """Reduce the spans of one chunk to the cells of the scene."""
+    """Reduce the spans of one chunk to the cells of the scene. The mask's own open time is counted
+    with the `first` band of the projector."""
     cells, k = lattice.cells, lattice.fields
-    right = primal_fields.reshape(rows.shape[0], -1)
-    left, alive, open_fine = met(right, d_track, rows, opens)
+    left, alive, open_fine = through
     right = right[alive]
     masks = left.reshape(-1, k, lattice.lattice_cells + 1)
     lights = right.reshape(-1, k, cells)
     coaxial = np.zeros(lattice.grid)
     fine = FineSums(lattice) if finely else None
-    for o in lattice.overlaps:
-        mask, light = masks[:, o.dual_field], lights[:, o.primal_field].reshape(-1, *lattice.grid)
+    for o, mask, light in _meetings(lattice, masks, lights, blur):
         live = mask.any(axis=1)  # a window is shut under the other sub-shifts
         if not live.all():
             mask, light = mask[live], light[live]
@@ -232,138 +304,24 @@ def _chunk(
     mean = lights.mean(axis=1)
     if fine is not None:
         fine.add_rows(masks, mean)
+    opened = open_fine @ lattice.spread
     return Factors(
         left @ lattice.spread,
         mean,
         coaxial.ravel(),
-        open_fine @ lattice.spread,
+        opened if first else np.zeros_like(opened),
         None if fine is None else fine.fine(),
     )
 
 
-def met(
-    right: Floats, d_track: Trajectory, rows: sparse.csr_array, opens: Floats
-) -> tuple[Floats, NDArray[np.bool_], Floats]:
-    """What some spans of the projector meet on the mask, pixel by pixel of either.
-
-    Parameters
-    ----------
-    right : (spans * fields, P) float64
-        Their fields, as `Trajectory.take` gives them.
-    d_track : the mask's; it is asked for those spans that overlap these ones, in order.
-    rows, opens : the rows of both results of `span_weights` for these spans, `opens` summed.
-
-    Returns
-    -------
-    left : (R, D) float64
-        With `right[alive]`, (R, P): ``left.T @ right`` is the time for which mask pixel d and
-        projector pixel p were open and lit together, in seconds.
-    alive : (spans * fields,) bool
-        Rows that are not dark or shut throughout.
-    open_s : (D,) float64
-        Time for which each mask pixel was open.
-    """
-    used = np.flatnonzero(opens)  # dual spans that overlap these: contiguous in time
-    if not used.size:
-        never = np.zeros(len(right), dtype=np.bool_)
-        return np.zeros((0, d_track.pixels)), never, np.zeros(d_track.pixels)
-    d_lo = min(int(used[0]) // d_track.fields, d_track.reached)
-    d_hi = int(used[-1]) // d_track.fields + 1
-    columns = slice(d_lo * d_track.fields, d_hi * d_track.fields)
-    dual = d_track.take(d_lo, d_hi).reshape(columns.stop - columns.start, -1)
-    left = rows[:, columns] @ dual
-    alive = left.any(axis=1) & right.any(axis=1)
-    return left[alive], alive, opens[columns] @ dual
-
-
-def frame_spans(
-    frames: Frames,
-    shown: NDArray[np.int32],
-    start_ns: Times,
-    end_ns: int,
-    panel: Panel,
-    open_ns: int,
-    primal_side: bool,
-) -> tuple[list[int], Times]:
-    """Rows of `frames` that start a span (-1 is black) and when, (S,) int64 ns from the opening.
-
-    shown, start_ns, end_ns : of one panel, as its log has them.
-
-    Refreshes that repeat the content before them belong to its span; black comes first and last.
-    """
-    asked = frames.primal_index if primal_side else frames.dual_index
-    index = np.append(asked, BLACK)[shown]  # a row of -1 is black too
-    # The sub-shift moves patterns only: uniform panels look the same under all of them.
-    key = np.where(index >= 0, index * 4 + np.append(frames.shift, 0)[shown], index)
-    changes, starts = span_starts(key, start_ns, end_ns, panel, open_ns)
-    return [int(shown[c]) if c >= 0 else -1 for c in changes], starts
-
-
-def span_starts(
-    content: NDArray[np.int32], start_ns: Times, end_ns: int, panel: Panel, open_ns: int
-) -> tuple[list[int], Times]:
-    """Refreshes that change what a panel shows, and when its light does, in ns from the opening.
-
-    `content` (F,) names what each refresh shows; `BLACK` is black. The first span and all black
-    at the end are -1; refreshes that repeat the content before them belong to its span.
-    """
-    light_ns = np.maximum.accumulate(np.append(start_ns, end_ns) + panel.skew_ns)
-    key = np.append(content, BLACK)
-    changes = np.flatnonzero(np.diff(np.append(BLACK, key)))
-    rows = [-1] + [int(c) if c < len(content) else -1 for c in changes]
-    starts = np.append(0, light_ns[changes] - open_ns)
-    return rows, np.maximum(starts, 0)
-
-
-def _target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) -> Floats:
-    """Level that one span asks of every pixel of a panel, (P,)."""
-    index = frames.primal_index if primal_side else frames.dual_index
-    which = BLACK if row < 0 else int(index[row])
-    if which in (BLACK, WHITE):
-        if primal_side:
-            return np.full(lattice.fields * lattice.cells, float(which == WHITE))
-        return lattice.dual_field_uniform(float(which == WHITE)).ravel()
-    patterns = frames.primal_patterns if primal_side else frames.dual_patterns
-    pattern = levels_of(patterns, which, lattice.lattice_cells)
-    place = lattice.primal_field_values if primal_side else lattice.dual_field_values
-    return place(pattern, int(frames.shift[row])).ravel()
-
-
-def span_weights(
-    primal: Panel, dual: Panel, p_start_ns: Times, d_start_ns: Times, *, exposure_ns: int
-) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Integrals of products of fields over the overlaps of spans.
-
-    Returns ``(primal spans * fields, dual spans * fields)`` and, for the open time of the mask
-    alone, ``(primal spans, dual spans * fields)``.
-
-    Times are subtracted as whole numbers: an hour after the opening, those in s have lost the
-    picoseconds of a short overlap.
-    """
-    edges = np.unique(np.concatenate([p_start_ns, d_start_ns, [0, exposure_ns]]))
-    edges = edges[edges <= exposure_ns]
-    lo, length_s = edges[:-1], np.diff(edges) * 1e-9
-    p = np.searchsorted(p_start_ns, lo, side="right") - 1
-    d = np.searchsorted(d_start_ns, lo, side="right") - 1
-    p_age_s, d_age_s = (lo - p_start_ns[p]) * 1e-9, (lo - d_start_ns[d]) * 1e-9
-    p_rates, d_rates = primal.rates, dual.rates
-    entries, opens = [], []
-    for b, d_rate in enumerate(d_rates):
-        before_d = np.exp(-d_rate * d_age_s)
-        opens.append((p, d * d_rates.size + b, before_d * decay_integral(d_rate, length_s)))
-        for a, p_rate in enumerate(p_rates):
-            before = before_d * np.exp(-p_rate * p_age_s)
-            value = before * decay_integral(np.asarray(p_rate + d_rate), length_s)
-            entries.append((p * p_rates.size + a, d * d_rates.size + b, value))
-    columns = d_start_ns.size * d_rates.size
-    return (
-        _sparse(entries, (p_start_ns.size * p_rates.size, columns)),
-        _sparse(opens, (p_start_ns.size, columns)),
-    )
-
-
-def _sparse(
-    entries: list[tuple[NDArray[np.int64], NDArray[np.int64], Floats]], shape: tuple[int, int]
-) -> sparse.csr_array:
-    rows, columns, values = (np.concatenate(part) for part in zip(*entries, strict=True))
-    return sparse.csr_array((values, (rows, columns)), shape=shape)
+def _meetings(
+    lattice: Lattice, masks: Floats, lights: Floats, blur: Blur | None
+) -> Iterator[tuple[Overlap, Floats, Floats]]:
+    """Parts of every cell, with the mask's field there (R, L + 1) and the light on it
+    (R, rows, cols): where one field of either meets, or what a blur mixes on a piece."""
+    if blur is None:
+        for o in lattice.overlaps:
+            yield o, masks[:, o.dual_field], lights[:, o.primal_field].reshape(-1, *lattice.grid)
+        return
+    for o, light in zip(lattice.windows, blur.light(lights), strict=True):
+        yield o, masks[:, o.dual_field], light

@@ -23,7 +23,7 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.request import CaptureResult, Figure
-from pdcd.words import GoalName
+from pdcd.words import GoalName, VerdictName
 
 Count = Annotated[int, Meta(ge=0)]
 ShotName = Annotated[str, Meta(min_length=1, description="exposure, as its RAW file is called")]
@@ -82,7 +82,7 @@ class Armed(Event, frozen=True, kw_only=True, tag_field="type", tag="armed"):
 
 
 class ShutterOpen(Event, frozen=True, kw_only=True, tag_field="type", tag="shutter_open"):
-    """The shutter is open; both panels are black."""
+    """The shutter is open; both panels are black, unless the photo is to tell when it moves."""
 
     shot: ShotName
 
@@ -97,7 +97,7 @@ class Progress(Event, frozen=True, kw_only=True, tag_field="type", tag="progress
 
 
 class ShutterClosed(Event, frozen=True, kw_only=True, tag_field="type", tag="shutter_closed"):
-    """The shutter is closed; both panels are black."""
+    """The shutter is closed; both panels are black, unless the photo is to tell when it moves."""
 
     shot: ShotName
 
@@ -121,6 +121,42 @@ class Converging(Event, frozen=True, kw_only=True, tag_field="type", tag="conver
         | None
     )
     target: Annotated[float, Meta(gt=0.0, description="the RMS sigma over RMS image asked for")]
+
+
+class Attention(Event, frozen=True, kw_only=True, tag_field="type", tag="attention"):
+    """A calibration waits for somebody to do something, and say so (`calibrate.proceed`)."""
+
+    text: Annotated[str, Meta(description="what is to be done, in one sentence")]
+
+
+class StepBegun(Event, frozen=True, kw_only=True, tag_field="type", tag="step_begun"):
+    """A step of a calibration begins."""
+
+    step: Annotated[str, Meta(description="name of the step")]
+    number: Annotated[int, Meta(ge=1, description="its number among the steps of the job")]
+    steps: Annotated[int, Meta(ge=1, description="how many steps the job has")]
+
+
+class StepFigure(msgspec.Struct, frozen=True, kw_only=True):
+    """One measured number: null where it is none."""
+
+    name: str
+    value: float | None
+    sigma: float | None
+    unit: str
+    limit: str
+    verdict: VerdictName
+
+
+class StepEnded(Event, frozen=True, kw_only=True, tag_field="type", tag="step_ended"):
+    """A step of a calibration is done: what it found."""
+
+    step: str
+    verdict: VerdictName
+    photos: Count
+    seconds: Annotated[float, Meta(ge=0.0, description="computing time")]
+    figures: tuple[StepFigure, ...]
+    advice: tuple[str, ...]
 
 
 class Decoding(Event, frozen=True, kw_only=True, tag_field="type", tag="decoding"):
@@ -182,6 +218,9 @@ Known = (
     | ShutterClosed
     | Discarded
     | Converging
+    | StepBegun
+    | Attention
+    | StepEnded
     | Decoding
     | Decoded
     | Archived

@@ -57,9 +57,18 @@ __all__ = ["MANIFEST", "RunFolder", "read_manifest", "sha256_of"]
 class RunFolder:
     """One run's folder while it is being filled, in a place that stays open as long as this."""
 
-    def __init__(self, parent: Place, job: str, *, unfinished: str | None = None) -> None:
-        """`unfinished`: what it is called while it is being filled, where that is not the usual."""
+    def __init__(
+        self,
+        parent: Place,
+        job: str,
+        *,
+        unfinished: str | None = None,
+        below: tuple[str, ...] = ("raw", "linear", "preview"),
+    ) -> None:
+        """`unfinished`: what it is called while it is being filled, where that is not the usual.
+        `below`: folders in it."""
         self._parent = parent
+        self._below = below
         self._job = job
         self._unfinished = unfinished or job + UNFINISHED
         self._fd: int | None = None
@@ -85,7 +94,7 @@ class RunFolder:
             self._fd = os.open(name, flags, dir_fd=parent.fd)
             with suppress(OSError):  # a disk without locks: nobody is told that the run goes on
                 fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for below in ("raw", "linear", "preview"):
+            for below in self._below:
                 (self.path / below).mkdir()
 
     @property
@@ -152,16 +161,21 @@ class RunFolder:
         manifest.
         """
         data = written(manifest)
+        return self.finish_with(data, MANIFEST, digest_line(data), DIGEST)
+
+    def finish_with(self, data: bytes, record: str, line: bytes, digest: str) -> str:
+        """The same with these bytes as what makes the folder whole: the file `record`, and the file
+        `digest` that vouches for it by `line`."""
         with disk_errors(self._shown):
-            (self.path / DIGEST).write_bytes(digest_line(data))
+            (self.path / digest).write_bytes(line)
             for name in self.files():
                 if name.startswith("raw/"):
                     (self.path / name).chmod(0o440)
                 _sync(self.path / name)
-            temporary = self.path / f"{MANIFEST}.new"
+            temporary = self.path / f"{record}.new"
             temporary.write_bytes(data)
             _sync(temporary)
-            temporary.rename(self.path / MANIFEST)
+            temporary.rename(self.path / record)
             try:
                 for folder in (*self.path.iterdir(), self.path):
                     if folder.is_dir():
@@ -169,7 +183,7 @@ class RunFolder:
                 self._name()
             except BaseException:
                 # A folder that did not get its name must not look finished from inside either.
-                for name in (MANIFEST, DIGEST):
+                for name in (record, digest):
                     (self.path / name).unlink(missing_ok=True)
                 self._unname()
                 raise

@@ -71,27 +71,45 @@ class FrameTable:
         A shot is asked for once: its lines are given away. Raises DecodeError when the table is
         damaged or lacks some of them.
         """
+        table = self._table(shot.name, shot.refreshes)
+        return _frames(table, shot, pair, grid), _log(table, shot)
+
+    def log_of(
+        self,
+        name: str,
+        refreshes: int,
+        *,
+        end_ns: tuple[int, int],
+        source: str,
+        verified: bool,
+        mask_delay: int,
+    ) -> FrameLog:
+        """When the panels showed what in a photo without codes. Raises DecodeError as `of`."""
+        return _log_of(
+            self._table(name, refreshes), end_ns, source, verified=verified, mask_delay=mask_delay
+        )
+
+    def _table(self, name: str, refreshes: int) -> dict[str, NDArray[np.int64]]:
+        """The lines of a shot by column; they are given away."""
         try:
-            if shot.name not in self._rows:
+            if name not in self._rows:
                 self._read_on()
-            rows = self._rows.pop(shot.name, [])
-            if len(rows) != shot.refreshes:
+            rows = self._rows.pop(name, [])
+            if len(rows) != refreshes:
                 raise DecodeError(
-                    f"{self._path} has {len(rows)} refreshes of shot {shot.name}, not "
-                    f"{shot.refreshes}",
+                    f"{self._path} has {len(rows)} refreshes of shot {name}, not {refreshes}",
                     hint="restore it from a copy",
                 )
             columns = dict(zip(self._heads, zip(*rows, strict=True), strict=True))
-            table = {
-                name: np.array([int(entry) for entry in columns[name]], dtype=np.int64)
-                for name in COLUMNS[1:]
-                if name in columns or name not in ADDED
+            return {
+                column: np.array([int(entry) for entry in columns[column]], dtype=np.int64)
+                for column in COLUMNS[1:]
+                if column in columns or column not in ADDED
             }
-        except (OSError, IndexError, KeyError, ValueError, csv.Error) as err:
+        except (OSError, OverflowError, IndexError, KeyError, ValueError, csv.Error) as err:
             raise DecodeError(
                 f"cannot read {self._path}: {err}", hint="restore it from a copy"
             ) from err
-        return _frames(table, shot, pair, grid), _log(table, shot)
 
     def _read_on(self) -> None:
         """Sort the lines that came since the last time by their shots."""
@@ -136,18 +154,30 @@ def _frames(
 
 
 def _log(table: dict[str, NDArray[np.int64]], shot: ShotRecord) -> FrameLog:
+    return _log_of(table, shot.end_ns, shot.source, verified=shot.verified, mask_delay=0)
+
+
+def _log_of(
+    table: dict[str, NDArray[np.int64]],
+    end_ns: tuple[int, int],
+    source: str,
+    *,
+    verified: bool,
+    mask_delay: int,
+) -> FrameLog:
     primal, dual = _asked(table)
     return FrameLog(
         primal_shown=table["primal_shown"].astype(np.int32),
         dual_shown=table["dual_shown"].astype(np.int32),
         primal_ns=table["t_primal_ns"],
         dual_ns=table["t_dual_ns"],
-        end_ns=np.array(shot.end_ns, dtype=np.int64),
+        end_ns=np.array(end_ns, dtype=np.int64),
         missed=table["missed"].astype(np.int32),
-        source=shot.source,
-        verified=shot.verified,
+        source=source,
+        verified=verified,
         primal_asked=primal,
         dual_asked=dual,
+        mask_delay=mask_delay,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,9 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
 from pdcd.frames.draw import draw, draw_planes
-from pdcd.frames.frames import BLACK, Frames
+from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.panels import PanelView
+from pdcd.frames.patterns import pack
 from pdcd.frames.pixels import Box
 from pdcd.maps.placing import Placing
 from tests import lateness, x11_rig
@@ -189,6 +190,38 @@ def test_cells_of_two_pixels(tmp_path: Path, x_quarter: XServer) -> None:
         for row in range(4):
             display.show(only(frames, row))
             assert screen.mismatches(frames, row) == 0, row
+
+
+def test_pictures_of_a_panels_own_pixels(tmp_path: Path, x_quarter: XServer) -> None:
+    """Wherever it lies; white is every pixel of it."""
+    rng = np.random.default_rng(6)
+    with shown(tmp_path, x_quarter, places=BENT, boxes=ODD) as (display, screen):
+        pictures = [
+            pack(rng.random((3, view.size_px[0] * view.size_px[1])) < 0.5) for view in screen.views
+        ]
+        index = np.array([0, 1, 2, WHITE, BLACK, 0], dtype=np.int32)
+        count = index.size
+        frames = Frames(
+            pictures[0], pictures[1], index, index[::-1].copy(), np.zeros(count, np.uint8),
+            np.arange(count, dtype=np.int32), np.zeros(count, np.bool_), (1, 1), (1, 1), PIXELS,
+        )  # fmt: skip
+        for row in range(count):
+            display.show(only(frames, row))
+            panels = x11_rig.panels(x_quarter, ODD)
+            assert not panels[2]
+            for found, view, shown_index, patterns in zip(
+                panels[:2], screen.views, (index, index[::-1]), pictures, strict=True
+            ):
+                width, height = view.size_px
+                which = int(shown_index[row])
+                wanted = np.full((height, width), 255 * (which == WHITE), np.uint8)
+                if which >= 0:
+                    bits = np.unpackbits(patterns[which], count=width * height)
+                    wanted = 255 * bits.reshape(height, width)
+                assert np.array_equal(found, np.repeat(wanted[..., None], 3, axis=2))
+                assert np.array_equal(wanted, draw(frames, view, row))
+        with pytest.raises(ConfigError, match="not the projector's"):
+            display.load(replace(frames, primal_patterns=pictures[0][:, :-1]))
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import cv2
 import pytest
 
 from pdcd.cli.main import main
@@ -92,26 +93,36 @@ def test_a_command_is_told_when_its_picture_was_ended(tmp_path: Path) -> None:
 
 def test_the_loop_is_not_for_a_daemon(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with threaded_daemon(tmp_path) as running:
-        assert main(["show", "--loop", "--socket", str(running.path)]) == 4
-        assert "leave out --loop" in told(capsys)[1]
+        for words in (["--loop"], ["flash"]):
+            assert main(["show", *words, "--socket", str(running.path)]) == 4
+            assert "show one that stays" in told(capsys)[1]
         assert running.engine.lit is None
 
 
-def test_the_mock_bench_says_that_there_is_nothing_to_see(
+def test_the_mock_bench_draws_what_would_be_on_its_panels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("CONFIGURATION_DIRECTORY", "RUNTIME_DIRECTORY", "XDG_CONFIG_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
     # An endless wait before invisible panels would hang here.
     killer = threading.Timer(20, os.kill, (os.getpid(), signal.SIGINT))
     killer.start()
     try:
         assert main(["show", "grid"]) == 0
-        err = told(capsys)[1]
-        assert "grid on projector and mask" in err and "nothing to see" in err
+        out, err = told(capsys)
+        assert "grid on projector and mask" in err
         assert "1024 x 768 px" in err and "1600 x 1200 px" in err
+        assert out == "show-grid.png\n"
+        assert main(["show", "star", "--out", str(tmp_path / "star.png")]) == 0
+        assert main(["show", "bar"]) == 0
+        for name, height in (("show-grid", 1208), ("star", 1208), ("show-bar", 6 * 308)):
+            picture = cv2.imread(str(tmp_path / f"{name}.png"))
+            assert picture is not None and picture.shape[0] == height and picture.max() == 255
+        assert main(["show", "black"]) == 0
+        assert "nothing to see" in told(capsys)[1]
         assert main(["show", "code", "--index", "999"]) == 2
         assert "0 to 127" in told(capsys)[1]
         assert main(["show", "--detach"]) == 3  # there is nobody to leave it with

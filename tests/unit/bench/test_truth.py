@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from pdcd.bench import config
+from pdcd.bench.checks import check
 from pdcd.bench.placed import panels_of
 from pdcd.bench.reading import toml_table
 from pdcd.bench.tables import BenchConfig, Config
@@ -37,6 +38,7 @@ def test_the_example_is_sound_and_changes_what_it_says() -> None:
     assert (true.projector.rise_s, true.mask.place.turn_deg) == (0.0015, 181.3)
     assert true.mask.refresh_hz == believed.mask.refresh_hz
     assert true.scene.ambient == 0.01
+    assert (true.trigger.lag_s, true.trigger.jitter_s) == (0.116, 0.003)
     assert panels_of(true) != panels_of(believed)
 
 
@@ -44,6 +46,7 @@ def test_the_example_names_every_table_and_key() -> None:
     given = toml_table(EXAMPLE, "it", "")
     left_out = {"phase_s", "jitter_s", "contrast", "offset_px", "dead_rows", "dead_columns"}
     left_out |= {"samples", "blur_taps", "dark", "full_well", "scan_bands", "falloff"}
+    left_out |= {"responsivity_e"}
     for table in msgspec.structs.fields(Truth):
         known = {f.name for f in msgspec.structs.fields(type(getattr(Truth(), table.name)))}
         assert set(given[table.name]) <= known <= set(given[table.name]) | left_out
@@ -119,3 +122,40 @@ def test_the_configuration_tells_the_faults_of_its_truth(tmp_path: Path) -> None
     (tmp_path / "nowhere.toml").write_text("[mask\n")
     with pytest.raises(ConfigError, match="is not TOML"):
         config.load(rig)
+
+
+def test_rows_and_blur_are_as_believed_where_nothing_is_said(tmp_path: Path) -> None:
+    """They are words of the configuration, too; the truth has its own for what it changes."""
+    replace = msgspec.structs.replace
+    base = Config()
+    base = replace(
+        base,
+        mask=replace(base.mask, scan_s=0.009, scan_bands=5, blur_px=0.7),
+        projector=replace(base.projector, scan_s=-0.004),
+    )
+    (tmp_path / "none.toml").write_text("[camera]\nsamples = 2\n")
+    (tmp_path / "said.toml").write_text(
+        "[mask]\nscan_s = 0.0\n[projector]\nscan_bands = 3\n[scene]\nblur_px = 1.5\n"
+    )
+    believed, said = (
+        read_truth(tmp_path / name, base)[0].of(base) for name in ("none.toml", "said.toml")
+    )
+    assert believed == base
+    assert (said.mask.scan_s, said.mask.scan_bands, said.mask.blur_px) == (0.0, 5, 1.5)
+    assert (said.projector.scan_s, said.projector.scan_bands) == (-0.004, 3)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "told_"),
+    [
+        ("projector", "blur_px", "projector.blur_px: what is blurred is the light on the mask"),
+        ("mask", "scan_s", "mask.scan_s: rows that are set 0.6 s apart"),
+    ],
+)
+def test_rows_and_blur_that_cannot_be(table: str, key: str, told_: str) -> None:
+    replace = msgspec.structs.replace
+    base = Config()
+    panel = replace(getattr(base, table), **{key: 0.6})
+    found = check(replace(base, **{table: panel}))
+    assert [fault for fault in found if fault.startswith(told_)]
+    assert not check(base)

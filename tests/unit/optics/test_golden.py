@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import BenchConfig, CameraConfig, Config, PanelConfig, SceneConfig
 from pdcd.bench.truth import truth_of
-from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
+from pdcd.frames.frames import BLACK, PIXELS, WHITE, FrameLog, Frames
 from pdcd.frames.patterns import Patterns, pack
 from pdcd.maps.placing import Placing
 from pdcd.optics.bench import OpticalBench
@@ -73,12 +73,14 @@ def frames_of(window: str, rng: np.random.Generator, *, grey: bool) -> Frames:
     """Random patterns, some refreshes black, some white, under all sub-shifts."""
     more = 1 if window == "quarter" else 0
     lattice = (GRID[0] + more, GRID[1] + more)
-    cells = lattice[0] * lattice[1]
+    sizes = [lattice[0] * lattice[1]] * 2
+    if window == PIXELS:
+        sizes = [size[0] * size[1] for size in (PROJECTOR_PX, MASK_PX)]
     patterns: list[Patterns]
     if grey:
-        patterns = [rng.random((4, cells)).astype(np.float32) for _ in range(2)]
+        patterns = [rng.random((4, cells)).astype(np.float32) for cells in sizes]
     else:
-        patterns = [pack(rng.random((4, cells)) < 0.5) for _ in range(2)]
+        patterns = [pack(rng.random((4, cells)) < 0.5) for cells in sizes]
     primal = np.array([0, 0, 1, 1, WHITE, 2, 3, 3, BLACK, 2, 1], dtype=np.int32)
     dual = np.array([BLACK, 0, 1, BLACK, 2, WHITE, BLACK, 3, 1, 0, 2], dtype=np.int32)
     count = primal.size
@@ -147,13 +149,13 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
             DensePanel(
                 mask, getattr(drawn, name).map, getattr(placed, name).map,
                 optics.rise_s, optics.fall_s, 1.0 / optics.contrast if optics.contrast else 0.0,
-                optics.skew_s, said.gamma, said.scan_s, said.scan_bands, said.falloff,
+                optics.skew_s, said.gamma, optics.scan_s, optics.scan_bands, said.falloff,
                 said.dead_rows, said.dead_columns,
             )
         )  # fmt: skip
     direct = np.stack([e.albedo for e in scene.effects[:3]], axis=1)  # type: ignore[attr-defined]
     size = np.array(PROJECTOR_PX)
-    spread = truth.scene.blur_px
+    spread = true.mask.blur_px
     taps = [((0.0, 0.0), 1.0)]
     if spread:
         place = np.array([-2.5, 0.0, 2.5])
@@ -173,7 +175,8 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
 
 
 @pytest.mark.parametrize(
-    ("window", "textured"), [("whole", False), ("quarter", False), ("quarter", True)]
+    ("window", "textured"),
+    [("whole", False), ("quarter", False), ("quarter", True), (PIXELS, False), (PIXELS, True)],
 )
 def test_everything_on_is_the_dense_bench_at_every_quad(
     tmp_path: Path, window: str, textured: bool

@@ -1,0 +1,227 @@
+"""A calibration as it is kept: what a bench measured of itself, and how, in one folder.
+
+::
+
+    <name>/calibration.json          all figures and values; written last
+    <name>/calibration.json.sha256   its digest, as `sha256sum` writes it
+    <name>/maps.npz                  where projector, mask and camera lie on the field
+    <name>/arrays.npz                what further steps and checks need: covariances, references
+    <name>/sensor.toml               the camera's profile, once it was measured
+    <name>/raw/                      the photos, byte for byte
+    <name>/frames.csv                what both panels showed in each of them, and when
+    <name>/preview/                  a picture for each step, to look at
+
+A calibration is whole: values that its steps did not measure are those of the calibration before
+it, each with the name of the folder in which its photos lie.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from pdcd.bench.devices import CameraInfo
+from pdcd.errors import ConfigError
+from pdcd.inputs.limits import Unsound
+from pdcd.inputs.opening import open_own
+from pdcd.words import VerdictName
+
+RECORD, DIGEST = "calibration.json", "calibration.json.sha256"
+MAPS, ARRAYS, PROFILE = "maps.npz", "arrays.npz", "sensor.toml"
+SCHEMA = 1
+"""Of `calibration.json`."""
+MAX_RECORD_BYTES = 2**24
+
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+Count = Annotated[int, Meta(ge=0, le=2**62)]
+Nanoseconds = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+Name = Annotated[str, Meta(pattern="^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
+
+
+class Entry(msgspec.Struct, frozen=True, kw_only=True):
+    """One value of the configuration that was measured.
+
+    value : as the configuration file would have it; of a map the name of its file.
+    sigma : one standard deviation, in the value's unit; None where that is no number.
+    folder : of an earlier calibration that it was taken over from; None: measured in this one.
+    """
+
+    value: Any
+    sigma: float | tuple[float, ...] | None = None
+    step: str
+    made_utc: str
+    folder: str | None = None
+
+
+class FigureRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One figure of a step, as `pdcd.calibration.figures.Figure`."""
+
+    name: str
+    value: float | None
+    sigma: float | None
+    unit: str
+    limit: str
+    verdict: VerdictName
+
+
+class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One photo as it was taken. Times are ns of the rig's clock."""
+
+    name: Name
+    raw: str
+    sha256: Sha256
+    size_bytes: Count
+    iso: Annotated[int, Meta(ge=1)]
+    f_number: float | None
+    open_ns: Nanoseconds
+    close_ns: Nanoseconds
+    end_ns: tuple[Nanoseconds, Nanoseconds]
+    refreshes: Count
+    missed: Count
+    mask_delay: int
+    source: str
+    verified: bool
+
+
+class StepRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """What one step took, found and advises."""
+
+    name: Name
+    made_utc: str
+    seconds: float
+    """Computing time, exposures left out."""
+    verdict: VerdictName
+    figures: tuple[FigureRecord, ...]
+    advice: tuple[str, ...]
+    photos: tuple[PhotoRecord, ...]
+    settings: dict[str, float]
+    """What the step began with: `iso`, `f_number`, `full_refreshes`."""
+
+
+class Identity(msgspec.Struct, frozen=True, kw_only=True):
+    """Which devices were measured; "" and None where nobody says."""
+
+    rig: str
+    camera_model: str
+    camera_serial: str
+    frame_quads: tuple[int, int] | None
+    flip: int | None
+    projector: str
+    mask: str
+    projector_hz: float
+    mask_hz: float
+    iso: int
+    f_number: float | None
+
+
+class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """The camera as its driver told of it (`pdcd.bench.devices.CameraInfo`)."""
+
+    model: str
+    serial: str
+    profile: str
+    responsivity_e: tuple[float, ...]
+    isos: tuple[int, ...]
+    f_numbers: tuple[float, ...]
+    frame_quads: tuple[int, int] | None
+
+    @classmethod
+    def of(cls, info: CameraInfo) -> CameraRecord:
+        """What is kept of it."""
+        return cls(
+            model=info.model,
+            serial=info.serial,
+            profile=info.profile,
+            responsivity_e=tuple(info.responsivity_e.tolist()),
+            isos=info.isos,
+            f_numbers=info.f_numbers,
+            frame_quads=info.frame_quads,
+        )
+
+    @property
+    def info(self) -> CameraInfo:
+        """The same for a script."""
+        return CameraInfo(
+            model=self.model,
+            serial=self.serial,
+            profile=self.profile,
+            responsivity_e=np.array(self.responsivity_e, dtype=np.float64),
+            isos=self.isos,
+            f_numbers=self.f_numbers,
+            frame_quads=self.frame_quads,
+        )
+
+
+class FileRecord(msgspec.Struct, frozen=True):
+    """A file of the folder as it was when the calibration ended."""
+
+    sha256: Sha256
+    size_bytes: Count
+
+
+class Calibration(msgspec.Struct, frozen=True, kw_only=True):
+    """`calibration.json`."""
+
+    schema: Annotated[int, Meta(ge=SCHEMA, le=SCHEMA)]
+    name: Name
+    version: str
+    started_utc: str
+    finished_utc: str
+    verdict: VerdictName
+    identity: Identity
+    belief: dict[str, Any]
+    """The configuration when it began, for computing it again."""
+    camera: CameraRecord
+    profile: dict[str, Any]
+    """The sensor's profile when it began."""
+    measured: dict[str, Entry]
+    """By key of the configuration: "mask.skew_s"."""
+    steps: tuple[StepRecord, ...]
+    before: str | None
+    """Digest of the calibration that was in use when it began, where there was one."""
+    files: dict[str, FileRecord]
+    """Every other file of the folder, but the digest."""
+
+
+def encoded(record: Calibration) -> bytes:
+    """The bytes of `calibration.json`."""
+    return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
+
+
+def digest_line(data: bytes) -> bytes:
+    """What the digest's file holds for a record of these bytes."""
+    return f"{hashlib.sha256(data).hexdigest()}  {RECORD}\n".encode()
+
+
+def read_calibration(folder: Path) -> tuple[Calibration, str]:
+    """The record of a calibration folder, and its digest.
+
+    Raises ConfigError for a folder that holds none, a damaged one, or one of another schema.
+    Whether the other files are as they were is for `pdcd verify` to say.
+    """
+    try:
+        descriptor = open_own(folder / RECORD)
+        with os.fdopen(descriptor, "rb") as file:
+            data = file.read(MAX_RECORD_BYTES + 1)
+        if len(data) > MAX_RECORD_BYTES:
+            raise ConfigError(f"{RECORD} is longer than {MAX_RECORD_BYTES} bytes")
+        said = (folder / DIGEST).read_bytes()[:200]
+        record = msgspec.json.decode(data, type=Calibration)
+    except (OSError, Unsound, ConfigError, msgspec.MsgspecError, ValueError) as err:
+        why = getattr(err, "message", None) or str(err)
+        raise ConfigError(
+            f"the calibration in {folder} cannot be used: {why}",
+            hint="name a folder that pdcd calibrate made, or set [calibration] use",
+        ) from err
+    if said != digest_line(data):
+        raise ConfigError(
+            f"the calibration in {folder} is not as it was written: {RECORD} has another digest",
+            hint="restore it from a copy, or calibrate again",
+        )
+    return record, hashlib.sha256(data).hexdigest()

@@ -1,0 +1,180 @@
+"""A bar that runs over the card, or over a border of other photos: patterns, and reading them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.shown import Bits, Levels, Shown
+from pdcd.calibration.strips import CLIPPED, COLOURS, FEWEST_QUADS
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import BLACK, WHITE
+from pdcd.maps.map import Map
+
+Floats = NDArray[np.float64]
+
+CELLS = 32
+"""Cells of the bar: a cycle of half a second at 60 Hz."""
+BORDER = 0.04
+"""Height of a border over that of the field."""
+CORE = 0.2
+"""Left out of a cell on either side."""
+MOST_BYTES = 2**30
+"""Most that the patterns of one photo may take."""
+FAINTEST_SIGMAS = 20.0
+"""White over noise of a cell, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellLight:
+    """Light of n cells over that of white, in B bands of the camera's rows.
+
+    value, sigma : (B, n). bands : (B,) middle of each, 0 at the frame's top, 1 at its bottom.
+    pulses : about how many pulses of each cell are in it.
+    """
+
+    value: Floats
+    sigma: Floats
+    bands: Floats
+
+
+def bar_photo(
+    name: str, projector: Map, refreshes: int, *, cells: int = CELLS, border: float = 1.0
+) -> Shown:
+    """The bar alone, over the upper `border` of the field; the mask is open throughout."""
+    patterns = _bar(projector, cells, border)
+    index = (np.arange(refreshes) % cells).astype(np.int32)
+    none: Bits = np.zeros((0, 0, 0), dtype=np.bool_)
+    return Shown(name, patterns, none, index, np.full(refreshes, WHITE, dtype=np.int32))
+
+
+def with_bar(
+    shown: Shown,
+    projector: Map,
+    mask: Map,
+    *,
+    lead: int,
+    trail: int,
+    cells: int = CELLS,
+    border: float = BORDER,
+) -> Shown:
+    """Another photo with the bar in its upper border, which runs for some refreshes before it and
+    after it, too: while the shutter opens and closes.
+
+    What the photo itself has in the border is left out. Raises ValueError where patterns would
+    take too much memory: a photo of many patterns and a bar of many cells make many pictures.
+    """
+    total = lead + shown.refreshes + trail
+    at = np.arange(total) % cells
+    sides = []
+    for map_, patterns, index, runs in (
+        (projector, shown.projector, shown.projector_index, True),
+        (mask, shown.mask, shown.mask_index, False),
+    ):
+        whole = np.concatenate([np.full(lead, BLACK), index, np.full(trail, BLACK)])
+        pairs = np.stack([whole, at if runs else np.zeros(total, dtype=np.int64)])
+        distinct, place = np.unique(pairs, axis=1, return_inverse=True)
+        width, height = map_.size_px
+        if distinct.shape[1] * width * height > MOST_BYTES:
+            raise ValueError(f"{shown.name}: {distinct.shape[1]} patterns of {width} x {height}")
+        bar = _bar(map_, cells, border) if runs else _border(map_, border)[None]
+        free = ~_border(map_, border)
+        pictures = [
+            (free & _pattern(patterns, int(which), free.shape)) | bar[cell]
+            for which, cell in distinct.T
+        ]
+        sides.append((np.stack(pictures), place.ravel().astype(np.int32)))
+    (first, first_index), (second, second_index) = sides
+    return Shown(shown.name, first, second, first_index, second_index)
+
+
+def read_bar(
+    photo: Photo,
+    white: Photo,
+    camera: Map,
+    *,
+    cells: int = CELLS,
+    bands: int = 1,
+    border: float = 1.0,
+) -> CellLight:
+    """How bright the cells are, over a photo in which all of the field was white.
+
+    photo, white : of one size, that of the camera's map. bands : of the camera's rows, equally high
+    between the first and the last that see the bar.
+
+    Raises CalibrationError: no light, clipped, cells that are not seen.
+    """
+    centres = camera.centres()
+    with np.errstate(invalid="ignore"):
+        x = centres[..., 0] * cells
+        seen = (centres[..., 1] >= 0.1 * border) & (centres[..., 1] < 0.9 * border)
+        seen &= (x >= 0.0) & (x < cells) & (np.abs(x - np.floor(x) - 0.5) < 0.5 - CORE)
+    rows = np.flatnonzero(seen.any(axis=1))
+    if not rows.size:
+        raise _unseen("the camera sees nothing of the bar")
+    first, end = int(rows[0]), int(rows[-1]) + 1
+    row = np.arange(len(seen))
+    band = np.clip((row - first) * bands // (end - first), 0, bands - 1)
+    cell = np.where(seen, band[:, None] * cells + np.nan_to_num(x).astype(np.int64), -1)
+    size, used = bands * cells, seen
+    clipped = max(taken.saturated_share(used) for taken in (photo, white))
+    if clipped > CLIPPED:
+        raise CalibrationError(
+            f"{100.0 * clipped:.0f} % of the bar is saturated",
+            device="camera",
+            hint="close the aperture, or use a lower ISO",
+        )
+    where = cell[used]
+    sums = []
+    for taken in (photo, white):
+        for values, weights in ((taken.light, COLOURS), (taken.variance, COLOURS**2)):
+            sums.append(np.bincount(where, values[used] @ weights, minlength=size))
+    light, var, full, full_var = (np.asarray(one, dtype=np.float64) for one in sums)
+    quads = np.bincount(where, minlength=size)
+    if (quads < FEWEST_QUADS).any():
+        raise _unseen(f"{np.count_nonzero(quads < FEWEST_QUADS)} cells of the bar are not seen")
+    if (full < FAINTEST_SIGMAS * np.sqrt(np.maximum(full_var, 0.0))).any():
+        raise CalibrationError(
+            "the white photo is dark where the bar runs",
+            device="camera",
+            hint="take off the lens cap, switch the projector on, and put the card before it",
+        )
+    value = light / full
+    sigma = np.sqrt(var + value**2 * full_var) / full
+    middle = (first + (np.arange(bands) + 0.5) * (end - first) / bands) / len(seen)
+    shape = bands, cells
+    return CellLight(value.reshape(shape), sigma.reshape(shape), middle)
+
+
+def _unseen(what: str) -> CalibrationError:
+    return CalibrationError(
+        what,
+        device="camera",
+        hint="the camera must see all of the field, the card cover it; use fewer bands or cells",
+    )
+
+
+def _bar(map_: Map, cells: int, border: float) -> Bits:
+    """(cells, height, width), the pixels of each cell."""
+    x = map_.centres()[..., 0]
+    with np.errstate(invalid="ignore"):
+        cell = np.where(_border(map_, border), np.floor(np.nan_to_num(x) * cells), -1.0)
+    return np.asarray(np.arange(cells)[:, None, None] == cell)
+
+
+def _border(map_: Map, border: float) -> Bits:
+    """Pixels that lie on the field's upper `border`, (height, width)."""
+    centres = map_.centres()
+    with np.errstate(invalid="ignore"):
+        inside = (centres[..., 0] >= 0.0) & (centres[..., 0] < 1.0)
+        inside &= (centres[..., 1] >= 0.0) & (centres[..., 1] < border)
+    return np.asarray(inside)
+
+
+def _pattern(patterns: Bits | Levels, which: int, shape: tuple[int, ...]) -> Bits:
+    if which < 0:
+        return np.full(shape, which == WHITE)
+    return np.asarray(patterns[which] > 0)  # a bar has no room for grey

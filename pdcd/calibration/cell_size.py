@@ -1,0 +1,190 @@
+"""How small the cells may be: what of the direct light leaks into indirect photos.
+
+An indirect photo of a cell is taken while the cell itself is dark and the cells around it are lit
+by chance, through a window on the mask in the cell's middle. Blur and misregistration bring the
+neighbours' light into that window. At a point x of an axis, the cell's own light has the share
+
+    own(x) = Phi((x - e) / s) - Phi((x - c - e) / s)
+
+for a cell of side c, blur s and offset e; all that is not its own is leak. Its mean over the window
+from g to c - g, g = c (1 - w) / 2, is 1 - l with
+
+    l = [S(g-e) - S(c-g-e) + S(g+e) - S(c-g+e)] / (w c),    S(t) = s phi(t/s) - t Q(t/s),
+
+and over both axes the leak is 1 - (1 - lx)(1 - ly). For small leaks that is the sum of
+[S(g-e) + S(g+e)] / (w c) over both axes, which counts each edge by itself.
+
+The leak is in units of the weight of indirect light: 0.01 means that 1 % of a point's direct light
+is added to its indirect photo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from pdcd.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+
+BLURS = 2.5
+"""A guard keeps off so many standard deviations of the blur: at a window's edge, 0.6 % of the light
+is then a neighbour's, further in less."""
+WHOLE, HALF = 1.0, 0.5
+"""Shares of a cell's side that windows have: the whole cell, or a quarter of its area."""
+TABLE_PX = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+"""Cells of the printed table."""
+STEP_PX = 1.0 / 64.0
+"""How finely the smallest cell for a given leak is looked for."""
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """How well light and mask meet on a bench, in projector pixels.
+
+    e95_px : offset that 95 % of the field stay below, its length.
+    blur_px : standard deviation of the blur from the projector's pixels to the mask.
+    mask_px : side of a mask's pixel. Windows end at whole pixels of the mask; over a field their
+        edges scatter by its uniform distribution, which counts as blur. 0 leaves that out.
+    """
+
+    e95_px: float
+    blur_px: float
+    mask_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = (self.e95_px, self.blur_px, self.mask_px)
+        if not (np.isfinite(numbers).all() and min(numbers) >= 0.0):
+            raise CalibrationError(
+                f"offset {self.e95_px:.3g} px, blur {self.blur_px:.3g} px and mask pixels of "
+                f"{self.mask_px:.3g} px tell no cell size",
+                device="mask",
+                hint="calibrate the registration anew",
+            )
+
+    @property
+    def spread_px(self) -> float:
+        """Standard deviation of blur and of the windows' edges together."""
+        return float(np.hypot(self.blur_px, self.mask_px / np.sqrt(12.0)))
+
+    @property
+    def guard_px(self) -> float:
+        """The guard that this bench needs: e95 + 2.5 s, between a window and the next cell."""
+        return self.e95_px + BLURS * self.spread_px
+
+
+def leak(
+    cell_px: ArrayLike, window: ArrayLike, offset_px: tuple[ArrayLike, ArrayLike], blur_px: float
+) -> Floats:
+    """Direct light in an indirect photo, over the weight of indirect light; 0 to 1.
+
+    cell_px : side of a cell in projector pixels, any shape.
+    window : share of the side that the mask's window has, in its middle; broadcast with the cells.
+    offset_px : (right, down) of the light against the mask; broadcast.
+    blur_px : standard deviation of the blur of the light on the mask.
+    """
+    c, w = np.asarray(cell_px, dtype=np.float64), np.asarray(window, dtype=np.float64)
+    kept = [1.0 - _lost(c, w, np.asarray(e, dtype=np.float64), blur_px) for e in offset_px]
+    return np.asarray(1.0 - kept[0] * kept[1])
+
+
+def leak_of(meeting: Meeting, cell_px: ArrayLike, window: ArrayLike) -> Floats:
+    """`leak` of a bench, its offset along the diagonal: the worst that 95 % of the field have."""
+    along = meeting.e95_px / np.sqrt(2.0)
+    return leak(cell_px, window, (along, along), meeting.spread_px)
+
+
+def guard_px(cell_px: float, window: float) -> float:
+    """Way from the window's edge to that of its cell."""
+    return 0.5 * cell_px * (1.0 - window)
+
+
+def largest_window(meeting: Meeting, cell_px: float) -> float:
+    """The largest share of a cell's side that leaves the guard which the bench needs.
+
+    0 where the cell is too small for any window.
+    """
+    return max(0.0, 1.0 - 2.0 * meeting.guard_px / cell_px)
+
+
+def smallest_cell_px(meeting: Meeting, window: float = HALF) -> float:
+    """Side of the smallest cell, in projector pixels, whose window keeps the guard e95 + 2.5 s.
+
+    Infinite for whole cells, which have no guard: blur decides alone what leaks there.
+    """
+    return 2.0 * meeting.guard_px / (1.0 - window) if window < 1.0 else float("inf")
+
+
+def smallest_cell_for(
+    meeting: Meeting, most_leak: float, window: float = HALF, largest_px: float = 64.0
+) -> float:
+    """Side of the smallest cell that leaks at most ``most_leak``, in projector pixels.
+
+    In steps of 1/64 px; infinite where none up to ``largest_px`` does.
+    """
+    cells = np.arange(STEP_PX, largest_px + STEP_PX, STEP_PX)
+    too_much = np.flatnonzero(leak_of(meeting, cells, window) > most_leak)
+    first = int(too_much[-1]) + 1 if too_much.size else 0
+    return float(cells[first]) if first < cells.size else float("inf")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: a cell, and its leak with whole cells and with half windows."""
+
+    cell_px: float
+    whole: float
+    half: float
+    keeps_guard: bool
+    """Whether half windows leave the guard that the bench needs."""
+
+
+def table(meeting: Meeting, cells_px: Sequence[float] = TABLE_PX) -> list[Row]:
+    """What cells of some sizes leak on this bench."""
+    cells = np.asarray(cells_px, dtype=np.float64)
+    whole, half = (leak_of(meeting, cells, window) for window in (WHOLE, HALF))
+    enough = guard_px(1.0, HALF) * cells >= meeting.guard_px
+    rows = zip(cells.tolist(), whole.tolist(), half.tolist(), enough.tolist(), strict=True)
+    return [Row(*row) for row in rows]
+
+
+def printed(meeting: Meeting, cells_px: Sequence[float] = TABLE_PX) -> list[str]:
+    """The table as lines of text, its smallest cell last."""
+    lines = [
+        f"offset {meeting.e95_px:.2f} px, blur {meeting.blur_px:.2f} px: a guard of "
+        f"{meeting.guard_px:.2f} px is needed",
+        f"{'cell':>8} {'whole cells':>12} {'half windows':>13}",
+    ]
+    for row in table(meeting, cells_px):
+        mark = "" if row.keeps_guard else "  guard too small"
+        lines.append(
+            f"{row.cell_px:>5g} px {100 * row.whole:>10.2f} % {100 * row.half:>11.2f} %{mark}"
+        )
+    smallest = smallest_cell_px(meeting)
+    at_most = 100 * float(leak_of(meeting, smallest, HALF)) if smallest > 0.0 else 0.0
+    lines.append(
+        f"smallest cell with half windows: {smallest:.2f} px, which leaks {at_most:.2f} % of "
+        "direct light"
+    )
+    return lines
+
+
+def _lost(c: Floats, w: Floats, e: Floats, s: float) -> Floats:
+    """Share of the light in a window along one axis that is not the cell's own."""
+    g = 0.5 * c * (1.0 - w)
+    from_edges = _beyond(g - e, s) + _beyond(g + e, s)
+    past_window = _beyond(c - g - e, s) + _beyond(c - g + e, s)
+    return np.asarray((from_edges - past_window) / (w * c))
+
+
+def _beyond(t: Floats, s: float) -> Floats:
+    """S(t): the integral of Q(x / s) from t on."""
+    if s == 0.0:
+        return np.maximum(-t, 0.0)
+    at = t / s
+    density = np.exp(-0.5 * at * at) / np.sqrt(2.0 * np.pi)
+    return np.asarray(s * density - t * ndtr(-at))

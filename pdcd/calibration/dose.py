@@ -1,0 +1,131 @@
+"""Linearity and saturation by counted refreshes.
+
+The shutter of a camera is no ruler for light. Refreshes are: n white refreshes inside an open
+shutter give n times the light of one, but for what the panel's edges add, ``fall - rise``, which is
+the same for every n >= 2. So the signal of a linear sensor is ``a (n + o)``, with o the offset in
+refreshes. A straight line by relative weights over 5 to 95 % of saturation, after EMVA 1288.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+
+LINEAR_SHARES = (0.05, 0.95)
+STOPPED = 0.93
+"""Of the light that is due: below it the signal has stopped."""
+UNBENT = 0.99
+"""Of the light that is due: below it some quads have stopped."""
+LEAST_DOSES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """How the signal of one plane goes with the dose.
+
+    slope_dn : DN for each refresh.
+    offset_refreshes, offset_sigma : what the panel's edges add.
+    error : largest deviation from the line, over the line; `deviations` all of them, (doses,), NaN
+        beyond 5 to 95 %.
+    saturation_dn : DN above black at which the signal stops; None where no dose reached it.
+    highest_dn : the highest that was seen.
+    clipped : whether it stops at one and the same number, as a converter does, or with noise, as a
+        full well does.
+    """
+
+    slope_dn: float
+    offset_refreshes: float
+    offset_sigma: float
+    error: float
+    deviations: Floats
+    saturation_dn: float | None
+    highest_dn: float
+    clipped: bool
+
+
+@dataclass(frozen=True)
+class Brightest:
+    """The brightest part of the photo of the largest dose.
+
+    signal_dn, noise_dn : mean and standard deviation of its samples, as those of the series.
+    base_dn : its light without a dose.
+    times : how much more light it gets than the part that the series is of.
+    """
+
+    signal_dn: float
+    noise_dn: float
+    base_dn: float
+    times: float
+
+
+def line_of(plane: str, doses: Floats, signal: Floats, brightest: Brightest) -> Line:
+    """Fit the line of one plane.
+
+    Parameters
+    ----------
+    plane : its name, for what is raised.
+    doses : (n,) white refreshes, ascending; equal ones may repeat.
+    signal : (n,) DN above black and above the light of no dose, of quads that are equally bright.
+    brightest : tells where the signal stops.
+
+    Raises CalibrationError: fewer than four doses in range, a photo without its light, a signal
+    that does not rise.
+    """
+    top = float(signal.max())
+    low = (signal > 0.02 * top) & (signal < 0.5 * top)
+    if np.unique(doses[low]).size < 2:
+        raise _few(plane, int(low.sum()))
+    slope = float(np.ptp(signal[low]) / np.ptp(doses[low]))
+    _refuse_missing(plane, doses, signal, slope)
+    due = slope * float(doses.max()) * brightest.times
+    stopped = brightest.signal_dn < STOPPED * due
+    saturation = brightest.signal_dn + brightest.base_dn if stopped else None
+    bends = brightest.signal_dn < UNBENT * due
+    highest = brightest.signal_dn if bends else top / LINEAR_SHARES[1]
+    used = (signal >= LINEAR_SHARES[0] * highest) & (signal <= LINEAR_SHARES[1] * highest)
+    if used.sum() < LEAST_DOSES:
+        raise _few(plane, int(used.sum()))
+    columns = np.stack([doses, np.ones_like(doses)], axis=1)[used] / signal[used, None]
+    fit, *_ = np.linalg.lstsq(columns, np.ones(int(used.sum())), rcond=None)
+    deviations = np.full(doses.shape, np.nan)
+    deviations[used] = signal[used] / (fit[0] * doses[used] + fit[1]) - 1.0
+    scatter = float(np.sum(deviations[used] ** 2)) / max(int(used.sum()) - 2, 1)
+    covariance = scatter * np.linalg.inv(columns.T @ columns)
+    return Line(
+        slope_dn=float(fit[0]),
+        offset_refreshes=float(fit[1] / fit[0]),
+        offset_sigma=float(np.sqrt(covariance[1, 1]) / fit[0]),
+        error=float(np.abs(deviations[used]).max()),
+        deviations=deviations,
+        saturation_dn=saturation,
+        highest_dn=brightest.signal_dn + brightest.base_dn,
+        clipped=stopped and brightest.noise_dn < 1.0,
+    )
+
+
+def _refuse_missing(plane: str, doses: Floats, signal: Floats, slope: float) -> None:
+    """Raise CalibrationError for a dose whose light is not there."""
+    top = float(signal.max())
+    wanted = np.minimum(slope * doses, top)
+    for dose, seen, due in zip(doses, signal, wanted, strict=True):
+        if seen < 0.2 * due:
+            raise CalibrationError(
+                f"plane {plane}: the photo of {dose:.0f} refreshes is dark, {seen:.3g} DN of "
+                f"{due:.3g}: the shutter did not open, or not for all of them",
+                device="shutter",
+                hint="look at the shutter's lag and its cable, and repeat the step",
+            )
+
+
+def _few(plane: str, count: int) -> CalibrationError:
+    return CalibrationError(
+        f"plane {plane}: only {count} doses lie where the sensor is linear",
+        device="camera",
+        hint="set the aperture so that the middle of the series lies at half of saturation",
+    )

@@ -1,0 +1,117 @@
+"""Dots that a panel shows on a card, so that three photos tell where each of its pixels lies.
+
+The photos are white, black and dots. Dots lie on a square lattice. The white picture has black
+holes midway between four dots, at about every other such place, by a code of the panel's own. Any
+part of the code of some hundred places is found nowhere else in it, nor turned, nor mirrored, so
+the photos need no belief about where the panel lies, and one panel is not taken for the other. The
+holes lie where the picture of dots is black, so they cost the dots nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.shown import Bits, Shown, still
+from pdcd.frames.frames import BLACK, WHITE
+
+Floats = NDArray[np.float64]
+PanelName = Literal["projector", "mask"]
+
+USUAL_PITCH_PX: dict[PanelName, int] = {"projector": 32, "mask": 40}
+LEAST_COLUMNS = 16
+"""Dots in a row that a small panel still has."""
+PER_RADIUS = 5
+"""Pitch over radius: neighbours' blurred edges stay apart, and holes fit between."""
+
+
+@dataclass(frozen=True)
+class DotGrid:
+    """The dots of one panel.
+
+    size_px : (width, height) of the panel; pitch_px, radius_px : of the dots.
+    """
+
+    panel: PanelName
+    size_px: tuple[int, int]
+    pitch_px: int
+    radius_px: float
+
+    @classmethod
+    def usual(cls, panel: PanelName, size_px: tuple[int, int]) -> DotGrid:
+        """Pitch 32 on the projector, 40 on the mask; closer on small panels."""
+        pitch = min(USUAL_PITCH_PX[panel], 2 * (size_px[0] // (2 * LEAST_COLUMNS)))
+        return cls(panel, size_px, pitch, float(round(pitch / PER_RADIUS)))
+
+    def __post_init__(self) -> None:
+        if self.pitch_px < 4 * self.radius_px or self.radius_px < 2.0:
+            raise ValueError("dots need a radius of 2 pixels and a pitch of 4 radii")
+        if min(self.shape) < 4:
+            raise ValueError("a panel needs 4 x 4 dots at least")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of dots."""
+        return self.size_px[1] // self.pitch_px, self.size_px[0] // self.pitch_px
+
+    def centres(self, index: NDArray[np.int64]) -> Floats:
+        """Centres in panel pixels, (n, 2), of dots (column, row), (n, 2).
+
+        They lie on corners or on centres of pixels, so that a disc's pixels are even about them.
+        """
+        rows, cols = self.shape
+        spare = np.array(self.size_px) - self.pitch_px * np.array([cols, rows])
+        found: Floats = 0.5 * (spare + self.pitch_px) + self.pitch_px * index
+        return found
+
+    def dots(self) -> Bits:
+        """The picture of dots, (height, width) bool."""
+        rows, cols = self.shape
+        return self._discs(np.ones((rows, cols), dtype=np.bool_), 0.0)
+
+    def white(self) -> Bits:
+        """The white picture, with its holes, (height, width) bool."""
+        return ~self._discs(self.holes(), 0.5)
+
+    def holes(self) -> Bits:
+        """The code, (rows - 1, columns - 1) bool: [j, i] is whether there is a hole amid the dots
+        (i, j) to (i + 1, j + 1)."""
+        rows, cols = self.shape
+        count = (rows - 1) * (cols - 1)
+        # A hash is the same everywhere and for ever, unlike a generator of random numbers.
+        drawn = hashlib.shake_256(self.panel.encode()).digest(-(-count // 8))
+        bits = np.unpackbits(np.frombuffer(drawn, dtype=np.uint8))[:count]
+        return bits.reshape(rows - 1, cols - 1).astype(np.bool_)
+
+    def shown(self, refreshes: int) -> tuple[Shown, Shown, Shown]:
+        """The three photos: white, black, dots; so many refreshes each. The other panel lets all
+        light pass."""
+        return (
+            self._still("white", refreshes, self.white()),
+            self._still("black", refreshes, BLACK),
+            self._still("dots", refreshes, self.dots()),
+        )
+
+    def _still(self, what: str, refreshes: int, picture: Bits | int) -> Shown:
+        name = f"{what}-{self.panel}"
+        if self.panel == "projector":
+            return still(name, refreshes, projector=picture, mask=WHITE)
+        return still(name, refreshes, projector=WHITE, mask=picture)
+
+    def _discs(self, present: Bits, shift: float) -> Bits:
+        """Discs at some places of the lattice, which is moved by so many pitches."""
+        picture = np.zeros(self.size_px[::-1], dtype=np.bool_)
+        reach = int(np.ceil(self.radius_px)) + 1
+        row, col = np.nonzero(present)
+        centres = self.centres(np.stack([col, row], axis=-1)) + shift * self.pitch_px
+        for x, y in centres.tolist():
+            left, top = int(x) - reach, int(y) - reach
+            across = np.arange(left, left + 2 * reach + 1) + 0.5 - x
+            down = np.arange(top, top + 2 * reach + 1) + 0.5 - y
+            disc = across**2 + down[:, None] ** 2 <= self.radius_px**2
+            picture[top : top + disc.shape[0], left : left + disc.shape[1]] |= disc
+        return picture

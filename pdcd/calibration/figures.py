@@ -1,0 +1,31 @@
+"""What a step of a calibration says: figures with their errors, limits and verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Verdict(IntEnum):
+    """What a figure means for the bench."""
+
+    GOOD = 0
+    DOUBTFUL = 1
+    BAD = 2
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured number.
+
+    name : in the configuration's own words where it has one: "mask.skew_s".
+    value, sigma : in `unit`; sigma is one standard deviation.
+    limit : what is accepted, in words and numbers; "" where anything is.
+    """
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+    limit: str = ""
+    verdict: Verdict = Verdict.GOOD

@@ -1,0 +1,128 @@
+"""How long, and through which aperture, white light may fall on the sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.script import Outcome, Script, Session, Taken, Wanted, take
+from pdcd.calibration.shown import Shown, still
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import BLACK, WHITE
+
+FULL = 0.65
+"""Share of saturation that white light reaches after `Session.full` refreshes."""
+WISHED = 240
+"""Refreshes that are wished for until then: long photos hold many pulses, and short ones less of
+what leaks through black."""
+LEAST, MOST = 67, 1200
+"""The range in which all steps work."""
+TRIAL = 12
+"""Refreshes of a trial photo."""
+OPEN = 13
+"""Refreshes for which the mask is open before and after it."""
+TRIALS = 10
+FIRST_F_NUMBER = 8.0
+DARK = 0.004
+"""Share of saturation below which a trial tells too little."""
+BRIGHT = 0.9
+BRIGHTEST = 99.8
+"""Percentile of the samples that is kept out of saturation: specks of dust and hot pixels are not.
+"""
+
+
+def meter(session: Session) -> Script:
+    """Find the aperture, and set `session.f_number` and `session.full`.
+
+    Raises CalibrationError: no light, or too much or too little of it for any aperture.
+    """
+    stops = sorted(session.camera.f_numbers)
+    fixed = session.config.camera.f_number
+    if fixed != "auto":
+        stops = [fixed] if stops else []
+    f_number = min(stops, key=lambda f: abs(np.log(f / FIRST_F_NUMBER))) if stops else None
+    refreshes = TRIAL
+    for trial in range(1, TRIALS + 1):
+        shown = _lit(f"meter-{trial}", refreshes)
+        taken = yield from take(Wanted(shown, session.iso, f_number))
+        level = _brightest(session, taken)
+        if level > BRIGHT and (refreshes > 1 or _other(stops, f_number, 8.0) != f_number):
+            darker = _other(stops, f_number, 4.0)
+            refreshes = max(1, refreshes // 4) if darker == f_number else refreshes
+            f_number = darker
+            continue
+        if level < DARK and (refreshes < MOST or _other(stops, f_number, 0.2) != f_number):
+            lighter = _other(stops, f_number, 0.25)
+            refreshes = min(MOST, refreshes * 8) if lighter == f_number else refreshes
+            f_number = lighter
+            continue
+        break
+    if level < DARK:
+        raise CalibrationError(
+            f"white light of {refreshes} refreshes is {level:.2%} of saturation",
+            device="camera",
+            hint="take the lens cap off; see that the projector is on, that the mask lets light "
+            "through, that the shutter opens and a white card is lit",
+        )
+    f_number, session.full = _settled(stops, f_number, level / refreshes)
+    session.f_number = f_number
+    if session.full < LEAST:
+        raise CalibrationError(
+            f"white light fills the sensor after {session.full} refreshes; {LEAST} are needed",
+            device="camera",
+            hint="close the lens, lower the ISO, or put a grey filter before it",
+        )
+    verdict = Verdict.GOOD if session.full <= MOST else Verdict.DOUBTFUL
+    session.full = min(session.full, MOST)
+    return Outcome(
+        (
+            Figure("full_refreshes", float(session.full), 0.0, "", f"{LEAST} to {MOST}", verdict),
+            Figure("f_number", float(f_number or 0.0), 0.0, "f"),
+        )
+    )
+
+
+def opened(session: Session, least: int) -> tuple[float | None, int]:
+    """The widest aperture at which `FULL` takes so many refreshes at least, or the session's own;
+    and how many it takes there. Short photos are enough for what needs light alone."""
+    set_to, fixed = session.f_number, session.config.camera.f_number
+    if set_to is None or fixed != "auto":
+        return set_to, session.full
+    for stop in sorted(session.camera.f_numbers):
+        full = int(session.full * (stop / set_to) ** 2)
+        if full >= least and stop < set_to:
+            return stop, full
+    return set_to, session.full
+
+
+def _lit(name: str, refreshes: int) -> Shown:
+    """White light of so many refreshes, through a mask that is open for longer: nobody knows yet by
+    how many refreshes one panel is late."""
+    white = still(name, refreshes + 2 * OPEN, WHITE, WHITE)
+    white.projector_index[:OPEN] = white.projector_index[-OPEN:] = BLACK
+    return white
+
+
+def _settled(stops: list[float], f_number: float | None, rate: float) -> tuple[float | None, int]:
+    """The aperture at which `WISHED` refreshes or a few more are full, and how many are."""
+    if f_number is None or not stops:
+        return f_number, int(FULL / rate)
+    wished = f_number * np.sqrt(WISHED * rate / FULL)
+    slower = [stop for stop in stops if stop >= wished]
+    chosen = slower[0] if slower else stops[-1]
+    return chosen, int(FULL / rate * (chosen / f_number) ** 2)
+
+
+def _other(stops: list[float], f_number: float | None, light: float) -> float | None:
+    """The stop that lets about 1 / light of the light through, the same one at the end of the
+    lens."""
+    if f_number is None or not stops:
+        return f_number
+    wanted = f_number * np.sqrt(light)
+    return min(stops, key=lambda f: abs(np.log(f / wanted)))
+
+
+def _brightest(session: Session, taken: Taken) -> float:
+    """Light of the brightest samples, as a share of saturation."""
+    full = session.profile.saturation_dn(taken.iso)
+    return max(float(np.percentile(plane, BRIGHTEST)) for plane in taken.raw.planes) / full

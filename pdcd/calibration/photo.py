@@ -1,0 +1,232 @@
+"""One photo of a calibration as its quads, and what is wrong with it before any figure is made.
+
+Lens caps, shutters that stay closed, clipped light and settings that somebody turned are told here
+once, for all steps that work on the light of whole panels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import CalibrationError
+from pdcd.sensor.profile import SensorProfile
+from pdcd.sensor.raw import RawFrame, rgb_variance, to_rgb
+
+Floats = NDArray[np.float64]
+Marks = NDArray[np.bool_]
+
+BLOCK_QUADS = 16
+"""Side of the blocks that large pictures are worked on in."""
+CLIPPED_SHARE = 1e-3
+"""Share of saturated quads from which a photo is over-exposed; hot pixels stay below it."""
+NO_LIGHT_SIGMAS = 8.0
+BLACK_MOVES_DN = 1.5
+"""Black levels of one series lie closer together; a border of 100 000 samples knows its mean to
+0.05 DN."""
+BULB_S = 1.5
+"""Cameras write the time of a bulb exposure in whole seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """One photo, or the mean of some.
+
+    light : (h, w, 3) float64, red, mean of both greens, blue of each Bayer quad, black level taken
+        off, in DN or any other unit that goes with the light.
+    variance : (h, w, 3), of the same, in that unit squared.
+    saturated : (h, w) bool, quads with a sample at its upper end; None where that is not known.
+    """
+
+    light: Floats
+    variance: Floats
+    saturated: Marks | None = None
+
+    def __post_init__(self) -> None:
+        if self.light.ndim != 3 or self.light.shape[2] != 3:
+            raise ValueError(f"a photo is (h, w, 3), not {self.light.shape}")
+        if self.variance.shape != self.light.shape:
+            raise ValueError("light and variance of a photo differ in shape")
+        if self.saturated is not None and self.saturated.shape != self.light.shape[:2]:
+            raise ValueError("a photo and its saturated quads differ in shape")
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Rows and columns of quads."""
+        return self.light.shape[0], self.light.shape[1]
+
+    def saturated_share(self, where: Marks | None = None) -> float:
+        """Share of saturated quads, of those marked or of all; 0 where that is not known."""
+        if self.saturated is None:
+            return 0.0
+        marks = self.saturated if where is None else self.saturated[where]
+        return float(marks.mean()) if marks.size else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Means over square blocks of a photo.
+
+    mean, variance : (rows, cols, 3) float64, the mean light of a block and the variance of that.
+    clipped : (rows, cols) float64, share of saturated quads.
+    """
+
+    mean: Floats
+    variance: Floats
+    clipped: Floats
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a RAW file says of itself; 0, None and () where it says nothing."""
+
+    iso: int = 0
+    exposure_s: float = 0.0
+    f_number: float | None = None
+    black_dn: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, raw: RawFrame) -> Seen:
+        """What a decoded photo says; its black level only where a masked border measured it."""
+        black = tuple(float(b) for b in raw.black) if raw.masked else ()
+        return cls(raw.iso, raw.exposure_s, raw.f_number, black)
+
+
+def photo_of(raw: RawFrame, profile: SensorProfile, iso: int) -> Photo:
+    """A decoded photo as its quads in DN, variances by the sensor's noise model. Raises ConfigError
+    when the profile has no such ISO."""
+    variance = rgb_variance(raw.planes, profile, iso, raw.exposure_s)
+    return Photo(to_rgb(raw.planes), np.asarray(variance, np.float64), raw.saturated)
+
+
+def block_means(values: Floats, side: int = BLOCK_QUADS) -> Floats:
+    """(h, w, ...) -> (h // side, w // side, ...): means of blocks; a rest at the edges is left out.
+
+    Raises CalibrationError where there is not one block.
+    """
+    rows, cols = values.shape[0] // side, values.shape[1] // side
+    if not rows or not cols:
+        raise CalibrationError(
+            f"a photo of {values.shape[1]} x {values.shape[0]} quads is too small",
+            device="camera",
+            hint=f"at least {side} x {side} quads are needed",
+        )
+    cut = values[: rows * side, : cols * side]
+    return np.asarray(
+        cut.reshape(rows, side, cols, side, *values.shape[2:]).mean(axis=(1, 3)), np.float64
+    )
+
+
+def blocks_of(photo: Photo, side: int = BLOCK_QUADS) -> Blocks:
+    """A photo by blocks of side x side quads. Raises as `block_means`."""
+    return Blocks(
+        block_means(photo.light, side),
+        block_means(photo.variance, side) / side**2,
+        block_means(_marks(photo).astype(np.float64), side),
+    )
+
+
+def _marks(photo: Photo) -> Marks:
+    return np.zeros(photo.frame, np.bool_) if photo.saturated is None else photo.saturated
+
+
+def refuse_clipped(name: str, photo: Photo | Blocks, hint: str) -> None:
+    """Raise CalibrationError where a photo is over-exposed."""
+    share = float(np.mean(photo.clipped)) if isinstance(photo, Blocks) else photo.saturated_share()
+    if share > CLIPPED_SHARE:
+        raise CalibrationError(
+            f"photo {name} is saturated in {100.0 * share:.2g} % of the picture",
+            device="camera",
+            hint=hint,
+        )
+
+
+def refuse_dark(levels: Mapping[str, float], floor: float) -> None:
+    """Raise CalibrationError where photos that must show light are dark.
+
+    levels : mean light of each photo that has a lit panel, by name.
+    floor : above it there is light.
+    """
+    dark = sorted(name for name, level in levels.items() if level <= floor)
+    if dark and len(dark) == len(levels):
+        raise CalibrationError(
+            "no photo shows any light",
+            device="camera",
+            hint="take the lens cap off; see that the projector is on, that the mask lets light "
+            "through and that the shutter opens",
+        )
+    if dark:
+        raise CalibrationError(
+            f"photo {dark[0]} is dark, others of the same light are not: the shutter did not open, "
+            "or the panels showed nothing",
+            device="shutter",
+            hint="look at the shutter's lag and its cable, and repeat the step",
+        )
+
+
+def refuse_settings(
+    seen: Mapping[str, Seen],
+    *,
+    iso: int,
+    f_number: float | None = None,
+    open_s: Mapping[str, float] | None = None,
+) -> None:
+    """Raise CalibrationError where files say that the camera was not set as asked.
+
+    iso, f_number : as asked; None for a lens that is not set from here, which must then only be
+        the same in all photos.
+    open_s : for how long the shutter was to be open, by name.
+    """
+    for name, said in seen.items():
+        if said.iso and said.iso != iso:
+            raise CalibrationError(
+                f"photo {name} was taken at ISO {said.iso}, not at ISO {iso}",
+                device="camera",
+                hint="switch the camera's automatic ISO off, or ask for the ISO that is set",
+            )
+        if f_number is not None and said.f_number and abs(said.f_number / f_number - 1.0) > 0.06:
+            raise CalibrationError(
+                f"photo {name} was taken at f/{said.f_number:g}, not at f/{f_number:g}",
+                device="camera",
+                hint="set the lens, or what is asked of it",
+            )
+        asked_s = (open_s or {}).get(name, 0.0)
+        if said.exposure_s and said.exposure_s + BULB_S < asked_s:
+            raise CalibrationError(
+                f"photo {name} was exposed for {said.exposure_s:g} s, not for {asked_s:.3g} s",
+                device="shutter",
+                hint="set the camera to bulb; look at the shutter's cable",
+            )
+    stops = {said.f_number for said in seen.values() if said.f_number}
+    if len(stops) > 1:
+        raise CalibrationError(
+            f"the aperture changed within the series: f/{min(stops):g} to f/{max(stops):g}",
+            device="camera",
+            hint="set the camera to manual",
+        )
+    refuse_moving_black(seen)
+
+
+def refuse_moving_black(seen: Mapping[str, Seen]) -> None:
+    """Raise CalibrationError where the black level of a series moves."""
+    blacks = [said.black_dn for said in seen.values() if said.black_dn]
+    if not blacks:
+        return
+    spread = float(np.ptp(np.array(blacks), axis=0).max())
+    if spread > BLACK_MOVES_DN:
+        raise CalibrationError(
+            f"the black level moves by {spread:.2g} DN within the series",
+            device="camera",
+            hint="let the camera warm up for ten minutes; switch long-exposure noise reduction off",
+        )
+
+
+def steady(values: Iterable[float] | Floats, sigmas: float = 5.0) -> Marks:
+    """Which values are no outliers: within so many robust deviations of the median."""
+    values = np.asarray(values, dtype=np.float64)
+    away = np.abs(values - np.median(values))
+    spread = 1.4826 * float(np.median(away))
+    return np.asarray(away <= sigmas * spread + 1e-12 * (1.0 + np.abs(np.median(values))))

@@ -1,0 +1,125 @@
+"""Pictures to set a bench up by, to look at with the eye: of a panel's own pixels.
+
+Levels are 0..1, (height, width) each; row 0 is at the top. `docs/bench-bringup.md` says what each
+is for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Levels = NDArray[np.float64]
+Size = tuple[int, int]
+"""(width, height) in pixels."""
+
+STEPS = 17
+"""Grey levels of a wedge: sixteenths of full light."""
+SPOKES = 36
+"""Dark and bright pairs of a focus star."""
+STAR_SHARE, CORE_PX = 0.3, 8.0
+"""Diameter of a star, of the panel's height; and where its spokes would blur on any panel."""
+DOT_PITCH_PX, DOT_RADIUS_PX = 32, 6.0
+POSITIONS = 32
+"""Places of what moves, over the width of a panel."""
+FLASH_EVERY = 30
+"""Refreshes from one flash to the next."""
+
+
+def checkerboard(size: Size) -> Levels:
+    """Single pixels, bright and dark in turn; upper left one bright."""
+    x, y = _raster(size)
+    return np.asarray((x + y) % 2 == 0, dtype=np.float64)
+
+
+def wedge(size: Size) -> Levels:
+    """Upright strips from black to full light, and below them the other way round."""
+    x, y = _raster(size)
+    step = x * STEPS // size[0]
+    return np.where(2 * y < size[1], step, STEPS - 1 - step) / (STEPS - 1.0)
+
+
+def stars(size: Size) -> Levels:
+    """Focus stars in the middle and in all corners, each in a bright ring."""
+    width, height = size
+    x, y = _raster(size)
+    radius_px = 0.5 * STAR_SHARE * height
+    found = np.zeros((height, width))
+    inset = 1.15 * radius_px
+    for across, down in (
+        (0.5 * width, 0.5 * height),
+        (inset, inset),
+        (width - inset, inset),
+        (inset, height - inset),
+        (width - inset, height - inset),
+    ):
+        right, below = x + 0.5 - across, y + 0.5 - down
+        far = np.hypot(right, below)
+        spoke = np.floor(np.arctan2(below, right) * SPOKES / np.pi).astype(np.int64) % 2 == 0
+        inside = far < radius_px
+        ring = (far >= radius_px) & (far < 1.08 * radius_px)
+        found[ring | (inside & spoke) | (far < min(CORE_PX, 0.2 * radius_px))] = 1.0
+    return found
+
+
+def dots(size: Size) -> Levels:
+    """Round dots on a square grid."""
+    x, y = _raster(size)
+    right, below = ((v + 0.5) % DOT_PITCH_PX - 0.5 * DOT_PITCH_PX for v in (x, y))
+    return np.asarray(np.hypot(right, below) < DOT_RADIUS_PX, dtype=np.float64)
+
+
+def letter(size: Size) -> Levels:
+    """A large F: it tells a mirrored or turned panel at a glance."""
+    width, height = size
+    x, y = _raster(size)
+    across, down = (x + 0.5 - 0.5 * width) / height, (y + 0.5) / height
+    stem = (across > -0.25) & (across < -0.09) & (down > 0.12) & (down < 0.88)
+    top = (across > -0.25) & (across < 0.25) & (down > 0.12) & (down < 0.27)
+    middle = (across > -0.25) & (across < 0.14) & (down > 0.42) & (down < 0.56)
+    return (stem | top | middle).astype(np.float64)
+
+
+def edges(size: Size) -> list[Levels]:
+    """An upright edge that moves to the right by a step a refresh, bright behind it."""
+    x, _ = _raster(size)
+    return [(x * POSITIONS < (k + 1) * size[0]).astype(np.float64) for k in range(POSITIONS)]
+
+
+def bars(size: Size) -> list[Levels]:
+    """A bar that moves by its width a refresh: a photo shows how many refreshes it saw. Every
+    eighth place is taller."""
+    x, y = _raster(size)
+    found = []
+    for k in range(POSITIONS):
+        tall = 1.0 if k % 8 == 0 else 0.5
+        found.append(
+            ((x * POSITIONS // size[0] == k) & (y >= (1.0 - tall) * size[1])).astype(float)
+        )
+    return found
+
+
+def flash(size: Size) -> list[Levels]:
+    """One bright refresh, and then none for as long as the eye can tell flashes apart."""
+    width, height = size
+    return [np.full((height, width), float(k == 0)) for k in range(FLASH_EVERY)]
+
+
+STILL: dict[str, Callable[[Size], Levels]] = {
+    "pixels": checkerboard,
+    "wedge": wedge,
+    "star": stars,
+    "dots": dots,
+    "letter": letter,
+}
+"""Pictures that stay; both panels show them, each on its own pixels."""
+MOVING: dict[str, Callable[[Size], list[Levels]]] = {"flash": flash, "edge": edges, "bar": bars}
+"""Pictures of several refreshes, over and over."""
+
+
+def _raster(size: Size) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Columns and rows of all pixels, (height, width) each."""
+    x, y = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    return x, y

@@ -1,0 +1,396 @@
+"""How much light a grey level gives: gamma, and a table of levels.
+
+The panel shows 17 strips of 17 levels, in two orders; a white photo takes out what is uneven. Where
+a strip lies in the photo is told by the panels' maps. Two orders that agree prove the maps, and
+their differences tell the error. Codes need none of this: they are black and white.
+
+Panels that make grey by dithering show a level only on average over some refreshes, so that photos
+last for whole cycles of it. A level that is shown for one refresh is another matter: a panel's way
+from grey to grey is slower than that from black to white, and no static table tells it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import minimize_scalar
+
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.photo import NO_LIGHT_SIGMAS, Photo, refuse_clipped, refuse_dark, steady
+from pdcd.errors import CalibrationError
+from pdcd.maps.map import Map, between
+
+Floats = NDArray[np.float64]
+Strips = NDArray[np.int32]
+
+LEVELS = tuple(round(255.0 * k / 16.0) for k in range(17))
+ORDERS = 2
+NAMES = ("steps-a", "steps-b")
+NOWHERE = -1
+MARGIN = 0.25
+"""Of a strip's width at either side: what blur brings from the next one."""
+DITHER_CYCLE = 16
+"""Refreshes after which every dithering in use begins anew."""
+APART = 8.0
+"""Quads between places that are looked up in the maps."""
+LEAST_QUADS = 30
+LEAST_WHITE = 0.1
+"""Light of a strip in the white photo, over the mean of all."""
+AGREE = 0.05
+"""By which the two orders may differ, of full light."""
+DRIFT = 0.03
+DARK = 0.2
+"""Black over white beyond which something else than the panel gives light."""
+SMOOTH = 0.01
+"""Of full light: how far a power law may be off and still be called one."""
+FALLS_SIGMAS = 5.0
+STEPS = (0.03, 0.97)
+GAMMAS = (0.1, 8.0)
+CLOSE = {"xatol": 1e-7}
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """One photo of grey levels.
+
+    name : of the photo. panel : which one shows `levels`; the other one is white around it.
+    levels : (height, width) uint8, of the panel's own pixels.
+    refreshes : for which the picture is held.
+    """
+
+    name: str
+    panel: Literal["projector", "mask"]
+    levels: NDArray[np.uint8]
+    refreshes: int
+
+
+def orders() -> NDArray[np.int64]:
+    """(2, 17): which level each strip shows, from left to right.
+
+    Steps of 7 and 5 levels, modulo 17: neighbours differ much. Seen mirrored or shifted, the two
+    orders give each level other light: they begin so that they are no mirrors of one another.
+    """
+    strips = np.arange(len(LEVELS))
+    return np.stack([7 * strips % len(LEVELS), (5 * strips + 9) % len(LEVELS)])
+
+
+def steps_photos(
+    panel: Literal["projector", "mask"],
+    size_px: tuple[int, int],
+    refreshes: int,
+    cycle: int = DITHER_CYCLE,
+) -> tuple[Steps, ...]:
+    """White, and two photos of strips.
+
+    size_px : (width, height) of the panel. refreshes : at least so many, made up to whole cycles of
+        the panel's dithering.
+    """
+    held = -(-refreshes // cycle) * cycle
+    width, height = size_px
+    strip = strips_of(np.arange(width) + 0.5, width)
+    levels = np.array(LEVELS, np.uint8)
+    photos = [Steps("white", panel, np.full((height, width), 255, np.uint8), held)]
+    for name, order in zip(NAMES, orders(), strict=True):
+        row = levels[order][strip]
+        photos.append(Steps(name, panel, np.tile(row, (height, 1)), held))
+    return tuple(photos)
+
+
+def strips_of(x: ArrayLike, width: int) -> Strips:
+    """Strip of a place on the panel, in pixels from its left edge."""
+    found = np.floor(np.asarray(x) * len(LEVELS) / width)
+    return np.clip(found, 0, len(LEVELS) - 1).astype(np.int32)
+
+
+def strips_seen(camera: Map, panel: Map) -> Strips:
+    """Which strip each quad sees, (h, w) int32; `NOWHERE` beside the panel and near edges."""
+    width, height = panel.size_px
+    cols, rows = camera.size_px
+    x, y = (np.append(np.arange(0.5, n - 0.5, APART), n - 0.5) for n in (cols, rows))
+    places = between(camera, panel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    # Maps bend so little from one of these places to the next that lines between them do.
+    quads = [np.interp(np.arange(n) + 0.5, v, np.arange(v.size)) for n, v in ((rows, y), (cols, x))]
+    found = np.full((rows, cols), NOWHERE, np.int32)
+    across, down = (places[:, axis].reshape(y.size, x.size) for axis in (0, 1))
+    for row in range(rows):
+        where = [np.full(cols, quads[0][row]), quads[1]]
+        at = ndimage.map_coordinates(across, where, order=1) * len(LEVELS) / width
+        below = ndimage.map_coordinates(down, where, order=1)
+        with np.errstate(invalid="ignore"):
+            inside = (at >= 0.0) & (at < len(LEVELS)) & (below > 0.0) & (below < height)
+            inside &= np.abs(at - np.floor(at) - 0.5) < 0.5 - MARGIN
+        found[row, inside] = np.floor(at[inside]).astype(np.int32)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Light of grey levels of one panel.
+
+    panel : which one.
+    levels : (17,) 0..255. light, sigma : (17,) of all channels, over full light: 0 is black.
+    channels : (3, 17) of R, G, B.
+    gamma, gamma_sigma : of the law ``(level / 255)^gamma``; `channel_gammas` of R, G, B.
+    misfit : how far the law is off, of full light.
+    """
+
+    panel: str
+    levels: Floats
+    light: Floats
+    sigma: Floats
+    channels: Floats
+    gamma: float
+    gamma_sigma: float
+    channel_gammas: tuple[float, float, float]
+    misfit: float
+
+    def light_of(self) -> Floats:
+        """(256,) light of every level, 0..1: PCHIP between the measured ones, never falling."""
+        rising = np.maximum.accumulate(np.clip(self.light, 0.0, 1.0))
+        return np.asarray(PchipInterpolator(self.levels, rising)(np.arange(256.0)))
+
+    def level_for(self) -> NDArray[np.uint8]:
+        """(256,) uint8: the level whose light is nearest to k / 255 of full light."""
+        light = self.light_of()
+        wanted = np.arange(256) / 255.0
+        above = np.clip(np.searchsorted(light, wanted), 1, 255)
+        nearer = wanted - light[above - 1] < light[above] - wanted
+        return np.asarray(above - nearer, np.uint8)
+
+    def figures(self) -> tuple[Figure, ...]:
+        """What to tell of it."""
+        law = self.misfit <= SMOOTH
+        apart = max(self.channel_gammas) - min(self.channel_gammas)
+        return (
+            Figure(
+                f"{self.panel}.gamma",
+                self.gamma,
+                self.gamma_sigma,
+                "",
+                f"a power law within {SMOOTH:g}",
+                Verdict.GOOD if law else Verdict.DOUBTFUL,
+            ),
+            Figure(f"{self.panel}.gamma_misfit", self.misfit, float(self.sigma.max()), "of white"),
+            Figure(f"{self.panel}.gamma_colours", apart, self.gamma_sigma, ""),
+        )
+
+
+def response_of(photos: Mapping[str, Photo], strips: Strips, panel: str = "projector") -> Response:
+    """Light of the grey levels of one panel.
+
+    Parameters
+    ----------
+    photos : "white", "steps-a" and "steps-b" of `steps_photos`, of one exposure. Light of the room
+        is the same in all and goes out with the black strips.
+    strips : (h, w) of `strips_seen`.
+    panel : its name in the configuration.
+
+    Raises CalibrationError: no light, saturated, too dim, strips that are not in view, orders that
+    disagree (mirrored, swapped, moved), levels that fall (inverted) or do nothing, a lamp that
+    changed.
+    """
+    for name in ("white", *NAMES):
+        refuse_clipped(name, photos[name], "close the aperture, or show fewer refreshes")
+    by_strip, noise_of_strip = _ratios(photos, strips)
+    refuse_dark({name: float(r.max()) for name, r in zip(NAMES, by_strip, strict=True)}, 0.05)
+    # By level: (orders, levels, channels).
+    of_level = [np.argsort(order) for order in orders()]
+    seen = np.stack([by_strip[n][strip] for n, strip in enumerate(of_level)])
+    noise = np.stack([noise_of_strip[n][strip] for n, strip in enumerate(of_level)])
+    _refuse(seen, noise)
+    each = (seen - seen[:, :1]) / (seen[:, -1:] - seen[:, :1])
+    flat = _uneven(each, noise)
+    light = each.mean(axis=0)
+    whole = light.mean(axis=1)
+    sigma = _errors(whole, np.sqrt((noise**2).mean(axis=(0, 2)) / 3.0), flat)
+    _refuse_shape(whole, float(sigma.max()))
+    levels = np.array(LEVELS, np.float64)
+    gamma, gamma_sigma, misfit = _power(
+        levels, seen.mean(axis=2), np.sqrt((noise**2).mean(axis=2) / 3.0), flat
+    )
+    gammas = [_power(levels, seen[..., c], noise[..., c], flat)[0] for c in range(3)]
+    return Response(
+        panel=panel,
+        levels=levels,
+        light=whole,
+        sigma=sigma,
+        channels=light.T,
+        gamma=gamma,
+        gamma_sigma=gamma_sigma,
+        channel_gammas=(gammas[0], gammas[1], gammas[2]),
+        misfit=misfit,
+    )
+
+
+def _ratios(photos: Mapping[str, Photo], strips: Strips) -> tuple[list[Floats], list[Floats]]:
+    """Light over white of each strip, and its standard deviation by noise: (17, 3) an order."""
+    white = photos["white"]
+    ratio = [np.full((len(LEVELS), 3), np.nan) for _ in NAMES]
+    noise = [np.full((len(LEVELS), 3), np.nan) for _ in NAMES]
+    inside = strips != NOWHERE
+    level = float(white.light[inside].mean())
+    refuse_dark(
+        {"white": level},
+        NO_LIGHT_SIGMAS
+        * float(np.sqrt(white.variance[inside].mean()))
+        / float(np.sqrt(inside.sum())),
+    )
+    if any(float(photos[name].light[inside].mean()) > 1.1 * level for name in NAMES):
+        raise _inverted()
+    for strip in range(len(LEVELS)):
+        here = strips == strip
+        if here.sum() < LEAST_QUADS:
+            raise CalibrationError(
+                f"strip {strip + 1} of {len(LEVELS)} is seen by {int(here.sum())} quads",
+                device="camera",
+                hint="calibrate the geometry again; see that nothing covers the field",
+            )
+        whole = white.light[here]
+        if float(whole.mean()) < LEAST_WHITE * level:
+            raise CalibrationError(
+                f"strip {strip + 1} of {len(LEVELS)} is dark in the white photo",
+                device="camera",
+                hint="take away what covers the field",
+            )
+        for n, name in enumerate(NAMES):
+            part = photos[name].light[here]
+            kept = steady(part.sum(axis=1) / np.maximum(whole.sum(axis=1), 1e-9))
+            sums = whole[kept].sum(axis=0)
+            ratio[n][strip] = part[kept].sum(axis=0) / sums
+            variance = photos[name].variance[here][kept].sum(axis=0)
+            variance = variance + ratio[n][strip] ** 2 * white.variance[here][kept].sum(axis=0)
+            noise[n][strip] = np.sqrt(variance) / sums
+    return ratio, noise
+
+
+def _uneven(each: Floats, noise: Floats) -> float:
+    """Relative error of the flat field: how the two orders of bright strips differ, beyond noise
+    and beyond what all have in common."""
+    bright = (each.mean(axis=(0, 2)) > 0.2) & (np.arange(len(LEVELS)) < len(LEVELS) - 1)
+    middle = each[:, bright].mean(axis=0)
+    apart = ((each[0] - each[1])[bright] / middle).mean(axis=1)
+    by_noise = float(np.mean((noise[:, bright] / middle) ** 2)) * 2.0 / 3.0
+    return float(np.sqrt(max(float(np.var(apart, ddof=1)) - by_noise, 0.0) / 2.0))
+
+
+def _errors(light: Floats, noise: Floats, flat: float) -> Floats:
+    """Standard deviations of scaled light, (17,): of a strip, and of the black and the white one
+    that it is scaled by."""
+    own = noise**2 + (flat * light) ** 2
+    variance = own + light**2 * own[-1] + (1.0 - light) ** 2 * own[0]
+    variance[[0, -1]] = 0.0
+    return np.asarray(np.sqrt(variance / ORDERS))
+
+
+def _refuse(by_level: Floats, noise: Floats) -> None:
+    """Raise CalibrationError where strips are not those of the two orders."""
+    mean = by_level.mean(axis=2)
+    if float(np.median(noise)) > 0.02:
+        raise CalibrationError(
+            f"too dim: a strip is known to {100.0 * float(np.median(noise)):.2g} % of white only",
+            device="camera",
+            hint="open the aperture, or hold the picture for longer",
+        )
+    if float(np.ptp(mean)) < 0.1:
+        raise CalibrationError(
+            "all strips are equally bright: the panel does not show grey levels",
+            device="projector",
+            hint="see that this panel gets the picture, and that outputs are not swapped",
+        )
+    if float(mean[:, -1].mean()) < float(mean[:, 0].mean()):
+        raise _inverted()
+    scale = float(np.median(mean[1][mean[0] > 0.3] / mean[0][mean[0] > 0.3]))
+    apart = np.abs(mean[1] / scale - mean[0])
+    noisy = FALLS_SIGMAS * np.sqrt(2.0) * float(noise.mean())
+    if float(np.median(apart)) > AGREE or np.mean(apart > AGREE + noisy) > 0.2:
+        raise CalibrationError(
+            f"the two orders of strips disagree by {100.0 * float(apart.max()):.0f} % of white",
+            device="projector",
+            hint="the picture is mirrored or turned, out of focus, or not where the geometry has "
+            "it: focus, and calibrate the geometry again",
+        )
+    if abs(scale - 1.0) > DRIFT:
+        raise CalibrationError(
+            f"the lamp changed by {100.0 * (scale - 1.0):+.2g} % between the photos",
+            device="projector",
+            hint="let it warm up for half an hour; switch eco mode, automatic iris and dynamic "
+            "contrast off",
+        )
+    _refuse_black(mean)
+
+
+def _inverted() -> CalibrationError:
+    return CalibrationError(
+        "black is brighter than white: the panel is inverted",
+        device="projector",
+        hint="switch its inverted picture off; of a mask, turn a polariser by 90 degrees",
+    )
+
+
+def _refuse_black(mean: Floats) -> None:
+    """Raise CalibrationError where black strips are bright."""
+    share = float((mean[:, 0] / mean[:, -1]).mean())
+    if share > DARK:
+        raise CalibrationError(
+            f"black strips have {100.0 * share:.0f} % of the light of white ones",
+            device="camera",
+            hint="switch the room lights off; see that the panel's black is black",
+        )
+
+
+def _refuse_shape(light: Floats, sigma: float) -> None:
+    """Raise CalibrationError where levels do not rise from black to white."""
+    limit = max(FALLS_SIGMAS * sigma, 0.02)
+    if np.any(np.diff(light) < -limit):
+        at = int(np.argmin(np.diff(light)))
+        raise CalibrationError(
+            f"light falls from level {LEVELS[at]} to level {LEVELS[at + 1]}",
+            device="projector",
+            hint="switch dynamic contrast and picture modes off; see that the panel is not "
+            "inverted",
+        )
+    between_ends = light[1:-1]
+    if np.mean((between_ends < STEPS[0]) | (between_ends > STEPS[1])) > 0.9:
+        raise CalibrationError(
+            "the panel shows black and white only, no grey",
+            device="projector",
+            hint="a panel in a pattern mode of one bit has no grey levels: none are needed there",
+        )
+
+
+def _power(
+    levels: Floats, by_level: Floats, noise: Floats, flat: float
+) -> tuple[float, float, float]:
+    """Gamma, its standard deviation and the largest misfit of ``black + span (level/255)^gamma``,
+    black and span free in both orders: (orders, levels)."""
+    grey = levels / 255.0
+    error = np.sqrt(noise**2 + (flat * by_level) ** 2 + 1e-10)
+
+    def fitted(gamma: float) -> tuple[Floats, Floats]:
+        """The law at its best black and span, (orders, levels), and the spans."""
+        law, spans = np.empty_like(by_level), np.empty(ORDERS)
+        for n in range(ORDERS):
+            columns = np.stack([np.ones_like(grey), grey**gamma], axis=1)
+            best = np.linalg.lstsq(columns / error[n][:, None], by_level[n] / error[n], rcond=None)
+            law[n], spans[n] = columns @ best[0], best[0][1]
+        return law, spans
+
+    def misfits(log_gamma: float) -> float:
+        return float(np.sum(((by_level - fitted(np.exp(log_gamma))[0]) / error) ** 2))
+
+    found = minimize_scalar(misfits, bounds=np.log(GAMMAS), method="bounded", options=CLOSE)
+    gamma = float(np.exp(found.x))
+    law, spans = fitted(gamma)
+    # How the best law moves with gamma: its errors are all that black and span cannot take up.
+    step = 1e-4
+    slope = (fitted(gamma + step)[0] - fitted(gamma - step)[0]) / (2.0 * step)
+    freedom = by_level.size - 1 - 2 * ORDERS
+    chi2 = max(float(found.fun) / freedom, 1.0)
+    sigma = float(np.sqrt(chi2 / np.sum((slope / error) ** 2)))
+    return gamma, sigma, float(np.abs((by_level - law).mean(axis=0)).max() / spans.mean())

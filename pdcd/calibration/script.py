@@ -1,0 +1,197 @@
+"""A step of a calibration as a script: it asks for photos one by one and ends with what it found.
+
+A script is a generator. It yields what it wants, a photo (`Wanted`) or something that only a person
+can do (`Ask`), and is sent the photo as it came (`Taken`), or None. What it returns is its
+`Outcome`. It touches no device and reads no clock, so a step can be computed again from its photos.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.devices import CameraInfo, WhileShown
+from pdcd.bench.measured import with_values
+from pdcd.bench.tables import Config
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.photo import Photo, Seen, photo_of
+from pdcd.calibration.shown import Shown
+from pdcd.calibration.timing_model import Ran
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import FrameLog
+from pdcd.maps.map import Map
+from pdcd.sensor.profile import SensorProfile
+from pdcd.sensor.raw import RawFrame
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """One photo. iso, f_number : None is the session's own. covered : with the projector's lens
+    covered, which somebody was asked for before; a mock bench does it by itself. moving : for a
+    shutter that moves while the panels show it; usually it moves before and after that."""
+
+    shown: Shown
+    iso: int | None = None
+    f_number: float | None = None
+    covered: bool = False
+    moving: WhileShown | None = None
+
+
+@dataclass(frozen=True)
+class Ask:
+    """Something that a person has to do before the next photo, in one sentence."""
+
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """One photo as it came.
+
+    raw : decoded samples. log : when the panels showed what. open_ns, close_ns : when the shutter
+        was surely open, and surely closed: `TriggerConfig.sure_ns` of the configuration after it
+        was told so. iso : as asked for.
+    """
+
+    name: str
+    raw: RawFrame
+    log: FrameLog
+    open_ns: int
+    close_ns: int
+    iso: int
+
+    @property
+    def open_s(self) -> float:
+        """How long the shutter was surely open."""
+        return (self.close_ns - self.open_ns) * 1e-9
+
+    @property
+    def ran(self) -> Ran:
+        """When it was, for the estimators of times."""
+        return Ran(self.log, self.open_ns, self.close_ns)
+
+    @property
+    def seen(self) -> Seen:
+        """What the file says of itself."""
+        return Seen.of(self.raw)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One value in the words of the configuration, with its standard deviation."""
+
+    value: Any
+    sigma: float | tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a step found.
+
+    figures : each with limit and verdict. words : by key of the configuration.
+    maps : by device; they become the places of these devices. arrays : for steps and checks to
+        come, by name. profile : text of a sensor profile. advice : what to do, a sentence each.
+    picture : (h, w, 3) uint8, to look at.
+    """
+
+    figures: tuple[Figure, ...] = ()
+    words: Mapping[str, Measured] = field(default_factory=dict)
+    maps: Mapping[str, Map] = field(default_factory=dict)
+    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    profile: SensorProfile | None = None
+    advice: tuple[str, ...] = ()
+    picture: NDArray[np.uint8] | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of its figures."""
+        return max((figure.verdict for figure in self.figures), default=Verdict.GOOD)
+
+
+Script = Generator[Wanted | Ask, Taken | None, Outcome]
+"""A step under way."""
+
+
+@dataclass
+class Session:
+    """What is known of the bench so far; steps read it, and `learn` adds to it.
+
+    config : the belief, with what was measured in the place of what was typed.
+    iso, f_number : of the photos; f_number None where the lens is not set from here.
+    full : refreshes of white light after which the brightest part of a photo is at `FULL` of
+        saturation; 0 before it was metered.
+    arrays : of steps so far, and of the calibration before.
+    helped : whether what is asked of a person (`Ask`) is done.
+    """
+
+    config: Config
+    profile: SensorProfile
+    camera: CameraInfo
+    iso: int
+    f_number: float | None = None
+    full: int = 0
+    arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+    done: list[str] = field(default_factory=list)
+    helped: bool = False
+
+    @property
+    def refresh_s(self) -> float:
+        """Length of a refresh as it is configured."""
+        return 1.0 / self.config.row_hz
+
+    @property
+    def sizes(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """(width, height) of projector and mask."""
+        return self.config.projector.size_px, self.config.mask.size_px
+
+    def photo(self, taken: Taken) -> Photo:
+        """A photo as its quads, in DN."""
+        return photo_of(taken.raw, self.profile, taken.iso)
+
+    def found(self, device: str) -> Map:
+        """The map of a device to the field, out of a calibration.
+
+        Raises CalibrationError where none was measured.
+        """
+        map_ = getattr(self.config, device).place.map
+        if not isinstance(map_, Map):
+            raise CalibrationError(
+                f"where the {device} lies was not measured yet",
+                device=device,
+                hint="run pdcd calibrate geometry first",
+            )
+        return map_
+
+    def learn(self, step: str, outcome: Outcome) -> None:
+        """Go on by what a step found."""
+        values = {key: found.value for key, found in outcome.words.items()}
+        values.pop("camera.profile", None)
+        self.config = with_values(self.config, values, outcome.maps)
+        self.arrays.update(outcome.arrays)
+        if outcome.profile is not None:
+            self.profile = outcome.profile
+        self.done.append(step)
+
+
+def take(wanted: Wanted) -> Generator[Wanted | Ask, Taken | None, Taken]:
+    """One photo, for `yield from`."""
+    taken = yield wanted
+    if taken is None:
+        raise ValueError("a script that wants a photo is sent one")
+    return taken
+
+
+def take_all(
+    series: Sequence[Shown], iso: int | None = None
+) -> Generator[Wanted | Ask, Taken | None, dict[str, Taken]]:
+    """One photo of each, by name. Of large frames keep only what is needed: see `take`."""
+    found = {}
+    for shown in series:
+        found[shown.name] = yield from take(Wanted(shown, iso))
+    return found

@@ -1,0 +1,99 @@
+"""What both panels show in one photo of a calibration: pictures of their own pixels.
+
+Calibration does not know yet where the panels lie, so its patterns have no cells: a pattern is an
+image of one panel, one value for each of its pixels. Grey comes from time: several refreshes, each
+of them black and white. Only where the panels' grey levels are themselves in question, a pattern
+has levels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.frames.patterns import Patterns, none, pack
+
+Bits = NDArray[np.bool_]
+Levels = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """One photo.
+
+    name : of the photo, unique within its step: "dots-projector".
+    projector, mask : (P, height, width) and (M, height, width) bool, patterns of the panel's own
+        pixels: row 0 is at the top, True is lit, or open; or uint8, 255 is full light. Empty where
+        the panel needs none.
+    projector_index, mask_index : (F,) int32, which pattern each refresh shows; `BLACK` and `WHITE`
+        are negative. The panels are black before and after.
+    """
+
+    name: str
+    projector: Bits | Levels
+    mask: Bits | Levels
+    projector_index: NDArray[np.int32]
+    mask_index: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        if self.projector_index.shape != self.mask_index.shape:
+            raise ValueError(f"{self.name}: both panels need as many refreshes")
+        for index, patterns in (
+            (self.projector_index, self.projector),
+            (self.mask_index, self.mask),
+        ):
+            if index.size and (index.min() < WHITE or index.max() >= len(patterns)):
+                raise ValueError(f"{self.name}: a refresh shows a pattern that is not there")
+
+    @property
+    def refreshes(self) -> int:
+        """How many refreshes it lasts."""
+        return int(self.projector_index.size)
+
+
+def still(
+    name: str,
+    refreshes: int,
+    projector: Bits | Levels | int = BLACK,
+    mask: Bits | Levels | int = BLACK,
+) -> Shown:
+    """A photo in which nothing changes. Each panel shows one pattern (height, width), or `BLACK` or
+    `WHITE`."""
+    nothing: Bits = np.zeros((0, 0, 0), np.bool_)
+    first, second = (
+        nothing if isinstance(panel, int) else panel[None] for panel in (projector, mask)
+    )
+    rows = [
+        np.full(refreshes, panel if isinstance(panel, int) else 0, dtype=np.int32)
+        for panel in (projector, mask)
+    ]
+    return Shown(name, first, second, rows[0], rows[1])
+
+
+def frames_of(shown: Shown) -> Frames:
+    """What a display is given to show it: patterns of pixels, packed."""
+    refreshes = shown.refreshes
+    return Frames(
+        _packed(shown.projector),
+        _packed(shown.mask),
+        shown.projector_index.astype(np.int32),
+        shown.mask_index.astype(np.int32),
+        np.zeros(refreshes, dtype=np.uint8),
+        np.arange(refreshes, dtype=np.int32),
+        shown.mask_index == BLACK,
+        (1, 1),
+        (1, 1),
+        PIXELS,
+    )
+
+
+def _packed(patterns: Bits | Levels) -> Patterns:
+    if not len(patterns):
+        return none()
+    flat = patterns.reshape(len(patterns), -1)
+    if flat.dtype == np.bool_:
+        return pack(flat.astype(np.bool_))
+    return np.asarray(flat / 255.0, np.float32)

@@ -1,0 +1,296 @@
+"""One calibration on a rig, from its first photo to the folder it ends in."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from pdcd import __version__
+from pdcd.bench import calibration as kept
+from pdcd.bench.calibration import Calibration, CameraRecord, Entry, Identity, PhotoRecord
+from pdcd.bench.devices import CameraInfo, CameraSettings
+from pdcd.bench.measured import chosen
+from pdcd.bench.tables import Config
+from pdcd.calibration.steps.all import METER, ordered
+from pdcd.capture.rig import Exposure, Rig
+from pdcd.errors import Cancelled, ConfigError, DeviceLost, SyncError
+from pdcd.offload.calibrating import Begin, Found, NextAsk, NextPhoto
+from pdcd.offload.desk import Desk
+from pdcd.offload.hands import Hands
+from pdcd.pictures.watch import Watch
+from pdcd.request import CalibrateRequest, CaptureResult
+from pdcd.runs import events
+from pdcd.runs.events import Emit, Event, logged
+from pdcd.runs.folder import RunFolder
+from pdcd.runs.provenance import utc_now
+from pdcd.sensor.profile import SensorProfile
+from pdcd.words import VerdictName
+
+logger = logging.getLogger(__name__)
+
+FOLDERS = ("raw", "preview")
+"""Below a calibration folder."""
+ORDER: tuple[VerdictName, ...] = ("good", "doubtful", "bad")
+
+
+@dataclass
+class CalibrationRun:
+    """Takes one calibration through: photos, figures, folder.
+
+    `proceed(text)` returns once somebody has done what the text asks. Raises what its devices and
+    steps raise; the caller makes safe.
+    """
+
+    config: Config
+    rig: Rig
+    profile: SensorProfile
+    hands: Hands
+    folder: RunFolder
+    job: str
+    request: CalibrateRequest
+    emit: Emit
+    cancelled: Callable[[], bool]
+    proceed: Callable[[str], None]
+    steps: list[kept.StepRecord] = field(default_factory=list)
+    flip: int | None = None
+
+    def execute(self) -> CaptureResult:
+        """Take all photos, work them out, archive. Raises PdcdError."""
+        camera = self._camera()
+        started = utc_now()
+        before, digest = self._before()
+        names = ordered(self.request.steps)
+        self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
+        helped = self.request.attended or self.rig.mock
+        begin = Begin(self.config, self.profile, camera, before, helped)
+        self.hands.do(self._watch(), Desk.calibrate, begin, self.folder.path)
+        if self.request.attended:
+            self._ask(
+                "put a flat, matt, white card where the scene will be, so that it fills the "
+                "projector's picture, and darken the room"
+            )
+        for number, name in enumerate((METER, *names)):
+            self._step(name, number, len(names))
+        measured = self.hands.do(self._watch(), Desk.measured)
+        if before is not None:
+            self._carry_over(before, measured)
+        record = self._record(started, measured, camera, digest)
+        self._notify(events.Archived(job=self.job))
+        record = msgspec.structs.replace(record, files=self._files())
+        data = kept.encoded(record)
+        sha256 = self.folder.finish_with(data, kept.RECORD, kept.digest_line(data), kept.DIGEST)
+        return CaptureResult(
+            job=self.job,
+            state="done",
+            manifest_sha256=sha256,
+            folder=str(self.folder.where),
+            files=(*self.folder.files(),),
+            summary={
+                "verdict": record.verdict,
+                "steps": len(self.steps),
+                "photos": sum(len(step.photos) for step in self.steps),
+                "computing_s": sum(step.seconds for step in self.steps),
+            },
+            warnings=tuple(f"{step.name}: {text}" for step in self.steps for text in step.advice),
+        )
+
+    def _camera(self) -> CameraInfo:
+        if self.rig.camera_info is None:
+            raise DeviceLost("the rig is not open", device="camera", hint="start the engine first")
+        return self.rig.camera_info
+
+    def _before(self) -> tuple[Path | None, str | None]:
+        """Folder and digest of the calibration that is in use, where there is one."""
+        folder = chosen(self.config)
+        if folder is None:
+            return None, None
+        try:
+            return folder, kept.read_calibration(folder)[1]
+        except ConfigError as err:
+            logger.warning("calibration before cannot be used: %s", err)
+            return None, None
+
+    def _step(self, name: str, number: int, count: int) -> None:
+        """Run one step to its end; the metering before all of them is told of as step 1."""
+        self._notify(events.StepBegun(step=name, number=max(number, 1), steps=count))
+        wanted = self.hands.do(self._watch(), Desk.step, name, utc_now())
+        while not isinstance(wanted, Found):
+            if isinstance(wanted, NextAsk):
+                self._ask(wanted.text)
+                wanted = self.hands.do(self._watch(), Desk.answered)
+            else:
+                photo = self._photo(wanted)
+                wanted = self.hands.do(self._watch(), Desk.photo, photo)
+        step = wanted.step
+        self.steps.append(step)
+        figures = tuple(
+            events.StepFigure(
+                name=f.name,
+                value=f.value,
+                sigma=f.sigma,
+                unit=f.unit,
+                limit=f.limit,
+                verdict=f.verdict,
+            )
+            for f in step.figures
+        )
+        self._notify(
+            events.StepEnded(
+                step=step.name,
+                verdict=step.verdict,
+                photos=len(step.photos),
+                seconds=step.seconds,
+                figures=figures,
+                advice=step.advice,
+            )
+        )
+
+    def _photo(self, wanted: NextPhoto) -> PhotoRecord:
+        """Take one photo; of a mock bench with the lens covered where it is to be."""
+        self.rig.cover(wanted.covered)
+        try:
+            return self._exposed(wanted)
+        finally:
+            self.rig.cover(False)
+
+    def _exposed(self, wanted: NextPhoto) -> PhotoRecord:
+        """Expose, again where refreshes were missed. Raises SyncError when that went on."""
+        settings = CameraSettings(wanted.iso, wanted.f_number if self._settable else None)
+        for number in range(1, self.config.rig.retries + 2):
+            try:
+                done = self._expose(wanted, settings)
+            except SyncError as err:  # the display gave up
+                cause = err.message
+            else:
+                if not done.log.missed.any():
+                    self.folder.write_frames(wanted.name, wanted.frames, done.log)
+                    return self._taken(wanted, done)
+                cause = f"{int(done.log.missed.sum())} refreshes were missed"
+            name = self.folder.set_aside(wanted.name, number)
+            self._notify(events.Discarded(shot=wanted.name, name=name, cause=cause))
+        raise SyncError(
+            f"photo {wanted.name} was spoilt {number} times: {cause}",
+            device="display",
+            hint="see that nothing else runs on this machine: pdcd timing",
+        )
+
+    def _expose(self, wanted: NextPhoto, settings: CameraSettings) -> Exposure:
+        return self.rig.expose(
+            wanted.frames,
+            settings,
+            self.folder.path / "raw",
+            wanted.name,
+            notify=self._notify,
+            progress=lambda frame, of, missed: self.emit(
+                events.Progress(shot=wanted.name, frame=frame, frames=of, missed=missed)
+            ),
+            cancelled=self.cancelled,
+            moving=wanted.moving,
+        )
+
+    @property
+    def _settable(self) -> bool:
+        return bool(self._camera().f_numbers)
+
+    def _taken(self, wanted: NextPhoto, done: Exposure) -> PhotoRecord:
+        """What is kept of a photo; its first one tells how the camera is held."""
+        file = str(done.raw.path.relative_to(self.folder.path))
+        if self.flip is None:
+            self.flip = self.hands.do(self._watch(), Desk.flip, self.folder.path, file)
+        log = done.log
+        return PhotoRecord(
+            name=wanted.name,
+            raw=file,
+            sha256=done.raw.sha256,
+            size_bytes=done.raw.size_bytes,
+            iso=wanted.iso,
+            f_number=wanted.f_number,
+            open_ns=done.open_ns,
+            close_ns=done.close_ns,
+            end_ns=(int(log.end_ns[0]), int(log.end_ns[1])),
+            refreshes=len(log),
+            missed=int(log.missed.sum()),
+            mask_delay=log.mask_delay,
+            source=log.source,
+            verified=log.verified,
+        )
+
+    def _ask(self, text: str) -> None:
+        if not self.request.attended:
+            return
+        self._notify(events.Attention(text=text))
+        self.proceed(text)
+        self._look_for_cancel()
+
+    def _carry_over(self, before: Path, measured: dict[str, Entry]) -> None:
+        """Take over what this calibration did not measure from the one before."""
+        record, _ = kept.read_calibration(before)
+        for key, entry in record.measured.items():
+            if key in measured:
+                continue
+            source = entry.folder or str(before)
+            measured[key] = msgspec.structs.replace(entry, folder=source)
+        own, old = self.folder.path / kept.PROFILE, before / kept.PROFILE
+        if "camera.profile" in measured and not own.exists() and old.exists():
+            own.write_bytes(old.read_bytes())
+
+    def _record(
+        self, started: str, measured: dict[str, Entry], camera: CameraInfo, before: str | None
+    ) -> Calibration:
+        config, display = self.config, self.rig.display_info
+        settings = self.steps[-1].settings if self.steps else {}
+        worst = max((ORDER.index(step.verdict) for step in self.steps), default=0)
+        named = {} if display is None else display.identity
+        return Calibration(
+            schema=kept.SCHEMA,
+            name=self.job,
+            version=__version__,
+            started_utc=started,
+            finished_utc=utc_now(),
+            verdict=ORDER[worst],
+            identity=Identity(
+                rig=config.rig.name,
+                camera_model=camera.model,
+                camera_serial=camera.serial,
+                frame_quads=camera.frame_quads,
+                flip=self.flip,
+                projector=named.get("projector", ""),
+                mask=named.get("mask", ""),
+                projector_hz=config.projector.refresh_hz,
+                mask_hz=config.mask.refresh_hz,
+                iso=int(settings.get("iso", 0)),
+                f_number=settings.get("f_number"),
+            ),
+            belief=msgspec.to_builtins(config),
+            camera=CameraRecord.of(camera),
+            profile=msgspec.to_builtins(self.profile),
+            measured=measured,
+            steps=tuple(self.steps),
+            before=before,
+            files={},
+        )
+
+    def _files(self) -> dict[str, kept.FileRecord]:
+        return {
+            name: kept.FileRecord(found.sha256, found.size_bytes or 0)
+            for name, found in self.folder.hashes().items()
+        }
+
+    def _watch(self) -> Watch:
+        def step(done: float, total: float) -> None:
+            self.emit(events.Decoded(done=done, total=total))
+
+        return Watch(self._look_for_cancel, step)
+
+    def _look_for_cancel(self) -> None:
+        if self.cancelled():
+            raise Cancelled("the calibration was cancelled", hint="the one before is still in use")
+
+    def _notify(self, event: Event) -> None:
+        self.folder.log(logged(event, self.rig.clock.now_ns()))
+        self.emit(event)
+        self._look_for_cancel()

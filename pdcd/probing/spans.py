@@ -1,0 +1,144 @@
+"""Spans of panels: stretches in which nothing changes what a panel is asked for, and what two of
+them that overlap let through together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import levels_of
+from pdcd.probing.panel import Panel, Trajectory, decay_integral
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+
+def met(
+    right: Floats, d_track: Trajectory, rows: sparse.csr_array, opens: Floats
+) -> tuple[Floats, NDArray[np.bool_], Floats]:
+    """What some spans of the projector meet on the mask, pixel by pixel of either.
+
+    Parameters
+    ----------
+    right : (spans * fields, P) float64
+        Their fields, as `Trajectory.take` gives them.
+    d_track : the mask's; it is asked for those spans that overlap these ones, in order.
+    rows, opens : the rows of both results of `span_weights` for these spans, `opens` summed.
+
+    Returns
+    -------
+    left : (R, D) float64
+        With `right[alive]`, (R, P): ``left.T @ right`` is the time for which mask pixel d and
+        projector pixel p were open and lit together, in seconds.
+    alive : (spans * fields,) bool
+        Rows that are not dark or shut throughout.
+    open_s : (D,) float64
+        Time for which each mask pixel was open.
+    """
+    used = np.flatnonzero(opens)  # dual spans that overlap these: contiguous in time
+    if not used.size:
+        never = np.zeros(len(right), dtype=np.bool_)
+        return np.zeros((0, d_track.pixels)), never, np.zeros(d_track.pixels)
+    d_lo = min(int(used[0]) // d_track.fields, d_track.reached)
+    d_hi = int(used[-1]) // d_track.fields + 1
+    columns = slice(d_lo * d_track.fields, d_hi * d_track.fields)
+    dual = d_track.take(d_lo, d_hi).reshape(columns.stop - columns.start, -1)
+    left = rows[:, columns] @ dual
+    alive = left.any(axis=1) & right.any(axis=1)
+    return left[alive], alive, opens[columns] @ dual
+
+
+def frame_spans(
+    frames: Frames,
+    shown: NDArray[np.int32],
+    start_ns: Times,
+    end_ns: int,
+    panel: Panel,
+    open_ns: int,
+    primal_side: bool,
+) -> tuple[list[int], Times]:
+    """Rows of `frames` that start a span (-1 is black) and when, (S,) int64 ns from the opening.
+
+    shown, start_ns, end_ns : of one panel, as its log has them.
+
+    Refreshes that repeat the content before them belong to its span; black comes first and last.
+    """
+    asked = frames.primal_index if primal_side else frames.dual_index
+    index = np.append(asked, BLACK)[shown]  # a row of -1 is black too
+    # The sub-shift moves patterns only: uniform panels look the same under all of them.
+    key = np.where(index >= 0, index * 4 + np.append(frames.shift, 0)[shown], index)
+    changes, starts = span_starts(key, start_ns, end_ns, panel, open_ns)
+    return [int(shown[c]) if c >= 0 else -1 for c in changes], starts
+
+
+def span_starts(
+    content: NDArray[np.int32], start_ns: Times, end_ns: int, panel: Panel, open_ns: int
+) -> tuple[list[int], Times]:
+    """Refreshes that change what a panel shows, and when its light does, in ns from the opening.
+
+    `content` (F,) names what each refresh shows; `BLACK` is black. The first span and all black
+    at the end are -1; refreshes that repeat the content before them belong to its span.
+    """
+    light_ns = np.maximum.accumulate(np.append(start_ns, end_ns) + panel.skew_ns)
+    key = np.append(content, BLACK)
+    changes = np.flatnonzero(np.diff(np.append(BLACK, key)))
+    rows = [-1] + [int(c) if c < len(content) else -1 for c in changes]
+    starts = np.append(0, light_ns[changes] - open_ns)
+    return rows, np.maximum(starts, 0)
+
+
+def target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) -> Floats:
+    """Level that one span asks of every pixel of a panel, (P,)."""
+    index = frames.primal_index if primal_side else frames.dual_index
+    which = BLACK if row < 0 else int(index[row])
+    if which in (BLACK, WHITE):
+        if primal_side:
+            return np.full(lattice.fields * lattice.cells, float(which == WHITE))
+        return lattice.dual_field_uniform(float(which == WHITE)).ravel()
+    patterns = frames.primal_patterns if primal_side else frames.dual_patterns
+    pattern = levels_of(patterns, which, lattice.lattice_cells)
+    place = lattice.primal_field_values if primal_side else lattice.dual_field_values
+    return place(pattern, int(frames.shift[row])).ravel()
+
+
+def span_weights(
+    primal: Panel, dual: Panel, p_start_ns: Times, d_start_ns: Times, *, exposure_ns: int
+) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """Integrals of products of fields over the overlaps of spans.
+
+    Returns ``(primal spans * fields, dual spans * fields)`` and, for the open time of the mask
+    alone, ``(primal spans, dual spans * fields)``.
+
+    Times are subtracted as whole numbers: an hour after the opening, those in s have lost the
+    picoseconds of a short overlap.
+    """
+    edges = np.unique(np.concatenate([p_start_ns, d_start_ns, [0, exposure_ns]]))
+    edges = edges[edges <= exposure_ns]
+    lo, length_s = edges[:-1], np.diff(edges) * 1e-9
+    p = np.searchsorted(p_start_ns, lo, side="right") - 1
+    d = np.searchsorted(d_start_ns, lo, side="right") - 1
+    p_age_s, d_age_s = (lo - p_start_ns[p]) * 1e-9, (lo - d_start_ns[d]) * 1e-9
+    p_rates, d_rates = primal.rates, dual.rates
+    entries, opens = [], []
+    for b, d_rate in enumerate(d_rates):
+        before_d = np.exp(-d_rate * d_age_s)
+        opens.append((p, d * d_rates.size + b, before_d * decay_integral(d_rate, length_s)))
+        for a, p_rate in enumerate(p_rates):
+            before = before_d * np.exp(-p_rate * p_age_s)
+            value = before * decay_integral(np.asarray(p_rate + d_rate), length_s)
+            entries.append((p * p_rates.size + a, d * d_rates.size + b, value))
+    columns = d_start_ns.size * d_rates.size
+    return (
+        _sparse(entries, (p_start_ns.size * p_rates.size, columns)),
+        _sparse(opens, (p_start_ns.size, columns)),
+    )
+
+
+def _sparse(
+    entries: list[tuple[NDArray[np.int64], NDArray[np.int64], Floats]], shape: tuple[int, int]
+) -> sparse.csr_array:
+    rows, columns, values = (np.concatenate(part) for part in zip(*entries, strict=True))
+    return sparse.csr_array((values, (rows, columns)), shape=shape)

@@ -1,0 +1,75 @@
+"""Steps in which a person has a part: two cards, and a ring to turn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pdcd.bench.tables import (
+    BenchConfig,
+    CameraConfig,
+    Config,
+    PanelConfig,
+    SceneConfig,
+    ServerConfig,
+)
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.steps.coaxial import coaxial
+from pdcd.calibration.steps.focus import focus
+from pdcd.errors import CalibrationError
+from tests.e2e.calibration.hands import Hands
+
+
+def bench(
+    folder: Path, name: str, *, right_px: float = 0.0, blur_quads: float = 0.6, albedo: float = 0.9
+) -> Config:
+    truth = folder / f"{name}.toml"
+    truth.write_text(
+        f"""
+        [mask]
+        contrast = 450.0
+        [mask.place]
+        offset_px = [{right_px}, 0.0]
+        [camera]
+        blur_quads = {blur_quads}
+        """
+    )
+    return Config(
+        projector=PanelConfig(size_px=(128, 96)),
+        mask=PanelConfig(size_px=(160, 120)),
+        camera=CameraConfig(profile="450d", frame_quads=(288, 216), seed=5),
+        scene=SceneConfig(kind="card", grid=(12, 16), options={"albedo": albedo}),
+        bench=BenchConfig(truth=str(truth)),
+        server=ServerConfig(state_dir=str(folder / "state")),
+    )
+
+
+def test_parallax_of_two_cards_is_told(tmp_path: Path) -> None:
+    near = bench(tmp_path, "near")
+    one = Hands(near, tmp_path, full=80, f_number=22.0)
+    one.benches = [near, bench(tmp_path, "far", right_px=0.8, albedo=0.744)]
+    outcome = one.run("coaxial", coaxial(one.session))
+    told = {figure.name: figure for figure in outcome.figures}
+    assert told["coaxial.offset_px"].value == pytest.approx(0.8, abs=0.1)
+    assert told["coaxial.offset_px"].verdict is Verdict.DOUBTFUL
+    assert 1.0 < told["coaxial.deepest"].value < 1.1
+    assert "(left)" in outcome.advice[0]
+    assert [("move the card" in text) for text in one.asked] == [False, True]
+
+
+def test_a_card_that_nobody_moved_is_named(tmp_path: Path) -> None:
+    one = Hands(bench(tmp_path, "near"), tmp_path, full=80, f_number=22.0)
+    with pytest.raises(CalibrationError, match="100% as bright"):
+        one.run("coaxial", coaxial(one.session))
+
+
+def test_focus_tells_a_number_until_nobody_turns(tmp_path: Path) -> None:
+    one = Hands(bench(tmp_path, "soft", blur_quads=2.0), tmp_path, full=80, f_number=22.0)
+    one.benches = [bench(tmp_path, f"turn{n}", blur_quads=2.0 - 0.5 * n) for n in (1, 2, 3)]
+    outcome = one.run("focus", focus(one.session))
+    seen = [float(text.split("now ")[1].split(",")[0]) for text in one.asked]
+    assert seen[0] < seen[1] - 0.05 < seen[2] - 0.1
+    assert len(one.asked) < 10
+    assert {figure.name for figure in outcome.figures} == {"focus.mask", "focus.projector"}
+    assert outcome.picture is not None

@@ -1,0 +1,131 @@
+"""Product stripes on a bench that nobody told the step about: maps and blur come out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import (
+    BenchConfig,
+    CameraConfig,
+    Config,
+    PanelConfig,
+    SceneConfig,
+    ServerConfig,
+)
+from pdcd.bench.truth import truth_of
+from pdcd.calibration.script import Session
+from pdcd.calibration.steps.registration import registration
+from pdcd.errors import CalibrationError
+from pdcd.maps.map import Map, between
+from pdcd.maps.placing import Placing
+from tests.e2e.calibration.hands import Hands
+
+TRUTH = """
+[mask]
+contrast = 450.0
+skew_s = 0.0037
+rise_s = 0.0045
+fall_s = 0.0071
+[mask.place]
+turn_deg = 0.7
+scale = 1.02
+offset_px = [1.3, -0.7]
+[camera]
+blur_quads = 0.5
+[camera.place]
+turn_deg = -1.4
+scale = 1.06
+"""
+AMBIENT = """
+[scene]
+ambient = 0.002
+"""
+
+
+def hands(folder: Path, more: str = AMBIENT, *, albedo: float = 0.9) -> Hands:
+    """A small bench whose maps are known, as after geometry."""
+    (folder / "truth.toml").write_text(TRUTH + more)
+    config = Config(
+        projector=PanelConfig(size_px=(192, 144)),
+        mask=PanelConfig(size_px=(288, 216)),
+        camera=CameraConfig(profile="450d", frame_quads=(230, 172), seed=5),
+        scene=SceneConfig(kind="card", grid=(12, 18), options={"albedo": albedo}),
+        bench=BenchConfig(truth=str(folder / "truth.toml")),
+        server=ServerConfig(state_dir=str(folder / "state")),
+    )
+    found = Hands(config, folder, full=80, f_number=22.0)
+    found.knows_maps()
+    return found
+
+
+def misplace(session: Session, right_px: float, *, flip: bool = False) -> None:
+    """Believe the mask to lie elsewhere, by pixels of the projector, and turned a little."""
+    map_ = session.found("mask")
+    width, _ = session.config.projector.size_px
+    angle = 0.004
+    moved = np.array([[1.0, -angle, right_px / width], [angle, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    if flip:
+        moved = np.array([[-1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) @ moved
+    place = Placing(map=map_.then(moved))
+    mask = msgspec.structs.replace(session.config.mask, place=place)
+    session.config = msgspec.structs.replace(session.config, mask=mask)
+
+
+def apart_px(one: Hands, mask: Map) -> np.ndarray:
+    """How far a map of the mask is from the true one, in projector pixels."""
+    true = panels_of(truth_of(one.config).of(one.config))
+    x, y = ((np.arange(20) + 0.5) / 20 * side for side in mask.size_px)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    where = between(true.mask.map, true.projector.map, points)
+    inside = ((where > 4.0) & (where < np.array(true.projector.size_px) - 4.0)).all(axis=-1)
+    found = between(mask, one.session.found("projector"), points)
+    return np.asarray(np.hypot(*(found - where)[inside].T))
+
+
+def test_the_mask_is_found_where_it_is(tmp_path: Path) -> None:
+    one = hands(tmp_path)
+    misplace(one.session, 1.5)
+    assert np.median(apart_px(one, one.session.found("mask"))) > 1.0
+    outcome = one.run("registration", registration(one.session))
+    assert one.photos == 29
+    # A panel of 192 pixels has few stripes: at full size, 95 % are within 0.06.
+    wrong = apart_px(one, outcome.maps["mask"])
+    assert np.quantile(wrong, 0.95) < 0.12
+    assert np.median(wrong) < 0.05
+    told = {figure.name: figure for figure in outcome.figures}
+    assert told["mask.offset_px"].value == pytest.approx(1.5, abs=0.4)
+    assert told["rig.misregistration_px"].value < 0.3
+    config = one.session.config
+    assert config.mask.offset_px == (0.0, 0.0)
+    assert config.rig.misregistration_px == told["rig.misregistration_px"].value
+    assert config.mask.blur_px < 0.2
+    assert told["leak_2px"].value > told["leak_4px"].value > told["leak_8px"].value
+    assert outcome.picture is not None
+    assert outcome.picture.shape == (600, 900, 3)
+
+
+def test_a_mirrored_mask_is_named(tmp_path: Path) -> None:
+    one = hands(tmp_path)
+    misplace(one.session, 0.0, flip=True)
+    with pytest.raises(CalibrationError, match=r"wrong way|not where the maps"):
+        one.run("registration", registration(one.session))
+
+
+def test_a_lens_cap_is_named(tmp_path: Path) -> None:
+    one = hands(tmp_path, "", albedo=1e-6)
+    with pytest.raises(CalibrationError, match="no light"):
+        one.run("registration", registration(one.session))
+
+
+def test_it_needs_the_maps(tmp_path: Path) -> None:
+    one = hands(tmp_path)
+    one.session = replace(one.session, config=one.config)
+    with pytest.raises(CalibrationError) as caught:
+        one.run("registration", registration(one.session))
+    assert "geometry" in (caught.value.hint or "")

@@ -1,0 +1,328 @@
+"""Gain, read noise, saturation and linearity of a sensor whose numbers are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.calibration.body import Body, BodyPlan, measure_body, profile_of, profile_text
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.photo import Seen, photo_of, refuse_settings
+from pdcd.calibration.transfer import pair_of, transfer_of
+from pdcd.errors import CalibrationError
+from pdcd.sensor.profile import load_profile
+from pdcd.sensor.raw import RawFrame
+from tests.unit.calibration.light_bench import LightBench, TrueSensor
+
+Floats = NDArray[np.float64]
+Planes = NDArray[np.float32]
+Spoil = Callable[[str, Floats], Floats]
+
+PLAN = BodyPlan(full=80)
+COLOURS = np.array([0.7, 1.0, 1.0, 0.8])
+
+
+def keep(name: str, electrons: Floats) -> Floats:
+    return electrons
+
+
+@cache
+def seconds(name: str) -> tuple[float, float]:
+    """Light of each photo of the plan, in seconds of white."""
+    return LightBench().seconds(next(shown for shown in PLAN.photos() if shown.name == name))
+
+
+def series(
+    seed: int = 0,
+    sensor: TrueSensor | None = None,
+    *,
+    shape: tuple[int, int] = (128, 160),
+    flicker: float = 0.0,
+    texture: float = 0.0,
+    before: Spoil = keep,
+    bend: float = 0.0,
+) -> dict[str, Planes]:
+    """All photos of the plan; `before` spoils the light of one by its name."""
+    sensor = sensor or TrueSensor()
+    bench = LightBench(sensor=sensor, shape=shape)
+    rng = np.random.default_rng(seed)
+    paper = np.random.default_rng(3).random(shape)
+    card = 1.0 - texture * paper
+    full_e = min((sensor.white - sensor.black) * sensor.gain, sensor.full_well_e)
+    photos = {}
+    for shown in PLAN.photos():
+        lit_s, _ = seconds(shown.name)
+        lamp = 1.0 + flicker * rng.standard_normal()
+        per_s = full_e / (PLAN.full / 60.0)
+        light = per_s * lamp * lit_s * card * bench.vignetting()[..., 0]
+        light = before(shown.name, light)
+        planes = [
+            sensor.samples(light * colour * (1.0 - bend * light / full_e), rng, fixed=plane)
+            for plane, colour in enumerate(COLOURS)
+        ]
+        photos[shown.name] = np.array(planes, np.float32)
+    return photos
+
+
+def measured(photos: dict[str, Planes], plan: BodyPlan = PLAN) -> Body:
+    return measure_body(photos, plan, iso=100, black_dn=np.full(4, 1024.0))
+
+
+def test_finds_the_numbers_of_the_sensor() -> None:
+    body = measured(series(1, TrueSensor(prnu=0.01, hot=3e-4)))
+    gain, sigma = body.gain
+    assert gain == pytest.approx(2.96, abs=4 * sigma)
+    assert sigma < 0.005 * 2.96
+    read, sigma = body.read_noise
+    assert read == pytest.approx(16.8, abs=4 * sigma)
+    assert sigma < 0.008 * 16.8
+    assert body.saturation_dn == pytest.approx(14605 - 1024, abs=1.0)
+    assert all(line.error < 0.005 for line in body.lines)
+    assert body.black_dn == pytest.approx(np.full(4, 1024.0), abs=0.2)
+    assert max(f.verdict for f in body.figures()) == Verdict.GOOD
+
+
+def test_errors_are_those_it_tells() -> None:
+    pulls = []
+    for seed in range(5):
+        for plane in measured(series(100 + seed, shape=(96, 128))).transfer:
+            pulls.append((plane.gain_e_per_dn - 2.96) / plane.gain_sigma)
+            pulls.append((plane.read_noise_e - 16.8) / plane.read_sigma)
+    assert 0.7 < float(np.std(pulls)) < 1.4
+    assert abs(float(np.mean(pulls))) < 0.6
+
+
+def test_blocks_at_the_edge_of_the_picture_do_not_count() -> None:
+    """Partly dark ones scatter more than their number of samples allows; faded ones do not."""
+    light = np.zeros((96, 128))
+    light[16:, :-16] = 8000.0 * np.linspace(1.0, 0.7, 112)
+    rng = np.random.default_rng(5)
+    first, second, dark = (
+        TrueSensor().samples(electrons, rng) for electrons in (light, light, 0.0 * light)
+    )
+    counts = pair_of(first, second, dark).samples.reshape(3, 4) > 0
+    assert counts[1:, :3].all()
+    assert not counts[0].any() and not counts[:, 3].any()
+    assert (pair_of(dark, dark).samples > 0).all()
+
+
+def test_a_picture_that_is_uneven_everywhere_tells_no_gain() -> None:
+    stripes = np.tile((np.arange(160) // 12) % 2, (128, 1))
+    with pytest.raises(CalibrationError, match="evenly lit"):
+        measured(series(4, before=lambda _, electrons: electrons * stripes))
+
+
+def test_light_that_panels_leak_is_no_read_noise() -> None:
+    """12 e- in every photo: their photon noise would make the read noise 2 % higher."""
+    photos = series(3, shape=(192, 192), before=lambda _, electrons: electrons + 12.0)
+    black = np.full(4, 1024.0)
+    known = measure_body(photos, PLAN, iso=100, black_dn=black, masked=True).read_noise
+    assert known[0] == pytest.approx(16.8, rel=0.01)
+    # A number of the file may be wrong by as much: it is believed less.
+    believed = measure_body(photos, PLAN, iso=100, black_dn=black).read_noise
+    assert believed[0] > 1.005 * known[0]
+
+
+def test_photos_without_noise_are_refused() -> None:
+    photos = series(3, TrueSensor(read_e=0.0))
+    still = {name: photos[name.removesuffix("-again")] for name in photos}
+    still["dark-b"] = still["dark-a"]
+    with pytest.raises(CalibrationError, match="no noise"):
+        measured(still)
+
+
+def test_flicker_texture_and_banding_do_not_move_it() -> None:
+    sensor = TrueSensor(prnu=0.01, banding_e=6.0)
+    body = measured(series(2, sensor, flicker=0.03, texture=0.4))
+    gain, sigma = body.gain
+    assert gain == pytest.approx(2.96, abs=4 * sigma)
+    read, sigma = body.read_noise
+    assert read == pytest.approx(16.8, abs=4 * sigma)  # banding would add 6 %
+    banding, sigma = body.banding
+    assert banding == pytest.approx(6.0, abs=4 * sigma)
+    assert sigma < 0.4
+    # A lamp that flickers by 3 % is no ruler: linearity is doubtful then, and said to be.
+    assert body.lamp > 0.01
+    linearity = next(f for f in body.figures() if f.name == "sensor.linearity")
+    assert linearity.verdict == Verdict.DOUBTFUL
+
+
+def test_a_lamp_of_very_different_light_gives_the_same_gain() -> None:
+    rng, sensor = np.random.default_rng(11), TrueSensor()
+    dark, again, first, second = (
+        sensor.samples(np.full((256, 256), light), rng) for light in (0.0, 0.0, 20000.0, 9000.0)
+    )
+    first[::37, ::41] += 4000.0  # what particles of cosmic rays leave
+    lit = pair_of(first, second, dark)
+    found = transfer_of("G1", pair_of(dark, again), (lit,), highest_dn=9000.0)
+    assert found.gain_e_per_dn == pytest.approx(2.96, abs=4 * found.gain_sigma)
+    assert found.gain_sigma < 0.03
+
+
+def test_blocks_near_saturation_do_not_count() -> None:
+    body = measured(series(13, before=lambda name, light: 1.8 * light))
+    for plane in body.transfer:
+        assert plane.gain_e_per_dn == pytest.approx(2.96, abs=4 * plane.gain_sigma)
+        assert plane.chi2 < 1.4
+
+
+def test_a_sensor_that_is_not_saturated_says_so() -> None:
+    body = measured(series(12, before=lambda name, light: 0.5 * light))
+    assert body.saturation_dn is None
+    figure = next(f for f in body.figures() if f.name == "sensor.saturation_dn")
+    assert "at least" in figure.limit
+    assert figure.value == pytest.approx(0.65 * 13581, rel=0.1)
+
+
+def test_a_full_well_is_told_from_the_end_of_the_converter() -> None:
+    body = measured(series(3, TrueSensor(full_well_e=30000.0)))
+    assert body.saturation_dn == pytest.approx(30000.0 / 2.96, rel=0.002)
+    known = load_profile("450d")
+    profile = profile_of(body, known, name="x", description="d", source="s")
+    assert profile.full_well_e == pytest.approx(30000.0, rel=0.01)
+    assert profile.white_dn == known.white_dn
+
+
+def test_a_bent_response_is_bad() -> None:
+    body = measured(series(4, bend=0.05))
+    linearity = next(f for f in body.figures() if f.name == "sensor.linearity")
+    assert linearity.value > 0.01
+    assert linearity.verdict == Verdict.BAD
+
+
+def test_the_edges_of_the_panel_are_its_offset() -> None:
+    # LightBench: fall 4 ms, rise 2 ms.
+    value, sigma = measured(series(5)).offset_refreshes
+    assert value == pytest.approx(0.12, abs=max(5 * sigma, 2e-3))
+
+
+def test_profile_is_a_file_that_can_be_read(tmp_path: Path) -> None:
+    body = measured(series(6, shape=(96, 128)))
+    known = load_profile("450d")
+    profile = profile_of(body, known, name="my-450d", description='the "bench"', source="here")
+    path = tmp_path / "my.toml"
+    path.write_text(profile_text(profile))
+    assert load_profile(path) == profile
+    assert not profile.estimated
+    assert profile.isos == (100,)  # the estimates of other ISOs are not taken over
+    assert (profile.black_dn, profile.white_dn) == (1024, 14605)
+    assert profile.row(100).gain_e_per_dn == pytest.approx(2.96, rel=0.02)
+    again = profile_of(body, profile, name="a", description="", source="")
+    assert again.isos == (100,)
+
+
+def of_one(names: tuple[str, ...], factor: float) -> Spoil:
+    return lambda name, light: light * (factor if name in names else 1.0)
+
+
+def shifted(name: str, light: Floats) -> Floats:
+    return np.roll(light, 1, axis=1) if name.endswith("-again") else light
+
+
+def leaking(name: str, light: Floats) -> Floats:
+    return light + 500.0 * name.startswith("dark")
+
+
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        (lambda name, light: 0.0 * light, "lens cap"),
+        (of_one(("dose-88",), 0.0), "dose-88 is dark.*shutter"),
+        (of_one(("dose-48-again",), 0.1), "48 refreshes is dark.*shutter"),
+        (lambda name, light: 8.0 * light, "saturat|doses"),
+        (lambda name, light: 0.02 * light, "dim"),
+        (leaking, "light comes in"),
+        (lambda name, light: light + 9000.0 * (not name.startswith("dark")), "room lights"),
+    ],
+)
+def test_bad_input_has_a_named_cause(before: Spoil, words: str) -> None:
+    with pytest.raises(CalibrationError, match=words):
+        measured(series(7, shape=(96, 128), before=before))
+
+
+def test_a_camera_that_moved_between_two_photos() -> None:
+    with pytest.raises(CalibrationError, match="moved"):
+        measured(series(8, shape=(96, 128), texture=0.5, before=shifted))
+
+
+def test_a_black_level_that_moves() -> None:
+    photos = series(9, shape=(96, 128))
+    photos["dark-b"] = photos["dark-b"] + np.float32(4.0)
+    with pytest.raises(CalibrationError, match="black level moves"):
+        measured(photos)
+
+
+def test_samples_that_were_filtered() -> None:
+    photos = {
+        name: np.asarray(0.8 * p + 0.2 * np.roll(p, 1, axis=2), np.float32)
+        for name, p in series(10, shape=(96, 128)).items()
+    }
+    with pytest.raises(CalibrationError, match="filtered"):
+        measured(photos)
+
+
+def test_too_few_refreshes_to_count() -> None:
+    with pytest.raises(CalibrationError, match="too few"):
+        BodyPlan(full=20)
+
+
+def test_plan_counts_refreshes() -> None:
+    photos = {shown.name: shown for shown in PLAN.photos()}
+    assert len(photos) == 15
+    assert {shown.refreshes for shown in photos.values()} == {PLAN.refreshes}
+    for name, count in PLAN.doses.items():
+        assert (photos[name].projector_index == -2).sum() == count
+        assert (photos[name].mask_index == -2).all()
+        # The mask is open before the light comes and after it is gone.
+        lit = np.flatnonzero(photos[name].projector_index == -2)
+        assert lit[0] == PLAN.lead
+        assert lit[-1] < PLAN.refreshes - PLAN.lead
+
+
+GOOD = Seen(iso=100, exposure_s=2.0, f_number=8.0, black_dn=(1024.0, 1024.1))
+
+
+@pytest.mark.parametrize(
+    ("seen", "words"),
+    [
+        (Seen(iso=200), "ISO 200, not at ISO 100"),
+        (Seen(f_number=5.6), "f/5.6, not at f/8"),
+        (Seen(exposure_s=0.5), "exposed for 0.5 s"),
+        (Seen(black_dn=(1026.0, 1024.0)), "black level moves"),
+    ],
+)
+def test_settings_that_somebody_turned(seen: Seen, words: str) -> None:
+    asked = {"a": 2.5, "b": 2.5}
+    refuse_settings({"a": GOOD, "b": Seen()}, iso=100, f_number=8.0, open_s=asked)
+    with pytest.raises(CalibrationError, match=words):
+        refuse_settings({"a": GOOD, "b": seen}, iso=100, f_number=8.0, open_s=asked)
+
+
+def test_an_aperture_that_changes_by_itself() -> None:
+    with pytest.raises(CalibrationError, match="aperture changed"):
+        refuse_settings({"a": GOOD, "b": Seen(f_number=4.0)}, iso=100)
+
+
+def test_a_decoded_file_as_a_photo() -> None:
+    planes = np.stack([np.full((4, 6), level, np.float32) for level in (10, 20, 40, 50)])
+    saturated = np.zeros((4, 6), np.bool_)
+    saturated[1, 2] = True
+    black = np.array([1024.25, 1024.0, 1024.0, 1023.75])
+    raw = RawFrame(
+        planes, saturated, black, black, True, 14605.0, 100, 2.0, 8.0, "EOS", "", 0, "RGGB"
+    )
+    photo = photo_of(raw, load_profile("450d"), 100)
+    assert photo.light[0, 0] == pytest.approx([10.0, 30.0, 50.0])
+    fixed = (16.8**2 + 0.25 * 2.0) / 2.96**2 + 1.0 / 12.0
+    assert photo.variance[0, 0] == pytest.approx(
+        [10 / 2.96 + fixed, (30 / 2.96 + fixed) / 2.0, 50 / 2.96 + fixed]
+    )
+    assert photo.saturated is not None and photo.saturated[1, 2]
+    assert Seen.of(raw) == Seen(100, 2.0, 8.0, (1024.25, 1024.0, 1024.0, 1023.75))
+    assert Seen.of(replace(raw, masked=False)).black_dn == ()

@@ -1,0 +1,94 @@
+"""Pictures of dots: where their centres are, and a code that is found nowhere else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_dilation, center_of_mass, label
+
+from pdcd.calibration.dots import DotGrid, PanelName
+from pdcd.calibration.lattice import SYMMETRIES, placed
+from pdcd.frames.frames import BLACK, WHITE
+
+PROJECTOR = DotGrid.usual("projector", (1024, 768))
+MASK = DotGrid.usual("mask", (1600, 1200))
+
+
+def test_usual_dots_are_those_of_the_figures() -> None:
+    assert (PROJECTOR.pitch_px, PROJECTOR.radius_px, PROJECTOR.shape) == (32, 6.0, (24, 32))
+    assert (MASK.pitch_px, MASK.radius_px, MASK.shape) == (40, 8.0, (30, 40))
+
+
+@pytest.mark.parametrize("size_px", [(256, 192), (250, 187)])
+def test_the_pixels_of_a_dot_are_even_about_its_centre(size_px: tuple[int, int]) -> None:
+    grid = DotGrid.usual("projector", size_px)
+    named, count = label(grid.dots())
+    rows, cols = grid.shape
+    assert count == rows * cols
+    seen = np.array(center_of_mass(grid.dots(), named, np.arange(1, count + 1)))[:, ::-1] + 0.5
+    index = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
+    wanted = grid.centres(index)
+    order, there = np.lexsort(seen.round(3).T), np.lexsort(wanted.T)
+    np.testing.assert_allclose(seen[order], wanted[there], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("grid", [PROJECTOR, MASK, DotGrid.usual("mask", (320, 240))])
+def test_holes_of_the_white_picture_keep_away_from_dots(grid: DotGrid) -> None:
+    around = binary_dilation(grid.dots(), iterations=int(grid.radius_px))
+    assert not (around & ~grid.white()).any()
+    assert 0.4 < grid.holes().mean() < 0.6
+
+
+def test_photos_of_one_panel_let_all_light_pass_the_other() -> None:
+    white, black, dots = MASK.shown(5)
+    assert (white.name, black.name, dots.name) == ("white-mask", "black-mask", "dots-mask")
+    assert black.mask_index.tolist() == [BLACK] * 5
+    for shown in (white, black, dots):
+        assert shown.projector_index.tolist() == [WHITE] * 5
+    np.testing.assert_array_equal(white.mask[0], MASK.white())
+    np.testing.assert_array_equal(dots.mask[0], MASK.dots())
+    assert PROJECTOR.shown(2)[0].mask_index.tolist() == [WHITE] * 2
+
+
+def test_any_part_of_the_code_is_found_however_it_lies() -> None:
+    rng = np.random.default_rng(3)
+    code = PROJECTOR.holes()
+    for numbers in SYMMETRIES:
+        top, left = int(rng.integers(0, 15)), int(rng.integers(0, 20))
+        part = np.where(code[top : top + 8, left : left + 11], -1.0, 1.0)
+        part[rng.random(part.shape) < 0.1] *= -1.0  # a speck of dust, a glint
+        part[rng.random(part.shape) < 0.1] = np.nan
+        row, col = np.mgrid[:8, :11]
+        # Where the cells lie when they are counted another way.
+        back = np.array(numbers).T
+        cells = np.stack([2 * (left + col) + 1, 2 * (top + row) + 1], axis=-1).reshape(-1, 2)
+        counted = (cells @ back.T - 1) // 2
+        counted -= counted.min(axis=0)
+        seen = np.full(counted.max(axis=0)[::-1] + 1, np.nan)
+        seen[counted[:, 1], counted[:, 0]] = part.ravel()
+        place = placed(seen, code)
+        assert place.sure
+        # Corner dots of a cell, told apart again, are those about the cell.
+        dots = np.stack([place.index(counted), place.index(counted + 1)])
+        middle = dots.sum(axis=0) / 2.0
+        np.testing.assert_array_equal(2 * middle, cells)
+
+
+def test_a_code_is_not_found_in_noise_or_in_the_other_panel() -> None:
+    rng = np.random.default_rng(4)
+    noise = rng.choice([-1.0, 1.0], (20, 28))
+    assert not placed(noise, PROJECTOR.holes()).sure
+    theirs = np.where(MASK.holes()[:23, :31], -1.0, 1.0)
+    assert not placed(theirs, PROJECTOR.holes()).sure
+
+
+@pytest.mark.parametrize(
+    ("size_px", "pitch_px", "radius_px"),
+    [((256, 192), 8, 4.0), ((256, 192), 16, 1.0), ((60, 192), 32, 4.0)],
+)
+def test_dots_that_cannot_be_told_apart_are_refused(
+    size_px: tuple[int, int], pitch_px: int, radius_px: float
+) -> None:
+    panel: PanelName = "projector"
+    with pytest.raises(ValueError, match="dots"):
+        DotGrid(panel, size_px, pitch_px, radius_px)

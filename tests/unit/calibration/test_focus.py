@@ -1,0 +1,128 @@
+"""Focus: depth of stripes on photos drawn stripe by stripe, and the best of a few."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from pdcd.calibration.focus import Best, Depth, depth, peak, tilt
+from pdcd.calibration.photo import Photo
+from pdcd.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+
+PERIOD = 5.3
+STEPS = [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]
+
+
+def photo(
+    blur_quads: Floats | float, seed: int = 0, turn: float = 0.05, electrons: float = 8000.0
+) -> Photo:
+    """Stripes, a little turned, of a lamp that falls off, with the noise of a camera.
+
+    blur_quads : of the whole photo, or of each quad (120, 160).
+    """
+    rng = np.random.default_rng(seed)
+    x, y = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
+    place = (x + turn * y) / np.hypot(1.0, turn)
+    blur = np.maximum(np.broadcast_to(blur_quads, place.shape), 1e-3)
+    light, within = np.zeros(place.shape), np.mod(place, PERIOD)
+    for edge in PERIOD * np.arange(-3.0, 4.0):
+        light += ndtr((within - edge) / blur) - ndtr((within - edge - 0.5 * PERIOD) / blur)
+    light *= electrons * (1.0 - 0.3 * ((x / 160 - 0.5) ** 2 + (y / 120 - 0.5) ** 2))
+    variance = 0.5 * (light + 16.8**2)
+    light = light + rng.normal(size=light.shape) * np.sqrt(variance)
+    return Photo(*(np.repeat(each[..., None], 3, axis=2) for each in (light, variance)))
+
+
+def series(best: Floats | float, seed: int) -> list[Depth]:
+    """Depths while a ring is turned; best : where focus is best, of the photo or of each quad."""
+    growing = [0.6 + 0.45 * np.abs(z - np.asarray(best)) for z in STEPS]
+    # Defocus and the best there is add up as variances do.
+    return [
+        depth(photo(np.sqrt(0.36 + (b - 0.6) ** 2), seed + i), 0, PERIOD * 1.04)
+        for i, b in enumerate(growing)
+    ]
+
+
+def test_depth_is_that_of_blurred_stripes() -> None:
+    sharp, soft = depth(photo(0.05), 0, PERIOD), depth(photo(1.2), 0, PERIOD)
+    assert sharp.number == pytest.approx(4.0 / np.pi, rel=0.02)
+    kept = np.exp(-2.0 * np.pi**2 * (1.2**2 - 0.05**2) / PERIOD**2)
+    assert soft.number / sharp.number == pytest.approx(kept, rel=0.02)
+    assert soft.number_sigma < 0.02 * soft.number
+
+
+def test_stripes_may_lie() -> None:
+    upright = photo(1.0)
+    lying = Photo(upright.light.swapaxes(0, 1), upright.variance.swapaxes(0, 1))
+    found = [depth(upright, 0, PERIOD).number, depth(lying, 1, PERIOD).number]
+    assert found[0] == pytest.approx(found[1], rel=0.02)
+
+
+def test_the_best_place_is_found_between_the_steps() -> None:
+    wrong, said = [], []
+    for seed in range(3):
+        best = 0.35 * seed - 0.4
+        found = peak(STEPS, [each.number for each in series(best, 100 * seed)])
+        wrong.append(found.place - best)
+        said.append(found.sigma)
+    assert np.abs(wrong).max() < 0.03
+    assert max(said) < 0.05
+
+
+def test_the_error_of_the_best_place_is_as_said() -> None:
+    rng = np.random.default_rng(3)
+    z = np.array(STEPS)
+    ratios = []
+    for _ in range(100):
+        m = np.exp(-0.15 * (z - 0.3) ** 2) + rng.normal(0.0, 0.01, z.size)
+        found = peak(STEPS, m.tolist())
+        ratios.append((found.place - 0.3) / found.sigma)
+        assert found.width == pytest.approx(np.sqrt(1.0 / 0.3), rel=0.2)
+    assert 0.8 < np.sqrt(np.median(np.square(ratios))) / 0.72 < 1.3
+
+
+def test_a_tilted_plane_of_focus_is_told() -> None:
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 160), np.linspace(-0.5, 0.5, 120))
+    found = tilt(STEPS, series(0.2 + 1.0 * x - 0.5 * y, 7))
+    assert found.middle == pytest.approx(0.2, abs=0.06)
+    assert found.right == pytest.approx(1.0, abs=0.15)
+    assert found.down == pytest.approx(-0.5, abs=0.15)
+    assert max(found.sigma) < 0.15
+
+
+def test_one_photo_shows_which_side_is_sharper() -> None:
+    blur = np.broadcast_to(np.linspace(1.5, 0.7, 160), (120, 160))
+    right, down = depth(photo(blur), 0, PERIOD).slope
+    assert right > 0.5
+    assert abs(down) < 0.1
+
+
+def test_a_bar_shows_the_best_so_far() -> None:
+    bar = Best().then(0.4).then(0.8).then(0.6)
+    assert (bar.now, bar.best) == (0.6, 0.8)
+    assert bar.share == pytest.approx(0.75)
+    assert Best().share == 0.0
+
+
+def test_what_is_wrong_is_named() -> None:
+    plain = photo(1.0)
+    with pytest.raises(CalibrationError, match="no light"):
+        depth(photo(1.0, electrons=0.0), 0, PERIOD)
+    with pytest.raises(CalibrationError, match="saturated"):
+        depth(replace(plain, saturated=plain.light[..., 1] > 4000.0), 0, PERIOD)
+    with pytest.raises(CalibrationError, match="no stripes"):
+        depth(photo(6.0), 0, PERIOD)
+    with pytest.raises(CalibrationError, match="no stripes"):
+        depth(plain, 1, PERIOD)  # upright where lying ones are looked for
+    with pytest.raises(CalibrationError, match="end of the range"):
+        peak(STEPS, np.exp(np.array(STEPS) * 0.2).tolist())
+    with pytest.raises(CalibrationError, match="end of the range"):
+        peak(STEPS, np.exp(0.05 * np.square(STEPS)).tolist())
+    with pytest.raises(CalibrationError, match="3 places"):
+        peak([0.0, 1.0], [0.5, 0.6])

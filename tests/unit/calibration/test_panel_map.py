@@ -1,0 +1,238 @@
+"""Maps out of dots: accurate, with figures; or refused, by what is wrong with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.dots import DotGrid, PanelName
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.finding import Dots, find_dots
+from pdcd.calibration.fit import Fitted, Pairs, fit_map
+from pdcd.calibration.panel_map import (
+    accepted,
+    believed_map,
+    check_believed,
+    convergence,
+    figures,
+    fit_dots,
+    turned_against,
+)
+from pdcd.errors import CalibrationError
+from pdcd.maps.map import Map
+from tests.unit.calibration.geometry_bench import Bench, Way, small_way
+
+FRAME = (320, 480)
+GRID = DotGrid.usual("projector", (256, 192))
+WAY = small_way(turn_deg=3.0)
+
+
+def found_by(bench: Bench) -> Dots:
+    white, black, dots = bench.photos(GRID.shown(1), 3)
+    return find_dots(white, black, dots, GRID)[1]
+
+
+@lru_cache(maxsize=1)
+def dots_of() -> Dots:
+    bench = Bench(WAY, small_way("mask", scale=1.9))
+    return found_by(bench)
+
+
+def error_px(found: Fitted, way: Way = WAY) -> np.ndarray:
+    """Over the dots' part of the panel."""
+    quads = np.random.default_rng(1).uniform(0.0, 1.0, (3000, 2)) * FRAME[::-1]
+    there = way.to_panel(quads)
+    inside = ((there > 8.0) & (there < np.array(way.size_px) - 8.0)).all(axis=-1)
+    found_px: np.ndarray = np.hypot(*(found.to_target(quads[inside]) - there[inside]).T)
+    return found_px
+
+
+def test_dots_give_the_map_and_good_figures() -> None:
+    found = fit_dots(dots_of(), FRAME)
+    assert np.percentile(error_px(found), 50.0) < 0.01
+    assert np.percentile(error_px(found), 95.0) < 0.04
+    told = {figure.name: figure for figure in figures(found, "projector")}
+    assert all(figure.verdict == Verdict.GOOD for figure in told.values())
+    assert told["projector.inliers"].value > 0.97
+    assert told["projector.map_px"].value < 0.05
+
+
+def exact_dots(way: Way, grid: DotGrid, panel_quads: float) -> Dots:
+    """Centroids of discs as they are seen, worked out point by point; no photo."""
+    quads = np.stack(np.meshgrid(np.arange(480.0), np.arange(320.0)), axis=-1).reshape(-1, 2)
+    start = way.to_panel(quads)
+    index, seen = [], []
+    rows, cols = grid.shape
+    for i in range(cols):
+        for j in range(rows):
+            centre = grid.centres(np.array([[i, j]]))[0]
+            near = quads[np.argmin(np.hypot(*(start - centre).T))]
+            fine = np.linspace(-panel_quads, panel_quads, 201)
+            patch = near + np.stack(np.meshgrid(fine, fine), axis=-1)
+            lit = np.hypot(*np.moveaxis(way.to_panel(patch) - centre, -1, 0)) < grid.radius_px
+            index.append((i, j))
+            seen.append(patch[lit].mean(axis=0))
+    camera, where = np.array(seen), np.array(index)
+    sigma = np.full(camera.shape, 1e-4)
+    return Dots(grid, where, grid.centres(where), camera, sigma, 1.0, 1.0)
+
+
+def test_a_disc_is_not_seen_where_its_centre_is() -> None:
+    grid = DotGrid("projector", (256, 192), 32, 8.0)
+    way = small_way(keystone=(0.25, 0.1), scale=1.3)
+    dots = exact_dots(way, grid, 18.0)
+    plain = np.hypot(*(way.to_panel(dots.camera_px) - dots.panel_px).T)
+    assert np.median(plain) > 0.05
+    found = fit_dots(dots, FRAME)
+    quads = dots.camera_px
+    error = np.hypot(*(found.to_target(quads) - way.to_panel(quads)).T)
+    assert np.median(error) < 0.15 * np.median(plain)
+
+
+def part(keep: Any) -> Dots:
+    dots = dots_of()
+    return replace(
+        dots,
+        index=dots.index[keep],
+        panel_px=dots.panel_px[keep],
+        camera_px=dots.camera_px[keep],
+        sigma_px=dots.sigma_px[keep],
+    )
+
+
+def test_half_of_the_field_covered_is_refused() -> None:
+    for half in (dots_of().index[:, 0] < 8, dots_of().index[:, 1] >= 6):
+        with pytest.raises(CalibrationError, match="covers the field"):
+            fit_dots(part(half), FRAME)
+
+
+def test_dots_that_are_lost_here_and_there_do_not_matter() -> None:
+    kept = np.random.default_rng(2).random(len(dots_of().index)) > 0.25
+    assert np.percentile(error_px(fit_dots(part(kept), FRAME)), 95.0) < 0.06
+
+
+def test_a_picture_cut_to_the_other_panel_is_called_swapped() -> None:
+    small: PanelName = "mask"
+    other = DotGrid(small, (160, 128), 16, 3.0)
+    shown = ((dots_of().index + 1) * GRID.pitch_px <= (160, 128)).all(axis=-1)
+    with pytest.raises(CalibrationError, match="swapped"):
+        fit_dots(part(shown), FRAME, other=other)
+
+
+def test_a_panel_mostly_beyond_the_frame_is_refused() -> None:
+    way = small_way(scale=3.0, keystone=(0.0, 0.0))
+    bench = Bench(way, small_way("mask", scale=3.0))
+    dots = found_by(bench)
+    with pytest.raises(CalibrationError, match="camera's frame"):
+        fit_dots(dots, FRAME)
+
+
+def test_what_no_smooth_map_fits_is_refused() -> None:
+    dots = dots_of()
+    rng = np.random.default_rng(3)
+    shaken = replace(dots, camera_px=dots.camera_px + rng.normal(0.0, 1.5, dots.camera_px.shape))
+    with pytest.raises(CalibrationError, match="no smooth map"):
+        fit_dots(shaken, FRAME)
+    doubtful = replace(dots, camera_px=dots.camera_px + rng.normal(0.0, 0.25, (len(dots.index), 2)))
+    found = fit_dots(doubtful, FRAME)
+    told = {figure.name: figure.verdict for figure in figures(found, "projector")}
+    assert told["projector.fit_px"] == Verdict.DOUBTFUL
+
+
+def test_outliers_beyond_measure_are_refused() -> None:
+    found = fit_dots(dots_of(), FRAME)
+    inlier = found.inlier.copy()
+    inlier[: len(inlier) // 4] = False
+    with pytest.raises(CalibrationError, match="lie elsewhere"):
+        accepted(replace(found, inlier=inlier), "projector")
+
+
+FOUND = Map(size_px=(480, 320), homography=(1 / 400, 0, -0.1, 0, 1 / 300, -0.03, 0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("believed", "says"),
+    [
+        (FOUND.then(np.array([[-1, 0, 1], [0, 1, 0], [0, 0, 1]])), "mirrored"),
+        (FOUND.then(np.array([[-1, 0, 1], [0, -1, 1], [0, 0, 1]])), "upside down"),
+        (FOUND.then(np.array([[0, -1, 1], [1, 0, 0], [0, 0, 1]])), "quarter"),
+    ],
+)
+def test_a_panel_that_lies_another_way_than_believed_is_named(believed: Map, says: str) -> None:
+    with pytest.raises(CalibrationError, match=says) as caught:
+        check_believed(FOUND, believed, "mask")
+    assert "swapped" in str(caught.value)
+
+
+def test_a_panel_about_where_it_was_believed_is_fine() -> None:
+    turned = FOUND.then(np.array([[0.98, -0.17, 0.1], [0.17, 0.98, 0], [0, 0, 1]]))
+    turn, mirrored = turned_against(FOUND, turned)
+    assert not mirrored
+    assert abs(abs(turn) - 9.8) < 3.0
+    check_believed(
+        FOUND, FOUND.then(np.array([[0.9, 0.1, 0.1], [-0.1, 0.9, 0.0], [0, 0, 1]])), "mask"
+    )
+
+
+def test_a_panel_where_the_other_is_believed_is_called_swapped() -> None:
+    elsewhere = FOUND.then(np.array([[2.0, 0, 0.8], [0, 2.0, 0.5], [0, 0, 1]]))
+    nearly = FOUND.then(np.array([[1.02, 0, 0.01], [0, 1.02, 0], [0, 0, 1]]))
+    with pytest.raises(CalibrationError, match="swapped"):
+        check_believed(FOUND, elsewhere, "projector", other=nearly)
+    check_believed(FOUND, nearly, "projector", other=elsewhere)
+
+
+def test_the_believed_map_goes_by_the_field() -> None:
+    camera = Map.filling((480, 320)).then(
+        np.array([[0.8, 0.1, 0.05], [-0.1, 0.9, 0.1], [0.05, 0, 1]])
+    )
+    panel = Map.filling((256, 192)).flipped("horizontal")
+    straight = believed_map(camera, panel)
+    quads = np.array([[100.0, 80.0], [300.0, 200.0]])
+    there = panel.from_field(camera.to_field(quads)) / (256, 192)
+    np.testing.assert_allclose(straight.to_field(quads), there, atol=1e-9)
+
+
+def colours(shifts: tuple[float, float, float]) -> list[Fitted]:
+    quads = np.random.default_rng(1).uniform(0.0, 1.0, (600, 2)) * FRAME[::-1]
+    there = WAY.to_panel(quads)
+    inside = ((there > 0.0) & (there < (256, 192))).all(axis=-1)
+    found = []
+    for shift in shifts:
+        target = there[inside] - (shift, 0.0)
+        pairs = Pairs(quads[inside], target, np.full(target.shape, 0.01))
+        found.append(fit_map(pairs, FRAME[::-1], (256, 192), "projector"))
+    return found
+
+
+def test_colours_that_lie_apart_are_told() -> None:
+    apart, told = convergence(colours((0.7, 0.0, -0.2)), "projector")
+    wanted = np.broadcast_to([[0.7, 0.0], [-0.2, 0.0]], apart.shape)
+    np.testing.assert_allclose(apart, wanted, rtol=0.0, atol=0.02)
+    assert [figure.verdict for figure in told] == [Verdict.DOUBTFUL, Verdict.GOOD]
+    assert told[0].value == pytest.approx(0.7, abs=0.02)
+
+
+def test_what_both_panels_show_alike_is_the_cameras() -> None:
+    camera_only = colours((0.4, 0.0, -0.3))
+    apart, told = convergence(colours((0.7, 0.0, -0.2)), "projector", camera_only)
+    wanted = np.broadcast_to([[0.3, 0.0], [0.1, 0.0]], apart.shape)
+    np.testing.assert_allclose(apart, wanted, rtol=0.0, atol=0.03)
+    assert [figure.verdict for figure in told] == [Verdict.GOOD, Verdict.GOOD]
+
+
+def test_pixels_of_a_fine_panel_may_be_off_by_more() -> None:
+    found = fit_dots(dots_of(), FRAME)
+    by_name = {figure.name: figure for figure in figures(found, "mask", 2.5)}
+    plain = {figure.name: figure for figure in figures(found, "mask")}
+    assert (plain["mask.fit_px"].limit, by_name["mask.fit_px"].limit) == (
+        "at most 0.1 px",
+        "at most 0.25 px",
+    )
+    assert by_name["mask.inliers"].limit == plain["mask.inliers"].limit
+    # A coarse panel is held to the same as the projector.
+    assert figures(found, "mask", 0.5)[1].limit == plain["mask.fit_px"].limit

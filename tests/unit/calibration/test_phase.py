@@ -1,0 +1,174 @@
+"""Stripes and codes: what each quad sees, its error, and what is no answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.calibration.panel_map import fit_decoded
+from pdcd.calibration.phase import Decoded, PhaseCode, decode, decode_by_prior
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.shown import Shown
+from pdcd.calibration.xor import XorCode, decode_xor
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import WHITE
+from tests.unit.calibration.geometry_bench import Bench, Way
+
+Floats = NDArray[np.float64]
+
+FRAME = (200, 300)
+SIZE = (160, 120)
+WAY = Way(SIZE, FRAME, scale=1.5, turn_deg=2.0, keystone=(0.06, -0.02))
+CODE = PhaseCode("projector", SIZE)
+QUADS = np.stack(np.meshgrid(np.arange(300) + 0.5, np.arange(200) + 0.5), axis=-1)
+TRUE = WAY.to_panel(QUADS)
+MIDDLE = ((TRUE > 6.0) & (TRUE < np.array(SIZE) - 6.0)).all(axis=-1)
+
+
+def bench(**changes: Any) -> Bench:
+    mask = Way((100, 80), FRAME, scale=4.0, waves_px=0.0)
+    return replace(Bench(WAY, mask, samples=3), **changes)
+
+
+def photos(shown: tuple[Shown, ...], seed: int = 0, **changes: Any) -> Iterator[Photo]:
+    """One after the other, as they come from a disk."""
+    made = bench(**changes)
+    return (made.photo(one, 100 * seed + number) for number, one in enumerate(shown))
+
+
+def error(found: Decoded) -> Floats:
+    kept: Floats = (found.panel_px - TRUE)[found.valid]
+    return kept
+
+
+def test_sixteen_black_and_white_pictures_make_a_sine_of_one_run() -> None:
+    for axis in (0, 1):
+        for step in range(4):
+            sine = CODE.sine(axis, step)
+            assert sine.shape == (16, 120, 160)
+            # Lit from the first refresh on, or never; no pixel comes on again.
+            assert not (sine[1:] & ~sine[:-1]).any()
+            line = sine.mean(axis=0)[0] if axis == 0 else sine.mean(axis=0)[:, 0]
+            x = np.arange(SIZE[axis]) + 0.5
+            wanted = 0.5 + 0.5 * np.cos(2.0 * np.pi * (x / 16.0 - step / 4.0))
+            assert np.abs(line - wanted).max() <= 0.5 / 16.0 + 1e-12
+
+
+def test_neighbouring_half_periods_differ_in_one_bit() -> None:
+    for axis in (0, 1):
+        planes = np.stack([CODE.gray(axis, bit)[0] for bit in range(CODE.bits(axis))])
+        lines = planes[:, 0, :] if axis == 0 else planes[:, :, 0]
+        changes = (lines[:, 1:] != lines[:, :-1]).sum(axis=0)
+        assert changes.max() == 1
+        assert changes.sum() == 2 * SIZE[axis] // 16 - 1
+    assert PhaseCode("projector", (1024, 768)).bits(0) == 7
+
+
+def test_photos_are_as_many_as_counted_and_light_one_panel() -> None:
+    usual = PhaseCode("mask", (1024, 768))
+    shown = usual.shown(repeats=2)
+    assert len(shown) == 22
+    assert len({one.name for one in shown}) == 22
+    assert {one.refreshes for one in shown} == {32}
+    assert all((one.projector_index == WHITE).all() for one in shown)
+    assert len(usual.shown(numbered=False)) == 8
+
+
+def test_stripes_tell_each_quad_its_pixel() -> None:
+    found = decode(photos(CODE.shown()), CODE)
+    assert found.valid[MIDDLE].mean() > 0.99
+    left = np.hypot(*error(found).T)
+    assert np.percentile(left, 50.0) < 0.07
+    assert left.max() < 1.5
+    fitted = fit_decoded(found, SIZE, "projector")
+    assert np.percentile(np.hypot(*(fitted.to_target(QUADS[MIDDLE]) - TRUE[MIDDLE]).T), 95.0) < 0.05
+
+
+def test_errors_of_stripes_are_honest_in_dim_light() -> None:
+    found = decode(photos(CODE.shown(), electrons=300.0), CODE)
+    ratio = (found.panel_px - TRUE)[found.valid & MIDDLE] / found.sigma_px[found.valid & MIDDLE]
+    assert np.median(np.abs(ratio)) / 0.6745 == pytest.approx(1.0, abs=0.1)
+    assert found.valid[MIDDLE].mean() > 0.8
+
+
+def test_eight_photos_suffice_where_a_map_is_known() -> None:
+    short = CODE.shown(numbered=False)
+    assert len(short) == 8
+    found = decode_by_prior(photos(short), CODE, TRUE + np.array([5.0, -5.5]))
+    assert np.percentile(np.hypot(*error(found).T), 95.0) < 0.2
+    unknown = TRUE.copy()
+    unknown[:, :150] = np.nan
+    half = decode_by_prior(photos(short), CODE, unknown)
+    assert not half.valid[:, :146].any()
+    assert half.valid[:, 156:].any()
+
+
+def test_a_map_that_is_half_a_period_off_is_refused() -> None:
+    short = CODE.shown(numbered=False)
+    with pytest.raises(CalibrationError, match="beside its stored map"):
+        decode_by_prior(photos(short), CODE, TRUE + np.array([7.5, 0.0]))
+    with pytest.raises(CalibrationError, match="beyond the projector"):
+        decode_by_prior(photos(short), CODE, TRUE + np.array([16.0, 0.0]))
+
+
+def test_stripes_without_light_or_in_a_blur_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="of the photo only"):
+        decode(photos(CODE.shown(), electrons=1.0), CODE)
+    with pytest.raises(CalibrationError, match="of the photo only"):
+        decode(photos(CODE.shown(), blur_quads=12.0), CODE)
+
+
+def test_saturated_quads_are_left_out() -> None:
+    glint = np.full(FRAME, 0.5)
+    glint[90:110, 140:160] = 1.0
+    found = decode(photos(CODE.shown(), texture=glint, full_e=15_000.0), CODE)
+    assert not found.valid[95:105, 145:155].any()
+    assert found.valid[MIDDLE].mean() > 0.9
+    assert np.percentile(np.hypot(*error(found).T), 99.0) < 0.5
+
+
+def test_photos_in_another_order_are_noticed() -> None:
+    shown = CODE.shown()
+    wrong = shown[:4] + shown[8:4:-1] + shown[4:5] + shown[9:]
+    with pytest.raises(CalibrationError):
+        fit_decoded(decode(photos(wrong), CODE), SIZE, "projector")
+
+
+def test_codes_survive_light_that_comes_again_mirrored() -> None:
+    """A V-shaped groove: Gray codes are wrong nearly everywhere, XOR codes are not."""
+    groove: dict[str, Any] = {"groove": (0.6, 12.0), "blur_quads": 0.7, "electrons": 30_000.0}
+    gray = decode(photos(CODE.shown(), **groove), CODE)
+    assert np.mean(np.hypot(*error(gray).T) > 2.0) > 0.1
+    code = XorCode("projector", SIZE)
+    found = decode_xor(photos(code.shown(1), **groove), code)
+    assert found.valid[MIDDLE].mean() > 0.6
+    assert np.mean(np.hypot(*(found.panel_px - TRUE)[found.valid & MIDDLE].T) > 2.0) < 0.02
+
+
+@pytest.mark.parametrize("base_px", [2, 4])
+def test_pictures_of_xor_codes_have_no_wide_stripes(base_px: int) -> None:
+    code = XorCode("projector", (1024, 768), base_px=4 if base_px == 4 else 2)
+    assert len(code.shown(1)) == 40
+    for line in code.lines(0):
+        runs = np.diff(np.flatnonzero(np.diff(line.astype(np.int8)) != 0))
+        assert runs.max() <= 2 * base_px
+    small = XorCode("projector", SIZE, base_px=code.base_px)
+    found = decode_xor(photos(small.shown(1), blur_quads=0.4), small)
+    assert np.mean(np.abs(found.panel_px - TRUE)[found.valid & MIDDLE] > 1.0) < 0.02
+
+
+def test_a_covered_code_is_refused() -> None:
+    code = XorCode("projector", SIZE)
+    with pytest.raises(CalibrationError, match="of the photo only"):
+        decode_xor(photos(code.shown(1), electrons=1.0), code)
+
+
+def test_periods_are_whole() -> None:
+    for period_px, steps in ((15, 4), (2, 4), (16, 2)):
+        with pytest.raises(ValueError, match="period"):
+            PhaseCode("projector", SIZE, period_px, steps)

@@ -1,0 +1,271 @@
+"""Stripes on both panels, on a bench that nobody told the estimators about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.calibration.cell_size import Meeting
+from pdcd.calibration.correction import Correction, bent_to, corrected, fitted
+from pdcd.calibration.mask_blur import blur
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.registration import Offsets, Series, joined, measure, nearest, offsets
+from pdcd.calibration.stripes import FINE, RULER, Stripes, patterns
+from pdcd.errors import CalibrationError
+from pdcd.maps.map import Map
+from tests.unit.calibration.ruler_bench import RulerBench, misplaced
+
+Floats = NDArray[np.float64]
+
+SIZES = {"projector_px": (192, 144), "mask_px": (300, 225), "frame": (230, 172)}
+
+
+@dataclass
+class Session:
+    """A bench, and what is believed of it."""
+
+    bench: RulerBench
+    camera: Map
+    mask: Map
+    white: Photo = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.white = self.bench.white()
+
+    def one_series(self, kind: Stripes, mask: Map | None = None) -> Series:
+        bench = self.bench
+        photos = (bench.photo(each) for each in patterns(kind, bench.projector, mask or self.mask))
+        return measure(kind, photos, self.white, self.camera, bench.projector)
+
+    def series(self, kinds: Sequence[Stripes], mask: Map | None = None) -> tuple[Series, Series]:
+        right, down = (self.one_series(kind, mask) for kind in kinds)
+        return right, down
+
+    def offsets(
+        self, mask: Map
+    ) -> tuple[Offsets, Correction, tuple[Series, Series], tuple[Series, Series]]:
+        coarse, fine = self.series(RULER, mask), self.series(FINE, mask)
+        first = offsets(*coarse, self.camera, mask)
+        more = offsets(*fine, self.camera, mask, fitted(first, mask).at)
+        both = joined(first, more)
+        return both, fitted(both, mask), coarse, fine
+
+
+def session(seed: int, blur_px: tuple[float, float] = (0.5, 0.5), **more: float) -> Session:
+    bench = RulerBench(seed=seed, blur_px=blur_px, **SIZES, **more)  # type: ignore[arg-type]
+    size = bench.projector_px
+    return Session(
+        bench,
+        misplaced(bench.camera, size, seed + 5, 0.5),
+        misplaced(bench.mask, size, seed + 6, 2.0),
+    )
+
+
+@cache
+def some() -> Session:
+    return session(20)
+
+
+@cache
+def one() -> Session:
+    return session(10, (0.4, 0.7))
+
+
+@cache
+def measured() -> tuple[Offsets, Correction, tuple[Series, Series], tuple[Series, Series]]:
+    return one().offsets(one().mask)
+
+
+@cache
+def again() -> tuple[Map, Offsets, Correction]:
+    mask = corrected(one().mask, one().bench.projector, measured()[1])
+    return (mask, *one().offsets(mask)[:2])
+
+
+def lengths(bench: RulerBench, mask: Map) -> Floats:
+    return np.asarray(np.hypot(*bench.offset_px(mask, bench.seen_points()).T))
+
+
+def test_the_offset_is_found_and_taken_out() -> None:
+    bench, (found, _, _, _) = one().bench, measured()
+    assert np.median(lengths(bench, one().mask)) > 0.5
+    wrong = found.offset_px - bench.offset_px(one().mask, found.points_px)
+    assert np.quantile(np.abs(wrong), 0.95) < 0.06
+    mask, second, correction = again()
+    assert second.e95_px < 0.08
+    left = lengths(bench, corrected(mask, bench.projector, correction))
+    assert np.quantile(left, 0.95) < 0.06
+    assert np.median(left) < 0.015
+
+
+def test_errors_are_as_large_as_said() -> None:
+    mask, _, correction = again()
+    points = one().bench.seen_points()
+    wrong = correction.at(points) - one().bench.offset_px(mask, points)
+    ratio = wrong / correction.sigma_at(points)
+    assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.6
+
+
+def test_blur_is_found_on_either_axis() -> None:
+    _, _, coarse, fine = measured()
+    found = blur(coarse, fine, one().camera, one().bench.projector, one().mask)
+    np.testing.assert_allclose(found.blur_px, (0.4, 0.7), rtol=0.05)
+    assert (np.abs(found.blur_px - (0.4, 0.7)) < 5.0 * found.sigma_px).all()
+    assert found.both_px == pytest.approx(0.570, rel=0.05)
+    assert 0.0 < found.both_sigma_px < 0.03
+    assert found.worst_px == pytest.approx(0.7, rel=0.15)
+    # And so the smallest cell is known.
+    assert Meeting(again()[1].e95_px, found.both_px).guard_px < 2.0
+
+
+def test_slow_panels_move_no_stripes() -> None:
+    fast, slow = deepcopy(some()), deepcopy(some())
+    slow.bench.taus_s = (4e-3, 9e-3)
+    slow.white = slow.bench.white()
+    found = [each.one_series(RULER[0]) for each in (fast, slow)]
+    assert np.abs(np.mean(found[0].offset_px - found[1].offset_px)) < 0.01
+
+
+def test_texture_and_smooth_light_drop_out() -> None:
+    plain, rough = deepcopy(some()), deepcopy(some())
+    texture = np.random.default_rng(1).random(rough.bench.albedo.shape)
+    rough.bench.albedo = np.asarray(0.4 + 0.6 * texture)
+    rough.bench.ambient = 0.5
+    rough.white = rough.bench.white()
+    found = [each.one_series(RULER[0]) for each in (plain, rough)]
+    same = nearest(found[0].quads, found[1].quads)
+    apart = found[0].offset_px - found[1].offset_px[same]
+    assert np.median(np.abs(apart)) < 0.01
+    # Light of the room makes stripes shallower, all of them alike.
+    assert np.median(found[1].modulation) < 0.8 * np.median(found[0].modulation)
+
+
+def test_a_correction_is_a_map_like_any_other() -> None:
+    mask, bench = one().mask, one().bench
+    correction = measured()[1]
+    better = corrected(mask, bench.projector, correction)
+    points = bench.seen_points()
+    moved = bench.offset_px(mask, points) - bench.offset_px(better, points)
+    np.testing.assert_allclose(moved, correction.at(points), atol=2e-3)
+    same = bent_to(mask, mask.to_field, (7, 9), "mask")  # half the way between 4 x 5 nodes
+    np.testing.assert_allclose(same.to_field(points), mask.to_field(points), atol=1e-5)
+
+
+def cap(it: Session) -> None:
+    it.bench.electrons = 0.1
+    it.white = it.bench.white()
+
+
+def saturated(it: Session) -> None:
+    full = it.white.light[..., 1] > 0.9 * it.white.light.max()
+    it.white = replace(it.white, saturated=full)
+
+
+def out_of_focus(it: Session) -> None:
+    it.bench.blur_px = (9.0, 9.0)
+
+
+def mirrored(it: Session) -> None:
+    it.mask = it.mask.flipped("horizontal")
+
+
+def upside_down(it: Session) -> None:
+    it.mask = it.mask.turned(2)
+
+
+def half_covered(it: Session) -> None:
+    it.bench.albedo[:, : it.bench.frame[0] // 2] = 0.02
+    it.white = it.bench.white()
+
+
+def too_far(it: Session) -> None:
+    wrong = np.eye(3)
+    wrong[0, 2] = 7.4 / it.bench.projector_px[0]
+    it.mask = it.bench.mask.then(wrong)
+
+
+def turned(it: Session) -> None:
+    angle = np.radians(12.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.2], [np.sin(angle), np.cos(angle), -0.1],
+                     [0.0, 0.0, 1.0]])  # fmt: skip
+    it.mask = it.bench.mask.then(turn)
+
+
+def mask_open(it: Session) -> None:
+    it.bench.leak = 1.0
+    it.white = it.bench.white()
+
+
+def mask_closed(it: Session) -> None:
+    white = it.white
+    it.bench.electrons *= 1e-3
+    it.white = white
+
+
+def white_is_not_white(it: Session) -> None:
+    it.white = Photo(it.white.light * 0.2, it.white.variance)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (cap, "there is no light"),
+        (saturated, "saturated"),
+        (out_of_focus, "do not modulate"),
+        (mirrored, "mirrored or upside down"),
+        (upside_down, "mirrored or upside down"),
+        (half_covered, "of the field only"),
+        (too_far, "px or more apart"),
+        (turned, "not where the maps have them|px or more apart"),
+        (mask_open, "shows no stripes|times the light"),
+        (mask_closed, "are black"),
+        (white_is_not_white, "times the light"),
+    ],
+)
+def test_what_is_wrong_is_named(spoil: Callable[[Session], None], said: str) -> None:
+    it = deepcopy(some())
+    spoil(it)
+    with pytest.raises(CalibrationError, match=said) as failed:
+        offsets(*it.series(RULER), it.camera, it.mask)
+    assert failed.value.hint
+
+
+def test_the_next_stripe_is_not_taken_for_the_right_one() -> None:
+    it = deepcopy(some())
+    wrong = np.eye(3)
+    wrong[0, 2] = 16.0 / it.bench.projector_px[0]
+    it.mask = it.bench.mask.then(wrong)
+    first = offsets(*it.series(RULER), it.camera, it.mask)
+    assert first.e95_px < 1.0  # 16 px stripes see nothing of it
+    with pytest.raises(CalibrationError, match="neighbours"):
+        offsets(*it.series(FINE), it.camera, it.mask, fitted(first, it.mask).at)
+
+
+@pytest.mark.parametrize("from_step", [3, 5])
+@pytest.mark.parametrize("what", ["mask", "lamp"])
+def test_a_bench_that_changes_amid_the_series_is_noticed(what: str, from_step: int) -> None:
+    it = deepcopy(some())
+    photos = []
+    for step, shown in enumerate(patterns(RULER[0], it.bench.projector, it.mask)):
+        if what == "mask" and step == from_step:
+            moved = np.eye(3)
+            moved[0, 2] = 0.5 / it.bench.projector_px[0]
+            it.bench.mask = it.bench.mask.then(moved)
+            it.bench.look()
+        lamp = 0.9 if what == "lamp" and step >= from_step else 1.0
+        photos.append(it.bench.photo(shown, lamp=lamp))
+    with pytest.raises(CalibrationError, match="moved during the series"):
+        measure(RULER[0], photos, it.white, it.camera, it.bench.projector)
+
+
+def test_too_few_offsets_make_no_correction() -> None:
+    points = np.array([[10.0, 10.0], [20.0, 20.0]])
+    few = Offsets(points, np.zeros((2, 2)), np.full((2, 2), 0.01))
+    with pytest.raises(CalibrationError, match="too few"):
+        fitted(few, one().mask)

@@ -1,0 +1,258 @@
+"""When a shutter opened and closed, out of photos of a running bar."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.calibration.bars import CellLight, bar_photo, read_bar, with_bar
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.programmes import strip_photo, strips_on
+from pdcd.calibration.shown import Shown, still
+from pdcd.calibration.shutter import Opened, bar_cells, fit_shutter, lag_of
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import WHITE, FrameLog
+from pdcd.maps.map import Map
+
+T = 1.0 / 60.0
+TAUS = (0.0015, 0.003)
+SIZE = (256, 192)
+PROJECTOR, MASK, CAMERA = Map.filling(SIZE), Map.filling((320, 240)), Map.filling((128, 96))
+START_S = 5.0
+STEP_S = 2e-5
+
+
+def log(count: int) -> FrameLog:
+    at = np.round((START_S + np.arange(count + 1) * T) * 1e9).astype(np.int64)
+    rows = np.arange(count, dtype=np.int32)
+    none = np.zeros(count, np.int32)
+    return FrameLog(rows, rows, at[:-1], at[:-1], np.array([at[-1]] * 2), none, "test", True)
+
+
+@dataclass
+class Camera:
+    """A card under a bar, the light summed up in small steps between two times of each row.
+
+    travel_s : by how much later the last row of the frame opens, and closes.
+    """
+
+    opened_s: float
+    closed_s: float
+    travel_s: tuple[float, float] = (0.0, 0.0)
+    electrons: float = 20000.0
+    stray: float = 0.0
+    flat: float = 5e-4
+    seed: int = 1
+
+    def photo(self, shown: Shown) -> Photo:
+        """Camera pixels are two by two of the projector: no maps are needed."""
+        lit = self._asked(shown)  # (refreshes, rows, columns) of projector pixels, every second
+        per = round(T / STEP_S)
+        decay = [np.exp(-T / per / tau) for tau in TAUS]
+        columns, where = np.unique(lit.reshape(len(lit), -1), axis=1, return_inverse=True)
+        state, light = np.zeros(columns.shape[1]), []
+        for asked in columns:
+            up = asked > state
+            fade = np.where(up, decay[0], decay[1])
+            steps = fade[:, None] ** np.arange(per)
+            light.append(asked[:, None] + (state - asked)[:, None] * steps)
+            state = asked + (state - asked) * fade**per
+        given = np.concatenate(
+            [np.zeros((columns.shape[1], 1)), np.cumsum(np.concatenate(light, 1), 1)], 1
+        )
+        given *= T / per
+        at = np.arange(given.shape[1]) * T / per + START_S
+        pixel = where.reshape(lit.shape[1:])
+        out = np.empty(pixel.shape)
+        between = np.array([self.opened_s, self.closed_s])
+        parts = np.linspace(0.0, 1.0, len(out)) if any(self.travel_s) else np.zeros(1)
+        for y, part in enumerate(parts):
+            edges = between + np.array(self.travel_s) * part
+            both = np.array([np.interp(edges, at, g) for g in given])
+            rows = slice(y, y + 1) if parts.size > 1 else slice(None)
+            out[rows] = (both[:, 1] - both[:, 0])[pixel[rows]]
+        return self.taken(out)
+
+    def white(self, seconds: float = 0.4) -> Photo:
+        return replace(self, seed=self.seed + 1000).taken(np.full(CAMERA.size_px[::-1], seconds))
+
+    def taken(self, seconds: NDArray[np.float64]) -> Photo:
+        rng = np.random.default_rng(self.seed)
+        patches = 1.0 + self.flat * rng.standard_normal((1, 32)).repeat(4, axis=1)
+        light = self.electrons * (seconds * patches + self.stray)[..., None] * np.ones(3)
+        variance = (light + 17.0**2) / np.array([1.0, 2.0, 1.0])
+        noisy = light + np.sqrt(variance) * rng.standard_normal(light.shape)
+        return Photo(noisy, variance, (noisy > 16000.0).any(axis=-1))
+
+    def _asked(self, shown: Shown) -> NDArray[np.float64]:
+        height, width = SIZE[1], SIZE[0]
+        pictures = np.concatenate([
+            shown.projector.reshape(-1, height, width),
+            np.ones((1, height, width), np.bool_), np.zeros((1, height, width), np.bool_),
+        ])  # fmt: skip
+        return pictures[shown.projector_index][:, ::2, ::2].astype(np.float64)
+
+
+BAR = bar_photo("bar", PROJECTOR, 90)
+
+
+def fitted(camera: Camera, shown: Shown = BAR, *, bands: int = 1, border: float = 1.0) -> Opened:
+    light = read_bar(camera.photo(shown), camera.white(), CAMERA, bands=bands, border=border)
+    return fit_shutter(light, log(shown.refreshes), (5.2, 5.7), TAUS)
+
+
+def test_opening_and_closing_are_found() -> None:
+    camera = Camera(5.26187, 5.68321, stray=0.001)
+    got = fitted(camera)
+    assert got.opened_s == pytest.approx(camera.opened_s, abs=0.15e-3)
+    assert got.closed_s == pytest.approx(camera.closed_s, abs=0.15e-3)
+    assert got.opened_sigma_s < 0.15e-3
+    assert got.exposure_s == pytest.approx(0.42134, abs=0.3e-3)
+
+
+def test_sigmas_are_honest() -> None:
+    rows = []
+    rng = np.random.default_rng(5)
+    base = Camera(5.3, 5.7)
+    for seed in range(8):
+        opened, closed = 5.3 + rng.uniform(0, T), 5.7 + rng.uniform(0, T)
+        camera = replace(base, opened_s=opened, closed_s=closed, seed=seed, electrons=4000.0)
+        got = fitted(camera)
+        rows += [
+            (got.opened_s - opened) / got.opened_sigma_s,
+            (got.closed_s - closed) / got.closed_sigma_s,
+        ]
+    assert 0.5 < np.sqrt(np.mean(np.square(rows))) < 1.6
+
+
+def test_a_wrong_time_constant_is_in_the_sigma() -> None:
+    """A tenth more than they are, and known to a tenth."""
+    camera = Camera(5.26, 5.695)
+    light = read_bar(camera.photo(BAR), camera.white(), CAMERA)
+    slower = (1.1 * TAUS[0], 1.1 * TAUS[1])
+    got = fit_shutter(light, log(90), (5.2, 5.8), slower, tau_sigma=0.1)
+    sure = fit_shutter(light, log(90), (5.2, 5.8), slower)
+    assert abs(got.opened_s - camera.opened_s) < 3.0 * got.opened_sigma_s
+    assert got.closed_sigma_s > 2.0 * sure.closed_sigma_s
+
+
+def test_blades_that_take_their_time() -> None:
+    camera = Camera(5.2601, 5.6903, travel_s=(0.0027, 0.0031))
+    got = fitted(camera, bands=6)
+    assert got.travel_s == pytest.approx(camera.travel_s, abs=0.3e-3)
+    assert got.opened_s == pytest.approx(camera.opened_s + 0.00135, abs=0.15e-3)
+    assert fitted(camera).travel_s == (0.0, 0.0)
+
+
+def test_lag_and_jitter_of_several_exposures() -> None:
+    rng = np.random.default_rng(4)
+    late = rng.normal(0.0117, 0.0008, 200)
+    commanded = np.arange(200.0)
+    measured = commanded + late + rng.normal(0.0, 0.0002, 200)
+    got = lag_of(measured.tolist(), commanded.tolist(), [0.0002] * 200)
+    assert got.lag_s == pytest.approx(0.0117, abs=3.0 * got.sigma_s)
+    assert got.jitter_s == pytest.approx(0.0008, rel=0.15)
+    assert lag_of([0.01, 1.01], [0.0, 1.0], [1e-4, 1e-4]).jitter_s == 0.0
+    with pytest.raises(ValueError, match="two"):
+        lag_of([0.01], [0.0], [1e-4])
+
+
+def test_the_bar_runs_in_the_border_of_another_photo() -> None:
+    """Before and after it, too; the photo itself is as it was below the border."""
+    strips = strips_on(PROJECTOR)
+    photo = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=1)
+    both = with_bar(photo, PROJECTOR, MASK, lead=30, trail=40, border=0.25)
+    assert both.refreshes == 76
+    top = SIZE[1] // 4
+    for j in range(both.refreshes):
+        picture, opened = both.projector[both.projector_index[j]], both.mask[both.mask_index[j]]
+        cell = np.zeros(SIZE[0], bool)
+        cell[8 * (j % 32) : 8 * (j % 32) + 8] = True
+        np.testing.assert_array_equal(picture[:top], np.tile(cell, (top, 1)))
+        assert opened[:60].all()
+        inside = 30 <= j < 36
+        want = photo.projector[photo.projector_index[j - 30]][top:] if inside else False
+        np.testing.assert_array_equal(picture[top:], np.broadcast_to(want, picture[top:].shape))
+        want = photo.mask[photo.mask_index[j - 30]][60:] if inside else False
+        np.testing.assert_array_equal(opened[60:], np.broadcast_to(want, opened[60:].shape))
+    camera = Camera(5.26187, 5.68321)
+    got = fitted(camera, both, border=0.25)
+    assert got.opened_s == pytest.approx(camera.opened_s, abs=0.3e-3)
+    assert got.closed_s == pytest.approx(camera.closed_s, abs=0.3e-3)
+
+
+def test_too_many_pictures_are_refused() -> None:
+    patterns = np.zeros((40, 4, 8), np.bool_)
+    index = np.arange(40, dtype=np.int32)
+    photo = Shown("many", patterns, patterns, index, index)
+    giant = Map.filling((30000, 2000))
+    with pytest.raises(ValueError, match="many: 50 patterns"):
+        with_bar(photo, giant, giant, lead=5, trail=5)
+
+
+def _dark(camera: Camera) -> None:
+    camera.electrons = 0.01
+
+
+def _bright(camera: Camera) -> None:
+    camera.electrons = 1e6
+
+
+def _stuck(camera: Camera) -> None:
+    camera.stray, camera.electrons = 20.0, 500.0
+
+
+def _early(camera: Camera) -> None:
+    camera.opened_s = 4.98
+
+
+def _bounces(camera: Camera) -> None:
+    camera.flat = 0.2
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (_dark, "dark where the bar runs"),
+        (_bright, "saturated"),
+        (_stuck, "all cells are equally bright"),
+        (_early, "opened while the bar did not run"),
+        (_bounces, "no opening and closing explain"),
+    ],
+)
+def test_bad_photos_end_in_a_named_cause(spoil: Callable[[Camera], None], told: str) -> None:
+    camera = Camera(5.26, 5.69)
+    spoil(camera)
+    with pytest.raises(CalibrationError, match=told) as caught:
+        light = read_bar(camera.photo(BAR), camera.white(), CAMERA)
+        fit_shutter(light, log(90), (5.05, 5.7), TAUS)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize("refreshes", [31.2, 32.0, 33.5])
+def test_an_exposure_of_whole_cycles_is_refused(refreshes: float) -> None:
+    """It opens and closes in the same cells; there are better numbers of them."""
+    camera = Camera(5.2631, 5.2631 + refreshes * T)
+    with pytest.raises(CalibrationError, match=r"cycles of the bar|equally bright"):
+        fitted(camera)
+    cells = bar_cells(refreshes * T, T)
+    assert abs(refreshes - round(refreshes / cells) * cells) > 7.0
+
+
+def test_a_card_that_covers_half_the_field_is_refused() -> None:
+    camera = Camera(5.26, 5.69)
+    half = Map.filling((128, 96)).then(np.diag([0.5, 1.0, 1.0]))
+    with pytest.raises(CalibrationError, match="cells of the bar are not seen"):
+        read_bar(camera.photo(BAR), camera.white(), half)
+
+
+def test_an_always_white_projector_has_no_bar() -> None:
+    shown = replace(still("white", 90, WHITE, WHITE), projector=BAR.projector)
+    camera = Camera(5.26, 5.84, electrons=5000.0)
+    light: CellLight = read_bar(camera.photo(shown), camera.white(), CAMERA)
+    with pytest.raises(CalibrationError, match="equally bright"):
+        fit_shutter(light, log(90), (5.2, 5.7), TAUS)

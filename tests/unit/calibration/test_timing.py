@@ -1,0 +1,330 @@
+"""Lag, rise and fall out of photos of strips, on a bench that is followed step by step in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.programmes import ALL, COARSE, Strips, strip_photo, strips_on, whole_photos
+from pdcd.calibration.pulses import Answer, kept_apart
+from pdcd.calibration.shown import Shown
+from pdcd.calibration.strips import Readings, read_strips, read_whole
+from pdcd.calibration.timing import Timing, coarse_delay, fit_timing
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import WHITE
+from pdcd.frames.schedule import SLOTS
+from pdcd.maps.map import Map, matrix
+from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel, prepare
+
+PROJECTOR = Map.filling((256, 192))
+MASK = Map.filling((320, 240))
+CAMERA = Map.filling((192, 128))
+PERIODS = 6
+PROJECTOR_S, MASK_S = (0.002, 0.003), (0.004, 0.008)
+
+
+def turned(size: tuple[int, int], degrees: float, keystone: float) -> Map:
+    """A map that fills the field and more, turned and keystoned."""
+    width, height = size
+    angle = np.radians(degrees)
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    to_unit = np.array(
+        [[1.1 / width, 0, -0.55], [0, 1.1 / height, -0.55], [0, keystone / height, 1]]
+    )
+    back = np.array([[1.0, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    return Map(size_px=size, homography=matrix(back @ turn @ to_unit))
+
+
+def bench(**more: object) -> Bench:
+    given: dict[str, object] = {
+        "projector_map": PROJECTOR,
+        "mask_map": MASK,
+        "camera": CAMERA,
+        "projector": TruePanel(*PROJECTOR_S, leak=0.0005),
+        "mask": TruePanel(*MASK_S, leak=0.002),
+        "skew_s": 0.004,
+    }
+    return Bench(**{**given, **more})  # type: ignore[arg-type]
+
+
+def photos(on: Bench, strips: Strips, seed: int = 0, periods: int = PERIODS) -> tuple[Photo, Photo]:
+    pair = (
+        strip_photo("strips", strips, PROJECTOR, MASK, white=white, periods=periods)
+        for white in (False, True)
+    )
+    first, second = (on.photo(shown, 2 * seed + k) for k, shown in enumerate(pair))
+    return first, second
+
+
+def read(on: Bench, strips: Strips, *, bands: int = 3, seed: int = 0) -> Readings:
+    return read_strips(*photos(on, strips, seed), CAMERA, strips, bands=bands)
+
+
+def found(on: Bench, *, bands: int = 3, seed: int = 0) -> Timing:
+    strips = strips_on(PROJECTOR)
+    shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+    return fit_timing([read(on, strips, bands=bands, seed=seed)], [on.log(shown)], REFRESH_S)
+
+
+def leaks(on: Bench, lag_s: float) -> dict[str, float]:
+    light, opening = (Answer(p.rise_s, p.fall_s, p.tail, p.slower) for p in (on.projector, on.mask))
+    return {name: kept_apart(name, light, opening, lag_s, REFRESH_S).leak for name in SLOTS}
+
+
+def test_lag_rise_and_fall_are_found() -> None:
+    on = bench(scan_s=0.0011, apart_s=0.0013, slip_s=0.0002, ambient=0.003, stray=0.004)
+    timing = found(on)
+    lag = on.skew_s + on.scan_s * timing.bands
+    np.testing.assert_allclose(timing.lag_s, lag, rtol=0, atol=0.15e-3)
+    np.testing.assert_allclose(timing.taus_s, (*PROJECTOR_S, *MASK_S), rtol=0.06)
+    assert timing.line_s == pytest.approx((on.skew_s, on.scan_s), abs=2e-4)
+    assert timing.chi2 < 2.0
+    assert timing.tail is None
+    assert timing.delay_refreshes == 0
+    for band, late in zip(timing.lag_s, lag, strict=True):
+        want = leaks(on, float(late) + 0.0014)  # of the log: apart, and half the slip
+        for name in SLOTS:
+            kept = timing.kept(name, timing.apart_s + float(band))
+            # A schedule that cannot bear this lag leaks more than it shows, and steeply so.
+            near = 2e-3 if want[name] < 0.5 else 1e-2
+            assert kept.leak == pytest.approx(want[name], abs=near)
+    assert {figure.verdict for figure in timing.figures()} == {Verdict.GOOD}
+
+
+def test_panels_that_scan_against_each_other() -> None:
+    on = bench(skew_s=0.0155, scan_s=-0.0317)
+    timing = found(on, bands=8)
+    lag = on.skew_s + on.scan_s * timing.bands
+    np.testing.assert_allclose(timing.lag_s, lag, rtol=0, atol=0.15e-3)
+    np.testing.assert_allclose(timing.taus_s, (*PROJECTOR_S, *MASK_S), rtol=0.06)
+    assert timing.panel_words(MASK) == pytest.approx((-0.0162 + 0.0000, -0.0317), abs=3e-4)
+    skew_s, scan_s = timing.panel_words(MASK.turned(2))  # the same mask, counted from below
+    assert (skew_s, scan_s) == pytest.approx((-0.0162, 0.0317), abs=3e-4)
+
+
+@pytest.mark.parametrize(("lag", "delay"), [(2.2, -2), (-1.6, 2)])
+def test_whole_refreshes_are_told(lag: float, delay: int) -> None:
+    timing = found(bench(skew_s=lag * REFRESH_S), bands=1)
+    assert timing.delay_refreshes == delay
+    assert timing.lag_s[0] == pytest.approx(lag * REFRESH_S, abs=0.15e-3)
+    assert max(f.verdict for f in timing.figures()) is Verdict.DOUBTFUL
+
+
+@pytest.mark.parametrize("lag", [0.3, 7.2, -10.7])
+def test_a_mask_that_is_many_refreshes_late(lag: float) -> None:
+    on = bench(skew_s=lag * REFRESH_S)
+    strips = strips_on(PROJECTOR, programmes=COARSE)
+    reading = read_strips(*photos(on, strips, periods=2), CAMERA, strips, bands=2)
+    assert abs(coarse_delay(reading) + lag) < 0.8  # the rest is found by the finer strips
+
+
+def test_two_photos_with_strips_in_another_order_agree() -> None:
+    on, both, ran = bench(), [], []
+    for number in (0, 1):
+        strips = strips_on(PROJECTOR, number)
+        both.append(read(on, strips, seed=number))
+        shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+        ran.append(on.log(shown))
+    assert both[0].projector != both[1].projector
+    timing = fit_timing(both, ran, REFRESH_S)
+    np.testing.assert_allclose(timing.lag_s, on.skew_s, rtol=0, atol=0.1e-3)
+    assert timing.scale.shape == (2, 3)
+
+
+def test_programmes_on_the_whole_field() -> None:
+    """On a scene: albedo, and light that has gone from wall to wall; the lamp drifts meanwhile."""
+    on = bench(scan_s=0.001)
+    shown = [_shorter(photo) for photo in whole_photos(ALL)]
+    for panel, side in ((on.projector, "projector_index"), (on.mask, "mask_index")):
+        prepare(panel, [tuple((getattr(p, side) == WHITE).astype(float)) for p in shown])
+    albedo = np.random.default_rng(3).uniform(0.1, 0.9, (128, 192, 1))
+    pulses: list[Photo] = []
+    whites: list[Photo] = []
+    for number, photo in enumerate(shown):
+        on.lamp = 1.0 + 0.001 * number
+        taken = on.photo(photo, number)
+        light = albedo * taken.light + 0.2 * taken.light.mean(axis=1, keepdims=True)
+        (whites if photo.name.startswith("white") else pulses).append(
+            Photo(light, taken.variance, taken.saturated)
+        )
+    reading = read_whole(pulses, whites, CAMERA, ALL, bands=2)
+    ran = on.log(shown[1])
+    timing = fit_timing([reading], [ran], REFRESH_S)
+    np.testing.assert_allclose(timing.lag_s, 0.004 + 0.001 * timing.bands, rtol=0, atol=0.15e-3)
+    np.testing.assert_allclose(timing.taus_s, (*PROJECTOR_S, *MASK_S), rtol=0.06)
+
+
+def _shorter(photo: Shown) -> Shown:
+    count = 6 * PERIODS
+    return replace(
+        photo,
+        projector_index=photo.projector_index[:count],
+        mask_index=photo.mask_index[:count],
+    )
+
+
+def test_an_answer_of_two_times_is_told_and_its_leak_is_right() -> None:
+    on = bench(mask=TruePanel(*MASK_S, leak=0.002, tail=0.07, slower=4.0))
+    timing = found(on, bands=2)
+    assert timing.tail is not None
+    assert timing.tail.mask
+    assert timing.tail.share == pytest.approx(0.07, abs=0.02)
+    want = leaks(on, on.skew_s)
+    for name in ("both", "lag", "full"):
+        assert timing.leak(name) == pytest.approx(want[name], abs=2e-3)
+    assert max(f.verdict for f in timing.figures()) is Verdict.DOUBTFUL
+
+
+def test_a_rise_in_two_stages_foretells_its_leak() -> None:
+    """The time constants are then no more than a way of saying it."""
+    on = bench(mask=TruePanel(0.004, 0.006, leak=0.002, stages=2))
+    try:
+        timing = found(on, bands=1)
+    except CalibrationError as err:
+        assert "no rise, fall and lag" in err.message
+        return
+    assert timing.chi2 < 2.0
+
+
+def test_the_sigma_of_readings_is_that_of_noise() -> None:
+    strips = strips_on(PROJECTOR)
+    clean = read(bench(flat=0.0, electrons=1e12), strips)
+    noisy = read(bench(flat=0.0), strips)
+    off = (noisy.value - clean.value) / noisy.sigma
+    assert 0.8 < np.sqrt(np.mean(off**2)) < 1.2
+
+
+def test_sigmas_of_lag_and_times_are_honest() -> None:
+    """Of a flat field that is off by as much in all bands of a strip, and of noise."""
+    on, strips = bench(scan_s=0.001, flat=0.0, electrons=1e12), strips_on(PROJECTOR)
+    clean = read(on, strips, bands=2)
+    shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+    want = np.array([*(on.skew_s + on.scan_s * clean.bands), *PROJECTOR_S, *MASK_S])
+    rows, slopes = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        noise = 2e-4 * np.sqrt(clean.value)
+        value = clean.value * (1.0 + 5e-4 * rng.standard_normal(24))
+        value = value + noise * rng.standard_normal(value.shape)
+        timing = fit_timing([replace(clean, value=value, sigma=noise)], [on.log(shown)], REFRESH_S)
+        got = np.concatenate([timing.lag_s, timing.taus_s])
+        rows.append((got - want) / np.concatenate([timing.lag_sigma_s, timing.taus_sigma_s]))
+        slope_sigma = float(np.sqrt(timing.line_covariance[1, 1]))
+        slopes.append((timing.line_s[1] - on.scan_s) / slope_sigma)
+    assert 0.5 < np.sqrt(np.mean(np.square(rows))) < 1.6
+    # What is allowed for panels that are not quite exponential makes slopes look less sure.
+    assert 0.2 < np.sqrt(np.mean(np.square(slopes))) < 1.6
+
+
+def _dark(on: Bench) -> None:
+    on.electrons = 0.05
+
+
+def _half(on: Bench) -> None:
+    on.covered = 0.5
+
+
+def _room_light(on: Bench) -> None:
+    on.stray = 0.4
+
+
+def _ambient_on_the_mask(on: Bench) -> None:
+    on.stray, on.blur = 0.15, 0.7
+
+
+def _saturated(on: Bench) -> None:
+    on.full = 9000.0
+
+
+def _blurred(on: Bench) -> None:
+    on.blur = 8.0
+
+
+MIRROR = [[-1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+def _mirrored_mask(on: Bench) -> None:
+    on.mask_map = MASK.then(MIRROR)
+
+
+def _mirrored_both(on: Bench) -> None:
+    on.mask_map, on.projector_map = MASK.then(MIRROR), PROJECTOR.then(MIRROR)
+
+
+def _mask_that_stays_open(on: Bench) -> None:
+    on.mask_stays_open = True
+
+
+def _slow_mask(on: Bench) -> None:
+    on.mask = TruePanel(0.1, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (_dark, "dark"),
+        (_half, "have no light in the white photo"),
+        (_room_light, "black strips have"),
+        (_ambient_on_the_mask, "black strips have"),
+        (_saturated, "saturated"),
+        (_blurred, "gaps between the strips"),
+        (_mirrored_mask, "the mask's picture is mirrored"),
+        (_mirrored_both, "both panels' pictures are mirrored"),
+        (_mask_that_stays_open, "no strip pulses"),
+        (_slow_mask, "mask.rise_s is 60 ms or more"),
+    ],
+    ids=lambda v: v.__name__ if callable(v) else "",
+)
+def test_bad_photos_end_in_a_named_cause(spoil: Callable[[Bench], None], told: str) -> None:
+    on = bench()
+    spoil(on)
+    with pytest.raises(CalibrationError, match=told) as caught:
+        found(on, bands=2)
+    assert caught.value.hint
+
+
+def test_a_lamp_that_changes_its_light_amid_the_strips_is_refused() -> None:
+    """An eco mode, or an iris: strips that lie side by side differ by what no time explains."""
+    on, strips = bench(flat=0.05), strips_on(PROJECTOR)
+    shown = strip_photo("strips", strips, PROJECTOR, MASK, white=False, periods=PERIODS)
+    with pytest.raises(CalibrationError, match="no rise, fall and lag explain") as caught:
+        fit_timing([read(on, strips)], [on.log(shown)], REFRESH_S)
+    assert caught.value.hint
+
+
+def test_a_projector_with_too_few_pixels_has_no_strips() -> None:
+    with pytest.raises(CalibrationError, match="px wide"):
+        strips_on(Map.filling((100, 80)))
+
+
+def test_strips_of_both_panels_lie_on_each_other_wherever_the_panels_are() -> None:
+    projector, mask = turned((256, 192), 2.0, 0.05), turned((320, 240), 183.0, -0.08)
+    strips = strips_on(projector)
+    shown = strip_photo("strips", strips, projector, mask, white=False)
+    white = strip_photo("white", strips, projector, mask, white=True)
+    assert shown.refreshes == white.refreshes == 180
+    rng = np.random.default_rng(2)
+    field = rng.uniform(0.01, 0.99, (4000, 2))
+    for map_, patterns, full, side in (
+        (projector, shown.projector, white.projector, 0),
+        (mask, shown.mask, white.mask, 1),
+    ):
+        pixel = np.floor(map_.from_field(field)).astype(int)
+        inner = np.abs(field[:, 0] * 24 % 1.0 - 0.5) < 0.15
+        strip = (field[:, 0] * 24).astype(int)
+        for at in range(6):
+            on = np.array([programme.on[side][at] for programme in strips.programmes])
+            np.testing.assert_array_equal(
+                patterns[at][pixel[:, 1], pixel[:, 0]][inner], on[strip][inner]
+            )
+        assert full[0][pixel[:, 1], pixel[:, 0]][inner].all()
+    edge = np.abs(field[:, 0] * 24 - np.rint(field[:, 0] * 24)) < 0.05
+    pixel = np.floor(mask.from_field(field[edge])).astype(int)
+    assert not white.mask[0][pixel[:, 1], pixel[:, 0]].any()
