@@ -22,7 +22,6 @@ from pdcd.bench.calibration import (
 )
 from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.tables import Config
-from pdcd.calibration.body import profile_text
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.shown import frames_of
@@ -200,6 +199,8 @@ class Study:
                 value=value, sigma=found.sigma, step=step, made_utc=self.now_utc
             )
         if outcome.profile is not None:
+            from pdcd.calibration.body import profile_text  # what a capture never needs
+
             self.profile_text = profile_text(outcome.profile)
         if outcome.picture is not None:
             with disk_errors(str(self.folder)):
