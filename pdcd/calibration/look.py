@@ -183,7 +183,8 @@ def kept(
             [exposure.iso, exposure.f_number or 0.0, exposure.refreshes], dtype=np.float64
         ),
         "check.calibrated": calibrated,
-        "check.strips": np.zeros((2, 0)),
+        # Without strips one number for each row: arrays that are kept must hold some.
+        "check.strips": np.full((2, 1), np.nan),
     }
     for panel in PANELS:
         dots: Dots = getattr(now, panel)
