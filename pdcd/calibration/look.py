@@ -183,8 +183,8 @@ def kept(
             [exposure.iso, exposure.f_number or 0.0, exposure.refreshes], dtype=np.float64
         ),
         "check.calibrated": calibrated,
-        # Without strips one number for each row: arrays that are kept must hold some.
-        "check.strips": np.full((2, 1), np.nan),
+        # Without strips: arrays that are kept must hold some numbers, and finite ones.
+        "check.strips": np.zeros((2, 1)),
     }
     for panel in PANELS:
         dots: Dots = getattr(now, panel)
