@@ -201,10 +201,11 @@ def kept(
 
 def reference(arrays: Arrays) -> tuple[Look, Exposure, Floats, Floats]:
     """A look that was kept, how it was taken, what its strips leave of the model with their sigma
-    (2, B * K), and what it belongs to. Raises KeyError where none was."""
+    (2, B * K), and what it belongs to. Arrays that were kept in a file are float64, all of them.
+    Raises KeyError where none was."""
     dots = {
         panel: Dots(
-            arrays[f"check.{panel}.index"],
+            arrays[f"check.{panel}.index"].astype(np.int64),
             arrays[f"check.{panel}.quads"],
             arrays[f"check.{panel}.sigma"],
         )
@@ -214,7 +215,7 @@ def reference(arrays: Arrays) -> tuple[Look, Exposure, Floats, Floats]:
     closed, sigma = arrays["check.closed"].tolist()
     then = Look(
         dots["projector"], dots["mask"], arrays["check.white"], (closed, sigma), (0.0, 0.0),
-        json.loads(bytes(arrays["check.settings"]).decode()),
+        json.loads(arrays["check.settings"].astype(np.uint8).tobytes()),
     )  # fmt: skip
     exposure = Exposure(int(iso), f_number or None, int(refreshes))
     return then, exposure, arrays["check.strips"], arrays["check.calibrated"]

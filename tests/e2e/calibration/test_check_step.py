@@ -116,7 +116,8 @@ def later(reference: Hands, folder: Path, truth: Truth) -> Hands:
         config = msgspec.structs.replace(config, **{name: table})
     mask = msgspec.structs.replace(config.mask, skew_s=known.mask.skew_s)
     found.session.config = msgspec.structs.replace(config, mask=mask)
-    found.session.arrays = dict(reference.session.arrays)
+    write_arrays(folder / "arrays.npz", reference.session.arrays)
+    found.session.arrays = read_arrays(folder / "arrays.npz")
     return found
 
 
