@@ -20,8 +20,8 @@ import msgspec
 
 from pdcd.errors import BusyError, PdcdError, ProtocolError, of_kind
 from pdcd.inputs.sending import Sendable, parcels
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, Sent
-from pdcd.runs.events import Event, read
+from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary, Sent
+from pdcd.runs.events import Attention, Event, read
 from pdcd.runs.stored import StoredRun
 from pdcd.server.messages import (
     MAX_FDS,
@@ -156,6 +156,35 @@ class Client:
             return self._wait(started.job, on_event)
         except KeyboardInterrupt:
             return self._result("capture.cancel", started.job, on_event)
+
+    def calibrate(
+        self,
+        request: CalibrateRequest,
+        *,
+        queue: bool = False,
+        on_event: OnEvent | None = None,
+        answer: Callable[[str], None] | None = None,
+    ) -> CaptureResult:
+        """Have the bench measure itself and wait for the end.
+
+        With `request.attended`, `answer(text)` is called for whatever a person has to do, and
+        returns when it is done. On KeyboardInterrupt the job is cancelled, and its end awaited.
+        """
+        self.call("events.subscribe", {"jobs": "own"})
+        params = {**msgspec.to_builtins(request), "queue": queue}
+        job = _typed(self.call("calibrate.start", params), Admitted).job
+
+        def hear(event: Event) -> None:
+            if on_event is not None:
+                on_event(event)
+            if isinstance(event, Attention) and answer is not None:
+                answer(event.text)
+                self._send("calibrate.proceed", {"job": job})
+
+        try:
+            return self._wait(job, hear)
+        except KeyboardInterrupt:
+            return self._result("capture.cancel", job, on_event)
 
     def wait(self, job: str, on_event: OnEvent | None = None) -> CaptureResult:
         """Wait for the end of any job; `on_event` gets the events of this job from now on."""

@@ -248,6 +248,9 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     prediction: Prediction | None = None
     prior: str | None = None
     """What guided the codes, in words."""
+    reasons: tuple[str, ...] = ()
+    """Why cells, window and schedule are what they are, a line each, on a bench that was measured.
+    """
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):

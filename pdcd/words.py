@@ -38,7 +38,7 @@ StepName = Literal[
     "sensor", "light", "geometry", "timing", "shutter", "registration", "response",
     "coaxial", "focus", "check",
 ]  # fmt: skip
-"""Steps of `pdcd calibrate`; all but the last three are part of a whole calibration."""
+"""Steps of `pdcd calibrate` (docs/calibration.md)."""
 JobKind = Literal["capture", "plan", "show", "preview", "calibrate"]
 """What of the rig a job uses: all of it, the arithmetic alone, the panels, all for a quick look."""
 VerdictName = Literal["good", "doubtful", "bad"]

@@ -24,7 +24,7 @@ from pdcd.runs.events import Emit, Event
 from pdcd.server import connections, messages, protocol
 
 SEVERAL = 16
-"""Of so many refreshes that an engine tells of, one is looked at; of the wire every line is."""
+"""Of so many events alike that an engine tells of, one is looked at; of the wire every line is."""
 
 
 @cache
@@ -85,12 +85,15 @@ class Heard:
         def captured(
             engine: Engine, request: CaptureRequest, *arrays: Given, emit: Emit, **given: Any
         ) -> CaptureResult:
-            counted: Counter[str] = Counter()
+            counted: Counter[tuple[str, tuple[type, ...]]] = Counter()
 
             def told(event: Event) -> None:
-                if event.type != "progress" or counted[event.type] % SEVERAL == 0:
+                # Alike are those of one type whose fields have values of the same types.
+                values = [getattr(event, name) for name in event.__struct_fields__]
+                alike = event.type, tuple(type(value) for value in values)
+                if counted[alike] % SEVERAL == 0:
                     self.take(json.loads(msgspec.json.encode(event)))
-                counted[event.type] += 1
+                counted[alike] += 1
                 emit(event)
 
             return capture(engine, request, *arrays, emit=told, **given)

@@ -6,12 +6,12 @@ placed, or that has a truth, is one of pixels (`pdcd.optics`): there also maps, 
 scan-out, dead lines, gamma. So is an exposure in which a camera of several quads a cell sees the
 edges of windows. Not modelled: projector colour wheels and dithering, motion. Panels are taken to
 have settled to black when the shutter opens; where they had less time than `rig.settle_s` for it,
-there is no photo.
+there is no photo, unless it is of pixels and the rig meant the shutter to move (`Shared.moving`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -121,7 +121,7 @@ class Bench:
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
-        return self.config.schedule.grid or self.scene.grid
+        return self.config.schedule.cells or self.scene.grid
 
     @property
     def frame(self) -> tuple[int, int]:
@@ -150,9 +150,10 @@ class Bench:
     def quads(self) -> NDArray[np.float64]:
         """Light of the last exposure at the camera's quads, (rows, cols, 3) float64 in scene units
         times seconds. Raises ExposureError as `photo` does."""
-        self._check_photo()
         open_ns, close_ns = self.exposed_ns()
         frames, log = self._played(open_ns)
+        if not (self.shared.moving and frames.of_pixels):
+            self._check_photo()
         optics = self.optics or self._finer_optics(frames)
         if optics is None:
             per_cell = self.config.camera.quads_per_cell
@@ -165,7 +166,16 @@ class Bench:
                 hint="remove grab_px from display.options, or the truth and places of the bench, "
                 "and leave one quad a cell",
             )
-        return optics.photo(Exposure(frames, log, open_ns, close_ns))
+        exposure = Exposure(frames, log, open_ns, close_ns, covered=self.shared.covered)
+        if not self.shared.moving:
+            return optics.photo(exposure)
+        # The panels were not black at the opening: all since they were, less what came before.
+        start_ns = min(open_ns, int(log.primal_ns[0]), int(log.dual_ns[0]))
+        whole, before = (
+            optics.photo(replace(exposure, open_ns=start_ns, close_ns=end_ns))
+            for end_ns in (close_ns, open_ns)
+        )
+        return np.maximum(whole - before, 0.0)
 
     def _finer_optics(self, frames: Frames) -> OpticalBench | None:
         """The bench pixel by pixel where it is needed for these frames alone: for windows that cut

@@ -37,9 +37,13 @@ class BenchSensor:
         bench.optics  # noqa: B018 - a bench that cannot be is refused before any device moves
         self._bench = bench
         self._config = config
-        self.profile = load_profile(config.profile)
+        # Whatever was measured, the body is what it was: its own noise must not move with that.
+        believed = load_profile(config.profile)
+        self.profile = load_profile(believed.base) if believed.base else believed
         self._true = true_profile(self.profile, bench.truth.sensor)
         self.responsivity_e = responsivity_e(config)
+        true = bench.truth.sensor.responsivity_e
+        self._true_responsivity_e = self.responsivity_e if true is None else np.array(true)
         self._rng = np.random.default_rng([config.seed, 1])
 
     @property
@@ -57,7 +61,7 @@ class BenchSensor:
         light = bench.quads()
         open_ns, close_ns = bench.exposed_ns()
         exposure_s = (close_ns - open_ns) * 1e-9
-        electrons = self._mosaic(light * self.responsivity_e / f_number**2)
+        electrons = self._mosaic(light * self._true_responsivity_e / f_number**2)
         rng = self._rng if self._config.noise == "full" else None
         data = dng_bytes(
             expose(electrons, self._true, iso, exposure_s, rng),

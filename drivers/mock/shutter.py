@@ -11,14 +11,14 @@ from pdcd.bench.tables import TriggerConfig
 
 
 class Lag:
-    """By how much the blades follow their orders: the configured lag and its seeded jitter."""
+    """By how much the blades follow their orders: the lag and its seeded jitter."""
 
     def __init__(self, config: TriggerConfig, seed: int) -> None:
         self._config = config
         self._rng = np.random.default_rng([seed, 2])
 
     def draw_ns(self) -> int:
-        """How long the next order takes, at most `TriggerConfig.sure_ns`."""
+        """How long the next order takes, at most the lag and four jitters."""
         wobble = float(np.clip(self._rng.standard_normal(), -4.0, 4.0))
         return max(0, round((self._config.lag_s + self._config.jitter_s * wobble) * 1e9))
 
@@ -32,9 +32,10 @@ class MockShutter:
     maturity = "stable"
 
     def __init__(self, bench: Bench, clock: Clock, config: TriggerConfig, seed: int) -> None:
+        """`config` is what is believed of the shutter; the bench knows what it is like."""
         self._bench = bench
         self._clock = clock
-        self._lag = Lag(config, seed)
+        self._lag = Lag(bench.true.trigger, seed)
         self._sure_ns = config.sure_ns
 
     @classmethod
@@ -50,7 +51,7 @@ class MockShutter:
         return {"model": "mock shutter"}
 
     def open(self) -> int:
-        """Open within lag and four jitters; returns that time."""
+        """Open within the true lag and four jitters; returns when those believed are over."""
         asked_ns = self._clock.now_ns()
         self._bench.open_shutter(asked_ns + self._lag.draw_ns())
         sure_ns = asked_ns + self._sure_ns
@@ -58,7 +59,7 @@ class MockShutter:
         return sure_ns
 
     def close(self) -> int:
-        """Close within lag and four jitters; returns that time, or now when it was closed."""
+        """The same for closing; returns now when it was closed."""
         asked_ns = self._clock.now_ns()
         if not self._bench.shutter_open:
             return asked_ns

@@ -272,7 +272,9 @@ class EosCamera:
                 if self.bulb.since_ns is not None:  # it refuses; a new session begins with closed
                     self.renew()
                 raise
-            self._throw_away(strays)
+            thrown_away = self._throw_away(strays)
+            if thrown_away and not was_open:
+                self.bulb.owed = False  # the photo that nobody fetched was among them
             return was_open
 
     def discard(self, photo: ObjectAdded) -> bool:
@@ -323,12 +325,17 @@ class EosCamera:
             self._heard(lambda: self.values.get(Property.AVAILABLE_SHOTS) != 0)  # counted anew
         self._set_raw()
 
-    def _throw_away(self, count: int) -> None:
-        """Discard the oldest waiting photos: what waits while the shutter is open is older."""
+    def _throw_away(self, count: int) -> bool:
+        """Discard the oldest waiting photos: what waits while the shutter is open is older.
+
+        Returns whether the camera had one of them.
+        """
+        found = False
         for _ in range(min(count, len(self.files))):
             photo = self.files.popleft()
             logger.warning("photo of an earlier exposure thrown away name=%s", photo.name)
-            self.discard(photo)
+            found |= self.discard(photo)
+        return found
 
     def _heard(self, known: Callable[[], bool]) -> bool:
         """Poll until that is known, or for a second."""

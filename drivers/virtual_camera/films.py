@@ -35,7 +35,7 @@ class BenchFilm:
         self._bench = Bench.of(context)
         context.shared.photographed = True
         self._sensor = BenchSensor(self._bench, config.camera)
-        self._lag = Lag(config.trigger, config.camera.seed)
+        self._lag = Lag(self._bench.true.trigger, config.camera.seed)
         fixed = config.camera.f_number
         self._fixed_f_number = 8.0 if fixed == "auto" else float(fixed)
 

@@ -153,9 +153,9 @@ def _scene_faults(config: Config) -> Iterator[Fault]:
         )
     if scene.path is not None and not Path(scene.path).is_file():
         yield Fault(("scene.path",), f"scene.path: there is no file {scene.path}")
-    if config.schedule.grid is None and scene.grid is None and scene.kind == "matrix":
+    if config.schedule.cells is None and scene.grid is None and scene.kind == "matrix":
         return  # the cells are known only when the file is read
-    rows, cols = config.schedule.grid or scene.grid or DEFAULT_GRID
+    rows, cols = config.schedule.cells or scene.grid or DEFAULT_GRID
     quarter = config.schedule.window == "quarter"
     # Half-cell shifts of a half-cell opening fall between the pixels of a smaller cell.
     needed_px, needed = (4.0, " by the quarter window") if quarter else (1.0, "")

@@ -7,6 +7,7 @@ file is reported at once.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from pdcd.bench.checks import cross_faults
 from pdcd.bench.folders import folder_variable
 from pdcd.bench.reading import Fault, faults_error, overlay, toml_table
 from pdcd.bench.tables import Config
-from pdcd.bench.toml_text import TIMES, emit
+from pdcd.bench.toml_text import NO_NOTES, TIMES, emit
 from pdcd.errors import ConfigError
 from pdcd.maps.file import load_map
 from pdcd.maps.map import Map
@@ -89,9 +90,9 @@ def find(path: Path | str | None = None) -> Path | None:
     return None
 
 
-def show(config: Config) -> str:
-    """Return the configuration as TOML that `load` reads back to the same value."""
-    return emit(msgspec.to_builtins(config, builtin_types=TIMES))
+def show(config: Config, notes: Mapping[tuple[str, ...], str] = NO_NOTES) -> str:
+    """Return the configuration as TOML that `load` reads back to the same value, with comments."""
+    return emit(msgspec.to_builtins(config, builtin_types=TIMES), notes)
 
 
 def schema() -> dict[str, Any]:

@@ -82,6 +82,15 @@ class CameraInfo:
 
 
 @dataclass(frozen=True)
+class WhileShown:
+    """A shutter that moves while the panels show their frames, so that a photo tells when it did:
+    told to open once `after` rows were shown, and to close `open_s` after it was surely open."""
+
+    after: int
+    open_s: float
+
+
+@dataclass(frozen=True)
 class RawFile:
     """A RAW file on disk, as fetched: byte-for-byte the camera's own."""
 
@@ -115,8 +124,9 @@ class Display(Protocol):
     ) -> FrameLog:
         """Show the loaded frames once, then black; returns the log.
 
-        `progress(frame, frames, missed)` is called from time to time; `cancelled()` is asked at
-        least ten times a second and, when true, the panels go black and `Cancelled` is raised.
+        `progress(frame, frames, missed)` is called about ten times a second, and may take half a
+        second: a calibration moves the shutter in it. `cancelled()` is asked at least ten times a
+        second and, when true, the panels go black and `Cancelled` is raised.
         Raises SyncError when the panels cannot be kept in step.
         """
         ...
@@ -200,6 +210,8 @@ class Shared:
     """When the last exposure surely began and ended, put here by the rig: a virtual camera behind
     a shutter that is not its own goes by it. None while the shutter is open, and once its photo
     was made."""
+    moving: bool = False
+    """Whether the shutter of this exposure is meant to move while the panels show their frames."""
     pixels: Shown | None = None
     """The panels' own pixels of the same frames, from a display that looks at them: a virtual
     camera believes these rather than the frame log."""
@@ -208,6 +220,9 @@ class Shared:
     photographed: bool = False
     """Whether the photos show that scene, said by the camera that makes them of it: only then are
     errors reported against the truth. A real camera before virtual panels sees something else."""
+    covered: bool = False
+    """Whether a virtual projector's lens is covered: none of its light, leaked or not, comes out.
+    """
     usb_backend: object | None = None
     """The pyusb backend to use instead of libusb, which is None."""
 

@@ -23,6 +23,8 @@ from pdcd.maps.placing import Placing
 
 FOLDER = "calibrations"
 """Below the state folder."""
+UNFINISHED = ".partial"
+"""How the name of a folder ends whose calibration did not come to its end, whatever lies in it."""
 DEVICES = ("projector", "mask", "camera")
 
 
@@ -62,9 +64,10 @@ def chosen(config: Config) -> Path | None:
 
 
 def newest(folder: Path, config: Config) -> Path | None:
-    """The newest whole calibration of this rig in a folder; None where there is none."""
+    """The newest whole calibration of this rig in a folder that is not bad, or None."""
     try:
-        names = sorted((p for p in folder.iterdir() if (p / RECORD).is_file()), reverse=True)
+        finished = (p for p in folder.iterdir() if not p.name.endswith(UNFINISHED))
+        names = sorted((p for p in finished if (p / RECORD).is_file()), reverse=True)
     except OSError:
         return None
     for candidate in names:
@@ -72,7 +75,8 @@ def newest(folder: Path, config: Config) -> Path | None:
             record, _ = read_calibration(candidate)
         except ConfigError:
             continue
-        if record.identity.rig == config.rig.name and not other_bench(record, config):
+        same = record.identity.rig == config.rig.name and not other_bench(record, config)
+        if same and record.verdict != "bad":
             return candidate
     return None
 

@@ -168,14 +168,22 @@ class SceneConfig(_Table, frozen=True):
 class ScheduleConfig(_Table, frozen=True):
     """[schedule] defaults of the codes and of their timing."""
 
-    grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]] | None = None
-    """Rows and columns of code cells; None: the scene's."""
+    grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]] | Literal["auto"] | None = (
+        None
+    )
+    """Rows and columns of code cells; None: the scene's; "auto": the smallest cells that keep apart
+    what a calibration measured."""
     codes: Annotated[int, Meta(ge=1, le=65536)] = 128
     family: FamilyName = "hadamard"
     window: WindowName = "auto"
     guards: bool | GuardsName = True
     black_level: BlackLevel = "none"
     normalise: NormaliseName = "auto"
+
+    @property
+    def cells(self) -> tuple[int, int] | None:
+        """Rows and columns of code cells, where they are typed."""
+        return None if self.grid == "auto" else self.grid
 
 
 class BenchConfig(_Table, frozen=True):

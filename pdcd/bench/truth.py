@@ -78,14 +78,23 @@ class TrueScene(_Table, frozen=True):
     """Points along either axis at which that Gaussian is taken; an odd number."""
 
 
+class TrueTrigger(_Table, frozen=True):
+    """[trigger]"""
+
+    lag_s: NonNegative | None = None
+    jitter_s: NonNegative | None = None
+
+
 class TrueSensor(_Table, frozen=True):
-    """[sensor] factors on the profile's own numbers."""
+    """[sensor] factors on the profile's own numbers, and what the lens lets through."""
 
     gain: Positive = 1.0
     """DN for each electron, over what the profile says."""
     read_noise: Positive = 1.0
     dark: Positive = 1.0
     full_well: Positive = 1.0
+    responsivity_e: tuple[Positive, Positive, Positive] | None = None
+    """As `camera.responsivity_e`; None: what is believed, also when that was measured anew."""
     prnu: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.0
     """Standard deviation of the samples' sensitivities, fixed by `camera.seed`."""
 
@@ -98,6 +107,7 @@ class Truth(_Table, frozen=True):
     camera: TrueCamera = field(default_factory=TrueCamera)
     scene: TrueScene = field(default_factory=TrueScene)
     sensor: TrueSensor = field(default_factory=TrueSensor)
+    trigger: TrueTrigger = field(default_factory=TrueTrigger)
 
     def of(self, config: Config) -> Config:
         """The configuration that would describe the bench as it is, in its own words."""
@@ -109,6 +119,7 @@ class Truth(_Table, frozen=True):
             camera = replace(camera, blur_quads=self.camera.blur_quads)
         if self.scene.ambient is not None:
             scene = replace(scene, ambient=self.scene.ambient)
+        said = {k: v for k, v in msgspec.structs.asdict(self.trigger).items() if v is not None}
         mask = _panel(config.mask, self.mask)
         if self.scene.blur_px is not None:
             mask = replace(mask, blur_px=self.scene.blur_px)
@@ -118,6 +129,7 @@ class Truth(_Table, frozen=True):
             mask=mask,
             camera=camera,
             scene=scene,
+            trigger=replace(config.trigger, **said),
         )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.shown import Bits, Shown
+from pdcd.calibration.shown import Bits, Levels, Shown
 from pdcd.calibration.strips import CLIPPED, COLOURS, FEWEST_QUADS
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import BLACK, WHITE
@@ -174,7 +174,7 @@ def _border(map_: Map, border: float) -> Bits:
     return np.asarray(inside)
 
 
-def _pattern(patterns: Bits, which: int, shape: tuple[int, ...]) -> Bits:
+def _pattern(patterns: Bits | Levels, which: int, shape: tuple[int, ...]) -> Bits:
     if which < 0:
         return np.full(shape, which == WHITE)
-    return np.asarray(patterns[which])
+    return np.asarray(patterns[which] > 0)  # a bar has no room for grey

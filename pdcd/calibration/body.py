@@ -42,6 +42,7 @@ BRIGHT = 0.98
 ROUNDING_DN = 0.29
 DARK_LIMIT_DN = 30.0
 """Of dark photos beside their black level; what the panels leak is a tenth of that."""
+LEAKED_DN = 1.5
 HOT_SIGMAS = 5.0
 ROOM_SHARE = 0.2
 """Light without a dose, over saturation."""
@@ -200,7 +201,13 @@ class Body:
 
 
 def measure_body(
-    photos: Mapping[str, Planes], plan: BodyPlan, *, iso: int, black_dn: Floats, dark_e: float = 0.0
+    photos: Mapping[str, Planes],
+    plan: BodyPlan,
+    *,
+    iso: int,
+    black_dn: Floats,
+    dark_e: float = 0.0,
+    masked: bool = False,
 ) -> Body:
     """Black, gain, read noise, saturation and linearity out of a series.
 
@@ -211,7 +218,10 @@ def measure_body(
     plan : what was shown.
     iso : at which it was taken.
     black_dn : (4,) what was taken off: the mean of the masked border, or what the file says.
-    dark_e : electrons of dark current in a dark photo; its noise is taken out of the read noise.
+    dark_e : electrons of dark current in a dark photo; its noise is taken out of the read noise,
+        and that of light that the panels leak.
+    masked : whether `black_dn` is of the masked border. A number of the file may itself be off, so
+        that no more than `LEAKED_DN` above it counts as light.
 
     Raises CalibrationError: no light, a shutter that did not open, light in dark photos, a black
     level that moves, saturated or dim flats, something that moved, samples that were filtered.
@@ -239,6 +249,7 @@ def measure_body(
                 lit[plane],
                 highest_dn=TRANSFER_SHARE * highest,
                 dark_e=dark_e,
+                leaked_dn=float(np.clip(shift[plane], 0.0, DARK_LIMIT_DN if masked else LEAKED_DN)),
             )
         )
     names = list(plan.doses)
@@ -311,13 +322,6 @@ def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
     two differ."""
     levels = [np.array([_middle(plane) for plane in planes]) for planes in (dark, again)]
     apart = float(np.abs(levels[0] - levels[1]).max())
-    if apart > BLACK_MOVES_DN:
-        raise CalibrationError(
-            f"the black level moves: two dark photos differ by {apart:.2g} DN",
-            device="camera",
-            hint="let the camera warm up for ten minutes; switch long-exposure noise reduction "
-            "off; keep the room dark",
-        )
     shift = np.asarray(0.5 * (levels[0] + levels[1]), np.float64)
     if float(np.abs(shift).max()) > DARK_LIMIT_DN:
         raise CalibrationError(
@@ -325,6 +329,13 @@ def _refuse_dark_light(dark: Planes, again: Planes) -> tuple[Floats, float]:
             device="mask",
             hint="darken the room; see that both panels are black and that the mask's polarisers "
             "are crossed",
+        )
+    if apart > BLACK_MOVES_DN:  # much light would move it, too
+        raise CalibrationError(
+            f"the black level moves: two dark photos differ by {apart:.2g} DN",
+            device="camera",
+            hint="let the camera warm up for ten minutes; switch long-exposure noise reduction "
+            "off; keep the room dark",
         )
     return shift, apart / np.sqrt(2.0)
 
@@ -365,13 +376,14 @@ def _mean(values: list[tuple[float, float]]) -> tuple[float, float]:
 
 
 def profile_of(
-    body: Body, known: SensorProfile, *, name: str, description: str, source: str
+    body: Body, known: SensorProfile, *, name: str, description: str, source: str, base: str = ""
 ) -> SensorProfile:
     """The profile of this very body: what was measured, at its ISO, in a profile that was known.
 
     known : gives what was not measured: dark current, bits, size, white level and full well where
         the series did not reach them. Its rows of other ISOs are kept only where it is itself a
         measured profile.
+    base : what `known` was read from, where nobody has measured it.
 
     Raises ConfigError where the numbers make no profile.
     """
@@ -397,6 +409,7 @@ def profile_of(
         dark_e_per_s=known.dark_e_per_s,
         rows=tuple(sorted(rows, key=lambda row: row.iso)),
         frame_quads=known.frame_quads,
+        base=known.base or base,
     )
 
 

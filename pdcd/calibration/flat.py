@@ -27,6 +27,8 @@ ORDER = 8
 LIT = 0.2
 """Blocks with less of the brightest ones' light are beyond the picture's edge."""
 LEAST_BLOCKS = 200
+ALIKE = 0.9
+"""Of its inner neighbour's light, that a block at the photo's border has in the picture."""
 DUST = 0.003
 TEXTURE = 0.01
 TEXTURE_SHARE = 0.1
@@ -101,6 +103,7 @@ def flat_of(white: Photo, without: Floats | None = None) -> Flat:
     high = float(np.quantile(light.sum(axis=2), 0.98))
     refuse_dark({"WW": high}, 8.0 * float(np.median(sigma)))
     lit = binary_erosion(light.sum(axis=2) > LIT * high, iterations=1, border_value=1)
+    _cut_borders(lit, light.sum(axis=2))
     if lit.sum() < LEAST_BLOCKS:
         raise CalibrationError(
             f"only {int(lit.sum())} blocks of 8 quads hold light",
@@ -132,6 +135,13 @@ def flat_of(white: Photo, without: Floats | None = None) -> Flat:
     return Flat(
         coefficients / (coefficients @ middle)[:, None], (height, width), lit, residual, dust
     )
+
+
+def _cut_borders(lit: Marks, light: Floats) -> None:
+    """Take blocks out of `lit` through which both the picture's edge and the photo's run."""
+    for marks, values in ((lit, light), (lit.T, light.T)):
+        for border, inner in ((0, 1), (-1, -2)):
+            marks[border] &= values[border] >= ALIKE * values[inner]
 
 
 def _columns(x: Floats, y: Floats) -> Floats:

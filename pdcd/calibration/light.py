@@ -17,7 +17,7 @@ light and closes after it, so that D and M are whole refreshes plus ``fall - ris
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.light_plan import Edges, LightPlan
 from pdcd.calibration.light_series import MOVES, Series, Sums, series_of
-from pdcd.calibration.photo import Photo
+from pdcd.calibration.photo import Blocks, Photo
 from pdcd.errors import CalibrationError
 
 Floats = NDArray[np.float64]
@@ -36,8 +36,9 @@ LAMP_GOOD = 0.01
 CONTRAST_LIMITS = {"projector": (500.0, 100.0), "mask": (200.0, 50.0)}
 """White over black from which a panel is good, and below which it is bad."""
 SEEN_SIGMAS = 3.0
-MIDDLE = 0.1
-"""Of the lit part's width and height: where the rate is taken."""
+MIDDLE, ROOM_MIDDLE = 0.1, 0.2
+"""Of the lit part's width and height: where the rate, and where the room's light is taken. Towards
+the corners a projector's white is darker, and with it the unit of light; the room is not."""
 
 
 @dataclass(frozen=True)
@@ -129,13 +130,13 @@ def _contrast(panel: str, share: Share, with_room: bool) -> Figure:
     limit = f"{good:g} or more"
     if not share.seen:
         limit = "at least this: its black cannot be seen"
-    if with_room:
-        verdict, limit = max(verdict, Verdict.DOUBTFUL), "light of the room is in it"
+    if with_room:  # without it the contrast is higher: what is good is good
+        verdict, limit = min(verdict, Verdict.DOUBTFUL), f"{good:g} or more; the room is in it"
     return Figure(f"{panel}.contrast", value, sigma, "", limit, verdict)
 
 
 def measure_light(
-    photos: Mapping[str, Photo],
+    photos: Mapping[str, Photo | Blocks],
     plan: LightPlan,
     *,
     edges: Edges | None = None,
@@ -147,7 +148,7 @@ def measure_light(
     Parameters
     ----------
     photos : by the names of `plan.photos()`, all of one aperture and ISO; those of
-        `light_plan.COVERED` may be missing. Each is asked for once: it may be read from a file.
+        `light_plan.COVERED` may be missing. By blocks of 16 quads they take less memory.
     plan : what was shown.
     edges : of the panels; None: unknown, within 4 ms.
     black_sigma : standard deviation of one photo's black level, in the units of the photos: 0.3 DN
@@ -159,8 +160,7 @@ def measure_light(
     """
     series = series_of(photos, plan, edges or Edges(), black_sigma, field)
     mask = _mask(series)
-    covered = series.covered
-    room = None if covered is None else _room(series, covered, mask.value)
+    room = _room(series, mask.value)
     projector = _projector(series, mask.value)
     series.refuse_room(projector.value + (0.0 if room is None else room.value))
     middle = series.middle(MIDDLE)
@@ -198,9 +198,13 @@ def _projector(series: Series, eps: float) -> Share:
     return _share(series, ratio / (1.0 + ratio), times * np.hypot(error, left.sigma), white)
 
 
-def _room(series: Series, covered: Sums, eps: float) -> Share:
-    """A of (C - BB) / M = A L; a black mask takes nearly nothing of it away."""
-    white = series.whole
+def _room(whole: Series, eps: float) -> Share | None:
+    """A of (C - BB) / M = A L; a black mask takes nearly nothing of it away. None where nothing
+    was covered."""
+    series = replace(whole, lit=whole.middle(ROOM_MIDDLE))
+    covered, white = series.covered, series.whole
+    if covered is None:
+        return None
     delta = _projector(series, eps).value
     times = series.lit_s / series.open_long_s
     ratio = (times * covered.mean / white.mean * (1.0 - delta) + eps * delta) / (1.0 - eps)

@@ -226,7 +226,7 @@ class Series:
 
 
 def series_of(
-    photos: Mapping[str, Photo],
+    photos: Mapping[str, Photo | Blocks],
     plan: LightPlan,
     edges: Edges,
     black_sigma: float,
@@ -237,7 +237,8 @@ def series_of(
     for name in (shown.name for shown in plan.photos()):
         if name in COVERED and name not in photos:
             continue
-        blocks[name] = found = blocks_of(photos[name])
+        photo = photos[name]
+        blocks[name] = found = blocks_of(photo) if isinstance(photo, Photo) else photo
         refuse_clipped(name, found, HINTS[name.removesuffix("-again")])
     times = plan.lit_s(1) / plan.lit_s(plan.longer)
     _refuse_no_light(blocks, black_sigma, times)

@@ -6,9 +6,9 @@ import numpy as np
 
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Outcome, Script, Session, Taken, Wanted, take
-from pdcd.calibration.shown import still
+from pdcd.calibration.shown import Shown, still
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
+from pdcd.frames.frames import BLACK, WHITE
 
 FULL = 0.65
 """Share of saturation that white light reaches after `Session.full` refreshes."""
@@ -19,6 +19,8 @@ LEAST, MOST = 67, 1200
 """The range in which all steps work."""
 TRIAL = 12
 """Refreshes of a trial photo."""
+OPEN = 13
+"""Refreshes for which the mask is open before and after it."""
 TRIALS = 10
 FIRST_F_NUMBER = 8.0
 DARK = 0.004
@@ -41,7 +43,7 @@ def meter(session: Session) -> Script:
     f_number = min(stops, key=lambda f: abs(np.log(f / FIRST_F_NUMBER))) if stops else None
     refreshes = TRIAL
     for trial in range(1, TRIALS + 1):
-        shown = still(f"meter-{trial}", refreshes, WHITE, WHITE)
+        shown = _lit(f"meter-{trial}", refreshes)
         taken = yield from take(Wanted(shown, session.iso, f_number))
         level = _brightest(session, taken)
         if level > BRIGHT and (refreshes > 1 or _other(stops, f_number, 8.0) != f_number):
@@ -78,6 +80,27 @@ def meter(session: Session) -> Script:
             Figure("f_number", float(f_number or 0.0), 0.0, "f"),
         )
     )
+
+
+def opened(session: Session, least: int) -> tuple[float | None, int]:
+    """The widest aperture at which `FULL` takes so many refreshes at least, or the session's own;
+    and how many it takes there. Short photos are enough for what needs light alone."""
+    set_to, fixed = session.f_number, session.config.camera.f_number
+    if set_to is None or fixed != "auto":
+        return set_to, session.full
+    for stop in sorted(session.camera.f_numbers):
+        full = int(session.full * (stop / set_to) ** 2)
+        if full >= least and stop < set_to:
+            return stop, full
+    return set_to, session.full
+
+
+def _lit(name: str, refreshes: int) -> Shown:
+    """White light of so many refreshes, through a mask that is open for longer: nobody knows yet by
+    how many refreshes one panel is late."""
+    white = still(name, refreshes + 2 * OPEN, WHITE, WHITE)
+    white.projector_index[:OPEN] = white.projector_index[-OPEN:] = BLACK
+    return white
 
 
 def _settled(stops: list[float], f_number: float | None, rate: float) -> tuple[float | None, int]:

@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
@@ -36,6 +37,8 @@ MARGIN = 0.25
 """Of a strip's width at either side: what blur brings from the next one."""
 DITHER_CYCLE = 16
 """Refreshes after which every dithering in use begins anew."""
+APART = 8.0
+"""Quads between places that are looked up in the maps."""
 LEAST_QUADS = 30
 LEAST_WHITE = 0.1
 """Light of a strip in the white photo, over the mean of all."""
@@ -109,14 +112,19 @@ def strips_seen(camera: Map, panel: Map) -> Strips:
     """Which strip each quad sees, (h, w) int32; `NOWHERE` beside the panel and near edges."""
     width, height = panel.size_px
     cols, rows = camera.size_px
+    x, y = (np.append(np.arange(0.5, n - 0.5, APART), n - 0.5) for n in (cols, rows))
+    places = between(camera, panel, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    # Maps bend so little from one of these places to the next that lines between them do.
+    quads = [np.interp(np.arange(n) + 0.5, v, np.arange(v.size)) for n, v in ((rows, y), (cols, x))]
     found = np.full((rows, cols), NOWHERE, np.int32)
-    x = np.arange(cols) + 0.5
+    across, down = (places[:, axis].reshape(y.size, x.size) for axis in (0, 1))
     for row in range(rows):
-        places = between(camera, panel, np.stack([x, np.full(cols, row + 0.5)], axis=-1))
-        at = places[:, 0] * len(LEVELS) / width
+        where = [np.full(cols, quads[0][row]), quads[1]]
+        at = ndimage.map_coordinates(across, where, order=1) * len(LEVELS) / width
+        below = ndimage.map_coordinates(down, where, order=1)
         with np.errstate(invalid="ignore"):
-            inside = (at >= 0.0) & (at < len(LEVELS)) & (places[:, 1] > 0.0)
-            inside &= (places[:, 1] < height) & (np.abs(at - np.floor(at) - 0.5) < 0.5 - MARGIN)
+            inside = (at >= 0.0) & (at < len(LEVELS)) & (below > 0.0) & (below < height)
+            inside &= np.abs(at - np.floor(at) - 0.5) < 0.5 - MARGIN
         found[row, inside] = np.floor(at[inside]).astype(np.int32)
     return found
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import CameraInfo
+from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.measured import with_values
 from pdcd.bench.tables import Config
 from pdcd.calibration.figures import Figure, Verdict
@@ -32,11 +32,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """One photo. iso, f_number : None is the session's own."""
+    """One photo. iso, f_number : None is the session's own. covered : with the projector's lens
+    covered, which somebody was asked for before; a mock bench does it by itself. moving : for a
+    shutter that moves while the panels show it; usually it moves before and after that."""
 
     shown: Shown
     iso: int | None = None
     f_number: float | None = None
+    covered: bool = False
+    moving: WhileShown | None = None
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,8 @@ class Taken:
     """One photo as it came.
 
     raw : decoded samples. log : when the panels showed what. open_ns, close_ns : when the shutter
-        was surely open, and surely closed. iso : as asked for.
+        was surely open, and surely closed: `TriggerConfig.sure_ns` of the configuration after it
+        was told so. iso : as asked for.
     """
 
     name: str
@@ -122,6 +127,7 @@ class Session:
     full : refreshes of white light after which the brightest part of a photo is at `FULL` of
         saturation; 0 before it was metered.
     arrays : of steps so far, and of the calibration before.
+    helped : whether what is asked of a person (`Ask`) is done.
     """
 
     config: Config
@@ -132,6 +138,7 @@ class Session:
     full: int = 0
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     done: list[str] = field(default_factory=list)
+    helped: bool = False
 
     @property
     def refresh_s(self) -> float:

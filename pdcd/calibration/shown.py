@@ -2,7 +2,8 @@
 
 Calibration does not know yet where the panels lie, so its patterns have no cells: a pattern is an
 image of one panel, one value for each of its pixels. Grey comes from time: several refreshes, each
-of them black and white.
+of them black and white. Only where the panels' grey levels are themselves in question, a pattern
+has levels.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.patterns import Patterns, none, pack
 
 Bits = NDArray[np.bool_]
+Levels = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +26,15 @@ class Shown:
 
     name : of the photo, unique within its step: "dots-projector".
     projector, mask : (P, height, width) and (M, height, width) bool, patterns of the panel's own
-        pixels: row 0 is at the top, True is lit, or open. Empty where the panel needs none.
+        pixels: row 0 is at the top, True is lit, or open; or uint8, 255 is full light. Empty where
+        the panel needs none.
     projector_index, mask_index : (F,) int32, which pattern each refresh shows; `BLACK` and `WHITE`
         are negative. The panels are black before and after.
     """
 
     name: str
-    projector: Bits
-    mask: Bits
+    projector: Bits | Levels
+    mask: Bits | Levels
     projector_index: NDArray[np.int32]
     mask_index: NDArray[np.int32]
 
@@ -52,13 +55,16 @@ class Shown:
 
 
 def still(
-    name: str, refreshes: int, projector: Bits | int = BLACK, mask: Bits | int = BLACK
+    name: str,
+    refreshes: int,
+    projector: Bits | Levels | int = BLACK,
+    mask: Bits | Levels | int = BLACK,
 ) -> Shown:
     """A photo in which nothing changes. Each panel shows one pattern (height, width), or `BLACK` or
     `WHITE`."""
+    nothing: Bits = np.zeros((0, 0, 0), np.bool_)
     first, second = (
-        np.zeros((0, 0, 0), np.bool_) if isinstance(panel, int) else np.asarray(panel)[None]
-        for panel in (projector, mask)
+        nothing if isinstance(panel, int) else panel[None] for panel in (projector, mask)
     )
     rows = [
         np.full(refreshes, panel if isinstance(panel, int) else 0, dtype=np.int32)
@@ -84,5 +90,10 @@ def frames_of(shown: Shown) -> Frames:
     )
 
 
-def _packed(patterns: Bits) -> Patterns:
-    return pack(patterns.reshape(len(patterns), -1)) if len(patterns) else none()
+def _packed(patterns: Bits | Levels) -> Patterns:
+    if not len(patterns):
+        return none()
+    flat = patterns.reshape(len(patterns), -1)
+    if flat.dtype == np.bool_:
+        return pack(flat.astype(np.bool_))
+    return np.asarray(flat / 255.0, np.float32)

@@ -30,6 +30,9 @@ Floats = NDArray[np.float64]
 
 SIDE = 32
 """Samples along a block: 1024 of them tell a variance to 4.4 %, and hardly see vignetting."""
+LEAST_BLOCKS = 12
+PARTS, UNEVEN = 4, 0.5
+"""Parts of a block's side, and the difference of their light over its mean that is borne."""
 CLIP_SIGMAS = 6.0
 ROUNDING_DN2 = 1.0 / 12.0
 LEAST_DARK_DN2 = 0.24
@@ -49,7 +52,7 @@ class Pair:
     """Two photos of the same light, by blocks of one plane.
 
     mean, variance : (blocks,) float64, DN above black and DN^2, of one photo.
-    samples : (blocks,) float64, how many the variance is of.
+    samples : (blocks,) float64, how many the variance is of; 0 where the light is uneven.
     peak : (blocks,) float64, highest mean of the two.
     banding_dn2, banding_sigma : variance of whole rows, of one photo, and its standard deviation.
     correlation : of neighbouring samples' noise.
@@ -97,6 +100,8 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None, side: int
     square = float((d**2).sum())
     beside = float((d[..., 1:] * d[..., :-1]).sum()) * side / (side - 1)
     both = 1.0 + ratio**2
+    if dark is not None:
+        count = np.where(_even(a, np.sqrt(np.maximum(variance / both, 0.0)), side), count, 0.0)
     return Pair(
         mean=((means[0] - base) * (1.0 + ratio) / both).ravel(),
         variance=(variance / both).ravel(),
@@ -111,6 +116,19 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None, side: int
 def _whole(plane: Floats, side: int) -> Floats:
     """Cut to whole blocks."""
     return plane[: plane.shape[0] // side * side, : plane.shape[1] // side * side]
+
+
+def _even(light: Floats, noise: Floats, side: int) -> NDArray[np.bool_]:
+    """Blocks of one light: where half of a block is dark, as at the picture's edge, variances of
+    unlike samples are mixed, and the mix scatters more than either.
+
+    light : samples. noise : standard deviation of one, by blocks.
+    """
+    part = side // PARTS
+    rows, cols = light.shape[0] // side, light.shape[1] // side
+    parts = block_means(light, part).reshape(rows, PARTS, cols, PARTS)
+    apart = parts.max(axis=(1, 3)) - parts.min(axis=(1, 3))
+    return np.asarray(apart <= UNEVEN * parts.mean(axis=(1, 3)) + CLIP_SIGMAS * noise / part)
 
 
 def _unclipped(d: Floats) -> tuple[NDArray[np.bool_], Floats]:
@@ -168,7 +186,13 @@ class Transfer:
 
 
 def transfer_of(
-    plane: str, dark: Pair, lit: tuple[Pair, ...], *, highest_dn: float, dark_e: float = 0.0
+    plane: str,
+    dark: Pair,
+    lit: tuple[Pair, ...],
+    *,
+    highest_dn: float,
+    dark_e: float = 0.0,
+    leaked_dn: float = 0.0,
 ) -> Transfer:
     """Fit the line of one plane.
 
@@ -178,8 +202,10 @@ def transfer_of(
     dark, lit : pairs without and with light.
     highest_dn : blocks above it are left out: 70 % of saturation.
     dark_e : electrons of dark current in a dark photo, whose noise is no read noise.
+    leaked_dn : light in a dark photo, whose noise is none either.
 
-    Raises CalibrationError: saturated, too dim, moved between two photos, or filtered samples.
+    Raises CalibrationError: no noise, saturated, too dim, moved between two photos, or filtered
+    samples.
     """
     mean = np.concatenate([dark.mean * 0.0, *(pair.mean for pair in lit)])
     variance = np.concatenate([dark.variance, *(pair.variance for pair in lit)])
@@ -188,6 +214,12 @@ def transfer_of(
     peak = np.concatenate([dark.peak, *(pair.peak for pair in lit)])
     good = (samples > 0.5 * samples.max()) & (of_dark | (peak <= highest_dn))
     _refuse(plane, dark, lit, good & ~of_dark, highest_dn)
+    if not variance[good].any():
+        raise CalibrationError(
+            f"plane {plane}: photos of the same light are equal to the last digit: no noise",
+            device="camera",
+            hint='of a mock bench set camera.noise = "full"; see that two photos were taken',
+        )
     for _ in range(2):
         fit, covariance = _line(mean[good], variance[good], samples[good])
         model = fit[0] + fit[1] * mean
@@ -212,7 +244,7 @@ def transfer_of(
     gain = float(1.0 / fit[1])
     gain_sigma = gain**2 * float(np.sqrt(covariance[1, 1]))
     rounded = fit[0] < LEAST_DARK_DN2
-    read_dn2 = max(fit[0] - ROUNDING_DN2 - dark_e / gain**2, 1e-6)
+    read_dn2 = max(fit[0] - ROUNDING_DN2 - dark_e / gain**2 - leaked_dn / gain, 1e-6)
     read_dn = float(np.sqrt(read_dn2))
     band_dn = float(np.sqrt(dark.banding_dn2))
     # read = sqrt(v0 - 1/12) / K: how it moves with either number of the line.
@@ -247,7 +279,13 @@ def _refuse(
     plane: str, dark: Pair, lit: tuple[Pair, ...], used: NDArray[np.bool_], highest_dn: float
 ) -> None:
     """Raise CalibrationError where pairs cannot tell a gain."""
-    many = sum(pair.mean.size for pair in lit)
+    many = sum(int((pair.samples > 0).sum()) for pair in lit)
+    if many < LEAST_BLOCKS:
+        raise CalibrationError(
+            f"plane {plane}: only {many} parts of the flat photos are evenly lit",
+            device="camera",
+            hint="put a white card before the camera, so that it fills the picture; focus",
+        )
     if used.sum() < 0.2 * many:
         raise CalibrationError(
             f"plane {plane}: {100.0 * (1.0 - used.sum() / many):.0f} % of the flat photos lie "

@@ -65,7 +65,8 @@ class CalibrationRun:
         before, digest = self._before()
         names = ordered(self.request.steps)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
-        begin = Begin(self.config, self.profile, camera, before)
+        helped = self.request.attended or self.rig.mock
+        begin = Begin(self.config, self.profile, camera, before, helped)
         self.hands.do(self._watch(), Desk.calibrate, begin, self.folder.path)
         if self.request.attended:
             self._ask(
@@ -149,34 +150,46 @@ class CalibrationRun:
         )
 
     def _photo(self, wanted: NextPhoto) -> PhotoRecord:
+        """Take one photo; of a mock bench with the lens covered where it is to be."""
+        self.rig.cover(wanted.covered)
+        try:
+            return self._exposed(wanted)
+        finally:
+            self.rig.cover(False)
+
+    def _exposed(self, wanted: NextPhoto) -> PhotoRecord:
         """Expose, again where refreshes were missed. Raises SyncError when that went on."""
         settings = CameraSettings(wanted.iso, wanted.f_number if self._settable else None)
         for number in range(1, self.config.rig.retries + 2):
-            done = self.rig.expose(
-                wanted.frames,
-                settings,
-                self.folder.path / "raw",
-                wanted.name,
-                notify=self._notify,
-                progress=lambda frame, of, missed: self.emit(
-                    events.Progress(shot=wanted.name, frame=frame, frames=of, missed=missed)
-                ),
-                cancelled=self.cancelled,
-            )
-            if not done.log.missed.any():
-                self.folder.write_frames(wanted.name, wanted.frames, done.log)
-                return self._taken(wanted, done)
+            try:
+                done = self._expose(wanted, settings)
+            except SyncError as err:  # the display gave up
+                cause = err.message
+            else:
+                if not done.log.missed.any():
+                    self.folder.write_frames(wanted.name, wanted.frames, done.log)
+                    return self._taken(wanted, done)
+                cause = f"{int(done.log.missed.sum())} refreshes were missed"
             name = self.folder.set_aside(wanted.name, number)
-            missed = int(done.log.missed.sum())
-            self._notify(
-                events.Discarded(
-                    shot=wanted.name, name=name, cause=f"{missed} refreshes were missed"
-                )
-            )
+            self._notify(events.Discarded(shot=wanted.name, name=name, cause=cause))
         raise SyncError(
-            f"photo {wanted.name} was spoilt {number} times: {missed} refreshes were missed",
+            f"photo {wanted.name} was spoilt {number} times: {cause}",
             device="display",
             hint="see that nothing else runs on this machine: pdcd timing",
+        )
+
+    def _expose(self, wanted: NextPhoto, settings: CameraSettings) -> Exposure:
+        return self.rig.expose(
+            wanted.frames,
+            settings,
+            self.folder.path / "raw",
+            wanted.name,
+            notify=self._notify,
+            progress=lambda frame, of, missed: self.emit(
+                events.Progress(shot=wanted.name, frame=frame, frames=of, missed=missed)
+            ),
+            cancelled=self.cancelled,
+            moving=wanted.moving,
         )
 
     @property

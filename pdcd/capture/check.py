@@ -136,7 +136,7 @@ class _Check:
         scene = self._config.scene
         if self._grid is None and scene.kind == "matrix":
             return None
-        return self._config.schedule.grid or self._grid or scene.grid or DEFAULT_GRID
+        return self._config.schedule.cells or self._grid or scene.grid or DEFAULT_GRID
 
     def _plan(self) -> None:
         grid = self._code_grid()

@@ -27,12 +27,14 @@ from pdcd.offload.hands import Hands, Here
 from pdcd.offload.keeper import Child
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
+from pdcd.planning.measured import with_grid
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Emit, Event
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.place import Place
 from pdcd.runs.views import CameraView, DriverView, OwnerView, Preview, RigView
+from pdcd.scene.card import CARD
 from pdcd.sensor.profile import load_profile
 
 logger = logging.getLogger(__name__)
@@ -43,10 +45,6 @@ Asked = Callable[[], bool]
 
 def _unheard(event: Event) -> None:
     """Nobody listens."""
-
-
-CARD = "card"
-"""The scene that a mock bench puts up to be calibrated."""
 
 
 def _at_once(text: str) -> None:
@@ -67,7 +65,7 @@ class Engine:
 
     def _set_up(self, config: Config) -> None:
         """Make the rig of a configuration, closed, and who works for it."""
-        self._config = config
+        self._config = config = with_grid(config)
         self._rig = Rig(config)
         self._profile = load_profile(config.camera.profile)
         self._hands = self._make_hands(Facts(config, self._profile, self.grid, self._rig.scene))

@@ -19,11 +19,13 @@ from pdcd.bench.devices import (
     RawFile,
     Readout,
     Shutter,
+    WhileShown,
 )
 from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import DEFAULT_GRID, Config
-from pdcd.errors import ConfigError, PdcdError, SyncError, disk_errors
+from pdcd.capture.moving import MovingShutter
+from pdcd.errors import Cancelled, ConfigError, PdcdError, SyncError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.runs.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.scene.scene import Scene
@@ -100,9 +102,9 @@ class Rig:
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
-        said = self.config.schedule.grid or self.config.scene.grid or DEFAULT_GRID
+        said = self.config.schedule.cells or self.config.scene.grid or DEFAULT_GRID
         scene = self._virtual_scene
-        if scene is None or self.config.schedule.grid is not None:
+        if scene is None or self.config.schedule.cells is not None:
             return said
         return scene.grid
 
@@ -140,6 +142,11 @@ class Rig:
             return self.readout.connect()
         finally:
             self.readout.disconnect()
+
+    def cover(self, covered: bool) -> None:
+        """Cover the projector's lens, or uncover it, for the exposures to come: of a mock bench. Of
+        any other somebody has to do it."""
+        self._context.shared.covered = covered
 
     def mask_lag_s(self) -> float | None:
         """Lag of the mask as the display measures it; one that is not open is opened for the
@@ -196,12 +203,16 @@ class Rig:
         notify: Emit,
         progress: Progress,
         cancelled: Callable[[], bool],
+        moving: WhileShown | None = None,
     ) -> Exposure:
         """Take one exposure of the frames and fetch its RAW file.
 
         The shutter opens and closes on panels that have settled to black, so its lag and jitter do
         not matter, nor what the panels showed before. When the display gives up (SyncError), the
         file of the spoilt exposure is fetched before that is raised.
+
+        With `moving` the shutter opens and closes while the frames are shown: such a photo tells
+        when it did, and is good for nothing else. Raises ExposureError when the frames ended first.
         """
         settle_ns = round(self.config.rig.settle_s * 1e9)
         self.display.load(frames)
@@ -212,19 +223,20 @@ class Rig:
         self.clock.sleep_until_ns(black_ns + settle_ns)
         shared = self._context.shared
         shared.exposed_ns = shared.played = None
+        shared.moving = moving is not None
+        if moving is not None:
+            mover = MovingShutter(
+                self.shutter, self.clock, moving, name, notify, progress, cancelled
+            )
+            log, open_ns, close_ns = self._moved(mover, frames, folder)
+            return Exposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
         open_ns = self.shutter.open()
         notify(ShutterOpen(shot=name, t_mono_ns=open_ns))
         self.clock.sleep_until_ns(open_ns + settle_ns)
         try:
             log = self.display.play(progress, cancelled)
         except SyncError:
-            # The camera hands out a file all the same; left there, it would pass for the next one.
-            self.display.black()
-            close_ns = self.shutter.close()
-            shared.exposed_ns = (open_ns, close_ns)
-            notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
-            with disk_errors("camera"):
-                self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
+            self._take_spoilt(open_ns, folder, name, notify)
             raise
         shared.played = (frames, log)
         self.display.black()
@@ -232,6 +244,38 @@ class Rig:
         close_ns = self.shutter.close()
         shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
+        return Exposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
+
+    def _moved(
+        self, mover: MovingShutter, frames: Frames, folder: Path
+    ) -> tuple[FrameLog, int, int]:
+        """Play the loaded frames while the shutter moves; log, and when it was surely open, and
+        surely closed."""
+        shared = self._context.shared
+        try:
+            log = self.display.play(mover, mover.over)
+        except Cancelled:
+            if mover.failure is not None:
+                raise mover.failure from None
+            raise
+        except SyncError:
+            if mover.open_ns is not None:
+                self._take_spoilt(mover.open_ns, folder, mover.shot, mover.notify)
+            raise
+        self.display.black()
+        shared.played = (frames, log)
+        open_ns, close_ns = shared.exposed_ns = mover.ended()
+        return log, open_ns, close_ns
+
+    def _take_spoilt(self, open_ns: int, folder: Path, name: str, notify: Emit) -> None:
+        """End an exposure that was given up, and take its file: left in the camera, it would pass
+        for the next one."""
+        self.display.black()
+        close_ns = self.shutter.close()
+        self._context.shared.exposed_ns = (open_ns, close_ns)
+        notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
+        self._fetched(folder, name)
+
+    def _fetched(self, folder: Path, name: str) -> RawFile:
         with disk_errors("camera"):
-            raw = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
-        return Exposure(open_ns, close_ns, log, raw, settings)
+            return self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)

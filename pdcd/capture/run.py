@@ -19,6 +19,7 @@ from pdcd.capture.account import (
 from pdcd.capture.convergence import Convergence
 from pdcd.capture.job import Job, Journal
 from pdcd.capture.rig import Rig
+from pdcd.capture.same_bench import doubts
 from pdcd.capture.shots import ShotTaker
 from pdcd.capture.sight import Sight
 from pdcd.errors import DeviceLost
@@ -82,6 +83,8 @@ class Run:
         started, begun_s = utc_now(), time.perf_counter()
         job, folder = self._job, self._folder
         planned = self._plan()
+        iso = min(self._camera.isos) if planned.plan.iso is None else planned.plan.iso
+        doubtful = tuple(doubts(self._config, self._rig, iso))
         self._sight.foresee(planned.plan)
         folder.create(min_free_bytes=self._config.limits.min_free_bytes)
         self._journal.notify(events.Started(job=job.name, goal=job.request.goal))
@@ -92,6 +95,8 @@ class Run:
         )
         self._ledger.begin(begun)
         self._goes_by(planned)
+        for text in doubtful:
+            self._journal.warn(text)
         if self._rig.mixed is not None:
             self._journal.warn(self._rig.mixed)
         planned = self._take_all(planned)

@@ -16,6 +16,7 @@ from pdcd.bench.findings import Finding, fault
 from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import DEFAULT_GRID, Config
 from pdcd.capture.job import Journal
+from pdcd.capture.same_bench import held_otherwise
 from pdcd.errors import ExposureError, PdcdError
 from pdcd.planning.plan import Plan
 from pdcd.sensor.fit import check_fit, fit_of
@@ -54,6 +55,10 @@ class Sight:
                     "expected of this camera: is it set to full-size RAW?"
                 )
             self._check(head.frame)
+            if held_otherwise(self.config, head.flip):
+                self.journal.warn(
+                    "the camera is held another way than when it was calibrated: calibrate geometry"
+                )
             self._first = file, head
             return
         before, first = self._first
@@ -109,7 +114,7 @@ def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
             rows, columns = head.masked
             border = f"{rows} rows and {columns} columns beyond the picture"
             yield Finding("masked border", "good", border if rows + columns else "none")
-        what, grid = "view of the field", config.schedule.grid or config.scene.grid or DEFAULT_GRID
+        what, grid = "view of the field", config.schedule.cells or config.scene.grid or DEFAULT_GRID
         fit = fit_of(camera_map(config, frame), grid)
         seen = f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
         yield Finding("field seen", "good", seen)

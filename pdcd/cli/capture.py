@@ -104,6 +104,7 @@ def plan(args: argparse.Namespace) -> int:
         ]
     if summary.prior is not None:
         head.append(["codes by", summary.prior])
+    head += [["why" if not number else "", text] for number, text in enumerate(summary.reasons)]
     foreseen = summary.prediction
     if foreseen is not None:
         head += [

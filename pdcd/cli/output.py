@@ -17,6 +17,7 @@ from pdcd.printable import one_line
 from pdcd.request import CaptureResult, Figure, Quality
 from pdcd.runs.events import (
     Armed,
+    Attention,
     Converging,
     Decoded,
     Decoding,
@@ -24,6 +25,8 @@ from pdcd.runs.events import (
     Learning,
     Planning,
     Progress,
+    StepBegun,
+    StepEnded,
     fields,
 )
 
@@ -241,6 +244,12 @@ def _plain_words(event: Event) -> str:
     if isinstance(event, Converging):
         error = "unknown" if event.rms_sigma is None else f"{100.0 * event.rms_sigma:.2g} %"
         return f"part {event.part}: error {error}, wanted {100.0 * event.target:g} %"
+    if isinstance(event, StepBegun):
+        return f"step {event.number} of {event.steps}: {event.step}"
+    if isinstance(event, StepEnded):
+        return f"{event.step}: {event.verdict}"
+    if isinstance(event, Attention):
+        return event.text
     if isinstance(event, Progress):
         step = f"{event.frame}/{event.frames} refreshes"
         if event.missed:

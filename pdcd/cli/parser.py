@@ -17,7 +17,7 @@ from pdcd.cli.options import (
     share,
     white_patch_option,
 )
-from pdcd.words import MovingName, PatternName
+from pdcd.words import MovingName, PatternName, StepName
 
 EXIT_CODES = (
     "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
@@ -129,6 +129,25 @@ def _bench_commands(add: Add) -> None:
     _doctors(
         add("doctor", "doctor:display", "say what of the bench is fit to work, and what is not")
     )
+    measured = add("calibrate", "calibrate:calibrate", "have the bench measure itself")
+    measured.usage = "%(prog)s [OPTIONS] [STEP ...]"
+    measured.add_argument(
+        "step",
+        nargs="*",
+        metavar="STEP",
+        help=f"default: all that a bench needs; or of {', '.join(get_args(StepName))}",
+    )
+    measured.add_argument(
+        "--again", type=Path, metavar="FOLDER", help="compute a calibration again from its photos"
+    )
+    measured.add_argument(
+        "--yes", action="store_true", help="wait for nobody: the card is where it has to be"
+    )
+    measured.add_argument("--queue", action="store_true", help="wait while the rig is taken")
+    measured.add_argument(
+        "--local", action="store_true", help="drive the rig from this process, without a daemon"
+    )
+    client_options(measured)
     held = add("show", "panels:show", "show a pattern on both panels, without a camera")
     held.add_argument(
         "pattern",

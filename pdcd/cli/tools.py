@@ -7,6 +7,8 @@ import json
 
 from pdcd import __version__
 from pdcd.bench.config import find, load, read, schema, show
+from pdcd.bench.measured import calibrated
+from pdcd.bench.origins import age_words, origins
 from pdcd.bench.reading import faults_error
 from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
@@ -39,8 +41,7 @@ def config(args: argparse.Namespace) -> int:
         _say_all(json.dumps(schema(), indent=2))
         return DONE
     if args.action == "show":
-        _say_all(show(load(args.config)).rstrip())
-        return DONE
+        return _show(args)
     from pdcd.capture.check import faults_in
 
     source = find(args.config)
@@ -50,6 +51,17 @@ def config(args: argparse.Namespace) -> int:
     if lines:
         raise faults_error(source, lines)
     say(f"sound: {source}" if source else "sound: no file, the mock bench")
+    return DONE
+
+
+def _show(args: argparse.Namespace) -> int:
+    """Print the configuration as it is used, and where each of its values comes from."""
+    source, settings = find(args.config), load(args.config)
+    notes = {tuple(o.key.split(".")): o.words for o in origins(source, settings)}
+    age = age_words(settings)
+    if age is not None:
+        notes[("calibration",)] = age
+    _say_all(show(calibrated(settings), notes).rstrip())
     return DONE
 
 

@@ -1,14 +1,16 @@
-"""`pdcd verify`: are runs whole, and as they were when they ended?"""
+"""`pdcd verify`: are runs and calibrations whole, and as they were when they ended?"""
 
 from __future__ import annotations
 
 import argparse
 import re
 
+from pdcd.bench.calibration import RECORD
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json
 from pdcd.errors import ConfigError
 from pdcd.runs.verify import Verified, verify
+from pdcd.runs.verify_calibration import verify_calibration
 
 
 def verify_runs(args: argparse.Namespace) -> int:
@@ -19,7 +21,12 @@ def verify_runs(args: argparse.Namespace) -> int:
             "--manifest-sha256 takes 64 hexadecimal digits, and goes with one folder",
             hint="capture --json and capture.wait tell it as manifest_sha256",
         )
-    found = [verify(folder, manifest_sha256=sha256) for folder in args.folder]
+    found = [
+        (verify_calibration if (folder / RECORD).exists() else verify)(
+            folder, manifest_sha256=sha256
+        )
+        for folder in args.folder
+    ]
     for run in found:
         if args.json:
             say_json(run)

@@ -20,7 +20,7 @@ from pdcd.bench.calibration import (
     PhotoRecord,
     StepRecord,
 )
-from pdcd.bench.devices import CameraInfo
+from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.tables import Config
 from pdcd.calibration.body import profile_text
 from pdcd.calibration.figures import Figure, Verdict
@@ -29,7 +29,7 @@ from pdcd.calibration.shown import frames_of
 from pdcd.calibration.steps.all import METER, script_of
 from pdcd.errors import CalibrationError, PdcdError, disk_errors
 from pdcd.frames.frames import Frames
-from pdcd.inputs.limits import Limits
+from pdcd.inputs.limits import Limits, Unsound
 from pdcd.inputs.npy import members, read_npz
 from pdcd.maps.file import save_maps
 from pdcd.maps.map import Map
@@ -39,6 +39,8 @@ from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import read_raw
 from pdcd.words import VerdictName
 
+HELPED = "helped"
+"""Of the settings of a step: 1 where what it asked of a person was done."""
 MAX_ARRAY_VALUES = 2**24
 """Most numbers of one array that is kept for later steps."""
 VERDICTS: Mapping[Verdict, VerdictName] = {
@@ -50,12 +52,15 @@ VERDICTS: Mapping[Verdict, VerdictName] = {
 
 @dataclass(frozen=True, eq=False)
 class NextPhoto:
-    """Take this photo; f_number is None where the lens is not set from here."""
+    """Take this photo; f_number is None where the lens is not set from here. covered : of a bench
+    whose projector's lens is covered. moving : for a shutter that moves meanwhile."""
 
     name: str
     frames: Frames
     iso: int
     f_number: float | None
+    covered: bool = False
+    moving: WhileShown | None = None
 
 
 @dataclass(frozen=True)
@@ -80,12 +85,14 @@ class Begin:
     """What a calibration starts from.
 
     before : folder of the calibration that is in use, for what its steps left for later ones.
+    helped : whether what is asked of a person is done.
     """
 
     config: Config
     profile: SensorProfile
     camera: CameraInfo
     before: Path | None = None
+    helped: bool = False
 
 
 @dataclass
@@ -111,14 +118,18 @@ class Study:
         camera, config = begin.camera, begin.config
         iso = config.camera.iso if config.camera.iso is not None else min(camera.isos)
         arrays = {} if begin.before is None else read_arrays(begin.before / ARRAYS)
-        session = Session(config, begin.profile, camera, iso, arrays=arrays)
+        session = Session(config, begin.profile, camera, iso, arrays=arrays, helped=begin.helped)
         return cls(folder, session, FrameTable(folder))
 
     def begin(self, step: str, now_utc: str) -> Next:
         """Start the script of a step. Raises CalibrationError."""
         session = self.session
         self.step, self.now_utc, self.photos, self.seconds = step, now_utc, [], 0.0
-        self.settings = {"iso": float(session.iso), "full_refreshes": float(session.full)}
+        self.settings = {
+            "iso": float(session.iso),
+            "full_refreshes": float(session.full),
+            HELPED: float(session.helped),
+        }
         if session.f_number is not None:
             self.settings["f_number"] = session.f_number
         self.script = script_of(step, session)
@@ -174,6 +185,8 @@ class Study:
             frames=frames_of(wanted.shown),
             iso=session.iso if wanted.iso is None else wanted.iso,
             f_number=f_number,
+            covered=wanted.covered,
+            moving=wanted.moving,
         )
 
     def _learn(self, outcome: Outcome) -> StepRecord:
@@ -222,7 +235,11 @@ class Study:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays as .npz, the same bytes for the same numbers. Raises OSError."""
+    """Write arrays as .npz, the same bytes for the same numbers. Raises OSError; ValueError for an
+    array that `read_arrays` would refuse."""
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"array {name} holds what is no number")
     with path.open("wb") as file:
         np.savez(file, **{name: arrays[name] for name in sorted(arrays)})  # type: ignore[arg-type]
 
@@ -235,7 +252,13 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         return {}
     except OSError as err:
         raise CalibrationError(f"{path} cannot be read: {err.strerror}") from err
-    return dict(read_npz(data, dict.fromkeys(members(data), Limits(MAX_ARRAY_VALUES))))
+    try:
+        return dict(read_npz(data, dict.fromkeys(members(data), Limits(MAX_ARRAY_VALUES))))
+    except Unsound as err:
+        raise CalibrationError(
+            f"{path} cannot be used: {err.message}",
+            hint='name another calibration in [calibration] use, or set it to "none"',
+        ) from err
 
 
 def _record(figure: Figure) -> FigureRecord:

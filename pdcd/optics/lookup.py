@@ -53,7 +53,7 @@ def rendered(
 ) -> Floats:
     """Mean light of each quad, (rows, cols, 3).
 
-    scene : direct reflection of the cells (N, 3), and where there is any their ambient light (N, 3).
+    scene : direct reflection of the cells (N, 3); then their ambient light (N, 3), if there is any.
     """
     (rows, cols), per_quad = setting.frame, setting.samples
     cells, nothing = CellGrid(grid, smooth=False), np.zeros((1, 3))

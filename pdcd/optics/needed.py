@@ -27,7 +27,7 @@ def optics_of(config: Config, scene: Scene, *, cut: bool = False) -> OpticalBenc
     of the scene, and no edge of a window (`cut`). Raises ConfigError for a truth or a map that
     cannot be used.
     """
-    camera, grid = config.camera, config.schedule.grid or scene.grid
+    camera, grid = config.camera, config.schedule.cells or scene.grid
     placed = any(p.place != Placing() for p in (config.projector, config.mask, camera))
     fine = camera.quads_per_cell > 1 and (cut or scene.textures is not None)
     apart = camera.frame_quads is not None or grid != scene.grid

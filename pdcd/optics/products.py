@@ -34,12 +34,16 @@ COLOURS = 3
 
 @dataclass(frozen=True)
 class Exposure:
-    """What two panels showed, and when the shutter was open; times on the clock of the log."""
+    """What two panels showed, and when the shutter was open; times on the clock of the log.
+
+    covered : whether the projector's lens was covered.
+    """
 
     frames: Frames
     log: FrameLog
     open_ns: int
     close_ns: int
+    covered: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,8 @@ class Products:
         )
         for p_band in range(self._p_sites.delay_ns.size):
             self._add_band(out, direct, indirect, p_band)
+        if self._exposure.covered:
+            out.direct[:] = out.indirect[:] = 0.0
         return out
 
     def _add_band(self, out: Tables, direct: Pairs, indirect: Pairs, p_band: int) -> None:

@@ -198,8 +198,10 @@ def pixels(image: NDArray[_Kind], x: Floats, y: Floats, *, missing: float) -> ND
     height, width = image.shape
     with np.errstate(invalid="ignore"):
         inside = (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
+    if inside.all():
+        return np.asarray(image.take(y.astype(np.int64) * width + x.astype(np.int64)))
     column = np.where(inside, x, 0.0).astype(np.int64)
     row = np.where(inside, y, 0.0).astype(np.int64)
-    found = image[row, column]
+    found = np.asarray(image.take(row * width + column))
     found[~inside] = missing
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -13,6 +13,7 @@ from pdcd.pictures.weights import (
     Bools,
     Floats,
     Shown,
+    Weights,
     cell_weights_s,
     divided_by_row,
     quad_weights_s,
@@ -20,6 +21,7 @@ from pdcd.pictures.weights import (
 )
 from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Extremes, Recipe, Rule
+from pdcd.sensor.bands import banded, in_bands, planar
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
@@ -131,22 +133,42 @@ def scaled_photos(
         realised = realised_photo(photo.shots, shots)
         by_row = divided_by_row(photo, shots, normalise)
         weights = quad_weights_s(photo, realised, shots, cells, by_row=by_row)
-        weight = weights.quads_s[..., None] if weights.quads_s.ndim else weights.quads_s
-        variance = _sum((1.0, shots[name].variance) for _, name in photo.shots)
-        sigma = np.sqrt(variance)
-        sigma /= weight.astype(sigma.dtype)
-        unknown = np.logical_or.reduce([shots[name].saturated for _, name in photo.shots])
-        for more in (weights.blind, outside):
-            if more is not None:
-                unknown = unknown | more
-        np.copyto(sigma, np.inf, where=unknown[..., None])
-        image = _sum((sign, shots[name].light) for sign, name in photo.shots) / weight
-        if added is not None and photo.name in added:
-            image += added[photo.name]
-        if outside is not None:
-            np.copyto(image, 0.0, where=outside[..., None])
-        scaled[photo.name] = Picture(image, sigma)
+        taken = [(sign, shots[name]) for sign, name in photo.shots]
+        more = None if added is None else added.get(photo.name)
+        scaled[photo.name] = _scaled(taken, weights, more, outside)
     return scaled
+
+
+def _scaled(
+    taken: Sequence[tuple[float, Exposed]],
+    weights: Weights,
+    more: Floats | None,
+    outside: Bools | None,
+) -> Picture:
+    """A signed sum of shots over its weight, `more` added; unknown `outside` the field."""
+    first = taken[0][1]
+    image = planar(first.light.shape)
+    sigma = planar(first.variance.shape, first.variance.dtype)
+
+    def band(rows: slice) -> None:
+        weight = weights.quads_s[rows, :, None] if weights.quads_s.ndim else weights.quads_s
+        error = np.sqrt(_sum((1.0, shot.variance[rows]) for _, shot in taken))
+        error /= weight.astype(error.dtype)
+        unknown = np.logical_or.reduce([shot.saturated[rows] for _, shot in taken])
+        for lost in (weights.blind, outside):
+            if lost is not None:
+                unknown |= lost[rows]
+        np.copyto(error, np.inf, where=unknown[..., None])
+        sigma[rows] = error
+        light = _sum((sign, shot.light[rows]) for sign, shot in taken) / weight
+        if more is not None:
+            light += more[rows]
+        if outside is not None:
+            np.copyto(light, 0.0, where=outside[rows, :, None])
+        image[rows] = light
+
+    in_bands(image.shape[0], band)
+    return Picture(image, sigma)
 
 
 def pictures_of(recipe: Recipe, photos: Mapping[str, Picture]) -> dict[str, Picture]:
@@ -164,8 +186,12 @@ def sigma_of(rule: Rule, photos: Mapping[str, Picture], sigmas: Mapping[str, Err
         return _sigma_of_extremes(rule, photos, sigmas)
     if len(rule) == 1 and rule[0][0] == 1.0:
         return sigmas[rule[0][1]]
-    sigma: Errors = np.sqrt(_sum((c * c, sigmas[name] ** 2) for c, name in rule))
-    return sigma
+    first = sigmas[rule[0][1]]
+
+    def sigma(rows: slice) -> Errors:
+        return np.asarray(np.sqrt(_sum((c * c, sigmas[name][rows] ** 2) for c, name in rule)))
+
+    return banded(first.shape, first.dtype, sigma)
 
 
 def _image_of(rule: Rule, photos: Mapping[str, Picture]) -> Floats:
@@ -176,7 +202,13 @@ def _image_of(rule: Rule, photos: Mapping[str, Picture]) -> Floats:
             np.maximum(largest, image, out=largest)
             np.minimum(smallest, image, out=smallest)
         return _sum([(rule.largest, largest), (rule.smallest, smallest)])
-    return _sum((c, photos[name].image) for c, name in rule)
+    first = photos[rule[0][1]].image
+    if len(rule) == 1 and rule[0][0] == 1.0:
+        return first
+    terms = [(c, photos[name].image) for c, name in rule]
+    return banded(
+        first.shape, first.dtype, lambda rows: _sum((c, image[rows]) for c, image in terms)
+    )
 
 
 def _sigma_of_extremes(

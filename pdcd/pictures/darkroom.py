@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -43,6 +44,7 @@ from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import RunRecord, ShotRecord
+from pdcd.sensor.bands import banded
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
 
@@ -272,14 +274,17 @@ class Darkroom:
 
     def _develop(self, shot: ShotRecord, alive: Alive) -> Exposed:
         """Light of a shot in scene units times seconds, out of its RAW file."""
-        shown = self._matrix(shot, alive)
         profile = self._record.profile
-        raw = read_raw(
-            self._folder / shot.raw,
-            sha256=shot.sha256,
-            size_bytes=shot.size_bytes,
-            saturation_dn=profile.saturation_dn(shot.iso),
-        )
+        with ThreadPoolExecutor(1) as pool:
+            reading = pool.submit(
+                read_raw,
+                self._folder / shot.raw,
+                sha256=shot.sha256,
+                size_bytes=shot.size_bytes,
+                saturation_dn=profile.saturation_dn(shot.iso),
+            )
+            shown = self._matrix(shot, alive)
+            raw = reading.result()
         self._check(shot, raw)
         gain = profile.row(shot.iso).gain_e_per_dn
         # From DN to scene units times seconds: electrons, then the camera's responsivity.
@@ -287,15 +292,16 @@ class Darkroom:
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
         factors = to_units / _level(shot)
         large = raw.saturated.size >= LARGE_QUADS
+        single = np.float32 if large else np.float64
+        shape, planes = (*raw.frame, 3), raw.planes
         return Exposed(
-            light=to_rgb(raw.planes, factors),
-            variance=rgb_variance(
-                raw.planes,
-                profile,
-                shot.iso,
-                exposure_s,
-                factors,
-                np.float32 if large else np.float64,
+            light=banded(shape, np.float64, lambda rows: to_rgb(planes[:, rows], factors)),
+            variance=banded(
+                shape,
+                single,
+                lambda rows: rgb_variance(
+                    planes[:, rows], profile, shot.iso, exposure_s, factors, single
+                ),
             ),
             saturated=raw.saturated,
             realised=shown.realised,

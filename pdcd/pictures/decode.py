@@ -55,10 +55,14 @@ def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
             )
         # Both are mostly compressing and copying, which a second core can do meanwhile.
         with ThreadPoolExecutor(1) as pool:
-            drawn = pool.submit(write_previews, folder / "preview", decoded.pictures, decoded.view)
-            for name, picture in decoded.pictures.items():
-                write_tiff(folder / "linear" / f"{name}.tif", picture.image)
-            return drawn.result()
+            written = [
+                pool.submit(write_tiff, folder / "linear" / f"{name}.tif", picture.image)
+                for name, picture in decoded.pictures.items()
+            ]
+            warnings = write_previews(folder / "preview", decoded.pictures, decoded.view)
+            for written_file in written:
+                written_file.result()
+        return warnings
 
 
 @contextmanager

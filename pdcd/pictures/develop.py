@@ -3,7 +3,6 @@ correction by a homography."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -11,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdcd.errors import ConfigError, DecodeError, disk_errors
-
-_TIFF_UNCOMPRESSED = 1
+from pdcd.pictures.tiff import around
 
 
 def blocks(grey: NDArray[np.float64], min_width_px: int = 640) -> NDArray[np.uint8]:
@@ -62,15 +60,24 @@ def warp(
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
     """Write an (H, W, 3) uint8 RGB picture as PNG. Raises `NoSpaceError`, or
     `PdcdError` for any other refusal of the disk."""
-    _write(path, ".png", picture, [])
+    _check(path, picture)
+    # Encoded in memory and written here, as cv2.imwrite reports a full disk only as False.
+    _, data = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
+    with disk_errors(str(path)):
+        path.write_bytes(data.data)
 
 
 def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
     """Write an (h, w, 3) RGB image as uncompressed float32 TIFF: float32 values, negative and NaN
     ones too, come back exactly. Raises `NoSpaceError`, or
     `PdcdError` for any other refusal of the disk."""
-    flags = [cv2.IMWRITE_TIFF_COMPRESSION, _TIFF_UNCOMPRESSED]
-    _write(path, ".tiff", image.astype(np.float32, copy=False), flags)
+    _check(path, image)
+    singles = np.ascontiguousarray(image, dtype="<f4")
+    before, after = around(singles)
+    with disk_errors(str(path)), path.open("wb") as file:
+        file.write(before)
+        file.write(singles.data)
+        file.write(after)
 
 
 def read_tiff(path: Path) -> NDArray[np.float32]:
@@ -89,11 +96,6 @@ def read_tiff(path: Path) -> NDArray[np.float32]:
     return np.asarray(image[..., ::-1], dtype=np.float32).copy()
 
 
-def _write(path: Path, suffix: str, rgb: NDArray[np.generic], flags: Sequence[int]) -> None:
+def _check(path: Path, rgb: NDArray[np.generic]) -> None:
     if rgb.ndim != 3 or rgb.shape[2] != 3 or not rgb.size:
         raise ConfigError(f"{path.name}: an image needs shape (h, w, 3), not {rgb.shape}")
-    # Encoded in memory and written here, as cv2.imwrite reports a full disk only as False.
-    bgr = np.ascontiguousarray(rgb[..., ::-1])
-    _, data = cv2.imencode(suffix, bgr, flags)
-    with disk_errors(str(path)):
-        path.write_bytes(data.tobytes())

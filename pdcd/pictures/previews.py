@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from pdcd.pictures.captions import strip
 from pdcd.pictures.develop import write_png
 from pdcd.pictures.sigma import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
+from pdcd.sensor.bands import THREADS, banded
 
 Bytes = NDArray[np.uint8]
 
@@ -123,8 +125,11 @@ def write_previews(folder: Path, pictures: Mapping[str, Barred], view: View) -> 
     Raises NoSpaceError, or DiskError for any other refusal of the disk.
     """
     previews = Previews(pictures, view)
-    for name in pictures:
-        write_png(folder / f"{name}.png", previews.drawn(name))
+    with ThreadPoolExecutor(THREADS) as pool:
+        for _ in pool.map(
+            lambda name: write_png(folder / f"{name}.png", previews.drawn(name)), pictures
+        ):
+            pass
     return previews.warnings
 
 
@@ -136,7 +141,11 @@ def coded(linear: NDArray[np.float32] | np.float32) -> Bytes:
 
 
 def _seen(picture: Barred, sampler: Sampler) -> _Seen:
-    known = all_known(picture.sigma, picture.image)
+    known = banded(
+        picture.image.shape[:2],
+        np.bool_,
+        lambda rows: all_known(picture.sigma[rows], picture.image[rows]),
+    )
     image, seen = sampler(picture.image, known)
     step = max(math.isqrt(known.size) // ENOUGH_PX, 1)
     sigma = picture.sigma[::step, ::step][known[::step, ::step]]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from pdcd.pictures.combine import Errors, Picture
 from pdcd.pictures.sigma import Barred
 from pdcd.pictures.smoothed import by_light
-from pdcd.sensor.cells import CellMap, planar
+from pdcd.sensor.bands import in_bands, planar
+from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
@@ -22,10 +23,7 @@ def of_cells(picture: Picture, cells: CellMap) -> Picture:
     """
     known = _known(picture, cells)
     image, sure = _means(picture.image, known, cells)
-    finite = picture.sigma
-    if known is not None or not cells.known.all():
-        finite = np.where(np.isfinite(finite), finite, 0.0)
-    sigma = cells.error_of_mean(finite**2, known)
+    sigma = cells.error_of_mean(picture.sigma**2, known)
     sigma[~sure] = np.inf
     shape = *cells.grid, image.shape[1]
     return Picture(image.reshape(shape), sigma.reshape(shape))
@@ -49,11 +47,18 @@ def shared_out(error: Errors, picture: Picture, coarse: Picture, cells: CellMap)
 
     picture, coarse : the same light on quads and on cells.
     """
+    channels = range(error.shape[2])
+    shares = [
+        by_light(picture.image[..., c], coarse.image[..., c].ravel(), cells) for c in channels
+    ]
+    errors = [cells.smooth_rows(error[..., c].ravel()) for c in channels]
     out = planar(picture.sigma.shape, picture.sigma.dtype)
-    for channel in range(error.shape[2]):
-        share = by_light(picture.image[..., channel], coarse.image[..., channel].ravel(), cells)
-        brought = cells.smooth(error[..., channel].ravel())
-        np.multiply(share, brought, out=out[..., channel], casting="same_kind")
+
+    def band(rows: slice) -> None:
+        for channel, (share, brought) in enumerate(zip(shares, errors, strict=True)):
+            np.multiply(share(rows), brought(rows), out=out[rows, :, channel], casting="same_kind")
+
+    in_bands(out.shape[0], band)
     return out
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pdcd.pictures.combine import Errors, Picture
+from pdcd.sensor.bands import banded
 
 Floats = NDArray[np.float64]
 Kind = Literal["measured", "modelled"]
@@ -75,9 +76,13 @@ def _together(sensor: Errors, code: Errors) -> Errors:
     long."""
     if sensor.dtype != np.float32:
         return np.asarray(np.hypot(sensor, code))
-    total = sensor * sensor
-    total += code * code
-    return np.sqrt(total, out=total)
+
+    def total(rows: slice) -> Errors:
+        squares = sensor[rows] * sensor[rows]
+        squares += code[rows] * code[rows]
+        return np.sqrt(squares, out=squares)
+
+    return banded(sensor.shape, sensor.dtype, total)
 
 
 def _expected(variance: Floats, noise: Floats, image: Floats) -> Floats:

@@ -11,8 +11,9 @@ from scipy.sparse import csr_array
 from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.smooth import colour_correction
-from pdcd.pictures.weights import brought
+from pdcd.pictures.weights import brought_rows
 from pdcd.recipes.recipe import Recipe
+from pdcd.sensor.bands import OfRows, banded
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
@@ -51,27 +52,40 @@ def smoothed(
     if learned is not None:
         rest = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
     more = colour_correction(realised.left, realised.right, weight, rest, cells.grid, alive)
-    out = np.empty_like(picture.image)
-    for channel in range(out.shape[2]):
-        here = picture.image[..., channel]
-        share = by_light(here, image[:, channel], cells)
-        share *= brought(more[:, channel], cells, realised.fine)
-        np.add(here, share, out=out[..., channel])
-    if not cells.known.all():
-        np.copyto(out, 0.0, where=~cells.known[..., None])
-    return Picture(out, picture.sigma)
+    whole = cells.known.all()
+    shares = [by_light(picture.image[..., c], image[:, c], cells) for c in range(image.shape[1])]
+    missing = [brought_rows(one, cells, realised.fine) for one in more.T]
+
+    def corrected(rows: slice) -> Floats:
+        out = picture.image[rows].copy(order="K")
+        for channel, (share, lacking) in enumerate(zip(shares, missing, strict=True)):
+            out[..., channel] += share(rows) * lacking(rows)
+        if not whole:
+            np.copyto(out, 0.0, where=~cells.known[rows, :, None])
+        return out
+
+    return Picture(banded(picture.image.shape, np.float64, corrected), picture.sigma)
 
 
-def by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> NDArray[np.floating]:
+def by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> OfRows:
     """Light of quads (h, w) over that of the cells (N,) around them, from 0 to `MOST`: how an error
-    that is in proportion to light lies on the quads of a cell. 1 where the cells are dark."""
-    around = cells.smooth(of_cells)
-    share: NDArray[np.floating]
-    if of_cells.min() > 0.0:
-        share = image / around
-    else:
-        share = np.divide(image, around, out=np.ones(image.shape), where=around > 0.0)
-    return np.clip(share, 0.0, MOST, out=share)
+    that is in proportion to light lies on the quads of a cell. 1 where the cells are dark.
+
+    It is told for some rows of quads at a time.
+    """
+    around = cells.smooth_rows(of_cells)
+    lit = bool(of_cells.min() > 0.0)
+
+    def some(rows: slice) -> NDArray[np.floating]:
+        here, level = image[rows], around(rows)
+        share: NDArray[np.floating]
+        if lit:
+            share = here / level
+        else:
+            share = np.divide(here, level, out=np.ones(here.shape), where=level > 0.0)
+        return np.clip(share, 0.0, MOST, out=share)
+
+    return some
 
 
 def _sums(paths: csr_array) -> Floats:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pdcd.maps.map import Map
 from pdcd.runs.record import RunRecord
+from pdcd.sensor.bands import in_bands
 from pdcd.sensor.cells import CellMap
 
 Singles = NDArray[np.float32]
@@ -98,7 +99,12 @@ class Sampler:
         """A picture (h, w, 3), known at some quads (h, w) -> that of the field, (H, W, 3) float32,
         and where that is known, (H, W) bool. It is 0 elsewhere."""
         # What is not known may be infinite, or no number.
-        light = cv2.copyTo(image.astype(np.float32), known.view(np.uint8))
+        light, mask = np.empty(image.shape, np.float32), known.view(np.uint8)
+
+        def band(rows: slice) -> None:
+            light[rows] = cv2.copyTo(np.ascontiguousarray(image[rows], np.float32), mask[rows])
+
+        in_bands(len(light), band)
         seen, weight = self._weighed(known)
         picture = self._sampled(light)
         picture *= weight[..., None]

@@ -14,6 +14,7 @@ from pdcd.probing.deviation import row_weights_s, weight_s
 from pdcd.probing.fine import Fine, summed
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.recipes.recipe import Combination, Photo
+from pdcd.sensor.bands import OfRows, banded
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
@@ -109,6 +110,14 @@ def brought(cells_values: Floats, cells: CellMap, fine: Fine | None) -> Floats:
     return cells.spread(cells_values)
 
 
+def brought_rows(cells_values: Floats, cells: CellMap, fine: Fine | None) -> OfRows:
+    """The same of one value a cell, (N,), some rows of quads at a time."""
+    if fine is not None and fine.smooth:
+        return cells.smooth_rows(cells_values)
+    whole = cells.spread(cells_values)
+    return lambda rows: whole[rows]
+
+
 def _of_cells(photo: Photo, realised: Factors, by_row: bool) -> tuple[Floats, Bools | None]:
     """Weights of cells, () or (N,), and which cells were never open for what they are to keep."""
     common = weight_s(realised, photo.wanted)
@@ -148,8 +157,14 @@ def _of_windows(light: Floats, fine: Fine, cells: CellMap) -> tuple[Floats, Bool
     alike = CellMap.block(cells.grid, cells.grid)
     mean = alike.gather(light, fine.cuts)
     seen = cells.gather(light, fine.cuts)
-    around = brought(mean.ravel(), cells, fine)
+    around = brought_rows(mean.ravel(), cells, fine)
     least = BLIND * float(mean.mean())
-    closed = cells.known & ~((seen > least) & (around > least))
-    ratio = np.divide(seen, around, out=np.ones_like(seen), where=(seen > least) & (around > least))
-    return ratio, closed
+    closed, known = np.empty(cells.frame, np.bool_), cells.known
+
+    def ratio(rows: slice) -> Floats:
+        here, level = seen[rows], around(rows)
+        lit = (here > least) & (level > least)
+        closed[rows] = known[rows] & ~lit
+        return np.divide(here, level, out=np.ones_like(here), where=lit)
+
+    return banded(cells.frame, np.float64, ratio), closed

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest
 from pdcd.words import GuardsName, ScheduleName
 
+FIELD_POINTS = 9
+"""Points a side of the field at which the panels' rows are compared."""
 JITTERS = 4.0
 """Standard deviations of jitter that a lag must stay away from the ends of what is tolerated."""
 
@@ -63,14 +68,25 @@ QUARTER_LIMIT = 0.25
 """Misregistration in cells that quarter windows tolerate without any leak."""
 
 
-def choose_window(asked: str, misregistration_cells: float) -> str:
-    """ "whole" or "quarter": what "auto" means on a rig with that misregistration.
+BLUR_LEAK = 1.6
+"""Share of the direct light that blur brings into an indirect photo under whole cells, over its
+standard deviation in cells (`pdcd.calibration.cell_size`)."""
+
+
+def shares_of_cell(config: Config, cell_px: float) -> tuple[float, float]:
+    """Misregistration of the panels, and blur on the mask, in cells."""
+    return config.rig.misregistration_px / cell_px, config.mask.blur_px / cell_px
+
+
+def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 0.0) -> str:
+    """ "whole" or "quarter": what "auto" means on a rig with that misregistration and blur.
 
     Raises ConfigError when quarter windows cannot cover the misregistration.
     """
     window = asked
     if asked == "auto":
-        window = "whole" if misregistration_cells <= WHOLE_CELL_LIMIT else "quarter"
+        leak = misregistration_cells + BLUR_LEAK * blur_cells
+        window = "whole" if leak <= WHOLE_CELL_LIMIT else "quarter"
     if window == "quarter" and misregistration_cells > QUARTER_LIMIT:
         raise ConfigError(
             f"misregistration of {misregistration_cells:.2f} cells is more than quarter windows "
@@ -87,7 +103,30 @@ def asks_for_lag(request: CaptureRequest, config: Config) -> bool:
 
 
 def lag_rows(config: Config, mask_lag_s: float | None) -> tuple[float | None, float]:
-    """Lag of the mask and its jitter in rows of frames, as `pdcd.frames.schedule` takes them."""
+    """Lag of the mask and its jitter in rows of frames, as `tolerant` takes them: that of the
+    middle of all rows of pixels; how far the others are from it counts as jitter."""
     jitter_s = math.hypot(config.projector.jitter_s, config.mask.jitter_s)
-    lag = None if mask_lag_s is None else mask_lag_s * config.row_hz
-    return lag, jitter_s * config.row_hz
+    first_s, last_s = lag_by_rows_s(config)
+    jitter_s += 0.5 * (last_s - first_s) / JITTERS
+    if mask_lag_s is None:
+        return None, jitter_s * config.row_hz
+    return (mask_lag_s + 0.5 * (first_s + last_s)) * config.row_hz, jitter_s * config.row_hz
+
+
+def lag_by_rows_s(config: Config) -> tuple[float, float]:
+    """Least and largest lag of the mask over the field that scan-out adds to `skew_s`, in seconds.
+
+    Rows of a panel are set one after the other; where it lies decides which of them meet.
+    """
+    if not config.projector.scan_s and not config.mask.scan_s:
+        return 0.0, 0.0
+    panels = panels_of(config)
+    at = (np.arange(FIELD_POINTS) + 0.5) / FIELD_POINTS
+    points = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
+    delays = []
+    for view, panel in ((panels.projector, config.projector), (panels.mask, config.mask)):
+        down = np.clip(view.map.from_field(points)[:, 1] / panel.size_px[1], 0.0, 1.0)
+        share = down if panel.scan_s >= 0.0 else 1.0 - down
+        delays.append(share * abs(panel.scan_s))
+    lag_s = delays[1] - delays[0]
+    return float(np.nanmin(lag_s)), float(np.nanmax(lag_s))

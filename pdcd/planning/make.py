@@ -13,7 +13,8 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
-from pdcd.planning.guards import choose_schedule, choose_window, lag_rows
+from pdcd.planning.guards import choose_schedule, choose_window, lag_rows, shares_of_cell
+from pdcd.planning.measured import quietest, reasons_for, times_measured
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
@@ -79,6 +80,7 @@ def make_plan(
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         iso=config.camera.iso,
         memory_bytes=needed,
+        reasons=reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
@@ -133,11 +135,13 @@ def _window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> s
             hint="use a coarser scene grid",
         )
     asked = request.window or config.schedule.window
-    return choose_window(asked, config.rig.misregistration_px / cell_px)
+    return choose_window(asked, *shares_of_cell(config, cell_px))
 
 
 def _schedule(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
     asked = config.schedule.guards if request.guards is None else request.guards
+    if asked == "auto" and times_measured(config):
+        return quietest(config, mask_lag_s)
     return choose_schedule(asked, *lag_rows(config, mask_lag_s))
 
 

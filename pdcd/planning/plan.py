@@ -50,6 +50,8 @@ class Plan:
     prediction: Prediction | None = None
     prior: str | None = None
     """What guided the codes, in words."""
+    reasons: tuple[str, ...] = ()
+    """Why cells, window and schedule are what they are, a line each."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 
@@ -180,6 +182,7 @@ class Plan:
             pilot=self.how.pilot,
             prediction=self.prediction,
             prior=self.prior,
+            reasons=self.reasons,
         )
 
 

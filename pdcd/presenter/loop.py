@@ -19,8 +19,9 @@ MARGIN = 0.5
 """Part of a refresh after which a code is no longer handed over for the coming vblank."""
 
 
-# As plain numbers, which index an array in half the time.
+# As plain numbers, which are an index in half the time.
 NS, MSC, PUT_NS, SWAP_NS, CPU_NS, FLIPPED = (int(column) for column in Column)
+SHOWN, MISSED, SPOILT = int(Head.SHOWN), int(Head.MISSED), int(Head.SPOILT)
 
 
 class Loop:
@@ -51,11 +52,13 @@ class Loop:
         self._stop = stop
         self._stalls_ns = stalls_ns
 
-    def run(self, log: NDArray[Any], head: NDArray[Any], first: int) -> bool:
+    def run(self, log_array: NDArray[Any], head_array: NDArray[Any], first: int) -> bool:
         """Show all refreshes; False when stopped before the end.
 
-        Row n of `log` is that of refresh n; stalls are counted from number `first`.
+        Row n of the log is that of refresh n; stalls are counted from number `first`.
         """
+        # Single numbers go into plain memory much faster than into an array.
+        log, head = log_array.data, head_array.data
         source, draw, opens = self._source, self._draw, self._opens
         margin_ns = MARGIN * self._period_ns
         count, put, missed, open_now = len(opens), 0, 0, False
@@ -94,10 +97,10 @@ class Loop:
             if n:
                 missed += source.msc - last_msc - 1
                 if source.msc - last_msc > 1 and opens[n - 1]:
-                    head[Head.SPOILT] += 1
+                    head[SPOILT] += 1
             last_msc = source.msc
-            head[Head.MISSED] = missed
-            head[Head.SHOWN] = n + 1
+            head[MISSED] = missed
+            head[SHOWN] = n + 1
             if self._stop():
                 return False
             stall_ns = self._stalls_ns.get(n - first)

@@ -366,6 +366,10 @@ class Watcher:
                 display.next_event()
         self._poller.register(display.fileno(), select.POLLIN)
 
+    def fileno(self) -> int:
+        """What is readable when the server has something to say."""
+        return int(self._display.fileno())
+
     def changed(self) -> bool:
         """Whether anything has changed since the last call.
 

@@ -69,6 +69,10 @@ class Places:
         """Whether the modes have different rates, so that no phase lasts."""
         return self._pair.projector.refresh_hz != self._pair.mask.refresh_hz
 
+    def fileno(self) -> int:
+        """What is readable where `changed` has something to look at."""
+        return self._watcher.fileno()
+
     def changed(self) -> bool:
         """Whether outputs changed since the start; `check` says what to make of it."""
         self._moved = self._watcher.changed() or self._moved

@@ -58,6 +58,8 @@ PROBES = 5
 """How often time sources are asked before none is said to deliver."""
 IDLE_S = 0.25
 """How often the process looks at its windows while it waits."""
+HEADS = int(Head.SHOWN), int(Head.STOP), int(Head.SPOILT)
+"""As plain numbers, for what is looked at after every refresh."""
 SOURCES = ("present-complete", "oml", "drm", "present-msc", "swap", "clock")
 """From best to worst."""
 
@@ -65,10 +67,14 @@ SOURCES = ("present-complete", "oml", "drm", "present-msc", "swap", "clock")
 class Presenter:
     """Both panels, from `Open` to the end of the process."""
 
-    def __init__(self, request: Open, hung_up: Callable[[], bool]) -> None:
+    def __init__(self, request: Open, hung_up: Callable[[], bool], driver: int) -> None:
+        """`driver`: file descriptor of its end, whose hang-up `hung_up` tells."""
         self._options = options = request.options
         self._hung_up = hung_up
         self._places = Places(options.display, request)
+        self._news = select.poll()
+        self._news.register(driver, select.POLLHUP)
+        self._news.register(self._places.fileno(), select.POLLIN)
         name = self._places.name
         _start_glfw(name)
         places = self._places
@@ -141,11 +147,12 @@ class Presenter:
 
     def play(self, message: Play, arrays: dict[str, NDArray[Any]]) -> None:
         """Show the rows asked for; the log and how far it got are in the shared arrays."""
-        head, options, frames = arrays["head"], self._options, self._frames
+        options, frames = self._options, self._frames
+        head, shown, stopped, spoilt = arrays["head"].data, *HEADS
         if frames is None:
             raise ConfigError("no frames are loaded", device="display", hint="call load first")
         abort = message.abort
-        hung_up = self._hung_up
+        hung_up, news = self._hung_up, self._news
         patience_s = 2.0 * options.hang_s
 
         grabs = self._grabs
@@ -155,10 +162,11 @@ class Presenter:
         def stop() -> bool:
             realtime.dead_mans_switch(patience_s)
             if grabs is not None:
-                grabs.take(int(head[Head.SHOWN]) - 1)
-            if head[Head.STOP] or (abort and head[Head.SPOILT]):
+                grabs.take(head[shown] - 1)
+            if head[stopped] or (abort and head[spoilt]):
                 return True
-            return hung_up() or self._places.changed()
+            # One question to the kernel for both: it costs more than all else that is done here.
+            return bool(news.poll(0)) and (hung_up() or self._places.changed())
 
         stalls = options.stalls_ms if message.stalls else {}
         stalls_ns = {int(n): round(ms * 1e6) for n, ms in stalls.items()}
@@ -168,7 +176,7 @@ class Presenter:
         loop = Loop(self._source, windows.draw, opens, self._period_ns, stop, stalls_ns)
         realtime.dead_mans_switch(patience_s)
         try:
-            loop.run(arrays["log"], head, int(head[Head.FIRST]))
+            loop.run(arrays["log"], arrays["head"], int(head[Head.FIRST]))
         finally:
             realtime.dead_mans_switch(0.0)
             self._windows.black()
@@ -272,7 +280,7 @@ def serve(channel: Channel[Request]) -> None:
                 return
             try:
                 if isinstance(message, Open):
-                    presenter = Presenter(message, hung_up)
+                    presenter = Presenter(message, hung_up, channel.sock.fileno())
                     channel.send(presenter.ready)
                     continue
                 if presenter is None:

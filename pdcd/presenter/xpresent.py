@@ -80,6 +80,7 @@ class PresentEvents:
         self._poller.register(self._xcb.xcb_get_file_descriptor(self._connection), select.POLLIN)
         self._display = display
         self._serial = 0
+        self._asked = False
         self.ns = 0
         self.msc = 0
         self.flipped = 0
@@ -91,6 +92,7 @@ class PresentEvents:
             self._connection, self._window, self._serial, msc, 0, 0
         )
         self._xcb.xcb_flush(self._connection)
+        self._asked = True
 
     def wait(self, kind: int, timeout_s: float) -> bool:
         """Take the next event of a kind; False when none comes in time.
@@ -99,10 +101,14 @@ class PresentEvents:
         """
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         woken: object = None
+        if self._asked and kind == KIND_MSC:
+            # The answer cannot have been read before it came; a look at what was read is saved.
+            woken = self._poller.poll(timeout_s * 1e3)
+        self._asked = False
         while True:
             pointer = self._xcb.xcb_poll_for_special_event(self._connection, self._events)
             if pointer:
-                event = ctypes.cast(pointer, ctypes.POINTER(CompleteNotify)).contents
+                event = CompleteNotify.from_address(pointer)
                 wanted = event.event_type == COMPLETE_NOTIFY and event.kind == kind
                 if wanted:
                     self.ns, self.msc = event.ust * 1000, event.msc

@@ -82,7 +82,7 @@ class Armed(Event, frozen=True, kw_only=True, tag_field="type", tag="armed"):
 
 
 class ShutterOpen(Event, frozen=True, kw_only=True, tag_field="type", tag="shutter_open"):
-    """The shutter is open; both panels are black."""
+    """The shutter is open; both panels are black, unless the photo is to tell when it moves."""
 
     shot: ShotName
 
@@ -97,7 +97,7 @@ class Progress(Event, frozen=True, kw_only=True, tag_field="type", tag="progress
 
 
 class ShutterClosed(Event, frozen=True, kw_only=True, tag_field="type", tag="shutter_closed"):
-    """The shutter is closed; both panels are black."""
+    """The shutter is closed; both panels are black, unless the photo is to tell when it moves."""
 
     shot: ShotName
 

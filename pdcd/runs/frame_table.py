@@ -106,7 +106,7 @@ class FrameTable:
                 for column in COLUMNS[1:]
                 if column in columns or column not in ADDED
             }
-        except (OSError, IndexError, KeyError, ValueError, csv.Error) as err:
+        except (OSError, OverflowError, IndexError, KeyError, ValueError, csv.Error) as err:
             raise DecodeError(
                 f"cannot read {self._path}: {err}", hint="restore it from a copy"
             ) from err

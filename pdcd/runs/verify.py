@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from errno import ELOOP, ENOTDIR
 from pathlib import Path
 from typing import Literal
@@ -75,7 +75,7 @@ def verify(
     `manifest_sha256` is what the manifest is to have, where that is known from elsewhere. `alive`
     is called now and then, and may raise to end the work.
     """
-    check = _Check(alive)
+    check = Check(alive)
     check.look(folder, manifest_sha256, None)
     found = check.found
     return Verified(
@@ -98,7 +98,7 @@ def whole_manifest(
 
     Raises DecodeError, which says what has.
     """
-    check = _Check(alive)
+    check = Check(alive)
     check.look(folder, None, names)
     if check.read is None or check.found:
         first = check.found[0]
@@ -111,8 +111,13 @@ def whole_manifest(
     return check.read
 
 
-class _Check:
+class Check:
     """One walk through one folder."""
+
+    own = (MANIFEST, DIGEST)
+    """What lists and vouches for all other files."""
+    folders = frozenset({"raw", "linear", "preview"})
+    """Folders that need hold no file."""
 
     def __init__(self, alive: Alive) -> None:
         self._alive = alive
@@ -180,11 +185,16 @@ class _Check:
             self.find(DIGEST, _what(err), _words(err))
         return True
 
+    @property
+    def listed(self) -> Mapping[str, FileRecord] | None:
+        """All files that there are to be; None where nothing says so."""
+        return None if self.read is None else self.read.files
+
     def files(self, folder: int, names: Collection[str] | None = None) -> None:
         """Hold the folder against the files that the manifest lists; of names given, only those."""
-        if self.read is None:
+        listed = self.listed
+        if listed is None:
             return
-        listed = self.read.files
         if names is None:
             self._compare(listed, listing(folder))
         for name in sorted(listed) if names is None else names:
@@ -195,11 +205,11 @@ class _Check:
 
     def _compare(self, listed: Collection[str], there: dict[str, str]) -> None:
         """Name what is there and not listed."""
-        folders = {"raw", "linear", "preview"}
+        folders = set(self.folders)
         for name in listed:
             folders.update(name[:at] for at, letter in enumerate(name) if letter == "/")
         for name, kind in sorted(there.items()):
-            known = name in listed or name in (MANIFEST, DIGEST)
+            known = name in listed or name in self.own
             if not (known or (kind == "folder" and name in folders)):
                 self.find(name, "unknown", f"a {kind} that the manifest does not list")
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
+from pdcd.scene.card import CARD, card
 from pdcd.scene.matrix import load_matrix
 from pdcd.scene.presets import PRESETS
 from pdcd.scene.scene import Scene
@@ -24,17 +25,18 @@ def build_scene(config: SceneConfig) -> Scene:
     """
     if config.kind == "matrix":
         scene = _matrix_scene(config)
-    elif config.kind in PRESETS:
+    elif config.kind == CARD or config.kind in PRESETS:
         if config.path is not None:
             raise ConfigError(
                 f"[scene] path: the kind {config.kind!r} reads no file",
                 hint='remove `path`, or set kind = "matrix"',
             )
-        scene = PRESETS[config.kind](config.grid or DEFAULT_GRID, config.options)
+        make = card if config.kind == CARD else PRESETS[config.kind]
+        scene = make(config.grid or DEFAULT_GRID, config.options)
     else:
         raise ConfigError(
             f"[scene] kind: unknown kind {config.kind!r}",
-            hint=f"one of {', '.join(sorted([*PRESETS, 'matrix']))}",
+            hint=f"one of {', '.join(sorted([*PRESETS, CARD, 'matrix']))}",
         )
     if config.ambient == 0.0:
         return scene

@@ -1,23 +1,27 @@
 """Which quads of a camera's frame see which cells of the field: the one place that knows it.
 
 A quad is a Bayer quad: the pixel of all planes and pictures. `CellMap` says where the quads lie on
-the field, and brings values from cells to quads and back. `pdcd.sensor.footprint` does the sums.
+the field, and brings values from cells to quads and back. `pdcd.sensor.footprint` does the sums;
+its libraries take half a second to import, which commands that only name a map are spared.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.errors import DecodeError
 from pdcd.maps.map import Map
-from pdcd.sensor.footprint import Cuts, Footprint, footprint
-from pdcd.sensor.quad_places import between_cells, bilinear, places
+from pdcd.sensor.bands import OfRows, banded, planar
+
+if TYPE_CHECKING:
+    from scipy import sparse
+
+    from pdcd.sensor.footprint import Cuts, Footprint
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -109,14 +113,30 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     def smooth(self, cells: NDArray[Any]) -> NDArray[Any]:
         """Values of cells, (N, ...) -> of quads, (h, w, ...), without edges: bilinear between the
         centres of cells. Quads larger than a cell, and those without a map, as of `spread`."""
-        coarse = self.frame[0] * self.frame[1] < self.grid[0] * self.grid[1]
-        if self.map is None or coarse:
+        if not self._smooths:
             return self.spread(cells)
         table = cells.reshape(*self.grid, *cells.shape[1:])
-        out = planar((*self.frame, *cells.shape[1:]))
-        for at in np.ndindex(*cells.shape[1:]):
-            out[:, :, *at] = _smooth(self, table[:, :, *at])
-        return out
+        parts = {at: _smooth(self, table[:, :, *at]) for at in np.ndindex(*cells.shape[1:])}
+
+        def some(rows: slice) -> NDArray[Any]:
+            out = planar((rows.stop - rows.start, self.frame[1], *cells.shape[1:]))
+            for at, part in parts.items():
+                out[:, :, *at] = part(rows)
+            return out
+
+        return banded((*self.frame, *cells.shape[1:]), np.float64, some)
+
+    def smooth_rows(self, cells: NDArray[Any]) -> OfRows:
+        """The same of one value a cell, (N,), some rows of quads at a time: (n, w)."""
+        if not self._smooths:
+            whole = self.spread(cells)
+            return lambda rows: whole[rows]
+        return _smooth(self, cells.reshape(self.grid))
+
+    @property
+    def _smooths(self) -> bool:
+        coarse = self.frame[0] * self.frame[1] < self.grid[0] * self.grid[1]
+        return self.map is not None and not coarse
 
     def mean(self, image: NDArray[Any], known: Bools | None = None) -> Floats:
         """Values of quads (h, w, C) -> their mean over each cell, (N, C), by area.
@@ -179,13 +199,10 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         return height // rows, width // cols
 
 
-def planar(shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
-    """An empty image (h, w, ...) whose channels lie one after the other in memory."""
-    return np.moveaxis(np.empty((*shape[2:], *shape[:2]), dtype), (-2, -1), (0, 1))
-
-
 @lru_cache(maxsize=4)
 def _footprint(cells: CellMap, cuts: Cuts) -> Footprint:
+    from pdcd.sensor.footprint import footprint
+
     return footprint(cells.filled, cells.frame, cells.grid, cuts, cells.blur_quads)
 
 
@@ -202,18 +219,26 @@ def _single(cells: CellMap) -> Bools:
 
 @lru_cache(maxsize=2)
 def _places(cells: CellMap) -> NDArray[np.float32]:
+    from pdcd.sensor.quad_places import places
+
     return places(cells.filled, cells.frame, cells.grid)
 
 
 @lru_cache(maxsize=2)
 def _lines(cells: CellMap) -> tuple[bool, sparse.csr_array, sparse.csr_array] | None:
+    from pdcd.sensor.quad_places import between_cells
+
     return between_cells(cells.filled, cells.frame, cells.grid)
 
 
-def _smooth(cells: CellMap, table: Floats) -> NDArray[Any]:
+def _smooth(cells: CellMap, table: Floats) -> OfRows:
     lines = _lines(cells)
     if lines is None:
-        return bilinear(table, _places(cells))
+        from pdcd.sensor.quad_places import bilinear
+
+        places, values = _places(cells), table.astype(np.float32)
+        return lambda rows: bilinear(values, places[:, rows])
     turned, down, right = lines
     table = np.ascontiguousarray(table if turned else table.T)
-    return np.asarray(down @ np.ascontiguousarray((right @ table).T))
+    across = np.ascontiguousarray((right @ table).T)
+    return lambda rows: np.asarray(down[rows] @ across)

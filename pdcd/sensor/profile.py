@@ -74,6 +74,9 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     frame_quads
         Width and height of its full-size photos in Bayer quads, as LibRaw shows them; None where
         that is not known.
+    base
+        The profile (a name, or a path) that this one was measured in the place of; "" for one that
+        nobody measured. A mock body stays what that one says.
 
     Raises `ConfigError` naming every value that is wrong.
     """
@@ -89,6 +92,7 @@ class SensorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     dark_e_per_s: float
     rows: tuple[IsoRow, ...]
     frame_quads: tuple[int, int] | None = None
+    base: str = ""
 
     def __post_init__(self) -> None:
         faults = [

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from pdcd.maps.map import Map
+from pdcd.sensor.bands import in_bands
 
 Floats = NDArray[np.float64]
 
@@ -25,23 +26,24 @@ NOWHERE = -1e3
 
 
 def places(map_: Map, frame: tuple[int, int], grid: tuple[int, int]) -> NDArray[np.float32]:
-    """Where the centres of quads lie: (2, h, w) float32, across and down, in cells; far outside
-    where the map has no place for them."""
+    """Where the centres of quads lie: (2, h, w) float32, across and down, in cells from the centre
+    of the first one; far outside where the map has no place for them."""
     found = np.empty((2, *frame), dtype=np.float32)
     nodes = Nodes(map_, frame, grid)
-    for start in range(0, frame[0], ROWS):
-        here = slice(start, min(start + ROWS, frame[0]))
-        found[0, here], found[1, here] = nodes.places(here)
+
+    def band(rows: slice) -> None:
+        found[0, rows], found[1, rows] = nodes.places(rows)
+        found[:, rows] -= np.float32(0.5)
+
+    in_bands(frame[0], band)
     return found
 
 
-def bilinear(values: Floats, where: NDArray[np.float32]) -> NDArray[np.float32]:
+def bilinear(values: NDArray[np.float32], where: NDArray[np.float32]) -> NDArray[np.float32]:
     """Values of cells (rows, cols) at places of `places`, (h, w): bilinear between the centres of
     cells, beyond the outermost ones as there."""
-    x, y = where[0] - np.float32(0.5), where[1] - np.float32(0.5)
-    seen = cv2.remap(
-        values.astype(np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    x, y = where
+    seen = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(seen, dtype=np.float32)
 
 

@@ -23,6 +23,7 @@ import rawpy
 from numpy.typing import ArrayLike, NDArray
 
 from pdcd.errors import DecodeError
+from pdcd.sensor.bands import in_bands
 from pdcd.sensor.profile import SensorProfile, variance_dn2
 from pdcd.sensor.tiff import DATE_TAKEN, MASKED_AREAS, MODEL, Tags, read_tags
 
@@ -223,17 +224,25 @@ def _frame(
     libraw_black = np.array([raw.black_level_per_channel[numbers[at]] for at in quad], np.float64)
     masked = _masked_black(raw, tags, quad)
     black = libraw_black if masked is None else masked
-    planes = np.empty((4, height, width), dtype=np.float32)
-    for plane, (row, column) in enumerate(quad):
-        samples = mosaic[row : 2 * height : 2, column : 2 * width : 2]
-        np.subtract(samples, np.float32(black[plane]), out=planes[plane], dtype=np.float32)
     white = float(raw.white_level)
     limit = white - black
     if saturation_dn is not None:
         limit = np.minimum(limit, saturation_dn)
+    levels, limits = black.astype(np.float32), limit.astype(np.float32)
+    planes = np.empty((4, height, width), dtype=np.float32)
+    saturated = np.zeros((height, width), dtype=np.bool_)
+
+    def band(rows: slice) -> None:
+        for plane, (row, column) in enumerate(quad):
+            samples = mosaic[2 * rows.start + row : 2 * rows.stop : 2, column : 2 * width : 2]
+            here = planes[plane, rows]
+            np.subtract(samples, levels[plane], out=here, dtype=np.float32)
+            saturated[rows] |= here >= limits[plane]
+
+    in_bands(height, band)
     return RawFrame(
         planes=planes,
-        saturated=np.any(planes >= limit.astype(np.float32)[:, None, None], axis=0),
+        saturated=saturated,
         black=black,
         libraw_black=libraw_black,
         masked=masked is not None,

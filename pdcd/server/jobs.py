@@ -5,10 +5,11 @@
     admit ──> queued ──> running ──> done | failed | cancelled
                 └── cancel ──> cancelled
 
-Every use of the rig is a job: a capture, a plan, a picture held on the panels (show), a preview.
+Every use of the rig is a job: a capture, a plan, a picture held on the panels (show), a preview, a
+calibration.
 One runs at a time. A show has no end of its own, and gives way to whatever else its owner asks for.
-All of this is used from one thread (the event loop's); only
-`Job.cancel_flag` and `Coalescer` are touched by the thread that captures.
+All of this is used from one thread (the event loop's); only the
+flags of `Job` and `Coalescer` are touched by the thread that captures.
 """
 
 from __future__ import annotations
@@ -24,7 +25,13 @@ import msgspec
 
 from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError
 from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
+from pdcd.request import (
+    CalibrateRequest,
+    CaptureRequest,
+    CaptureResult,
+    PlanSummary,
+    new_job_id,
+)
 from pdcd.runs.events import Emit, Event
 from pdcd.runs.place import Place
 from pdcd.runs.views import OwnerView, Preview, RigView
@@ -91,6 +98,19 @@ class EngineLike(Protocol):
         """
         ...
 
+    def calibrate(
+        self,
+        request: CalibrateRequest,
+        *,
+        job: str,
+        emit: Emit,
+        cancelled: Callable[[], bool],
+        proceed: Callable[[str], None],
+    ) -> CaptureResult:
+        """Have the bench measure itself, with the promises of `capture`; `proceed(text)` returns
+        once somebody has done what the text asks, or the job is to end."""
+        ...
+
     def show(self, pattern: str, index: int) -> None:
         """Both panels show "black", "white", "checker", "grid" or pattern `index` of "code"."""
         ...
@@ -116,6 +136,8 @@ class Owner:
         return OwnerView(uid=self.uid, pid=self.pid, user=self.user)
 
 
+Request = CaptureRequest | ShowParams | CalibrateRequest
+"""What a job was asked to do."""
 Answer = PlanSummary | Shown | Preview
 """What the request that started a job is told, where that is more than its result."""
 
@@ -126,7 +148,7 @@ class Job:
 
     name: str
     kind: JobKind
-    request: CaptureRequest | ShowParams
+    request: Request
     owner: Owner
     detach: bool
     created_utc: str
@@ -140,12 +162,16 @@ class Job:
     given_up: bool = False
     """Of a show: its owner wants the panels for something else."""
     cancel_flag: threading.Event = field(default_factory=threading.Event)
+    proceed_flag: threading.Event = field(default_factory=threading.Event)
+    """Of a calibration: somebody has done what was asked."""
     _next_seq: int = 0
 
     @property
     def goal(self) -> str:
         """What it is about, in a word."""
         request = self.request
+        if isinstance(request, CalibrateRequest):
+            return " ".join(request.steps) or "all"
         return request.pattern if isinstance(request, ShowParams) else request.goal
 
     def gives_way_to(self, owner: Owner) -> bool:
@@ -189,7 +215,7 @@ class JobTable:
 
     def admit(
         self,
-        request: CaptureRequest | ShowParams,
+        request: Request,
         given: Given,
         owner: Owner,
         *,

@@ -19,14 +19,14 @@ from msgspec import Meta
 
 from pdcd.bench.tables import Config
 from pdcd.errors import KINDS, PdcdError
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
 from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.roles import Role
 from pdcd.words import JobKind, JobState, PatternName
 
-PROTOCOL = (1, 1)
+PROTOCOL = (1, 2)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
 
 MAX_LINE = 2**20
@@ -105,6 +105,17 @@ class StartParams(PlanParams, frozen=True, forbid_unknown_fields=True, kw_only=T
     detach: bool = False
 
 
+class CalibrateParams(CalibrateRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`calibrate.start`: what to measure, and how to go about it as `capture.start` has it."""
+
+    detach: bool = False
+    queue: bool = False
+
+    def request(self) -> CalibrateRequest:
+        """The request alone, as the engine takes it."""
+        return CalibrateRequest(steps=self.steps, attended=self.attended)
+
+
 class JobParams(_Params, frozen=True):
     """Names one job."""
 
@@ -152,7 +163,7 @@ class Hello(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Admitted(msgspec.Struct, frozen=True, kw_only=True):
-    """Answer of `capture.start`."""
+    """Answer of `capture.start`, `calibrate.start` and `calibrate.proceed`."""
 
     job: str
     state: JobState
@@ -161,7 +172,8 @@ class Admitted(msgspec.Struct, frozen=True, kw_only=True):
 class JobView(msgspec.Struct, frozen=True, kw_only=True):
     """One job as `capture.list` and `rig.status` show it.
 
-    `goal` is that of a capture or a plan, the pattern of a show, "white" for a preview.
+    `goal` is that of a capture or a plan, the pattern of a show, "white" for a preview, the steps
+    of a calibration.
     """
 
     job: str
@@ -270,6 +282,9 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         # Another user's job: administrators only (`pdcd.server.methods`).
         "capture.cancel": Method(JobParams, CaptureResult, Role.SHOOT),
         "capture.list": Method(ListParams, JobList),
+        "calibrate.start": Method(CalibrateParams, Admitted, Role.SHOOT),
+        # Another user's job: administrators only, as with capture.cancel.
+        "calibrate.proceed": Method(JobParams, Admitted, Role.SHOOT),
         "display.show": Method(ShowParams, Shown, Role.SHOOT),
         "preview.grab": Method(NoParams, Preview, Role.SHOOT),
         "events.subscribe": Method(SubscribeParams, Subscription),

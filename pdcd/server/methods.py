@@ -27,6 +27,7 @@ from pdcd.server.jobs import EngineLike, Job, Owner
 from pdcd.server.messages import (
     Admitted,
     Agreed,
+    CalibrateParams,
     ClockAnchor,
     Described,
     Hello,
@@ -47,6 +48,9 @@ from pdcd.server.protocol import Request
 from pdcd.server.roles import Role
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
+
+OWNERS = frozenset({"capture.cancel", "calibrate.proceed"})
+"""What of another user's job only an administrator may do."""
 
 A = TypeVar("A", PlanSummary, Shown, Preview)
 
@@ -88,6 +92,8 @@ class Methods:
             "capture.wait": self._wait,
             "capture.cancel": self._cancel,
             "capture.list": self._list,
+            "calibrate.start": self._calibrate,
+            "calibrate.proceed": self._proceed,
             "display.show": self._show,
             "preview.grab": self._preview,
             "events.subscribe": self._subscribe,
@@ -147,7 +153,7 @@ class Methods:
         """
         needed = messages.METHODS[request.method].role
         what = request.method
-        if request.method == "capture.cancel" and isinstance(request.params, JobParams):
+        if request.method in OWNERS and isinstance(request.params, JobParams):
             owner = self._runner.table.get(request.params.job).owner
             if owner.uid != caller.peer.uid:
                 needed = Role.ADMINISTER
@@ -226,6 +232,23 @@ class Methods:
 
     async def _cancel(self, caller: Caller, params: JobParams) -> CaptureResult:
         return await self._runner.cancel(params.job)
+
+    async def _calibrate(self, caller: Caller, params: CalibrateParams) -> Admitted:
+        if params.queue:
+            self._refuse_many(caller)
+        job = self._runner.start(
+            params.request(),
+            NOTHING,
+            _owner(caller),
+            kind="calibrate",
+            detach=params.detach,
+            queue=params.queue,
+        )
+        return Admitted(job=job.name, state=job.state)
+
+    async def _proceed(self, caller: Caller, params: JobParams) -> Admitted:
+        job = self._runner.proceed(params.job)
+        return Admitted(job=job.name, state=job.state)
 
     async def _list(self, caller: Caller, params: ListParams) -> JobList:
         runs = []

@@ -11,7 +11,7 @@ import msgspec
 
 from pdcd.errors import Cancelled, PdcdError, of_kind
 from pdcd.recipes.arrays import Given
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
 from pdcd.runs.events import Event
 from pdcd.runs.place import Place
@@ -24,6 +24,7 @@ from pdcd.server.jobs import (
     Job,
     JobTable,
     Owner,
+    Request,
     failed_result,
 )
 from pdcd.server.messages import Shown, ShowParams, plain
@@ -31,6 +32,9 @@ from pdcd.server.worker import Worker
 from pdcd.words import JobKind
 
 logger = logging.getLogger(__name__)
+
+PROCEED_LOOK_S = 0.1
+"""Time between two looks whether a calibration that waits for somebody is to end."""
 
 Publish = Callable[[Job, Event], None]
 """Takes an event of a job, in the loop's thread."""
@@ -55,7 +59,7 @@ class Runner:
 
     def start(
         self,
-        request: CaptureRequest | ShowParams,
+        request: Request,
         given: Given,
         owner: Owner,
         *,
@@ -117,6 +121,13 @@ class Runner:
         job = self.table.get(name)
         self._cancel(job)
         return await self.wait(name)
+
+    def proceed(self, name: str) -> Job:
+        """Somebody has done what a calibration asked for. Raises RequestError for an unknown job;
+        harmless on one that does not wait."""
+        job = self.table.get(name)
+        job.proceed_flag.set()
+        return job
 
     def drop(self, connection: int) -> None:
         """A client is gone: end its jobs that were not detached."""
@@ -182,7 +193,10 @@ class Runner:
         return CaptureResult(job=job.name, state="done")
 
     def _use(
-        self, job: Job, request: CaptureRequest, loop: asyncio.AbstractEventLoop
+        self,
+        job: Job,
+        request: CaptureRequest | CalibrateRequest,
+        loop: asyncio.AbstractEventLoop,
     ) -> tuple[CaptureResult, Answer | None]:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
         thinned = Coalescer()
@@ -200,6 +214,8 @@ class Runner:
             # A copy by way of JSON types: what breaks the schema shall fail here, in the engine's
             # own call.
             event = events.read(plain(event))
+            if isinstance(event, events.Attention):
+                job.proceed_flag.clear()  # before anybody can have heard of it
             now_ns = time.monotonic_ns()
             if not isinstance(event, events.THINNED):
                 flush()
@@ -211,11 +227,19 @@ class Runner:
             self._worker.beat()
             return job.cancel_flag.is_set()
 
+        def proceed(text: str) -> None:
+            while not job.proceed_flag.wait(PROCEED_LOOK_S) and not cancelled():
+                pass
+
         engine, owner = self._engine, job.owner.view()
         answer: PlanSummary | Preview | None = None
         result = CaptureResult(job=job.name, state="done")
         try:
-            if job.kind == "plan":
+            if isinstance(request, CalibrateRequest):
+                result = engine.calibrate(
+                    request, job=job.name, emit=emit, cancelled=cancelled, proceed=proceed
+                )
+            elif job.kind == "plan":
                 answer = engine.plan(request, job.given, emit=emit, cancelled=cancelled)
             elif job.kind == "preview":
                 answer = engine.preview(job=job.name, owner=owner, emit=emit, cancelled=cancelled)

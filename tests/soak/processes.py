@@ -44,8 +44,12 @@ def gone(pids: set[int], within_s: float) -> set[int]:
 
 
 def _alive(pid: int) -> bool:
+    folder = Path(f"/proc/{pid}")
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        if (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
+            return True
+        # Its first thread may be gone before the others: its parent cannot know of its end yet.
+        return len(list((folder / "task").iterdir())) > 1
     except OSError:
         return False
 

@@ -12,7 +12,12 @@ from pdcd.calibration.steps.check import check_bench
 from pdcd.calibration.steps.coaxial import coaxial
 from pdcd.calibration.steps.focus import focus
 from pdcd.calibration.steps.geometry import geometry
+from pdcd.calibration.steps.light import light
 from pdcd.calibration.steps.registration import registration
+from pdcd.calibration.steps.response import response
+from pdcd.calibration.steps.sensor import sensor
+from pdcd.calibration.steps.shutter import shutter
+from pdcd.calibration.steps.timing import timing
 
 
 @dataclass(frozen=True)
@@ -30,10 +35,15 @@ class Step:
 
 STEPS: Mapping[str, Step] = MappingProxyType(
     {
+        "sensor": Step(sensor, "black, gain, noise and upper end of the camera's sensor"),
+        "light": Step(light, "contrasts, light of the room, brightness, lamp and lens"),
         "geometry": Step(geometry, "where projector, mask and camera lie"),
+        "timing": Step(timing, "lag, rise and fall of both panels", ("geometry",)),
+        "shutter": Step(shutter, "lag and jitter of the shutter", ("geometry", "timing")),
         "registration": Step(
             registration, "where light and mask meet, and how sharp", needs=("geometry",)
         ),
+        "response": Step(response, "light of grey levels", needs=("geometry",), usual=False),
         "coaxial": Step(coaxial, "whether mask and projector look from one point", usual=False),
         "focus": Step(
             focus, "how sharp relay and projector are, while somebody focuses", usual=False

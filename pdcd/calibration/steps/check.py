@@ -184,7 +184,7 @@ def _refitted(
     words = {f"{name}.place.map": Measured("maps.npz") for name in maps}
     arrays: dict[str, NDArray[Any]] = {}
     kept_now = replace(then, projector=now.projector, mask=now.mask) if maps else then
-    later_s = 0.0
+    later_s: float = 0.0
     strips: Floats | None = before.strips
     if lag := changed.get("mask.skew_s"):
         words["mask.skew_s"] = Measured(config.mask.skew_s + lag.value, lag.sigma)

@@ -25,13 +25,15 @@ from pdcd.calibration.panel_map import (
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Ask, Measured, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.stripes import slope_at
-from pdcd.errors import ConfigError
+from pdcd.errors import CalibrationError, ConfigError
 from pdcd.maps.map import Map
 
 Floats = NDArray[np.float64]
 
 GREEN = 1
 """The colour that cells go by."""
+LEAST_RADIUS_QUADS = 1.2
+"""Radius of a dot in a photo below which its centre is not found."""
 ALIKE_DEG = 20.0
 """Turns of both panels that differ by less are one turn of the camera."""
 
@@ -90,10 +92,23 @@ def panel_dots(
     for shown in grid.shown(session.full):
         taken = yield from take(Wanted(replace(shown, name=prefix + shown.name)))
         photos.append(session.photo(taken))
+        _refuse_coarse(photos[0].frame, grid)
         pattern = taken.raw.pattern
     dots = find_dots(photos[0], photos[1], photos[2], grid, other=other, pattern=pattern)
     bright = float(np.percentile(photos[0].light[..., GREEN], 90.0))
     return dots, [fit_dots(one, photos[0].frame, other=other) for one in dots], bright
+
+
+def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
+    """Raise CalibrationError where quads are so large that a dot has hardly any, even if the panel
+    fills the photo."""
+    across = max(frame[0] / grid.size_px[1], frame[1] / grid.size_px[0])
+    if across * grid.radius_px < LEAST_RADIUS_QUADS:
+        raise CalibrationError(
+            f"a photo of {frame[1]} x {frame[0]} quads is too coarse for the {grid.panel}'s dots",
+            device="camera",
+            hint="set the camera to full-size RAW; of a mock bench, set camera.frame_quads",
+        )
 
 
 def _refuse_unlike(session: Session, composed: Composed) -> None:

@@ -93,7 +93,7 @@ def registration(session: Session) -> Script:
 
 def cell_px(config: Config) -> float:
     """Side of the code's cells in projector pixels, along the side that has the smaller ones."""
-    rows, cols = config.schedule.grid or config.scene.grid or DEFAULT_GRID
+    rows, cols = config.schedule.cells or config.scene.grid or DEFAULT_GRID
     width, height = config.projector.size_px
     return min(width / cols, height / rows)
 

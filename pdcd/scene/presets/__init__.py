@@ -22,7 +22,6 @@ def _later(module: str, function: str) -> Builder:
 
 
 PRESETS: dict[str, Builder] = {
-    "card": _later("card", "card"),
     "open-book": _later("book", "open_book"),
     "wax-disk": _later("wax", "wax_disk"),
     "disco-ball": _later("disco", "disco_ball"),

@@ -19,7 +19,14 @@ import msgspec
 from pdcd.bench.tables import Config, RigConfig, ServerConfig
 from pdcd.errors import Cancelled, DeviceLost, RequestError, of_kind
 from pdcd.recipes.arrays import Floats, Given
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, ShotSummary
+from pdcd.request import (
+    CalibrateRequest,
+    CaptureRequest,
+    CaptureResult,
+    PlanSummary,
+    ShotSummary,
+)
+from pdcd.runs import events
 from pdcd.runs.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
 from pdcd.runs.place import Place
 from pdcd.runs.views import OwnerView, Preview, RigView
@@ -150,6 +157,30 @@ class FakeEngine:
             files=("raw/s1.dng",),
             summary={"codes": request.codes, "frames": frame},
         )
+
+    def calibrate(
+        self,
+        request: CalibrateRequest,
+        *,
+        job: str,
+        emit: Emit,
+        cancelled: Callable[[], bool],
+        proceed: Callable[[str], None],
+    ) -> CaptureResult:
+        self._note("calibrate")
+        for step in request.steps:
+            emit(events.StepBegun(step=step, number=1, steps=len(request.steps)))
+            if request.attended:
+                emit(events.Attention(text="put up the card"))
+                proceed("put up the card")
+                if cancelled():
+                    return CaptureResult(job=job, state="cancelled")
+            emit(
+                events.StepEnded(
+                    step=step, verdict="good", photos=0, seconds=0.0, figures=(), advice=()
+                )
+            )
+        return CaptureResult(job=job, state="done")
 
     def show(self, pattern: str, index: int) -> None:
         self._note(f"show {pattern} {index}")

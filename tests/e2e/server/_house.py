@@ -20,7 +20,7 @@ from pdcd.request import CaptureRequest
 from pdcd.server.access import Access
 from pdcd.server.callers import Caller
 from pdcd.server.connections import Server, Service
-from pdcd.server.messages import ClockAnchor, Hello
+from pdcd.server.messages import PROTOCOL, ClockAnchor, Hello
 from pdcd.server.protocol import Request
 from pdcd.server.roles import Role
 from tests.e2e.server._server_harness import PATIENCE_S
@@ -43,7 +43,7 @@ class Reader:
         return Hello(
             server="test",
             version="0",
-            protocol=(1, 1),
+            protocol=PROTOCOL,
             max_line=2**20,
             drivers={},
             state="idle",

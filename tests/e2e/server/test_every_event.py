@@ -10,10 +10,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from pdcd.bench.tables import DisplayConfig, FaultsConfig, RigConfig
+from pdcd.bench.tables import CameraConfig, DisplayConfig, FaultsConfig, RigConfig
 from pdcd.client import Client
 from pdcd.errors import ProtocolError
-from pdcd.request import CaptureRequest
+from pdcd.request import CalibrateRequest, CaptureRequest
 from pdcd.runs.events import ENDS, THINNED, TYPES, Event, Queued, Unknown, read, wire
 from pdcd.runs.folder import read_manifest
 from tests.e2e.server.test_daemon_real import connect, daemon, wait_for_codes
@@ -30,7 +30,11 @@ REQUESTS = {
 def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: Heard) -> None:
     faults = DisplayConfig(faults=FaultsConfig(dropped=(10,), exposures=1))
     events: list[Event] = []
-    with daemon(tmp_path, grid=(8, 8), display=faults) as (process, path), connect(path) as client:
+    camera = CameraConfig(noise="none")  # its lens can be set
+    with (
+        daemon(tmp_path, grid=(8, 8), display=faults, camera=camera) as (process, path),
+        connect(path) as client,
+    ):
         schema = client.call("rig.describe")["schema"]
         named = set(schema["notifications"]["event"]["discriminator"]["mapping"])
         for name, request in REQUESTS.items():
@@ -41,6 +45,11 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
                 assert read_manifest(folder).job == result.job
                 lines = (folder / "log.jsonl").read_text().splitlines()
                 logged = [json.loads(line) for line in lines]
+        asked: list[str] = []
+        calibration = CalibrateRequest(steps=("geometry",), attended=True)
+        measured = client.calibrate(calibration, on_event=events.append, answer=asked.append)
+        assert measured.error is not None and measured.error["kind"] == "calibration"
+        assert len(asked) == 1 and "card" in asked[0]
         process.terminate()
     with daemon(tmp_path, rig=RigConfig(clock="real")) as (process, path), connect(path) as client:
         job = wait_for_codes(client)
@@ -63,9 +72,24 @@ def test_every_type_of_the_schema_is_heard_and_no_other(tmp_path: Path, heard: H
 @pytest.mark.parametrize("kind", TYPES)
 def test_what_was_sent_is_what_is_read(kind: str) -> None:
     words = {"goal": "white", "cause": "late", "name": "x-1", "shot": "x", "stage": "codes"}
-    fields = {**words, "rms_sigma": None}
+    words |= {"step": "light", "text": "do it", "verdict": "good"}
+    fields: dict[str, object] = {**words, "rms_sigma": None, "figures": [], "advice": []}
     numbers = dict.fromkeys(
-        ("ahead", "photos", "frames", "frame", "missed", "part", "target", "shots", "done"), 1
+        (
+            "ahead",
+            "photos",
+            "frames",
+            "frame",
+            "missed",
+            "part",
+            "target",
+            "shots",
+            "done",
+            "number",
+            "steps",
+            "seconds",
+        ),
+        1,
     )
     wanted = set(TYPES[kind].__struct_fields__)
     given = {k: v for k, v in {**fields, **numbers, "total": 2}.items() if k in wanted}

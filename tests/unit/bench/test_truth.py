@@ -38,6 +38,7 @@ def test_the_example_is_sound_and_changes_what_it_says() -> None:
     assert (true.projector.rise_s, true.mask.place.turn_deg) == (0.0015, 181.3)
     assert true.mask.refresh_hz == believed.mask.refresh_hz
     assert true.scene.ambient == 0.01
+    assert (true.trigger.lag_s, true.trigger.jitter_s) == (0.116, 0.003)
     assert panels_of(true) != panels_of(believed)
 
 
@@ -45,6 +46,7 @@ def test_the_example_names_every_table_and_key() -> None:
     given = toml_table(EXAMPLE, "it", "")
     left_out = {"phase_s", "jitter_s", "contrast", "offset_px", "dead_rows", "dead_columns"}
     left_out |= {"samples", "blur_taps", "dark", "full_well", "scan_bands", "falloff"}
+    left_out |= {"responsivity_e"}
     for table in msgspec.structs.fields(Truth):
         known = {f.name for f in msgspec.structs.fields(type(getattr(Truth(), table.name)))}
         assert set(given[table.name]) <= known <= set(given[table.name]) | left_out

@@ -128,7 +128,7 @@ class Bench:
         return Photo(np.minimum(noisy, self.full), variance, (noisy > self.full).any(axis=-1))
 
     def _kinds(
-        self, patterns: NDArray[np.bool_], index: NDArray[np.int32]
+        self, patterns: NDArray[np.bool_] | NDArray[np.uint8], index: NDArray[np.int32]
     ) -> tuple[Floats, Floats]:
         """Histories (refreshes, kinds) and which of them each pixel has, (height, width)."""
         if patterns.size == 0:

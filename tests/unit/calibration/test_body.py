@@ -98,6 +98,45 @@ def test_errors_are_those_it_tells() -> None:
     assert abs(float(np.mean(pulls))) < 0.6
 
 
+def test_blocks_at_the_edge_of_the_picture_do_not_count() -> None:
+    """Partly dark ones scatter more than their number of samples allows; faded ones do not."""
+    light = np.zeros((96, 128))
+    light[16:, :-16] = 8000.0 * np.linspace(1.0, 0.7, 112)
+    rng = np.random.default_rng(5)
+    first, second, dark = (
+        TrueSensor().samples(electrons, rng) for electrons in (light, light, 0.0 * light)
+    )
+    counts = pair_of(first, second, dark).samples.reshape(3, 4) > 0
+    assert counts[1:, :3].all()
+    assert not counts[0].any() and not counts[:, 3].any()
+    assert (pair_of(dark, dark).samples > 0).all()
+
+
+def test_a_picture_that_is_uneven_everywhere_tells_no_gain() -> None:
+    stripes = np.tile((np.arange(160) // 12) % 2, (128, 1))
+    with pytest.raises(CalibrationError, match="evenly lit"):
+        measured(series(4, before=lambda _, electrons: electrons * stripes))
+
+
+def test_light_that_panels_leak_is_no_read_noise() -> None:
+    """12 e- in every photo: their photon noise would make the read noise 2 % higher."""
+    photos = series(3, shape=(192, 192), before=lambda _, electrons: electrons + 12.0)
+    black = np.full(4, 1024.0)
+    known = measure_body(photos, PLAN, iso=100, black_dn=black, masked=True).read_noise
+    assert known[0] == pytest.approx(16.8, rel=0.01)
+    # A number of the file may be wrong by as much: it is believed less.
+    believed = measure_body(photos, PLAN, iso=100, black_dn=black).read_noise
+    assert believed[0] > 1.005 * known[0]
+
+
+def test_photos_without_noise_are_refused() -> None:
+    photos = series(3, TrueSensor(read_e=0.0))
+    still = {name: photos[name.removesuffix("-again")] for name in photos}
+    still["dark-b"] = still["dark-a"]
+    with pytest.raises(CalibrationError, match="no noise"):
+        measured(still)
+
+
 def test_flicker_texture_and_banding_do_not_move_it() -> None:
     sensor = TrueSensor(prnu=0.01, banding_e=6.0)
     body = measured(series(2, sensor, flicker=0.03, texture=0.4))

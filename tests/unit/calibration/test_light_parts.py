@@ -51,6 +51,15 @@ def test_flat_is_the_vignetting_and_finds_dust() -> None:
     assert flat.figures()[1].verdict == Verdict.DOUBTFUL
 
 
+def test_the_pictures_edge_along_that_of_the_photo_is_no_dust() -> None:
+    """Three quads of the last row of blocks are dark: what is left of it is no light of a card."""
+    light = card()
+    light[-3:] *= 0.05
+    flat = flat_of(photo(light, 3))
+    assert not flat.lit[-1].any() and flat.lit[-2].all()
+    assert not flat.dust.any()
+
+
 def test_flat_takes_the_room_off() -> None:
     room = 2000.0 * np.linspace(0.0, 1.0, 256)[None, :, None] * np.ones((192, 1, 3))
     flat = flat_of(photo(card() + room, 2), without=room / 2.96)

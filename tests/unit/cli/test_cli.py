@@ -80,6 +80,15 @@ def test_help_imports_nothing_heavy() -> None:
     assert "'argparse'" in modules
 
 
+def test_a_client_imports_no_heavy_library() -> None:
+    """What talks to a daemon names its maps, but works nothing out with them."""
+    code = "import sys, pdcd.client; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = set(run.stdout.split())
+    assert "pdcd.sensor.cells" in modules
+    assert not modules & {"scipy", "cv2", "rawpy", "asyncio"}
+
+
 @pytest.mark.parametrize(
     ("option", "names"),
     [

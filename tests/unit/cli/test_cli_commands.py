@@ -251,7 +251,7 @@ def test_config_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert main(["config", "check", "--config", str(path)]) == 0
     assert capsys.readouterr().out == f"sound: {path}\n"
     assert main(["config", "show", "--config", str(path)]) == 0
-    assert capsys.readouterr().out.startswith('[rig]\nname = "mine"\n')
+    assert capsys.readouterr().out.startswith('[rig]\nname = "mine"  # typed\n')
     assert main(["config", "schema"]) == 0
     assert "Config" in json.loads(capsys.readouterr().out)["$defs"]
     path.write_text("[rig]\nname = 3\nnane = 4\n")

@@ -210,6 +210,20 @@ def test_a_photo_that_comes_very_late_is_never_taken_for_another(tmp_path: Path)
     rig.disconnect()
 
 
+def test_a_photo_that_making_safe_threw_away_is_not_waited_for(tmp_path: Path) -> None:
+    rig = PtpRig(Script())
+    rig.connect()
+    rig.expose(1.0)
+    rig.wait(5.0)
+    with rig.camera.lock:
+        rig.camera.poll()  # the photo is announced, and its job fails before it is fetched
+    rig.shutter.close()
+    assert rig.body.store.in_ram == 0
+    rig.readout.arm(SETTINGS)
+    rig.photo(tmp_path, "next")
+    rig.disconnect()
+
+
 def test_a_photo_lost_with_the_camera_s_memory_is_not_waited_for_for_ever(tmp_path: Path) -> None:
     rig = PtpRig(Script(file="none"))
     rig.connect()

@@ -160,7 +160,7 @@ def test_what_is_no_request_is_an_invalid_request(data: bytes, request_id: objec
 
 
 def test_an_unknown_method_is_answered_with_the_known_ones() -> None:
-    _, answer = fault(line("calibrate.start"))
+    _, answer = fault(line("capture.erase"))
     assert answer["error"]["code"] == -32601
     assert answer["error"]["data"]["kind"] == "protocol"
     assert "capture.start" in answer["error"]["data"]["hint"]
@@ -223,7 +223,14 @@ def test_the_hint_says_what_the_field_takes() -> None:
 
 @pytest.mark.parametrize(
     ("wanted", "agreed"),
-    [([1, 0], True), ([1, 1], True), ([1, 2], False), ([0, 9], False), ([2, 0], False)],
+    [
+        ([1, 0], True),
+        ([1, 1], True),
+        ([1, 2], True),
+        ([1, 3], False),
+        ([0, 9], False),
+        ([2, 0], False),
+    ],
 )
 def test_hello_closes_on_a_version_that_is_not_spoken(wanted: list[int], agreed: bool) -> None:
     connection = Connection()

@@ -11,6 +11,8 @@ from pdcd.errors import ConfigError
 from pdcd.scene.effects import Direct
 from pdcd.scene.scene import Scene
 
+CARD = "card"
+"""What `[scene] kind` calls it."""
 ALBEDO = 0.9
 """Of white paper."""
 

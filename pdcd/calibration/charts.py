@@ -1,0 +1,98 @@
+"""Charts for people to look at: points, lines and words in a box, drawn with cv2 alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Bytes = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+PAPER, INK, FAINT = (255, 255, 255), (30, 30, 30), (190, 190, 190)
+BLUE, RED, GREEN, GREY = (40, 90, 200), (200, 60, 40), (30, 140, 70), (120, 120, 120)
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+MARGINS = 70, 20, 46, 44
+"""Pixels beside the box: left, right, above, below."""
+
+
+def sheet(width_px: int = 900, height_px: int = 600) -> Bytes:
+    """An empty picture, (height, width, 3) uint8 RGB."""
+    return np.full((height_px, width_px, 3), 255, np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A box of a sheet with two axes.
+
+    on : the sheet. place : (left, top, width, height) in pixels, words included. x, y : ranges.
+    """
+
+    on: Bytes
+    place: tuple[int, int, int, int]
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+    def frame(self, title: str, x_name: str, y_name: str, *, ticks: int = 5) -> None:
+        """Draw the box, its ticks and names."""
+        left, top, right, bottom = self._box
+        cv2.rectangle(self.on, (left, top), (right, bottom), INK, 1)
+        for value in np.linspace(*self.x, ticks):
+            at = self.pixel(value, self.y[0])
+            self.words(f"{value:.3g}", (at[0] - 14, bottom + 16))
+        for value in np.linspace(*self.y, ticks):
+            row = self.pixel(self.x[0], value)[1]
+            cv2.line(self.on, (left, row), (right, row), FAINT, 1)
+            self.words(f"{value:.3g}", (left - 52, row + 4))
+        self.words(title, (left, top - 26), 0.5)
+        self.words(y_name, (left, top - 8))
+        self.words(x_name, (left, bottom + 36))
+
+    def pixel(self, x: float, y: float) -> tuple[int, int]:
+        """Where a point lies on the sheet."""
+        left, top, right, bottom = self._box
+        across = (x - self.x[0]) / max(self.x[1] - self.x[0], 1e-300)
+        up = (y - self.y[0]) / max(self.y[1] - self.y[0], 1e-300)
+        column = left + float(np.clip(across, -0.05, 1.05)) * (right - left)
+        return round(column), round(bottom - float(np.clip(up, -0.05, 1.05)) * (bottom - top))
+
+    def points(self, x: ArrayLike, y: ArrayLike, colour: Colour, *, radius_px: int = 3) -> None:
+        """A disc for each point."""
+        for at in zip(np.ravel(x), np.ravel(y), strict=True):
+            cv2.circle(self.on, self.pixel(*at), radius_px, colour, -1, cv2.LINE_AA)
+
+    def line(self, x: ArrayLike, y: ArrayLike, colour: Colour) -> None:
+        """A line from point to point."""
+        found = [self.pixel(*at) for at in zip(np.ravel(x), np.ravel(y), strict=True)]
+        for first, second in pairwise(found):
+            cv2.line(self.on, first, second, colour, 1, cv2.LINE_AA)
+
+    def bars(self, x: ArrayLike, y: ArrayLike, half: ArrayLike, colour: Colour) -> None:
+        """An error bar for each point, `half` up and down."""
+        for at, value, error in zip(np.ravel(x), np.ravel(y), np.ravel(half), strict=True):
+            ends = self.pixel(at, value - error), self.pixel(at, value + error)
+            cv2.line(self.on, *ends, colour, 1, cv2.LINE_AA)
+
+    def words(self, text: str, at: tuple[int, int], size: float = 0.38) -> None:
+        """ASCII words at a pixel of the sheet."""
+        cv2.putText(self.on, text, at, FONT, size, INK, 1, cv2.LINE_AA)
+
+    def legend(self, entries: Sequence[tuple[str, Colour]]) -> None:
+        """What the colours mean, in the box's upper right corner."""
+        _, top, right, _ = self._box
+        for number, (text, colour) in enumerate(entries):
+            row = top + 16 + 16 * number
+            cv2.circle(self.on, (right - 150, row - 4), 4, colour, -1, cv2.LINE_AA)
+            self.words(text, (right - 140, row))
+
+    @property
+    def _box(self) -> tuple[int, int, int, int]:
+        left, top, width, height = self.place
+        return (
+            left + MARGINS[0], top + MARGINS[2], left + width - MARGINS[1],
+            top + height - MARGINS[3],
+        )  # fmt: skip

@@ -1,0 +1,102 @@
+"""A calibration computed again from its photos: the same numbers, bit for bit, or it says which."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from pathlib import Path
+
+import msgspec
+
+from pdcd.bench.calibration import ARRAYS, MAPS, PROFILE, Calibration, StepRecord, read_calibration
+from pdcd.bench.tables import Config
+from pdcd.errors import CalibrationError, ConfigError, disk_errors
+from pdcd.offload.calibrating import HELPED, Begin, Found, NextAsk, Study
+from pdcd.sensor.profile import SensorProfile
+
+
+class Item(msgspec.Struct, frozen=True):
+    """One thing that was computed again: a step's figures, a value, a file."""
+
+    name: str
+    identical: bool
+
+
+class Again(msgspec.Struct, frozen=True, kw_only=True):
+    """All that was computed again."""
+
+    folder: str
+    items: tuple[Item, ...]
+    identical: bool
+
+
+def again(folder: Path) -> Again:
+    """Compute all steps of a calibration folder from its photos, in their order.
+
+    Nothing in the folder is changed. Raises ConfigError for a folder that is none, DecodeError for
+    a photo that is not as it was, CalibrationError where a step now asks for other photos.
+    """
+    record, _ = read_calibration(folder)
+    with disk_errors("scratch"), tempfile.TemporaryDirectory(prefix="pdcd-again-") as scratch:
+        work = Path(scratch)
+        (work / "preview").mkdir()
+        for name in ("raw", "frames.csv"):
+            (work / name).symlink_to((folder / name).resolve())
+        study = Study.begun(_begin(record, folder), work)
+        items = [
+            Item(f"step {step.name}", _same(step, _computed(study, step))) for step in record.steps
+        ]
+        entries = study.write()
+        for key, entry in sorted(record.measured.items()):
+            if entry.folder is None:
+                items.append(Item(key, key in entries and _plain(entries[key]) == _plain(entry)))
+        items += [
+            Item(name, _digest(work / name) == record.files[name].sha256)
+            for name in (MAPS, ARRAYS, PROFILE)
+            if name in record.files and (work / name).exists()
+        ]
+    return Again(
+        folder=str(folder), items=tuple(items), identical=all(item.identical for item in items)
+    )
+
+
+def _begin(record: Calibration, folder: Path) -> Begin:
+    """What the calibration began with. Raises ConfigError."""
+    try:
+        config = msgspec.convert(record.belief, Config, strict=False)
+        profile = msgspec.convert(record.profile, SensorProfile, strict=False)
+    except msgspec.ValidationError as err:
+        raise ConfigError(f"the calibration in {folder} cannot be computed again: {err}") from err
+    # Its own arrays hold those of the calibration before it as well.
+    before = folder if record.before else None
+    helped = any(step.settings.get(HELPED) for step in record.steps)
+    return Begin(config, profile, record.camera.info, before, helped)
+
+
+def _computed(study: Study, step: StepRecord) -> StepRecord:
+    """A step again, fed with its photos."""
+    photos = list(step.photos)
+    wanted = study.begin(step.name, step.made_utc)
+    while not isinstance(wanted, Found):
+        if isinstance(wanted, NextAsk):
+            wanted = study.answered()
+            continue
+        if not photos or photos[0].name != wanted.name:
+            raise CalibrationError(
+                f"step {step.name} now asks for a photo {wanted.name} that is not there",
+                hint="compute it again with the version of pdcd that made it",
+            )
+        wanted = study.photo(photos.pop(0))
+    return wanted.step
+
+
+def _same(old: StepRecord, new: StepRecord) -> bool:
+    return (old.figures, old.advice, old.verdict) == (new.figures, new.advice, new.verdict)
+
+
+def _plain(value: object) -> object:
+    return msgspec.json.decode(msgspec.json.encode(value))
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

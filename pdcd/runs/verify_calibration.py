@@ -1,0 +1,105 @@
+"""Is a calibration folder whole and unchanged? As `pdcd.runs.verify` looks at runs."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import msgspec
+
+from pdcd.bench.calibration import DIGEST, MAX_RECORD_BYTES, RECORD, Calibration, digest_line
+from pdcd.errors import DecodeError
+from pdcd.printable import one_line
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.inside import fault_of, read_file
+from pdcd.runs.record import FileRecord
+from pdcd.runs.verify import Alive, Check, Verified
+
+
+def verify_calibration(
+    folder: Path, *, manifest_sha256: str | None = None, alive: Alive = lambda: None
+) -> Verified:
+    """Look at all of a calibration folder. Raises nothing for what is wrong with it.
+
+    `manifest_sha256` is what its record is to have, where that is known from elsewhere.
+    """
+    check = _CalibrationCheck(alive)
+    check.look(folder, manifest_sha256, None)
+    record = check.record
+    return Verified(
+        folder=one_line(str(folder)),
+        whole=not check.found,
+        job=None if record is None else record.name,
+        schema=None if record is None else record.schema,
+        manifest_sha256=check.sha256,
+        files=check.sound,
+        size_bytes=check.size_bytes,
+        findings=tuple(check.found),
+        unchecked=(),
+    )
+
+
+class _CalibrationCheck(Check):
+    """One walk through one calibration folder."""
+
+    own = (RECORD, DIGEST)
+    folders = frozenset({"raw", "preview"})
+    record: Calibration | None = None
+
+    @property
+    def listed(self) -> Mapping[str, FileRecord] | None:
+        """See `Check`."""
+        if self.record is None:
+            return None
+        return {n: FileRecord(f.sha256, f.size_bytes) for n, f in self.record.files.items()}
+
+    def manifest(self, folder: int, expected_sha256: str | None) -> None:
+        """Read the record, hold it against its digest and against itself."""
+        try:
+            data = read_file(folder, RECORD, MAX_RECORD_BYTES)
+        except FileNotFoundError:
+            self.find(RECORD, "missing", "this is no finished calibration")
+            return
+        except (OSError, DecodeError) as err:
+            self.find(RECORD, "unreadable", str(err))
+            return
+        self.sha256 = hashlib.sha256(data).hexdigest()
+        if expected_sha256 is not None and expected_sha256.lower() != self.sha256:
+            self.find(RECORD, "manifest", f"its SHA-256 is {self.sha256}, not the one given")
+        self._held_against_digest(folder, data)
+        try:
+            self.record = msgspec.json.decode(data, type=Calibration)
+        except (msgspec.MsgspecError, ValueError, RecursionError) as err:
+            self.find(RECORD, "manifest", str(err))
+            return
+        for what in _contradictions(self.record):
+            self.find(RECORD, "manifest", what)
+
+    def _held_against_digest(self, folder: int, data: bytes) -> None:
+        wanted = digest_line(data)
+        try:
+            if read_file(folder, DIGEST, len(wanted)) != wanted:
+                self.find(RECORD, "manifest", f"it does not have the SHA-256 that {DIGEST} holds")
+        except FileNotFoundError:
+            self.find(DIGEST, "missing", "nothing vouches for the record")
+        except (OSError, DecodeError) as err:
+            self.find(DIGEST, "unreadable", str(err))
+
+
+def _contradictions(record: Calibration) -> Iterator[str]:
+    """What the record says that cannot be true, in words."""
+    for name in record.files:
+        fault = "it vouches for itself" if name in (RECORD, DIGEST) else fault_of(name)
+        if fault is not None:
+            yield f"file {one_line(name)!r}: {fault}"
+    photos = [photo for step in record.steps for photo in step.photos]
+    if photos and FRAMES not in record.files:
+        yield f"it does not list {FRAMES!r}"
+    if len({photo.name for photo in photos}) != len(photos):
+        yield "it has two photos of one name"
+    for photo in photos:
+        if photo.raw not in record.files or record.files[photo.raw].sha256 != photo.sha256:
+            yield f"photo {one_line(photo.name)!r} and the list of files name another RAW file"
+        if not photo.open_ns < photo.close_ns:
+            yield f"photo {one_line(photo.name)!r} closed before it opened"

@@ -1,0 +1,50 @@
+"""Work on a frame, band by band of its rows, on two cores.
+
+What is worked out between reading and writing a band stays in the cache, and takes no memory that
+the kernel must fetch and clear first: on a large frame that costs more than the arithmetic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+OfRows = Callable[[slice], NDArray[Any]]
+"""Makes some rows of a frame."""
+
+ROWS = 64
+"""Rows of a band."""
+THREADS = 2
+"""NumPy, SciPy and OpenCV leave the interpreter to others while they compute."""
+
+
+def in_bands(rows: int, work: Callable[[slice], None]) -> None:
+    """Call `work` with every band of a frame of so many rows; bands must not touch each other."""
+    bands = [slice(start, min(start + ROWS, rows)) for start in range(0, rows, ROWS)]
+    if len(bands) <= THREADS:
+        for band in bands:
+            work(band)
+        return
+    with ThreadPoolExecutor(THREADS) as pool:
+        for _ in pool.map(work, bands):
+            pass
+
+
+def banded(shape: tuple[int, ...], dtype: Any, make: OfRows) -> NDArray[Any]:
+    """A frame (h, w, ...) whose bands `make` makes."""
+    out = planar(shape, dtype)
+
+    def fill(rows: slice) -> None:
+        out[rows] = make(rows)
+
+    in_bands(shape[0], fill)
+    return out
+
+
+def planar(shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
+    """An empty image (h, w, ...) whose channels lie one after the other in memory."""
+    return np.moveaxis(np.empty((*shape[2:], *shape[:2]), dtype), (-2, -1), (0, 1))

@@ -1,0 +1,112 @@
+"""Small mock benches whose truth their belief does not know, calibrated step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pdcd.bench.calibration import Calibration, FigureRecord, StepRecord, read_calibration
+from pdcd.bench.tables import (
+    BenchConfig,
+    CameraConfig,
+    Config,
+    PanelConfig,
+    SceneConfig,
+    ServerConfig,
+)
+from pdcd.capture.engine import Engine
+from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing
+from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
+from pdcd.runs.events import Event, StepEnded
+
+QUADS = (256, 192)
+PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
+
+
+@dataclass
+class SmallBench:
+    """truth : text of the truth's file. card : options of the scene. placed : whether belief has
+    maps of all devices, as if the geometry had been measured; the truth then agrees. quads : width
+    and height of the photos."""
+
+    folder: Path
+    truth: str = ""
+    card: dict[str, Any] = field(default_factory=dict)
+    placed: bool = False
+    quads: tuple[int, int] = QUADS
+
+    @property
+    def config(self) -> Config:
+        self.folder.mkdir(exist_ok=True)
+        truth = self.folder / "truth.toml"
+        truth.write_text(self.truth)
+
+        def place(size: tuple[int, int]) -> Placing:
+            return Placing(map=Map.filling(size)) if self.placed else Placing()
+
+        return Config(
+            projector=PanelConfig(size_px=PROJECTOR_PX, place=place(PROJECTOR_PX)),
+            mask=PanelConfig(size_px=MASK_PX, place=place(MASK_PX)),
+            camera=CameraConfig(
+                profile="450d", seed=5, frame_quads=self.quads, place=place(self.quads)
+            ),
+            scene=SceneConfig(kind="card", options=self.card),
+            bench=BenchConfig(truth=str(truth)),
+            server=ServerConfig(state_dir=str(self.folder / "state")),
+        )
+
+    def engine(self) -> Engine:
+        engine = Engine.from_config(self.config)
+        engine.start()
+        return engine
+
+
+@dataclass
+class Calibrated:
+    """A calibration as it ended, and its record where there is one."""
+
+    result: CaptureResult
+    ended: list[StepEnded]
+
+    @property
+    def record(self) -> Calibration:
+        assert self.result.error is None, self.result.error
+        assert self.result.folder is not None
+        return read_calibration(Path(self.result.folder))[0]
+
+    @property
+    def folder(self) -> Path:
+        assert self.result.folder is not None
+        return Path(self.result.folder)
+
+    @property
+    def error(self) -> str:
+        assert self.result.error is not None
+        return str(self.result.error["message"])
+
+    def step(self, name: str) -> StepRecord:
+        return next(step for step in self.record.steps if step.name == name)
+
+    def figures(self, name: str) -> dict[str, FigureRecord]:
+        return {figure.name: figure for figure in self.step(name).figures}
+
+    def value(self, figure: str) -> float:
+        """Value of a figure, whatever step it is of."""
+        values = [f.value for step in self.record.steps for f in step.figures if f.name == figure]
+        assert len(values) == 1 and values[0] is not None, figure
+        return values[0]
+
+
+def calibrate(engine: Engine, *steps: Any) -> Calibrated:
+    ended: list[StepEnded] = []
+
+    def emit(event: Event) -> None:
+        if isinstance(event, StepEnded):
+            ended.append(event)
+
+    result = engine.calibrate(
+        CalibrateRequest(steps=steps), job=new_job_id(), emit=emit, cancelled=lambda: False
+    )
+    return Calibrated(result, ended)

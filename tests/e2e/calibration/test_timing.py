@@ -1,0 +1,166 @@
+"""The steps of timing and of the shutter, on benches whose times nobody told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import Config, RigConfig
+from pdcd.bench.truth import truth_of
+from pdcd.calibration.pulses import Answer, kept_apart
+from pdcd.frames.schedule import SLOTS
+from tests.e2e.calibration.timing_rig import bench, calibrated, record_of
+
+REFRESH_S = 1.0 / 60.0
+TAUS = """
+[projector]
+contrast = 900.0
+rise_s = 0.0031
+fall_s = 0.0022
+{projector}
+[mask]
+contrast = 450.0
+rise_s = 0.0045
+fall_s = 0.0071
+{mask}
+"""
+
+
+def lags_s(config: Config, rows: np.ndarray) -> np.ndarray:
+    """When the mask's light of a row of the field comes after the projector's; panels are upright.
+    What the display delays on purpose is in it."""
+    found = np.full(rows.shape, config.display.mask_delay_refreshes * REFRESH_S)
+    for panel, sign in ((config.mask, 1.0), (config.projector, -1.0)):
+        bands = panel.scan_bands
+        part = np.floor(rows * bands) / max(bands - 1, 1)
+        scan = panel.scan_s * part if panel.scan_s > 0 else -panel.scan_s * (1.0 - part)
+        found += sign * (panel.skew_s + scan)
+    return found
+
+
+def leaks(config: Config, late_s: np.ndarray) -> dict[str, float]:
+    """Light of a code in all others, over that of a refresh, by schedule; the mean of all rows."""
+    light, opening = (Answer(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
+    found: dict[str, float] = {}
+    for name in SLOTS:
+        kept = [kept_apart(name, light, opening, float(late), REFRESH_S) for late in late_s]
+        found[name] = float(np.mean([one.leak * one.light for one in kept]))
+    return found
+
+
+def check_found(believed: Config, found: Config, *, rows: int = 40) -> None:
+    """The words say what is true, as far as it counts: time constants, lag by row, leaks."""
+    true = truth_of(believed).of(believed)
+    true = msgspec.structs.replace(true, display=found.display)
+    for name in ("projector", "mask"):
+        said, real = getattr(found, name), getattr(true, name)
+        assert said.rise_s == pytest.approx(real.rise_s, rel=0.06)
+        assert said.fall_s == pytest.approx(real.fall_s, rel=0.06)
+    at = (np.arange(rows) + 0.5) / rows
+    said_s, real_s = lags_s(found, at), lags_s(true, at)
+    if not true.mask.scan_s:  # a bench that is set in bands has steps that a straight line has not
+        assert np.abs(said_s - real_s).max() < 0.15e-3
+    said_leaks, real_leaks = leaks(found, said_s), leaks(true, real_s)
+    for schedule in SLOTS:
+        assert said_leaks[schedule] == pytest.approx(real_leaks[schedule], abs=1e-3)
+
+
+def test_lag_rise_and_fall_and_whole_refreshes(tmp_path: Path) -> None:
+    """A mask that is seven refreshes and some late; the display then sends it all seven earlier."""
+    believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = 0.1204"))
+    result, found = calibrated(believed, "timing")
+    record = record_of(result)
+    check_found(believed, found)
+    assert found.display.mask_delay_refreshes == -7
+    assert found.mask.scan_s == 0.0
+    assert (found.projector.skew_s, found.projector.scan_s) == (0.0, 0.0)
+    assert [photo.name for photo in record.steps[-1].photos] == [
+        f"timing-{name}"
+        for name in ("white", "coarse", "white-again", "coarse-again", "strips-1", "strips-2")
+    ]
+    assert record.steps[-1].verdict == "good"
+    assert any("7 refreshes earlier" in text for text in record.steps[-1].advice)
+    entry = record.measured["mask.skew_s"]
+    assert abs(entry.value - 0.1204) < 4.0 * float(entry.sigma)  # type: ignore[arg-type]
+    assert (Path(str(result.folder)) / "preview" / "timing.png").stat().st_size > 1000
+
+
+def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
+    scan = "skew_s = 0.002\nscan_s = -0.0316\nscan_bands = 24"
+    believed = bench(tmp_path, TAUS.format(projector="skew_s = 0.001", mask=scan))
+    result, found = calibrated(believed, "timing")
+    step = record_of(result).steps[-1]
+    true = truth_of(believed).of(believed)
+    bands = np.load(Path(str(result.folder)) / "arrays.npz")["timing.lag_s"]
+    rows = (np.arange(1200) + 0.5) / 1200
+    real = lags_s(true, rows).reshape(bands.size, -1).mean(axis=1)
+    np.testing.assert_allclose(bands, real, rtol=0, atol=0.15e-3)
+    said = lags_s(found, rows).reshape(bands.size, -1).mean(axis=1)
+    np.testing.assert_allclose(said, real - REFRESH_S, rtol=0, atol=0.15e-3)
+    assert found.display.mask_delay_refreshes == -1  # for the middle of the field
+    assert found.mask.scan_bands > 100
+    assert found.rig.settle_s > abs(found.mask.scan_s) + abs(found.mask.skew_s)
+    assert any("turned by 180 degrees" in text for text in step.advice)
+
+
+def test_times_are_found_again_once_the_delay_is_taken_out(tmp_path: Path) -> None:
+    """The display delays the mask by itself now: what is measured says so, and is as before."""
+    believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = -0.0287"))
+    display = msgspec.structs.replace(believed.display, mask_delay_refreshes=2)
+    believed = msgspec.structs.replace(believed, display=display)
+    result, found = calibrated(believed, "timing")
+    assert len(record_of(result).steps[-1].photos) == 4
+    check_found(believed, found)
+    assert found.display.mask_delay_refreshes == 2
+    assert found.mask.skew_s == pytest.approx(-0.0287, abs=0.15e-3)
+
+
+def test_timing_wants_maps(tmp_path: Path) -> None:
+    for step in ("timing", "shutter"):
+        result, found = calibrated(bench(tmp_path, "", placed=False), step)
+        assert result.error is not None
+        assert "was not measured yet" in str(result.error["message"])
+        assert "geometry" in str(result.error["hint"])
+        assert found.mask.skew_s == 0.0
+
+
+def test_a_mirrored_mask_is_told(tmp_path: Path) -> None:
+    truth = TAUS.format(projector="", mask="skew_s = 0.004") + '[mask.place]\nflip = "horizontal"\n'
+    result, found = calibrated(bench(tmp_path, truth), "timing")
+    assert result.state == "failed" and result.error is not None
+    assert "mask" in str(result.error["message"])
+    assert found.mask.rise_s == 0.0
+
+
+TRIGGER = "[trigger]\nlag_s = {}\njitter_s = {}\n"
+
+
+def test_lag_and_jitter_of_the_shutter(tmp_path: Path) -> None:
+    truth = TRIGGER.format(0.1163, 0.0012)
+    believed = bench(tmp_path, truth, rise_s=0.0031, fall_s=0.0022)
+    result, found = calibrated(believed, "shutter")
+    record = record_of(result)
+    # The bench draws two times a photo, for it opens and closes; one was metered, one was white.
+    drawn = np.random.default_rng([believed.camera.seed, 2]).standard_normal(14)[4:]
+    late_s = 0.1163 + 0.0012 * drawn
+    assert found.trigger.lag_s == pytest.approx(late_s.mean(), abs=0.3e-3)
+    assert found.trigger.jitter_s == pytest.approx(late_s.std(ddof=1), abs=0.2e-3)
+    assert record.measured["trigger.lag_s"].step == "shutter"
+    # Rise and fall of the projector were typed in: nobody knows how well.
+    assert record.steps[-1].verdict == "doubtful"
+    assert any("run timing" in text for text in record.steps[-1].advice)
+
+
+def test_a_shutter_that_is_a_cycle_later(tmp_path: Path) -> None:
+    """One bar alone would look the same then; photos wait long enough for such a shutter."""
+    truth = TRIGGER.format(0.06 + 29 * REFRESH_S, 0.0)
+    believed = bench(tmp_path, truth, rise_s=0.003, fall_s=0.002)
+    believed = msgspec.structs.replace(believed, rig=RigConfig(settle_s=0.7))
+    result, found = calibrated(believed, "shutter")
+    assert result.error is not None
+    assert "quarter of a second off" in str(result.error["message"])
+    assert "trigger.lag_s" in str(result.error["hint"])
+    assert found.trigger.lag_s == 0.06

@@ -1,0 +1,66 @@
+"""A mock bench whose hidden truth is one of times, small enough to be calibrated in a second."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pdcd.bench.calibration import Calibration, read_calibration
+from pdcd.bench.measured import calibrated as measured
+from pdcd.bench.tables import (
+    BenchConfig,
+    CameraConfig,
+    Config,
+    PanelConfig,
+    SceneConfig,
+    ServerConfig,
+)
+from pdcd.capture.engine import Engine
+from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing
+from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
+
+PROJECTOR_PX, MASK_PX, QUADS = (192, 96), (216, 120), (192, 120)
+F_NUMBER = 22.0
+"""At which about a hundred refreshes of white light are right: short photos, quickly made."""
+
+
+def bench(folder: Path, truth: str, *, placed: bool = True, **panels: object) -> Config:
+    """A bench before a card. placed : whether maps are known, as after the step of geometry.
+    panels : more of [projector], which is believed and true."""
+    (folder / "truth.toml").write_text(truth)
+
+    def place(size: tuple[int, int]) -> Placing:
+        return Placing(map=Map.filling(size)) if placed else Placing()
+
+    return Config(
+        projector=PanelConfig(size_px=PROJECTOR_PX, place=place(PROJECTOR_PX), **panels),  # type: ignore[arg-type]
+        mask=PanelConfig(size_px=MASK_PX, place=place(MASK_PX)),
+        camera=CameraConfig(
+            profile="450d", frame_quads=QUADS, place=place(QUADS), f_number=F_NUMBER, seed=4
+        ),
+        scene=SceneConfig(kind="card", grid=(12, 16)),
+        bench=BenchConfig(truth=str(folder / "truth.toml")),
+        server=ServerConfig(state_dir=str(folder / "state")),
+    )
+
+
+def calibrated(config: Config, step: str) -> tuple[CaptureResult, Config]:
+    """How a step ended, and the configuration that came of it."""
+    engine = Engine.from_config(config)
+    engine.start()
+    try:
+        result = engine.calibrate(
+            CalibrateRequest(steps=(step,)),  # type: ignore[arg-type]
+            job=new_job_id(),
+            emit=lambda event: None,
+            cancelled=lambda: False,
+        )
+        return result, measured(config)
+    finally:
+        engine.stop()
+
+
+def record_of(result: CaptureResult) -> Calibration:
+    """What was kept of a calibration that went well."""
+    assert result.error is None, result.error
+    return read_calibration(Path(str(result.folder)))[0]

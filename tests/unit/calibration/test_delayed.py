@@ -1,0 +1,38 @@
+"""Photos with a panel's rows moved, and their logs told as if a display had moved them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.delayed import delayed, ran_as
+from pdcd.calibration.shown import Shown
+from pdcd.calibration.timing_model import Ran
+from pdcd.frames.frames import FrameLog
+
+REFRESH_NS = 16_666_667
+
+
+def log_of(shown: Shown, late_ns: int) -> FrameLog:
+    """A display that shows all rows, the mask later by its phase."""
+    rows = np.arange(shown.refreshes, dtype=np.int32)
+    at = np.arange(shown.refreshes + 1, dtype=np.int64) * REFRESH_NS
+    end = np.array([at[-1], at[-1] + late_ns])
+    return FrameLog(rows, rows, at[:-1], at[:-1] + late_ns, end, rows * 0, "test", True)
+
+
+@pytest.mark.parametrize("rows", [-3, 0, 2])
+def test_the_log_tells_what_was_planned(rows: int) -> None:
+    index = np.array([0, 1, 0, 1, 1], dtype=np.int32)
+    picture = np.zeros((2, 2, 3), np.bool_)
+    planned = Shown("one", picture, picture, index, index)
+    moved = delayed(planned, rows, trail=4)
+    assert moved.refreshes == 5 + abs(rows) + 4
+    ran = ran_as(Ran(log_of(moved, 1_000_000), 0, 10**9), rows, planned.refreshes)
+    for shown, asked in (
+        (ran.log.primal_shown, moved.projector_index),
+        (ran.log.dual_shown, moved.mask_index),
+    ):
+        assert np.count_nonzero(shown >= 0) == 5
+        np.testing.assert_array_equal(asked, np.append(index, -1)[shown])
+    assert ran.apart_s == pytest.approx(0.001 + rows * REFRESH_NS * 1e-9)

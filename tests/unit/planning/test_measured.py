@@ -1,0 +1,97 @@
+"""What a plan makes of a bench that was measured."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from pdcd.bench.tables import Config
+from pdcd.planning.guards import choose_window, lag_by_rows_s, lag_rows
+from pdcd.planning.make import make_plan
+from pdcd.planning.measured import MOST_LEAK, quietest, schedule_leak, with_grid
+from pdcd.request import CaptureRequest
+
+
+def config(**tables: dict[str, Any]) -> Config:
+    """The mock bench with other values in some tables."""
+    whole = Config()
+    changed = {
+        name: msgspec.structs.replace(getattr(whole, name), **values)
+        for name, values in tables.items()
+    }
+    return msgspec.structs.replace(whole, **changed)
+
+
+AUTO = {"grid": "auto"}
+
+
+def leak_by_integration(cell_px: float, offset_px: float, spread_px: float) -> float:
+    """Light of other cells in a half window: the mean over its points of what is not its own."""
+    x = np.linspace(0.25, 0.75, 20001) * cell_px
+    own = ndtr((x - offset_px) / spread_px) - ndtr((x - cell_px - offset_px) / spread_px)
+    return float(1.0 - own.mean() ** 2)
+
+
+def test_automatic_cells_are_as_small_as_the_leak_allows() -> None:
+    rig = {"misregistration_px": 0.06}
+    sharp, blurred = (
+        with_grid(config(rig=rig, mask={"blur_px": blur_px}, schedule=AUTO))
+        for blur_px in (0.3, 0.9)
+    )
+    for found, blur_px in ((sharp, 0.3), (blurred, 0.9)):
+        assert isinstance(found.schedule.grid, tuple)
+        rows, cols = found.schedule.grid
+        cell_px = min(768 / rows, 1024 / cols)
+        # The windows end at whole pixels of the mask, whose edges scatter evenly.
+        spread_px = np.hypot(blur_px, 1024 / 1600 / np.sqrt(12.0))
+        assert leak_by_integration(cell_px, 0.06 / np.sqrt(2.0), spread_px) <= 1.02 * MOST_LEAK
+    assert str(sharp.schedule.grid) != str(blurred.schedule.grid)
+
+
+def test_where_nothing_was_measured_cells_are_the_usual_ones() -> None:
+    assert with_grid(config(schedule=AUTO)).schedule.grid is None
+    typed = config(schedule={"grid": (6, 8)}, mask={"blur_px": 0.5})
+    assert with_grid(typed) is typed
+
+
+def test_blur_alone_asks_for_windows() -> None:
+    assert choose_window("auto", 0.0, 0.0) == "whole"
+    assert choose_window("auto", 0.0, 0.01) == "quarter"
+
+
+def test_rows_that_are_set_late_count_as_lag() -> None:
+    same = config(projector={"scan_s": 0.016}, mask={"scan_s": 0.016})
+    assert lag_by_rows_s(same) == pytest.approx((0.0, 0.0), abs=1e-9)
+    against = config(projector={"scan_s": 0.016}, mask={"scan_s": -0.016})
+    low_s, high_s = lag_by_rows_s(against)
+    assert low_s == pytest.approx(-0.016 * 8 / 9, rel=0.01)
+    assert high_s == pytest.approx(0.016 * 8 / 9, rel=0.01)
+    lag, spread = lag_rows(against, 0.002)
+    assert lag == pytest.approx(0.12, abs=1e-6) and 4.0 * spread > 0.8
+
+
+def test_the_quietest_schedule_goes_by_rise_fall_and_lag() -> None:
+    quick = {"rise_s": 2e-4, "fall_s": 2e-4}
+    swift = config(projector=quick, mask=quick)
+    assert quietest(swift, 0.004) == "lag" and quietest(swift, -0.004) == "lead"
+    slow = config(projector=quick, mask={"rise_s": 0.004, "fall_s": 0.009})
+    leaks = {name: schedule_leak(slow, name, 0.004) for name in ("lag", "lead", "both", "full")}
+    assert quietest(slow, 0.004) == min(leaks, key=lambda name: leaks[name])
+
+
+def test_a_plan_says_why() -> None:
+    found = config(
+        rig={"misregistration_px": 0.06},
+        mask={"blur_px": 0.4, "rise_s": 0.004, "fall_s": 0.008, "skew_s": 0.003},
+        projector={"rise_s": 0.002, "fall_s": 0.002},
+    )
+    plan = make_plan(CaptureRequest(goal="indirect", codes=16), found, (48, 64), 0.003)
+    cells, window, schedule = plan.summary().reasons
+    assert "16 projector pixels" in cells and "0.06 px" in cells and "0.4 px" in cells
+    assert window.startswith("window quarter: ") and "leaks" in window
+    assert schedule.startswith("schedule full: the mask follows by 3 to 3 ms")
+    assert make_plan(CaptureRequest(goal="white"), Config(), (48, 64)).summary().reasons == ()
