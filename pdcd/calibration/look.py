@@ -183,7 +183,8 @@ def kept(
             [exposure.iso, exposure.f_number or 0.0, exposure.refreshes], dtype=np.float64
         ),
         "check.calibrated": calibrated,
-        "check.strips": np.zeros((2, 0)),
+        # Without strips: arrays that are kept must hold some numbers, and finite ones.
+        "check.strips": np.zeros((2, 1)),
     }
     for panel in PANELS:
         dots: Dots = getattr(now, panel)
@@ -200,10 +201,11 @@ def kept(
 
 def reference(arrays: Arrays) -> tuple[Look, Exposure, Floats, Floats]:
     """A look that was kept, how it was taken, what its strips leave of the model with their sigma
-    (2, B * K), and what it belongs to. Raises KeyError where none was."""
+    (2, B * K), and what it belongs to. Arrays that were kept in a file are float64, all of them.
+    Raises KeyError where none was."""
     dots = {
         panel: Dots(
-            arrays[f"check.{panel}.index"],
+            arrays[f"check.{panel}.index"].astype(np.int64),
             arrays[f"check.{panel}.quads"],
             arrays[f"check.{panel}.sigma"],
         )
@@ -213,7 +215,7 @@ def reference(arrays: Arrays) -> tuple[Look, Exposure, Floats, Floats]:
     closed, sigma = arrays["check.closed"].tolist()
     then = Look(
         dots["projector"], dots["mask"], arrays["check.white"], (closed, sigma), (0.0, 0.0),
-        json.loads(bytes(arrays["check.settings"]).decode()),
+        json.loads(arrays["check.settings"].astype(np.uint8).tobytes()),
     )  # fmt: skip
     exposure = Exposure(int(iso), f_number or None, int(refreshes))
     return then, exposure, arrays["check.strips"], arrays["check.calibrated"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,8 +198,7 @@ def convergence(
     found = _colours_apart(colours, places)
     if beside is not None:
         # A shift in the photo, and what it is on this panel.
-        back = np.asarray(np.linalg.inv(beside[1].slope(places)), dtype=np.float64)
-        in_photo = _times(back, _colours_apart(beside, places))
+        in_photo = _times(np.linalg.inv(beside[1].slope(places)), _colours_apart(beside, places))
         found = found - _times(green.slope(places), in_photo)
     given = []
     for number, (name, other) in enumerate((("red", colours[0]), ("blue", colours[2]))):
@@ -232,7 +232,7 @@ def _colours_apart(colours: Sequence[Fitted], places: Floats) -> Floats:
     return np.stack([green - red, green - blue], axis=1)
 
 
-def _times(slopes: Floats, vectors: Floats) -> Floats:
+def _times(slopes: NDArray[np.floating[Any]], vectors: Floats) -> Floats:
     """Slopes (n, 2, 2) times vectors (n, colours, 2)."""
     return np.asarray(np.einsum("nij,ncj->nci", slopes, vectors))
 

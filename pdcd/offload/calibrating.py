@@ -219,8 +219,8 @@ class Study:
     def write(self) -> dict[str, Entry]:
         """Write maps, arrays and profile; returns what was measured. Raises DiskError."""
         with disk_errors(str(self.folder)):
-            if self.maps:
-                save_maps(self.folder / MAPS, self._all_maps())
+            if maps := self._all_maps():
+                save_maps(self.folder / MAPS, maps)
             write_arrays(self.folder / ARRAYS, self.session.arrays)
             if self.profile_text is not None:
                 (self.folder / PROFILE).write_text(self.profile_text)

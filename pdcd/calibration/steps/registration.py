@@ -68,6 +68,7 @@ def registration(session: Session) -> Script:
     spread = blur(coarse, fine, camera, projector, mask)
     meeting = Meeting(after.e95_px, spread.both_px, 1.0 / finer(found, projector))
     error = _error_px(correction, after)
+    known = np.isfinite(after.points_px + after.offset_px + after.sigma_px).all(axis=-1)
     return Outcome(
         figures=(*_figures(session.config, before, error, spread, meeting), *_leaks(meeting)),
         words={
@@ -78,10 +79,11 @@ def registration(session: Session) -> Script:
         },
         maps={"mask": found},
         arrays={
-            "registration.points_px": after.points_px,
-            "registration.offset_px": after.offset_px,
-            "registration.sigma_px": after.sigma_px,
-            "registration.blur_by_cell_px": spread.by_cell_px,
+            "registration.points_px": after.points_px[known],
+            "registration.offset_px": after.offset_px[known],
+            "registration.sigma_px": after.sigma_px[known],
+            # 0 where a part of the field was not measured: arrays that are kept are finite.
+            "registration.blur_by_cell_px": np.nan_to_num(spread.by_cell_px),
             "registration.meeting_px": np.array([meeting.e95_px, meeting.blur_px, meeting.mask_px]),
         },
         advice=_advice(session.config, before, spread, meeting),

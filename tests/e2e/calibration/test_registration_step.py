@@ -106,6 +106,7 @@ def test_the_mask_is_found_where_it_is(tmp_path: Path) -> None:
     assert config.rig.misregistration_px == told["rig.misregistration_px"].value
     assert config.mask.blur_px < 0.2
     assert told["leak_2px"].value > told["leak_4px"].value > told["leak_8px"].value
+    assert all(np.isfinite(array).all() for array in outcome.arrays.values())
     assert outcome.picture is not None
     assert outcome.picture.shape == (600, 900, 3)
 
