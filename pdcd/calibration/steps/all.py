@@ -18,14 +18,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Step:
-    """run : its script, "module:function" below this package. text : what it finds out, in a few words. needs : steps without which it
-    cannot be. card : whether it looks at a white card. usual : whether it is part of a whole
-    calibration."""
+    """One step.
+
+    run : its script, "module:function" below this package.
+    text : what it finds out, in a few words.
+    needs : steps without which it cannot be.
+    usual : whether it is part of a whole calibration.
+    """
 
     run: str
     text: str
     needs: tuple[str, ...] = ()
-    card: bool = True
     usual: bool = True
 
 
