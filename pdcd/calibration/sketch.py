@@ -14,6 +14,8 @@ Picture = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 """Left, top, width, height in pixels of the picture."""
 
+MOST_ARROWS = 900
+"""Vectors that are drawn of a field; more would cover each other."""
 SIZE = (900, 600)
 WHITE, GREY, BLACK, BLUE, RED = (
     (255, 255, 255),
@@ -51,7 +53,8 @@ def write(
 def arrows(
     on: Picture, box: Box, places: Floats, vectors_px: Floats, title: str, unit: str = "px"
 ) -> None:
-    """Vectors at places of a field, so much enlarged that they can be seen, with a measure.
+    """Vectors at places of a field, so much enlarged that they can be seen, with a measure; of many
+    vectors some, evenly.
 
     places : (n, 2), 0..1 right and down over the box. vectors_px : (n, 2).
     """
@@ -65,7 +68,8 @@ def arrows(
     scale = LONGEST * width / measure
     tails = places * (width, height) + (left, top)
     tips = tails + vectors_px * scale
-    for tail, tip, length in zip(tails, tips, lengths, strict=True):
+    some = slice(None, None, max(1, len(tails) // MOST_ARROWS))
+    for tail, tip, length in zip(tails[some], tips[some], lengths[some], strict=True):
         colour = RED if length > 3.0 * measure else BLUE
         _line(on, tail, tip, colour)
         cv2.circle(on, (round(float(tail[0])), round(float(tail[1]))), 1, colour, -1, cv2.LINE_AA)

@@ -132,7 +132,7 @@ def _refuse_unlike(session: Session, composed: Composed) -> None:
 
 def _picture(*panels: tuple[Dots, Fitted]) -> NDArray[np.uint8]:
     """What the maps of projector and mask leave of each dot."""
-    picture = sketch.blank()
+    picture = sketch.blank((900, 420))
     for number, (dots, fitted) in enumerate(panels):
         size = np.array(dots.grid.size_px, dtype=np.float64)
         height = round(420 * size[1] / size[0])
