@@ -46,6 +46,10 @@ MAP_PX = 0.06
 """95 % of the field are known at least so well, or the map is doubtful."""
 TRUSTED_PX = 4.0
 """Offsets that the maps of geometry should not leave."""
+PARTS, FEWEST_OFFSETS = (24, 18), 6
+"""Parts of the field across and down whose mean offset is looked at, and offsets in such a part."""
+RAYLEIGH_95 = 2.448
+"""Length that 95 % of vectors stay below, over the standard deviation of either part."""
 UNEVEN, UNEVEN_PX = 1.5, 0.5
 """Blur of the worst part of the field over that of all of it, and in projector pixels, that asks
 for another focus; less blur is not told part by part."""
@@ -66,8 +70,10 @@ def registration(session: Session) -> Script:
     correction = fitted(after, near)
     found = corrected(near, projector, correction)
     spread = blur(coarse, fine, camera, projector, mask)
-    meeting = Meeting(after.e95_px, spread.both_px, 1.0 / finer(found, projector))
     error = _error_px(correction, after)
+    meeting = Meeting(
+        _left_px(correction, after, error), spread.both_px, 1.0 / finer(found, projector)
+    )
     known = np.isfinite(after.points_px + after.offset_px + after.sigma_px).all(axis=-1)
     return Outcome(
         figures=(*_figures(session.config, before, error, spread, meeting), *_leaks(meeting)),
@@ -122,6 +128,28 @@ def _error_px(correction: Correction, after: Offsets) -> float:
     """Standard deviation of the corrected map, that 95 % of the places stay below."""
     sigma = correction.sigma_at(after.points_px)
     return float(np.quantile(sigma.max(axis=-1), 0.95))
+
+
+def _left_px(correction: Correction, after: Offsets, error_px: float) -> float:
+    """Offset that 95 % of the field stay below once the correction is made: by its own error, and
+    by what it is too smooth to follow. Single offsets scatter much more, by noise; means over
+    small parts of the field do not."""
+    points, size = after.points_px, np.array(correction.size_px)
+    good = np.isfinite(points).all(axis=-1) & np.isfinite(after.offset_px).all(axis=-1)
+    column, row = np.clip((points[good] / size * PARTS).astype(np.int64), 0, np.array(PARTS) - 1).T
+    part = row * PARTS[0] + column
+    count = np.bincount(part, minlength=PARTS[0] * PARTS[1]).astype(np.float64)
+    many = count >= FEWEST_OFFSETS
+    unlike = 0.0
+    for left in correction.left_px.T:
+        mean, square = (
+            np.bincount(part, values, minlength=count.size)[many] / count[many]
+            for values in (left, left**2)
+        )
+        noise = (square - mean**2) / (count[many] - 1.0)
+        if many.any():
+            unlike = max(unlike, float(np.mean(mean**2 - noise)))
+    return RAYLEIGH_95 * float(np.hypot(error_px, np.sqrt(unlike)))
 
 
 def _figures(

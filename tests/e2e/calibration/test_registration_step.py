@@ -100,7 +100,8 @@ def test_the_mask_is_found_where_it_is(tmp_path: Path) -> None:
     assert np.median(wrong) < 0.05
     told = {figure.name: figure for figure in outcome.figures}
     assert told["mask.offset_px"].value == pytest.approx(1.5, abs=0.4)
-    assert told["rig.misregistration_px"].value < 0.3
+    # What is said of the map is what is true of it, or worse: its own error at the worst places.
+    assert 0.7 < told["rig.misregistration_px"].value / np.quantile(wrong, 0.95) < 6.0
     config = one.session.config
     assert config.mask.offset_px == (0.0, 0.0)
     assert config.rig.misregistration_px == told["rig.misregistration_px"].value
