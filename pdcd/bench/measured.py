@@ -63,8 +63,9 @@ def chosen(config: Config) -> Path | None:
     return newest(state_dir(config) / FOLDER, config)
 
 
-def newest(folder: Path, config: Config) -> Path | None:
-    """The newest whole calibration of this rig in a folder that is not bad, or None."""
+def newest(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
+    """The newest whole calibration of this rig in a folder, of those that are not bad or, if said,
+    of all; None where there is none."""
     try:
         finished = (p for p in folder.iterdir() if not p.name.endswith(UNFINISHED))
         names = sorted((p for p in finished if (p / RECORD).is_file()), reverse=True)
@@ -76,7 +77,7 @@ def newest(folder: Path, config: Config) -> Path | None:
         except ConfigError:
             continue
         same = record.identity.rig == config.rig.name and not other_bench(record, config)
-        if same and record.verdict != "bad":
+        if same and (bad or record.verdict != "bad"):
             return candidate
     return None
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from pdcd.bench.calibration import Calibration, read_calibration
-from pdcd.bench.measured import age_days
+from pdcd.bench.calibration import RECORD, Calibration, read_calibration
+from pdcd.bench.measured import age_days, newest
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError
@@ -38,6 +38,12 @@ def doubts(config: Config, rig: Rig, iso: int) -> Iterator[str]:
     fixed = config.camera.f_number
     if fixed != "auto" and seen.f_number is not None and abs(fixed / seen.f_number - 1.0) > 0.06:
         yield f"calibration {record.name} was taken at f/{seen.f_number:g}, not at f/{fixed:g}"
+    last = newest(folder.parent, config, bad=True)
+    if last is not None and last.name > folder.name:
+        yield (
+            f"{last.name}, a calibration or check after {record.name}, found what is bad: see "
+            f"{last / RECORD}, and calibrate again"
+        )
     yield from _old(record, table)
 
 

@@ -23,6 +23,8 @@ from pdcd.bench.origins import origins
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.capture.again import again
 from pdcd.capture.engine import Engine
+from pdcd.capture.rig import Rig
+from pdcd.capture.same_bench import doubts
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult
@@ -224,10 +226,34 @@ def test_damaged_and_bad_ones_are_not_the_latest(
 
     good = keep("a", "doubtful")
     assert newest(tmp_path, config) == good
-    keep("b", "bad")
+    bad = keep("b", "bad")
+    assert newest(tmp_path, config) == good and newest(tmp_path, config, bad=True) == bad
     keep("c", "good", b"0" * 64 + b"  calibration.json\n")
     keep("d.partial", "good")
     assert newest(tmp_path, config) == good
+
+
+def test_a_capture_says_that_a_check_after_its_calibration_was_bad(
+    done: tuple[Path, CaptureResult],
+) -> None:
+    path, result = done
+    folder = Path(str(result.folder))
+    rig = Rig(calibrated(load(path)))
+    assert not list(doubts(rig.config, rig, 100))
+    record, _ = read_calibration(folder)
+    later = folder.parent / "29990101T000000Z-0001"
+    later.mkdir()
+    data = kept.encoded(msgspec.structs.replace(record, name=later.name, verdict="bad"))
+    (later / kept.RECORD).write_bytes(data)
+    (later / kept.DIGEST).write_bytes(kept.digest_line(data))
+    try:
+        (told,) = doubts(rig.config, rig, 100)
+        assert later.name in told and "calibrate again" in told
+        aged = msgspec.structs.replace(rig.config.calibration, max_age_days=1e-9, check="always")
+        old = list(doubts(msgspec.structs.replace(rig.config, calibration=aged), rig, 100))
+        assert len(old) == 2 and "days old" in old[1]
+    finally:
+        shutil.rmtree(later)
 
 
 def test_a_lens_cap_is_named_and_nothing_changes(tmp_path: Path) -> None:
