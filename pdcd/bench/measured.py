@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -163,10 +163,3 @@ def age_days(record: Calibration, now: datetime | None = None) -> float:
     except ValueError:
         return math.nan
     return ((now or datetime.now(UTC)) - made).total_seconds() / 86400.0
-
-
-def all_keys(config: Config) -> Iterable[str]:
-    """Keys of all values of the configuration: "mask.skew_s"."""
-    for table in msgspec.structs.fields(config):
-        for field in msgspec.structs.fields(getattr(config, table.name)):
-            yield f"{table.name}.{field.name}"

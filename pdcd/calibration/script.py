@@ -7,7 +7,7 @@ can do (`Ask`), and is sent the photo as it came (`Taken`), or None. What it ret
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -185,13 +185,3 @@ def take(wanted: Wanted) -> Generator[Wanted | Ask, Taken | None, Taken]:
     if taken is None:
         raise ValueError("a script that wants a photo is sent one")
     return taken
-
-
-def take_all(
-    series: Sequence[Shown], iso: int | None = None
-) -> Generator[Wanted | Ask, Taken | None, dict[str, Taken]]:
-    """One photo of each, by name. Of large frames keep only what is needed: see `take`."""
-    found = {}
-    for shown in series:
-        found[shown.name] = yield from take(Wanted(shown, iso))
-    return found

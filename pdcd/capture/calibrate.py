@@ -127,24 +127,13 @@ class CalibrationRun:
                 wanted = self.hands.do(self._watch(), Desk.photo, photo)
         step = wanted.step
         self.steps.append(step)
-        figures = tuple(
-            events.StepFigure(
-                name=f.name,
-                value=f.value,
-                sigma=f.sigma,
-                unit=f.unit,
-                limit=f.limit,
-                verdict=f.verdict,
-            )
-            for f in step.figures
-        )
         self._notify(
             events.StepEnded(
                 step=step.name,
                 verdict=step.verdict,
                 photos=len(step.photos),
                 seconds=step.seconds,
-                figures=figures,
+                figures=step.figures,
                 advice=step.advice,
             )
         )

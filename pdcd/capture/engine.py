@@ -56,6 +56,14 @@ def _never() -> bool:
     return False
 
 
+def _failure(err: Exception, what: str, job: str) -> PdcdError:
+    """What a job ended by; a fault of the program is logged, and told as one."""
+    if isinstance(err, PdcdError):
+        return err
+    logger.error("%s failed job=%s", what, job, exc_info=err)
+    return PdcdError(f"internal error: {type(err).__name__}: {err}")
+
+
 class Engine:
     """One rig and all that can be done with it. Not for use from two threads at once."""
 
@@ -237,11 +245,8 @@ class Engine:
                 folder = held.enter_context(RunFolder(place, job))
                 run = Run(self._config, self._rig, self._profile, self._hands, folder, ordered)
                 return run.execute(self.describe())
-            except PdcdError as err:
-                failure = err
             except Exception as err:
-                logger.exception("capture failed job=%s", job)
-                failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
+                failure = _failure(err, "capture", job)
             finally:
                 safe = self._rig.make_safe()
             taken = None if run is None else run.taken
@@ -278,11 +283,8 @@ class Engine:
                     cancelled, proceed,
                 )  # fmt: skip
                 result = run.execute()
-            except PdcdError as err:
-                failure = err
             except Exception as err:
-                logger.exception("calibration failed job=%s", job)
-                failure = PdcdError(f"internal error: {type(err).__name__}: {err}")
+                failure = _failure(err, "calibration", job)
             else:
                 if result.summary["verdict"] != "bad":
                     self._adopt(result.folder)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import get_args
 
+from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
 from pdcd.cli.capture import daemon_socket, signals_to
 from pdcd.cli.exits import DONE, FAILED
@@ -18,7 +19,7 @@ from pdcd.cli.output import progress, say, say_json, say_notes, say_result, say_
 from pdcd.client import Client, OnEvent
 from pdcd.errors import ConfigError
 from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
-from pdcd.runs.events import Event, StepEnded, StepFigure
+from pdcd.runs.events import Event, StepEnded
 from pdcd.words import StepName
 
 LOOK_S = 0.1
@@ -112,7 +113,7 @@ def _say_step(step: StepEnded) -> None:
         say(f"  {text}")
 
 
-def _row(figure: StepFigure) -> list[str]:
+def _row(figure: FigureRecord) -> list[str]:
     value = "unknown" if figure.value is None else f"{figure.value:.4g}"
     if figure.value is not None and figure.sigma:
         value += f" +- {figure.sigma:.2g}"

@@ -22,6 +22,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 from msgspec import Meta
 
+from pdcd.bench.calibration import FigureRecord
 from pdcd.request import CaptureResult, Figure
 from pdcd.words import GoalName, VerdictName
 
@@ -137,17 +138,6 @@ class StepBegun(Event, frozen=True, kw_only=True, tag_field="type", tag="step_be
     steps: Annotated[int, Meta(ge=1, description="how many steps the job has")]
 
 
-class StepFigure(msgspec.Struct, frozen=True, kw_only=True):
-    """One measured number: null where it is none."""
-
-    name: str
-    value: float | None
-    sigma: float | None
-    unit: str
-    limit: str
-    verdict: VerdictName
-
-
 class StepEnded(Event, frozen=True, kw_only=True, tag_field="type", tag="step_ended"):
     """A step of a calibration is done: what it found."""
 
@@ -155,7 +145,7 @@ class StepEnded(Event, frozen=True, kw_only=True, tag_field="type", tag="step_en
     verdict: VerdictName
     photos: Count
     seconds: Annotated[float, Meta(ge=0.0, description="computing time")]
-    figures: tuple[StepFigure, ...]
+    figures: tuple[FigureRecord, ...]
     advice: tuple[str, ...]
 
 
