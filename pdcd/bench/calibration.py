@@ -194,9 +194,9 @@ def encoded(record: Calibration) -> bytes:
     return msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
 
 
-def digest_line(data: bytes) -> bytes:
-    """What the digest's file holds for a record of these bytes."""
-    return f"{hashlib.sha256(data).hexdigest()}  {RECORD}\n".encode()
+def digest_line(data: bytes, name: str = RECORD) -> bytes:
+    """What vouches for a file of these bytes and that name: its line of `sha256sum`."""
+    return f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode()
 
 
 def read_calibration(folder: Path) -> tuple[Calibration, str]:

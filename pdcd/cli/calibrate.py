@@ -15,7 +15,7 @@ from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
 from pdcd.cli.capture import daemon_socket, signals_to
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import progress, say, say_json, say_notes, say_result, say_table, tell
+from pdcd.cli.output import progress, say, say_compared, say_notes, say_result, say_table, tell
 from pdcd.client import Client, OnEvent
 from pdcd.errors import ConfigError
 from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
@@ -145,9 +145,5 @@ def _again(args: argparse.Namespace) -> int:
     if args.step or args.local or args.socket:
         raise ConfigError("--again goes alone: it needs no rig and takes all steps of the folder")
     report = again(args.again)
-    if args.json:
-        say_json(report)
-    else:
-        for item in report.items:
-            say(f"{'identical' if item.identical else 'DIFFERS  '}  {item.name}")
-    return DONE if report.identical else FAILED
+    items = ((item.name, item.identical) for item in report.items)
+    return say_compared(report, items, as_json=args.json)

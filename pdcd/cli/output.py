@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import msgspec
 
-from pdcd.cli.exits import CANCELLED, DONE, exit_code
+from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code
 from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.printable import one_line
@@ -74,6 +74,18 @@ def say_json(value: object) -> None:
     """Print a wire object on one line and hand it on at once."""
     say(msgspec.json.encode(value).decode())
     sys.stdout.flush()
+
+
+def say_compared(report: object, items: Iterable[tuple[str, bool]], *, as_json: bool) -> int:
+    """Print what was made again, each by its name and whether it is as it was, and return the exit
+    code that goes with it."""
+    found = list(items)
+    if as_json:
+        say_json(report)
+    else:
+        for name, identical in found:
+            say(f"{'identical' if identical else 'DIFFERS  '}  {name}")
+    return DONE if all(identical for _, identical in found) else FAILED
 
 
 def say_table(rows: Sequence[Sequence[str]]) -> None:

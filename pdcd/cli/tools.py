@@ -12,7 +12,7 @@ from pdcd.bench.origins import age_words, origins
 from pdcd.bench.reading import faults_error
 from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import progress, say, say_json, say_table
+from pdcd.cli.output import progress, say, say_compared, say_json, say_table
 from pdcd.errors import ConfigError
 from pdcd.pictures.watch import Watch
 from pdcd.runs.events import Decoded
@@ -76,12 +76,8 @@ def decode(args: argparse.Namespace) -> int:
         if args.partial:
             return _salvage(args, watch)
         report = decode_folder(args.folder, watch)
-    if args.json:
-        say_json(report)
-    else:
-        for file in report.files:
-            say(f"{'identical' if file.identical else 'DIFFERS  '}  {file.name}")
-    return DONE if report.identical else FAILED
+    files = ((file.name, file.identical) for file in report.files)
+    return say_compared(report, files, as_json=args.json)
 
 
 def _salvage(args: argparse.Namespace, watch: Watch) -> int:

@@ -8,12 +8,12 @@ job's result).
 
 from __future__ import annotations
 
-import hashlib
 import json
 from typing import Any
 
 import msgspec
 
+from pdcd.bench import calibration
 from pdcd.errors import ConfigError, DecodeError, PdcdError
 from pdcd.runs.older import upgraded
 from pdcd.runs.record import Manifest
@@ -38,7 +38,7 @@ def written(manifest: Manifest) -> bytes:
 
 def digest_line(data: bytes) -> bytes:
     """What capture.json.sha256 holds for a manifest of these bytes."""
-    return f"{hashlib.sha256(data).hexdigest()}  {MANIFEST}\n".encode()
+    return calibration.digest_line(data, MANIFEST)
 
 
 def parsed(data: bytes) -> Manifest:

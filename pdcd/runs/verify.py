@@ -16,11 +16,12 @@ from typing import Literal
 
 import msgspec
 
+from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError
 from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, read_file
-from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, digest_line, parsed
+from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, parsed
 from pdcd.runs.record import FileRecord, Manifest
 
 NEEDED = ("codes.npz", FRAMES, "probe.npz", "log.jsonl")
@@ -116,8 +117,11 @@ class Check:
 
     own = (MANIFEST, DIGEST)
     """What lists and vouches for all other files."""
+    most_bytes = MAX_MANIFEST_BYTES
     folders = frozenset({"raw", "linear", "preview"})
     """Folders that need hold no file."""
+    none = "this is no finished run"
+    """What is said where nothing lists the files."""
 
     def __init__(self, alive: Alive) -> None:
         self._alive = alive
@@ -146,26 +150,30 @@ class Check:
 
     def manifest(self, folder: int, expected_sha256: str | None) -> None:
         """Read the manifest, hold it against its digest and against itself."""
+        name = self.own[0]
         try:
-            data = read_file(folder, MANIFEST, MAX_MANIFEST_BYTES)
+            data = read_file(folder, name, self.most_bytes)
         except FileNotFoundError:
-            self.find(MANIFEST, "missing", "this is no finished run")
+            self.find(name, "missing", self.none)
             return
         except (OSError, DecodeError) as err:
-            self.find(MANIFEST, _what(err), _words(err))
+            self.find(name, _what(err), _words(err))
             return
         self.sha256 = hashlib.sha256(data).hexdigest()
         if expected_sha256 is not None and expected_sha256.lower() != self.sha256:
-            self.find(MANIFEST, "manifest", f"its SHA-256 is {self.sha256}, not the one given")
-        kept = self._digest(folder, data)
+            self.find(name, "manifest", f"its SHA-256 is {self.sha256}, not the one given")
+        self.understand(data, vouched=self._digest(folder, data))
+
+    def understand(self, data: bytes, *, vouched: bool) -> None:
+        """Hold the manifest against itself; `vouched` is whether there is a digest of it."""
         try:
             self.read = parsed(data)
         except DecodeError as err:
             self.find(MANIFEST, "manifest", err.message)
             return
-        if not kept and self.read.schema >= 3:
+        if not vouched and self.read.schema >= 3:
             self.find(DIGEST, "missing", "nothing vouches for the manifest")
-        if kept and self.read.schema < 3:
+        if vouched and self.read.schema < 3:
             self.find(DIGEST, "unknown", f"runs of schema {self.read.schema} have none")
         if self.read.state == "partial":
             missing = [one_line(name) for name in self.read.missing]
@@ -175,14 +183,15 @@ class Check:
 
     def _digest(self, folder: int, data: bytes) -> bool:
         """Whether there is a digest; notes where it is another."""
-        wanted = digest_line(data)
+        name, digest = self.own
+        wanted = digest_line(data, name)
         try:
-            if read_file(folder, DIGEST, len(wanted)) != wanted:
-                self.find(MANIFEST, "manifest", f"it does not have the SHA-256 that {DIGEST} holds")
+            if read_file(folder, digest, len(wanted)) != wanted:
+                self.find(name, "manifest", f"it does not have the SHA-256 that {digest} holds")
         except FileNotFoundError:
             return False
         except (OSError, DecodeError) as err:
-            self.find(DIGEST, _what(err), _words(err))
+            self.find(digest, _what(err), _words(err))
         return True
 
     @property

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import msgspec
 
-from pdcd.bench.calibration import DIGEST, MAX_RECORD_BYTES, RECORD, Calibration, digest_line
-from pdcd.errors import DecodeError
+from pdcd.bench.calibration import DIGEST, MAX_RECORD_BYTES, RECORD, Calibration
 from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.inside import fault_of, read_file
+from pdcd.runs.inside import fault_of
 from pdcd.runs.record import FileRecord
 from pdcd.runs.verify import Alive, Check, Verified
 
@@ -44,7 +42,9 @@ class _CalibrationCheck(Check):
     """One walk through one calibration folder."""
 
     own = (RECORD, DIGEST)
+    most_bytes = MAX_RECORD_BYTES
     folders = frozenset({"raw", "preview"})
+    none = "this is no finished calibration"
     record: Calibration | None = None
 
     @property
@@ -54,20 +54,10 @@ class _CalibrationCheck(Check):
             return None
         return {n: FileRecord(f.sha256, f.size_bytes) for n, f in self.record.files.items()}
 
-    def manifest(self, folder: int, expected_sha256: str | None) -> None:
-        """Read the record, hold it against its digest and against itself."""
-        try:
-            data = read_file(folder, RECORD, MAX_RECORD_BYTES)
-        except FileNotFoundError:
-            self.find(RECORD, "missing", "this is no finished calibration")
-            return
-        except (OSError, DecodeError) as err:
-            self.find(RECORD, "unreadable", str(err))
-            return
-        self.sha256 = hashlib.sha256(data).hexdigest()
-        if expected_sha256 is not None and expected_sha256.lower() != self.sha256:
-            self.find(RECORD, "manifest", f"its SHA-256 is {self.sha256}, not the one given")
-        self._held_against_digest(folder, data)
+    def understand(self, data: bytes, *, vouched: bool) -> None:
+        """See `Check`."""
+        if not vouched:
+            self.find(DIGEST, "missing", "nothing vouches for the record")
         try:
             self.record = msgspec.json.decode(data, type=Calibration)
         except (msgspec.MsgspecError, ValueError, RecursionError) as err:
@@ -75,16 +65,6 @@ class _CalibrationCheck(Check):
             return
         for what in _contradictions(self.record):
             self.find(RECORD, "manifest", what)
-
-    def _held_against_digest(self, folder: int, data: bytes) -> None:
-        wanted = digest_line(data)
-        try:
-            if read_file(folder, DIGEST, len(wanted)) != wanted:
-                self.find(RECORD, "manifest", f"it does not have the SHA-256 that {DIGEST} holds")
-        except FileNotFoundError:
-            self.find(DIGEST, "missing", "nothing vouches for the record")
-        except (OSError, DecodeError) as err:
-            self.find(DIGEST, "unreadable", str(err))
 
 
 def _contradictions(record: Calibration) -> Iterator[str]:
