@@ -16,6 +16,7 @@ from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.guards import choose_schedule, choose_window, lag_rows, shares_of_cell
 from pdcd.planning.measured import quietest, reasons_for, times_measured
 from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.off_axis import on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -43,6 +44,7 @@ def make_plan(
     may end the work. Raises RequestError when the request contradicts itself, the rig, or the
     limits.
     """
+    request = on_bench(request, config)
     how = _how(request, config)
     draft = draft_of(target_of(request, given, grid), how)
     smoothable = _smoothable(draft, request)

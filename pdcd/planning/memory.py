@@ -23,6 +23,7 @@ from pdcd.planning.plan import windowed
 from pdcd.probing.deviation import BLOCK, EXACT_CELLS
 from pdcd.probing.panel import Panel
 from pdcd.recipes.isolation import Isolation
+from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.parts import part_codes
 from pdcd.recipes.programs import (
     Blocks,
@@ -136,7 +137,9 @@ def _of_program(
     if isinstance(inner, Signed | SignedMatrix | Convolved):
         dense = 3 * 8 * square if isinstance(inner, SignedMatrix) else 0
         return bits, made * (56 + 40 * lit) + dense, made * (9 + 8 * lit)
-    several = 8 if isinstance(inner, Coded | Far) else 4
+    if isinstance(inner, Rows):
+        return bits, made * (8 + 60 * lit), made * (2 + 8 * lit)
+    several = 8 if isinstance(inner, Coded | Far | Keyed | KeyedRange) else 4
     return bits, made * (several + 30 * lit), made * (1 + 4 * lit)
 
 
@@ -210,7 +213,8 @@ def _spans(program: Program | None, how: How, single: bool) -> int:
         return max(_exact_pairs(program), how.coded)  # repeated to fill as many
     codes = part_codes(how.coded, how.parts) or how.codes
     inner = program.program if isinstance(program, Under) else program
-    return 2 * codes if isinstance(inner, Signed | SignedMatrix | Convolved) else codes
+    twice = isinstance(inner, Signed | SignedMatrix | Convolved | Rows)
+    return 2 * codes if twice else codes
 
 
 def _exact_pairs(program: Program) -> int:

@@ -17,8 +17,8 @@ from pdcd.request import CaptureRequest
 from pdcd.scene.displaced import Displaced
 from pdcd.scene.scene import Scene
 
-GRID = (3, 5)
-FINE = 40
+GRID = (2, 4)
+FINE = 20
 """Points along either axis of a cell; all edges lie between them."""
 
 

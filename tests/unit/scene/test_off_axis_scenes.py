@@ -122,7 +122,7 @@ def test_paths_between_surfaces_can_be_reversed_where_both_devices_are_in_one_pl
 
 
 def test_surfaces_send_on_no_more_light_than_they_get() -> None:
-    """Every projector cell's flux, bounced once and for ever, summed up over all that it reaches."""
+    """The flux of every projector cell, summed up over all that it reaches in all bounces."""
     closed = (
         wall(2.6, (1.5, 1.0), (0.9, 0.9, 0.9)),
         Rectangle((-0.7, -1.0, 1.0), (0.0, 0.0, 1.6), (0.0, 2.0, 0.0), (0.9, 0.9, 0.9)),
