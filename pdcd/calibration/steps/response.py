@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map
-from pdcd.calibration.chart import COLOURS, Chart
+from pdcd.calibration.charts import BLUE, RED, Chart, sheet
 from pdcd.calibration.metering import opened
 from pdcd.calibration.photo import Photo, Seen, refuse_settings
 from pdcd.calibration.response import (
@@ -80,11 +80,13 @@ def _advice(found: Response) -> tuple[str, ...]:
 
 def _picture(found: list[Response]) -> NDArray[np.uint8]:
     """Light over level of both panels, beside their power laws."""
-    chart = Chart("Light of grey levels", "level", "light", (0.0, 255.0), (0.0, 1.0))
+    drawn = sheet()
+    chart = Chart(drawn, (0, 0, 900, 600), (0.0, 255.0), (0.0, 1.0))
+    chart.frame("Light of grey levels", "level", "light")
     grey = np.arange(256.0)
-    for number, (one, colour) in enumerate(zip(found, (COLOURS[0], COLOURS[3]), strict=True)):
+    for number, (one, colour) in enumerate(zip(found, (RED, BLUE), strict=True)):
         chart.line(grey, (grey / 255.0) ** one.gamma, colour)
-        chart.points(one.levels, one.light, colour, 5)
+        chart.points(one.levels, one.light, colour, radius_px=5)
         text = f"{one.panel}: gamma {one.gamma:.3f} +- {one.gamma_sigma:.3f}"
         chart.note(number, f"{text}, off the law by {100.0 * one.misfit:.2g} %", colour)
-    return chart.picture
+    return drawn
