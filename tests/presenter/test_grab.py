@@ -273,6 +273,7 @@ def test_swapped_panels(tmp_path: Path) -> None:
             np.testing.assert_allclose(found, at(c12=code_s), atol=1e-15)
 
 
+@pytest.mark.long
 def test_pictures_of_several_passes_join_as_their_logs_do(
     tmp_path: Path, x_quarter: XServer
 ) -> None:

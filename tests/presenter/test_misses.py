@@ -120,6 +120,7 @@ def busy() -> Iterator[None]:
         loop.wait()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.geteuid() != 0, reason="real-time priority needs root or LimitRTPRIO")
 def test_a_busy_core_costs_no_frame(tmp_path: Path, x_quarter: XServer) -> None:
     with playing(tmp_path, x_quarter, 60) as play, busy():

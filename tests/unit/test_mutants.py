@@ -158,6 +158,7 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path, {})
 
 
+@pytest.mark.long
 @needs("git")
 def test_what_is_tested_is_noticed_and_nothing_else(
     bench: Bench, monkeypatch: pytest.MonkeyPatch

@@ -45,6 +45,7 @@ def bench(
     )
 
 
+@pytest.mark.long
 def test_parallax_of_two_cards_is_told(tmp_path: Path) -> None:
     near = bench(tmp_path, "near")
     one = Hands(near, tmp_path, full=80, f_number=22.0)

@@ -197,6 +197,7 @@ def test_indirect_errors_on_the_path_traced_corner(tmp_path: Path) -> None:
     assert float(str(errors["hadamard"])) < float(str(errors["bernoulli"])) / 20
 
 
+@pytest.mark.long
 def test_sigma_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
     """Photon, read, dark and rounding noise: captures of one scene scatter as sigma says."""
     config = bench_rig.config(

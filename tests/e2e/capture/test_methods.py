@@ -48,6 +48,7 @@ def relative(image: Floats, truth: Floats) -> float:
     return float(np.sqrt(np.mean(error**2) / np.mean(truth**2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("goal", ["indirect", "direct", "fraction"])
 def test_multi_image_is_exact_with_more_codes_than_cells(goal: str, tmp_path: Path) -> None:
     t = bench_rig.transport(GRID)

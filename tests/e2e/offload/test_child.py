@@ -253,6 +253,7 @@ def test_a_raw_library_that_hangs_is_ended(tmp_path: Path) -> None:
         engine.stop()
 
 
+@pytest.mark.long
 def test_a_job_that_wants_too_much_memory_fails_and_the_next_one_works(tmp_path: Path) -> None:
     limits = LimitsConfig(min_free_bytes=0, work_bytes=2**28, max_exposure_s=1e5)
     engine = started(tmp_path, limits=limits, grid=(24, 32))

@@ -75,6 +75,7 @@ def error(result: CaptureResult) -> float:
     return float(str(result.summary["rms_error"]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scene", "window"),
     [(MIRROR_FILE, "whole"), ("scene:disco-ball", "whole"), ("scene:mirror-and-vase", "quarter")],
@@ -114,6 +115,7 @@ def photo_error(transport: Floats, codes: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)))
 
 
+@pytest.mark.long
 def test_a_wrong_prior_does_little_harm() -> None:
     """Every scene under the priors of all others, 32 codes. What errs more than 1 % without one
     errs at most 1.7 times as much with a wrong one (the mirror ball under the book's, 1.61); smooth

@@ -58,6 +58,7 @@ def indirect_errors(transport: Floats, codes: Bools, photos: Floats) -> tuple[fl
     return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in (image, better))  # type: ignore[return-value]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("slope", "count"), [(1.0, 8), (1.25, 8), (0.8, 8), (0.8, 12), (1.25, 12), (1.25, 16)]
 )

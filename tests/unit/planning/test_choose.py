@@ -63,6 +63,7 @@ def test_explicit_requests_are_left_alone() -> None:
     assert not wants_choice(CaptureRequest(goal="indirect", codes=64, pilot=32))
 
 
+@pytest.mark.long
 def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) -> None:
     tables: dict[str, Any] = {
         "scene": SMALL,
@@ -120,6 +121,7 @@ def test_confidence_costs_time(tmp_path: Path) -> None:
     assert sums[1].prediction.error <= sums[0].prediction.error
 
 
+@pytest.mark.long
 def test_a_mirror_gets_a_pilot_where_nothing_else_will_do(tmp_path: Path) -> None:
     """Exposures of 2 s hold about 100 codes, too few without a pilot (see test_pilot)."""
     short = LimitsConfig(min_free_bytes=0, max_exposure_s=2.0)

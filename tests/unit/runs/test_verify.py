@@ -79,6 +79,7 @@ def test_the_digest_is_one_that_sha256sum_checks(run: Path) -> None:
     assert subprocess.run(check, cwd=run, check=False, capture_output=True).returncode == 1
 
 
+@pytest.mark.long
 def test_every_flipped_bit_is_noticed(run: Path) -> None:
     """60 of 60, each file at least once."""
     met = set()

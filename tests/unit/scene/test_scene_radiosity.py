@@ -153,6 +153,7 @@ def groove_kernel(grid: tuple[int, int]) -> Array:
     return form_kernel(groove(grid), grid)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("albedo", [0.0, 0.5, 0.999, None])
 def test_light_is_absorbed_or_escapes_and_nothing_else(albedo: float | None) -> None:
     relief = groove((16, 24))

@@ -237,6 +237,7 @@ def test_a_damaged_cr2_is_refused_by_its_hash_if_not_by_libraw(small_cr2: Path) 
 # Damaged headers.
 
 
+@pytest.mark.long
 @settings(deadline=None, derandomize=True, max_examples=150)
 @given(
     canon=st.booleans(),
