@@ -188,6 +188,7 @@ def test_the_next_capture_after_a_killed_presenter_works(
         assert process.poll() is None
 
 
+@pytest.mark.long
 def test_a_killed_x_server_fails_the_job_and_the_daemon_goes_on(tmp_path: Path, box: Box) -> None:
     with (
         run(*QUARTER) as server,

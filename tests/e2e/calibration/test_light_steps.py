@@ -60,6 +60,7 @@ def done(engine: Engine) -> Calibrated:
     return calibrate(engine, "sensor", "light")
 
 
+@pytest.mark.long
 def test_the_sensor_is_found(done: Calibrated) -> None:
     assert done.value("sensor.gain_e_per_dn") == pytest.approx(GAIN, rel=0.005)
     assert done.value("sensor.read_noise_e") == pytest.approx(READ_E, rel=0.01)
@@ -138,6 +139,7 @@ def test_grey_levels_need_the_geometry(tmp_path: Path) -> None:
     assert "not measured yet" in done.error
 
 
+@pytest.mark.long
 def test_nobody_covers_the_projector_and_something_covers_half_of_the_field(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -169,6 +169,7 @@ def test_a_damaged_frame_log_does_not_decode(tmp_path: Path, kind: str) -> None:
         decode_folder(folder)
 
 
+@pytest.mark.long
 def test_same_seed_same_answer(tmp_path: Path) -> None:
     images = []
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):

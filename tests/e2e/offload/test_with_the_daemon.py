@@ -40,6 +40,7 @@ def wait_until_gone(pid: int, limit_s: float) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.long
 def test_a_killed_daemon_takes_its_work_process_along_even_a_frozen_one(tmp_path: Path) -> None:
     with daemon(tmp_path) as (process, path), connect(path) as client:
         assert client.plan(REQUEST).codes == 8

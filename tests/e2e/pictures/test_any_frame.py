@@ -123,6 +123,7 @@ def test_shots_of_another_camera_or_orientation_are_refused(
             Darkroom(folder, record).decoded()
 
 
+@pytest.mark.long
 def test_runs_decode_the_same_again(engines: tuple[Engine, Engine]) -> None:
     request = CaptureRequest(goal="indirect", codes=16, parts=4, window="quarter")
     folder = taken(engines[1], request, "again")

@@ -95,6 +95,7 @@ def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str)
     assert any("no sharp far paths" in warning for warning in manifest.warnings)
 
 
+@pytest.mark.long
 def test_48_codes_with_a_pilot_show_a_mirror_ball(tmp_path: Path) -> None:
     """Better than 128 coins, which leave 11.1 %."""
     request = CaptureRequest(goal="indirect", codes=48, pilot=32, white=False)

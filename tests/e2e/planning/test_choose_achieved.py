@@ -73,6 +73,7 @@ def test_other_goals_are_foreseen_too(goal: str, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.long
 def test_bad_panels_are_foreseen(tmp_path: Path) -> None:
     """Slow, leaking, skewed and misaligned panels: errors without sensor noise, to rounding."""
     tables: dict[str, Any] = {
@@ -91,6 +92,7 @@ def test_bad_panels_are_foreseen(tmp_path: Path) -> None:
     assert achieved == pytest.approx(foreseen, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("contrast", "black_level"), [(50.0, "mask"), (None, "none")])
 def test_dark_frames_are_foreseen_too(
     contrast: float | None, black_level: str, tmp_path: Path

@@ -97,6 +97,7 @@ def test_knowledge_of_sharp_paths_replaces_codes(scene: str, window: str, tmp_pa
     assert decode_folder(Path(known.folder)).identical
 
 
+@pytest.mark.long
 def test_parts_and_repeats_follow_a_prior_too(tmp_path: Path) -> None:
     scene = "scene:disco-ball"
     for fields in ({"codes": 128, "parts": 4}, {"repeat": 2}):
@@ -202,6 +203,7 @@ def test_foreseen_and_achieved_agree_with_a_prior(tmp_path: Path) -> None:
     assert float(str(result.summary["codes"])) < plain.codes / 4
 
 
+@pytest.mark.long
 def test_over_the_socket(tmp_path: Path) -> None:
     tables = {"scene": SceneConfig(kind="disco-ball", grid=(12, 16))}
     with daemon(tmp_path, **tables) as (_, socket), connect(socket) as client:

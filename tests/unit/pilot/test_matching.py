@@ -90,6 +90,7 @@ def test_a_map_that_is_not_smooth_is_not_made_up() -> None:
     assert mapped < 1.2 * plain
 
 
+@pytest.mark.long
 def test_noise_that_is_told_of_does_not_become_paths() -> None:
     """Nothing but noise between the photos: half of it, not all, may look like a partner's."""
     sigma = 0.05
@@ -104,6 +105,7 @@ def test_noise_that_is_told_of_does_not_become_paths() -> None:
     assert sums[1] < 0.7 * sums[0]
 
 
+@pytest.mark.long
 def test_channels_share_the_map_and_differ_in_light() -> None:
     transport = mirror(1.25)
     codes = pilot_codes(GRID, 12, seed=6)
@@ -119,6 +121,7 @@ def test_channels_share_the_map_and_differ_in_light() -> None:
     assert len(again) == 4 and all(one is again[0] for one in again)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scale", [1e-9, 1e6])
 def test_units_do_not_matter(scale: float) -> None:
     transport = mirror(1.25)

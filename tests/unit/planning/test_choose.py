@@ -77,6 +77,7 @@ def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) 
     assert summary.prediction is not None and summary.prediction.bound <= reachable
 
 
+@pytest.mark.long
 def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
     short = LimitsConfig(min_free_bytes=0, max_exposure_s=0.5)
     with pytest.raises(RequestError, match=r"cannot be had.*0\.5 s"):
@@ -85,6 +86,7 @@ def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
         plan(tmp_path, CaptureRequest(goal="indirect", seconds=0.1))
 
 
+@pytest.mark.long
 def test_a_leak_is_measured_where_that_pays(tmp_path: Path) -> None:
     """Dark frames take half of the time, and a mask of 300 : 1 leaves 6 % without them."""
     leaking = PanelConfig(size_px=(1600, 1200), rise_s=0.001, fall_s=0.002, contrast=300.0)

@@ -149,6 +149,7 @@ def cr2(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Mosaic]:
     return path, image
 
 
+@pytest.mark.long
 def test_cr2_is_read_like_dng(cr2: tuple[Path, Mosaic]) -> None:
     path, image = cr2
     frame = read_raw(path)
