@@ -16,6 +16,8 @@ from pdcd.words import BlackLevel, FamilyName, GuardsName, NormaliseName, Window
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Quads = Annotated[int, Meta(ge=1, le=16384)]
+Gamma = Annotated[float, Meta(ge=0.1, le=10.0)]
+Lut = str | Annotated[tuple[Annotated[float, Meta(ge=0.0, le=1.0)], ...], Meta(max_length=256)]
 
 DEFAULT_GRID = (48, 64)
 """Rows and columns of cells when neither the file nor a matrix says otherwise."""
@@ -65,6 +67,12 @@ class PanelConfig(_Table, frozen=True):
     """First-order time constants towards white and towards black."""
     contrast: Positive | None = None
     """White over black; None is a perfect black."""
+    gamma: Gamma | None = None
+    """Light of a grey level over full light: (level / 255) to this power. None: nobody said, and
+    what is sent is taken as light, to the last digit."""
+    lut: Lut | None = None
+    """The same as a table, in the place of `gamma`: light of evenly spaced levels from 0 to 255,
+    the first 0, the last 1; or the path of a text file with them."""
     offset_px: tuple[float, float] = (0.0, 0.0)
     """Mask only: its image against the projector's (right, down), in projector pixels, as it is
     left over: known, but not corrected. `place` corrects."""

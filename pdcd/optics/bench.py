@@ -125,7 +125,7 @@ class OpticalBench:
         if max(count * len(primal), count * cells * bool(effects)) > MOST_PAIRS:
             return None
         light = primal.spread(spread)
-        products = Products(true, truth, primal, dual, exposure, light, effects)
+        products = Products(true, primal, dual, exposure, light, effects)
         indirect = every(count, cells if effects else 0)
         tables = products.tables(every(count, len(primal)), indirect)
         return Whole(
@@ -144,7 +144,6 @@ class OpticalBench:
         if not frames.of_pixels:
             products = Products(
                 self.true,
-                self.truth,
                 driven.lit,
                 driven.opened,
                 exposure,
@@ -156,7 +155,6 @@ class OpticalBench:
         opened = Histories(driven.opened, frames, mask=True)
         products = Products(
             self.true,
-            self.truth,
             lit,
             opened,
             exposure,

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import msgspec
 
+from pdcd.bench.grey import curves_of
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, RequestError
 from pdcd.frames.bitplanes import check_binary
@@ -13,6 +14,7 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
+from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, choose_window, lag_rows, shares_of_cell
 from pdcd.planning.measured import quietest, reasons_for, times_measured
 from pdcd.planning.memory import check_memory, memory_bytes
@@ -59,8 +61,17 @@ def make_plan(
     passes = _passes(request, config, recipe, how, lattice, slot_s)
     needed = memory_bytes(recipe, how, family, lattice, passes, config)
     check_memory(needed, config, grid)
+    curves = curves_of(config)
     patterns = pairs_of(
-        recipe, how, family, lattice, p=request.p, seed=request.seed, watch=watch or Watch()
+        recipe,
+        how,
+        family,
+        lattice,
+        p=request.p,
+        seed=request.seed,
+        watch=watch or Watch(),
+        curves=curves,
+        passes=passes,
     )
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
@@ -74,13 +85,17 @@ def make_plan(
         window=lattice.window,
         schedule=schedule,
         passes=passes,
-        white_slots=white_slots(recipe, patterns, lattice, slots),
+        white_slots=white_slots(recipe, patterns, lattice, slots, curves),
         row_hz=config.row_hz,
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         iso=config.camera.iso,
         memory_bytes=needed,
-        reasons=reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+        reasons=(
+            *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+            *grey_reasons(patterns.values(), config),
+        ),
+        curves=curves,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)

@@ -155,7 +155,9 @@ class _Exposed:
             panel,
             starts,
             band.count(pixels),
-            lambda s: target(self.frames, lattice, rows[s], primal_side=primal_side)[band.pixels],
+            lambda s: target(
+                self.frames, lattice, rows[s], panel.curve, primal_side=primal_side
+            )[band.pixels],
         )  # fmt: skip
 
     def gate(self, band: Band, primal_band: Band, p_start_ns: Times) -> _Gate:

@@ -18,13 +18,15 @@ from pdcd.calibration.response import (
     steps_photos,
     strips_seen,
 )
-from pdcd.calibration.script import Outcome, Script, Session, Wanted, take
+from pdcd.calibration.script import Measured, Outcome, Script, Session, Wanted, take
 from pdcd.calibration.shown import Shown, still
 from pdcd.frames.frames import WHITE
 
 HELD = 128
 """Refreshes for which a picture is held, at least: ways from grey to grey are slow."""
 PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")
+LAW = 0.004
+"""Misfit up to which a power law is taken: about half a step of 8 bits near white, at gamma 2.2."""
 BENT, COLOURED = 0.01, 0.1
 """Misfit of a power law, and difference of the colours' gammas, worth a word."""
 
@@ -49,7 +51,11 @@ def response(session: Session) -> Script:
         arrays[f"{one.panel}.grey.levels"] = one.levels
         arrays[f"{one.panel}.grey.light"] = np.stack([one.light, one.sigma])
         arrays[f"{one.panel}.grey.level_for"] = one.level_for()
+    words: dict[str, Measured] = {}
+    for one in found:
+        words |= _words(one)
     return Outcome(
+        words=words,
         figures=tuple(figure for one in found for figure in one.figures()),
         arrays=arrays,
         advice=tuple(text for one in found for text in _advice(one)),
@@ -65,13 +71,24 @@ def shown_of(steps: Steps) -> Shown:
     return still(name, steps.refreshes, WHITE, steps.levels)
 
 
+def _words(found: Response) -> dict[str, Measured]:
+    """What captures go by from now on: gamma where the panel follows it, else the table."""
+    law = found.misfit <= LAW
+    gamma = Measured(found.gamma, found.gamma_sigma) if law else Measured(None)
+    lights = found.light_of()
+    lights[[0, -1]] = 0.0, 1.0
+    lut = None if law else tuple(np.round(lights, 6).tolist())
+    table = Measured(lut, None if law else float(found.sigma.max()))
+    return {f"{found.panel}.gamma": gamma, f"{found.panel}.lut": table}
+
+
 def _advice(found: Response) -> tuple[str, ...]:
     """What to do about it."""
     told = []
     if found.misfit > BENT:
         told.append(
-            f"grey of the {found.panel} follows no power law: switch picture modes off, or send "
-            "levels by the measured table; codes of black and white need none of it"
+            f"grey of the {found.panel} follows no power law: it is sent by the measured table; "
+            "see that picture modes are off"
         )
     if max(found.channel_gammas) - min(found.channel_gammas) > COLOURED:
         told.append(f"grey of the {found.panel} is coloured: take its colour temperature as native")

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.mock.camera import MockReadout
 from pdcd.bench.calibration import ARRAYS, PROFILE
+from pdcd.bench.measured import calibrated
 from pdcd.capture.again import again
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
@@ -123,7 +124,8 @@ def once(bench: SmallBench, *steps: str) -> Calibrated:
 
 
 def test_grey_levels_of_both_panels_are_found(tmp_path: Path) -> None:
-    done = once(SmallBench(tmp_path / "bench", TRUTH, placed=True, quads=SMALL), "response")
+    bench = SmallBench(tmp_path / "bench", TRUTH, placed=True, quads=SMALL)
+    done = once(bench, "response")
     for panel, gamma in (("projector", 2.1), ("mask", 1.6)):
         assert done.value(f"{panel}.gamma") == pytest.approx(gamma, abs=0.01)
         arrays = read_arrays(done.folder / ARRAYS)
@@ -132,6 +134,9 @@ def test_grey_levels_of_both_panels_are_found(tmp_path: Path) -> None:
         half = int(arrays[f"{panel}.grey.level_for"][128])
         assert half == pytest.approx(255.0 * (128 / 255) ** (1.0 / gamma), abs=2)
     assert done.step("response").verdict == "good"
+    used = calibrated(bench.config)
+    assert (used.projector.gamma, used.mask.gamma) == pytest.approx((2.1, 1.6), abs=0.01)
+    assert used.projector.lut is used.mask.lut is None
 
 
 def test_grey_levels_need_the_geometry(tmp_path: Path) -> None:
