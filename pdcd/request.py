@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from pdcd.words import (
     BlackLevel,
+    BlackLevelName,
     FamilyName,
     GoalName,
     GuardsName,
@@ -125,7 +126,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     window: WindowName | None = None
     guards: bool | GuardsName | None = None
     """Which black refreshes keep a code apart from the next; "auto" by the measured lag."""
-    black_level: BlackLevel | None = None
+    black_level: BlackLevelName | None = None
+    """Black exposures to take and subtract; "auto": those that a dark photo calls for."""
     normalise: NormaliseName | None = None
     """What a photo is divided by: one number, a weight for each cell, or as it needs."""
     white: bool = True
@@ -220,6 +222,24 @@ class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
     stopped_seconds: float
 
 
+class Leaks(msgspec.Struct, frozen=True, kw_only=True):
+    """What a dark photo showed, as RMS errors of the answer relative to its RMS (docs/leaks.md).
+
+    `ambient`: light that is not the projector's, and what a black projector lets out; `mask`: what
+    a closed mask lets through; `both` together. A part that was not told from the other is None.
+    """
+
+    ambient: float | None
+    mask: float | None
+    both: float
+    floor: float
+    """The least error that would have been told from the sensor's noise; below it they are 0."""
+    limit: float
+    """Beyond it black exposures are added."""
+    raw: tuple[str, ...]
+    """The dark photos, in the run folder."""
+
+
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
 
@@ -249,8 +269,12 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     prior: str | None = None
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each, on a bench that was measured.
-    """
+    """Why cells, window and schedule are what they are, a line each, on a bench that was measured;
+    and what black exposures go by."""
+    black_level: BlackLevelName = "none"
+    """Black exposures; "auto": decided once a dark photo was taken."""
+    leaks: Leaks | None = None
+    """What that photo showed."""
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):

@@ -33,6 +33,9 @@ GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
 """The same as it may be asked for; "auto" is settled by the measured lag of the mask."""
 WindowName = Literal["auto", "whole", "quarter"]
 BlackLevel = Literal["none", "mask", "ambient", "both"]
+"""Leaks that black exposures measure and take off."""
+BlackLevelName = Literal["auto", "none", "mask", "ambient", "both"]
+"""The same as it may be asked for; "auto" is settled by a dark photo (`pdcd.planning.look`)."""
 NormaliseName = Literal["auto", "scalar", "row"]
 StepName = Literal[
     "sensor", "light", "geometry", "timing", "shutter", "registration", "response",

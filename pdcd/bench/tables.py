@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta, field
 
 from pdcd.maps.placing import Placing
-from pdcd.words import BlackLevel, FamilyName, GuardsName, NormaliseName, WindowName
+from pdcd.words import BlackLevelName, FamilyName, GuardsName, NormaliseName, WindowName
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
@@ -185,7 +185,7 @@ class ScheduleConfig(_Table, frozen=True):
     family: FamilyName = "hadamard"
     window: WindowName = "auto"
     guards: bool | GuardsName = True
-    black_level: BlackLevel = "none"
+    black_level: BlackLevelName = "auto"
     normalise: NormaliseName = "auto"
 
     @property

@@ -13,7 +13,7 @@ FAMILIES: tuple[words.FamilyName, ...] = get_args(words.FamilyName)
 METHODS: tuple[words.MethodName, ...] = get_args(words.MethodName)
 SCHEDULES: tuple[words.GuardsName, ...] = get_args(words.GuardsName)
 WINDOWS: tuple[words.WindowName, ...] = get_args(words.WindowName)
-BLACK_LEVELS: tuple[words.BlackLevel, ...] = get_args(words.BlackLevel)
+BLACK_LEVELS: tuple[words.BlackLevelName, ...] = get_args(words.BlackLevelName)
 NORMALISE: tuple[words.NormaliseName, ...] = get_args(words.NormaliseName)
 
 
@@ -95,7 +95,7 @@ def request_options(parser: argparse.ArgumentParser) -> None:
         "--black-level",
         choices=BLACK_LEVELS,
         dest="black_level",
-        help="black exposures to take and subtract",
+        help="black exposures to take and subtract; auto: those that a dark photo calls for",
     )
     parser.add_argument(
         "--normalise",

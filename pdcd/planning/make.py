@@ -16,6 +16,7 @@ from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, choose_window, lag_rows, shares_of_cell
+from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import quietest, reasons_for, times_measured
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
@@ -27,7 +28,7 @@ from pdcd.recipes.make import draft_of, finished
 from pdcd.recipes.parts import check_parts, part_codes
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import CaptureRequest, How
-from pdcd.words import FamilyName, ScheduleName
+from pdcd.words import BlackLevel, FamilyName, ScheduleName
 
 
 def make_plan(
@@ -45,7 +46,8 @@ def make_plan(
     may end the work. Raises RequestError when the request contradicts itself, the rig, or the
     limits.
     """
-    how = _how(request, config)
+    blacks = settled(request, config)
+    how = _how(request, config, blacks.level)
     draft = draft_of(target_of(request, given, grid), how)
     smoothable = _smoothable(draft, request)
     lattice = Lattice(grid, _window(request, config, grid))
@@ -99,6 +101,7 @@ def make_plan(
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
+    plan = looking(plan, blacks.look)
     if how.coded:
         return plan
     scouts_first = msgspec.structs.replace(request, pilot=SCOUTS)
@@ -106,7 +109,7 @@ def make_plan(
     return replace(plan, otherwise=otherwise)
 
 
-def _how(request: CaptureRequest, config: Config) -> How:
+def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> How:
     """How to photograph, before the family is settled. Raises RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
     how = How(
@@ -116,7 +119,7 @@ def _how(request: CaptureRequest, config: Config) -> How:
         repeat=request.repeat,
         method=request.method,
         family=None,
-        black_level=request.black_level or config.schedule.black_level,
+        black_level=black_level,
         white=request.white,
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
