@@ -19,6 +19,7 @@ from pdcd.planning.guards import choose_schedule, choose_window, lag_rows, share
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import quietest, reasons_for, times_measured
 from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.off_axis import on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -46,6 +47,7 @@ def make_plan(
     may end the work. Raises RequestError when the request contradicts itself, the rig, or the
     limits.
     """
+    request = on_bench(request, config)
     blacks = settled(request, config)
     how = _how(request, config, blacks.level)
     draft = draft_of(target_of(request, given, grid), how)

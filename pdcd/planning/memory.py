@@ -26,6 +26,7 @@ from pdcd.planning.plan import windowed
 from pdcd.probing.deviation import BLOCK, EXACT_CELLS
 from pdcd.probing.panel import Panel
 from pdcd.recipes.isolation import Isolation
+from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.parts import part_codes
 from pdcd.recipes.programs import (
     Blocks,
@@ -148,7 +149,9 @@ def _of_program(
     if isinstance(inner, Signed | SignedMatrix | Convolved):
         dense = 3 * 8 * square if isinstance(inner, SignedMatrix) else 0
         return bits, made * (56 + 40 * lit) + dense, made * (9 + 8 * lit)
-    several = 8 if isinstance(inner, Coded | Far) else 4
+    if isinstance(inner, Rows):
+        return bits, made * (8 + 60 * lit), made * (2 + 8 * lit)
+    several = 8 if isinstance(inner, Coded | Far | Keyed | KeyedRange) else 4
     return bits, made * (several + 30 * lit), made * (1 + 4 * lit)
 
 
@@ -222,7 +225,8 @@ def _spans(program: Program | None, how: How, single: bool) -> int:
         return max(exact_pairs(program), how.coded)  # repeated to fill as many
     codes = part_codes(how.coded, how.parts) or how.codes
     inner = program.program if isinstance(program, Under) else program
-    return 2 * codes if isinstance(inner, Signed | SignedMatrix | Convolved) else codes
+    twice = isinstance(inner, Signed | SignedMatrix | Convolved | Rows)
+    return 2 * codes if twice else codes
 
 
 def exact_pairs(program: Program) -> int:
