@@ -20,6 +20,7 @@ from pdcd.words import (
     GoalName,
     GuardsName,
     JobState,
+    KeepName,
     MethodName,
     NormaliseName,
     StepName,
@@ -53,7 +54,9 @@ Rows = tuple[tuple[float, ...], ...]
 Table = Name | Sent | Rows
 """Rows of numbers; the content of a file; or a name below the daemon's folder of arrays."""
 
-ARRAYS = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
+ARRAYS = (
+    "illumination", "warp", "warp_b", "region_a", "region_b", "disparities", "kernel", "matrix",
+)  # fmt: skip
 """Fields of a request that are arrays; `prior` may be one."""
 
 MOST_CELLS = 65536
@@ -62,6 +65,8 @@ MOST_CELLS = 65536
 Step = Annotated[int, Meta(ge=-MOST_CELLS, le=MOST_CELLS)]
 Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Unit = Annotated[float, Meta(ge=0.0, le=1.0)]
+Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Plane = tuple[Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry]
 Place = tuple[Unit, Unit]
 """(x, y) on the field, from its upper left corner (`pdcd.maps.map`)."""
 
@@ -87,7 +92,17 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Weights of `warp` and `warp_b`."""
     period: Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None = None
     """Cells from one stripe of the goal "split" to the next."""
+    disparity: tuple[Step, Step] | None = None
+    """Off-axis benches: lowest and highest disparity of the goals "keyed" and "stereo", in cells to
+    the right from where the camera sees a point to the projector cell that lights it; None: 0."""
+    plane: Plane | None = None
+    """Off-axis benches: homography from the camera's field to the projector's, row by row, of the
+    plane that disparities count from; None: the rig's."""
+    keep: KeepName | None = None
+    """Of the goal "epipolar": paths within rows of cells ("in", the default), or all others."""
     illumination: Table | None = None
+    disparities: Table | None = None
+    """Off-axis benches: disparity of each camera cell, from which those of `disparity` count."""
     warp: Table | None = None
     warp_b: Table | None = None
     region_a: Table | None = None
@@ -153,6 +168,9 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     radius: int | None = None
     mix: tuple[float, float] | None = None
     period: int | None = None
+    disparity: tuple[int, int] | None = None
+    plane: Plane | None = None
+    keep: KeepName | None = None
 
 
 class How(msgspec.Struct, frozen=True, kw_only=True):

@@ -22,6 +22,9 @@ GoalName = Literal[
     "descattered",
     "filtered",
     "split",
+    "keyed",
+    "epipolar",
+    "stereo",
 ]
 FamilyName = Literal[
     "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"
@@ -52,6 +55,10 @@ PatternName = Literal[
     "pixels", "wedge", "star", "dots", "letter",
 ]  # fmt: skip
 """What panels can hold to look at (docs/bench-bringup.md)."""
+KeepName = Literal["in", "out"]
+"""Paths in the epipolar plane, or out of it."""
+ArrangementName = Literal["coaxial", "off-axis"]
+"""How projector and camera stand to each other."""
 MovingName = Literal["flash", "edge", "bar"]
 """What they can show over and over."""
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -28,6 +28,7 @@ from pdcd.offload.answers import Planned, record_of
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
 from pdcd.pilot.codes import SCOUTS
+from pdcd.planning.grey import grey_warnings
 from pdcd.planning.guided import piloted, scouted
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
@@ -97,7 +98,7 @@ class Run:
         )
         self._ledger.begin(begun)
         self._goes_by(planned)
-        for text in doubtful:
+        for text in (*doubtful, *grey_warnings(planned.plan, self._config)):
             self._journal.warn(text)
         if self._rig.mixed is not None:
             self._journal.warn(self._rig.mixed)

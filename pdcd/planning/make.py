@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import msgspec
 
+from pdcd.bench.grey import curves_of
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, RequestError
 from pdcd.frames.bitplanes import check_binary
@@ -13,10 +14,12 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
+from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.off_axis import on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -44,6 +47,7 @@ def make_plan(
     may end the work. Raises RequestError when the request contradicts itself, the rig, or the
     limits.
     """
+    request = on_bench(request, config)
     blacks = settled(request, config)
     how = _how(request, config, blacks.level)
     draft = draft_of(target_of(request, given, grid), how)
@@ -61,8 +65,17 @@ def make_plan(
     passes = _passes(request, config, recipe, how, lattice, slot_s)
     needed = memory_bytes(recipe, how, family, lattice, passes, config)
     check_memory(needed, config, grid)
+    curves = curves_of(config)
     patterns = pairs_of(
-        recipe, how, family, lattice, p=request.p, seed=request.seed, watch=watch or Watch()
+        recipe,
+        how,
+        family,
+        lattice,
+        p=request.p,
+        seed=request.seed,
+        watch=watch or Watch(),
+        curves=curves,
+        passes=passes,
     )
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
@@ -76,13 +89,17 @@ def make_plan(
         window=lattice.window,
         schedule=schedule,
         passes=passes,
-        white_slots=white_slots(recipe, patterns, lattice, slots),
+        white_slots=white_slots(recipe, patterns, lattice, slots, curves),
         row_hz=config.row_hz,
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         iso=config.camera.iso,
         memory_bytes=needed,
-        reasons=reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+        reasons=(
+            *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+            *grey_reasons(patterns.values(), config),
+        ),
+        curves=curves,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
