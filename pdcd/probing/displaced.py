@@ -25,7 +25,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class _Strip:
-    """Along one axis: a piece of the mask (its strip and step) and the part of a projector cell behind it.
+    """Along one axis: a piece of the mask and the part of a projector cell behind it.
 
     length : (N,) share of each cell; half : (N,) which half of a cell (0, or 1 of two); cell : (N,)
     its row or column.
