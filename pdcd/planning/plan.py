@@ -51,7 +51,7 @@ class Plan:
     prior: str | None = None
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each."""
+    """Why cells, window, schedule and parts are what they are, a line each."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 
