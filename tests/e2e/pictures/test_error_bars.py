@@ -47,7 +47,7 @@ def capture(
     out = folder / f"{name}-{seed}"
     out.mkdir(exist_ok=True)
     camera = CameraConfig(noise=noise, seed=seed, readout_s=readout_s)  # type: ignore[arg-type]
-    tables = {} if schedule is None else {"schedule": schedule}
+    tables: dict[str, Any] = {} if schedule is None else {"schedule": schedule}
     engine = Engine.from_config(bench_rig.config(out, scene=scene(name), camera=camera, **tables))
     engine.start()
     events: Events = []
