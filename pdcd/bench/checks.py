@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.folders import MAX_SOCKET_BYTES
+from pdcd.bench.grey import curve_fault
 from pdcd.bench.placed import place_faults, small_cells
 from pdcd.bench.reading import Fault, number_faults
 from pdcd.bench.tables import (
@@ -122,6 +123,8 @@ def _panel_faults(config: Config) -> Iterator[Fault]:
                 (f"{name}.phase_s", f"{name}.refresh_hz"),
                 f"{name}.phase_s: {panel.phase_s} s is more than one refresh",
             )
+        if (fault := curve_fault(name, panel.lut)) is not None:
+            yield fault
         if panel.contrast is not None and panel.contrast <= 1.0:
             yield Fault(
                 (f"{name}.contrast",),

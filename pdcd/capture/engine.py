@@ -203,7 +203,9 @@ class Engine:
 
         `emit` and `cancelled` are those of `capture`. Raises the error that the photo ended by.
         """
-        request = CaptureRequest(goal="white", codes=4, window="whole", guards=False)
+        request = CaptureRequest(
+            goal="white", codes=4, window="whole", guards=False, black_level="none"
+        )
         with Place.at(state_dir(self._config) / "preview") as parent:
             result = self.capture(
                 request, job=job, owner=owner, emit=emit, cancelled=cancelled, parent=parent

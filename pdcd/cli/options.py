@@ -12,8 +12,9 @@ GOALS: tuple[words.GoalName, ...] = get_args(words.GoalName)
 FAMILIES: tuple[words.FamilyName, ...] = get_args(words.FamilyName)
 METHODS: tuple[words.MethodName, ...] = get_args(words.MethodName)
 SCHEDULES: tuple[words.GuardsName, ...] = get_args(words.GuardsName)
+KEEP: tuple[words.KeepName, ...] = get_args(words.KeepName)
 WINDOWS: tuple[words.WindowName, ...] = get_args(words.WindowName)
-BLACK_LEVELS: tuple[words.BlackLevel, ...] = get_args(words.BlackLevel)
+BLACK_LEVELS: tuple[words.BlackLevelName, ...] = get_args(words.BlackLevelName)
 NORMALISE: tuple[words.NormaliseName, ...] = get_args(words.NormaliseName)
 
 
@@ -60,12 +61,31 @@ def _goal_options(parser: argparse.ArgumentParser) -> None:
         "--mix", type=float, nargs=2, metavar=("A", "B"), help="weights of the two warps"
     )
     goals.add_argument("--period", type=int, metavar="CELLS", help="of the stripes (goal split)")
+    goals.add_argument(
+        "--disparity",
+        type=int,
+        nargs="+",
+        metavar=("LOW", "HIGH"),
+        help="cells to the right from a camera cell to its projector cell, one number or a range "
+        "(goals keyed, stereo)",
+    )
+    goals.add_argument(
+        "--plane",
+        type=float,
+        nargs=9,
+        metavar="H",
+        help="homography from the camera's field to the projector's of disparity 0",
+    )
+    goals.add_argument(
+        "--keep", choices=KEEP, help="paths in the epipolar plane, or out of it (goal epipolar)"
+    )
     for name, text in (
         ("illumination", "light of the projector"),
         ("warp", "projector cell of each camera cell"),
         ("warp-b", "a second warp"),
         ("region-a", "camera cells of a region"),
         ("region-b", "projector cells of a region"),
+        ("disparities", "disparity of each camera cell"),
         ("kernel", "weights of shifts, centre (0, 0)"),
         ("matrix", "weight of every pair of cells"),
     ):
@@ -100,7 +120,7 @@ def request_options(parser: argparse.ArgumentParser) -> None:
         "--black-level",
         choices=BLACK_LEVELS,
         dest="black_level",
-        help="black exposures to take and subtract",
+        help="black exposures to take and subtract; auto: those that a dark photo calls for",
     )
     parser.add_argument(
         "--normalise",

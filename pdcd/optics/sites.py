@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.bench.truth import TruePanel
 from pdcd.frames.atoms import atoms
+from pdcd.frames.curve import Curve
 from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.lattice import SHIFTS
 from pdcd.frames.panels import PanelView
@@ -94,7 +95,7 @@ class PanelSites:
         first, end = np.searchsorted(self.band, [band, band + 1])
         return slice(int(first), int(end))
 
-    def levels(self, frames: Frames, row: int, gamma: float, part: slice) -> Floats:
+    def levels(self, frames: Frames, row: int, curve: Curve, part: slice) -> Floats:
         """Light that a row of the frames asks of some sites, 0..1, float64."""
         asked = frames.dual_index if self._mask else frames.primal_index
         index = BLACK if row < 0 else int(asked[row])
@@ -102,10 +103,8 @@ class PanelSites:
             return np.where(self._base[part] > 0, float(index == WHITE), 0.0)
         patterns = frames.dual_patterns if self._mask else frames.primal_patterns
         rows, cols = frames.lattice
-        sent = np.append(bytes_of(patterns, index, rows * cols), np.uint8(0)) / 255.0
-        if gamma != 1.0:
-            sent = sent**gamma
-        return np.asarray(sent[self._cell[int(frames.shift[row]), part]])
+        light = curve.of(np.append(bytes_of(patterns, index, rows * cols), np.uint8(0)))
+        return np.asarray(light[self._cell[int(frames.shift[row]), part]])
 
     @property
     def pixels(self) -> NDArray[np.int64]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.recipes.bounds import WEIGHTS, check_bounds
+from pdcd.recipes.matching import check_depths
 from pdcd.request import Goal
 
 Floats = NDArray[np.float64]
@@ -26,6 +27,7 @@ PLANES: dict[str, str] = {
     "warp_b": "a second warp",
     "region_a": "camera cells, 0 or 1",
     "region_b": "projector cells, 0 or 1",
+    "disparities": "cells to the right from each camera cell to its projector cell",
 }
 """Parameters with one value for each cell of the grid."""
 
@@ -53,7 +55,16 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
     "descattered": (("shift",), "direct light less that of a neighbour (Table 2, row 6)"),
     "filtered": (("kernel",), "a filter over shifts (Table 2, row 7)"),
     "split": (("period",), "indirect light that is sharp, and that is smooth (Fig. 10)"),
+    "keyed": ((), "all but direct light from a range of depths (Fig. 11)"),
+    "epipolar": ((), "light that stays in its row of cells, or that does not"),
+    "stereo": ((), "direct light from a range of depths"),
 }
+
+OFF_AXIS = ("keyed", "epipolar", "stereo")
+"""Goals of benches whose camera is off the projector's axis."""
+DEPTHS = ("disparity", "plane", "disparities", "warp")
+OPTIONAL: dict[str, tuple[str, ...]] = {"keyed": DEPTHS, "stereo": DEPTHS, "epipolar": ("keep",)}
+"""What a goal takes beside what it needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +99,16 @@ def check_target(target: Target) -> Target:
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    missing, spare = sorted({*needs} - given), sorted(given - {*needs, "illumination"})
+    known = {*needs, *OPTIONAL.get(goal.name, ()), "illumination"}
+    missing, spare = sorted({*needs} - given), sorted(given - known)
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
         raise RequestError(f"goal {goal.name} takes no {', '.join(spare)}", hint="leave it out")
     check_bounds(target.goal, target.grid, target.matrices)
     _check_numbers(target)
+    if goal.name in OFF_AXIS:
+        check_depths(goal, target.grid, target.planes)
     for name, plane in target.planes.items():
         _check_plane(target, name, plane)
     for name, matrix in target.matrices.items():
@@ -145,7 +159,7 @@ def _check_plane(target: Target, name: str, plane: Floats) -> None:
             )
         if plane.max() < 0:
             raise RequestError(f"{name} pairs no cell at all")
-    elif plane.min() < 0.0 or plane.max() > 1.0:
+    elif name != "disparities" and (plane.min() < 0.0 or plane.max() > 1.0):
         raise RequestError(f"{name} must lie between 0 and 1", hint="light cannot be negative")
     if name.startswith("region") and np.any((plane != 0.0) & (plane != 1.0)):
         raise RequestError(f"{name} must be 0 or 1 in every cell")

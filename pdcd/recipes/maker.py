@@ -54,10 +54,12 @@ class Maker:
         *parts: tuple[float, Part],
         light: Floats | None = None,
         by_direct: bool = False,
+        rows: bool = False,
     ) -> None:
-        """A photo of one coded shot, under `light` beside the goal's own."""
+        """A photo of one coded shot, under `light` beside the goal's own; with `rows` each cell is
+        divided by its own weight."""
         wanted = replace(self.wanted(*parts), by_direct=by_direct)
-        rows = isinstance(program, Far)
+        rows = rows or isinstance(program, Far)
         if light is not None:
             program = Under(program, light)
             wanted = wanted.under(light if wanted.light is None else light * wanted.light)
@@ -65,7 +67,11 @@ class Maker:
         self.photo(name, wanted, [(1.0, Shot(name, name))], rows)
 
     def signed(
-        self, name: str, half: Callable[[bool], Program], *parts: tuple[float, Part]
+        self,
+        name: str,
+        half: Callable[[bool], Program],
+        *parts: tuple[float, Part],
+        by_direct: bool = False,
     ) -> None:
         """A photo that is the difference of two shots."""
         shots = []
@@ -73,7 +79,7 @@ class Maker:
             part = f"{name}-{'plus' if positive else 'minus'}"
             self.programs[part] = half(positive)
             shots.append((sign, Shot(part, part)))
-        self.photo(name, self.wanted(*parts), shots)
+        self.photo(name, replace(self.wanted(*parts), by_direct=by_direct), shots)
 
     def exact(self, name: str, wanted: Wanted, camera: list, projector: list) -> None:  # type: ignore[type-arg]
         """A photo of few exact, non-negative blocks."""

@@ -169,6 +169,7 @@ def test_a_damaged_frame_log_does_not_decode(tmp_path: Path, kind: str) -> None:
         decode_folder(folder)
 
 
+@pytest.mark.long
 def test_same_seed_same_answer(tmp_path: Path) -> None:
     images = []
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
@@ -197,6 +198,7 @@ def test_indirect_errors_on_the_path_traced_corner(tmp_path: Path) -> None:
     assert float(str(errors["hadamard"])) < float(str(errors["bernoulli"])) / 20
 
 
+@pytest.mark.long
 def test_sigma_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
     """Photon, read, dark and rounding noise: captures of one scene scatter as sigma says."""
     config = bench_rig.config(

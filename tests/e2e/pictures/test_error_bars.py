@@ -75,6 +75,7 @@ def coverage(engine: Engine, result: CaptureResult) -> float:
     return float(np.mean(np.abs(found["image"] - truth) <= 1.96 * found["sigma"]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "family"),
     [*((name, "hadamard") for name in SCENES), ("mirror", "balanced"), ("wax-disk", "bernoulli")],
