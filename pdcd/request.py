@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import secrets
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -117,9 +117,11 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
     single paths. Each is one more RAW file. Where the first few see no sharp paths the pilot stops,
     and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs."""
-    parts: Annotated[int, Meta(ge=1, le=64)] = 1
+    parts: Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None = None
     """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
-    From 4 parts on their spread measures the error of the codes."""
+    From 4 parts on their spread measures the error of the codes. "auto": as many as are worth their
+    RAW files. None: "auto" for indirect and direct light where nothing is asked for that says how
+    codes are to be spent (`pdcd.planning.unasked`), else 1."""
     until_error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     """Take no more parts when RMS sigma over RMS image is as low as that."""
     repeat: Annotated[int, Meta(ge=1, le=1024)] = 1
@@ -288,7 +290,7 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
     """Why cells, window and schedule are what they are, a line each, on a bench that was measured;
-    and what black exposures go by."""
+    what black exposures go by; and parts where they were left to the program."""
     black_level: BlackLevelName = "none"
     """Black exposures; "auto": decided once a dark photo was taken."""
     leaks: Leaks | None = None

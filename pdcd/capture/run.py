@@ -157,7 +157,7 @@ class Run:
             Desk.plan,
             job.request,
             dict(job.given),
-            self._camera,
+            self._rig.camera,
             self._rig.mask_lag_s(),
         )
 

@@ -24,6 +24,11 @@ def share(text: str) -> float:
     return float(number) / (100.0 if number != text else 1.0)
 
 
+def _number_or_auto(text: str) -> int | str:
+    """Read a number or "auto"; argparse reports the ValueError of anything else."""
+    return text if text == "auto" else int(text)
+
+
 def rig_options(parser: argparse.ArgumentParser, *, socket: str) -> None:
     """Add the configuration and the socket; `socket` says what it is for."""
     parser.add_argument(
@@ -160,10 +165,10 @@ def _code_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--parts",
-        type=int,
-        default=1,
+        type=_number_or_auto,
         metavar="B",
-        help="exposures to split the codes over; from 4 on they measure the error of the codes",
+        help="exposures to split the codes over, or auto; from 4 on they measure the error of the "
+        "codes (default: auto where nothing else says how codes are spent)",
     )
     parser.add_argument(
         "--until-error",

@@ -8,7 +8,7 @@ What it needs between two calls stays here, and only what the caller must know g
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -46,6 +46,7 @@ from pdcd.planning.look import quiet, with_blacks
 from pdcd.planning.metering import expected_share, metered_pairs, peak_share
 from pdcd.planning.outlook import Setting
 from pdcd.planning.plan import Plan
+from pdcd.planning.unasked import settled
 from pdcd.recipes.arrays import Given
 from pdcd.recipes.parts import part_numbers
 from pdcd.request import CaptureRequest
@@ -141,8 +142,10 @@ class Desk:
         self._job = self._study = None
         facts = self._facts
         watch.stage = "codes"
+        request, reasons = settled(request, facts.config, facts.grid, camera, mask_lag_s)
         if not wants_choice(request):
             plan = plan_for(request, facts.config, facts.grid, mask_lag_s, given, watch)
+            plan = replace(plan, reasons=(*plan.reasons, *reasons))
         elif camera is None:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:

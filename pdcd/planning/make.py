@@ -52,8 +52,8 @@ def make_plan(
     how = _how(request, config, blacks.level)
     draft = draft_of(target_of(request, given, grid), how)
     smoothable = _smoothable(draft, request)
-    lattice = Lattice(grid, _window(request, config, grid))
-    schedule = _schedule(request, config, mask_lag_s)
+    lattice = Lattice(grid, window_of(request, config, grid))
+    schedule = schedule_of(request, config, mask_lag_s)
     family = settled_family(request.family, config.schedule.family, draft, how)
     _check_family(family, how, draft)
     coded = any(program.coded for program in draft.programs.values())
@@ -144,7 +144,7 @@ def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
     return found
 
 
-def _window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
+def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
     """Part of a mask cell that opens. Raises ConfigError for cells that the panels cannot show."""
     width_px, height_px = config.projector.size_px
     cell_px = min(height_px / grid[0], width_px / grid[1])
@@ -158,7 +158,8 @@ def _window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> s
     return window_for(asked, config, cell_px)
 
 
-def _schedule(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
+def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
+    """Refreshes of a code, as asked for or as the rig has them."""
     asked = config.schedule.guards if request.guards is None else request.guards
     if asked == "auto" and times_measured(config):
         return quietest(config, mask_lag_s)

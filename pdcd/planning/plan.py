@@ -64,7 +64,7 @@ class Plan:
     prior: str | None = None
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each."""
+    """Why cells, window, schedule and parts are what they are, a line each."""
     curves: Curves = UNKNOWN
     """What light both panels make of what they are sent."""
     look: Look | None = None
