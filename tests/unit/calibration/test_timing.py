@@ -81,7 +81,7 @@ def leaks(on: Bench, lag_s: float) -> dict[str, float]:
 def test_a_line_goes_through_its_bands_whatever_they_have_in_common() -> None:
     """Bands that are set in steps lie on no line by much more than what tells them apart, and share
     an error that is larger still."""
-    bands = (np.arange(6) + 0.5) / 6.0
+    bands = (np.arange(6, dtype=np.float64) + 0.5) / 6.0
     lag_s = 5e-3 + 0.7e-3 * bands + 0.06e-3 * np.array([-1, 1, 0.2, -0.4, 0.5, -0.3])
     common = np.outer(1.0 + 0.1 * bands, 1.0 + 0.1 * bands)
     covariance = (1.8e-3) ** 2 * common + np.eye(6) * (2e-6) ** 2
