@@ -13,6 +13,7 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
+from pdcd.planning.brightness import as_bright
 from pdcd.planning.guards import choose_schedule, choose_window, lag_rows, shares_of_cell
 from pdcd.planning.measured import quietest, reasons_for, times_measured
 from pdcd.planning.memory import check_memory, memory_bytes
@@ -80,7 +81,10 @@ def make_plan(
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
         iso=config.camera.iso,
         memory_bytes=needed,
-        reasons=reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+        reasons=(
+            *_brightness(request, how),
+            *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+        ),
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
@@ -94,6 +98,8 @@ def make_plan(
 def _how(request: CaptureRequest, config: Config) -> How:
     """How to photograph, before the family is settled. Raises RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
+    if request.equal_brightness:
+        total = as_bright(total, request)
     how = How(
         codes=total,
         pilot=request.pilot,
@@ -103,6 +109,7 @@ def _how(request: CaptureRequest, config: Config) -> How:
         family=None,
         black_level=request.black_level or config.schedule.black_level,
         white=request.white,
+        structure=request.goal == "relit",
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(
@@ -111,6 +118,16 @@ def _how(request: CaptureRequest, config: Config) -> How:
         )
     part_codes(how.coded, how.parts)
     return how
+
+
+def _brightness(request: CaptureRequest, how: How) -> tuple[str, ...]:
+    """Why there are that many codes."""
+    if not request.equal_brightness or request.p is None:
+        return ()
+    lit = f"{request.p * how.codes:g}"
+    return (
+        f"{how.codes} codes: matched cells are lit in {lit} of them, as they would be at p = 1/2",
+    )
 
 
 def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:

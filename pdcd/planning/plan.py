@@ -183,6 +183,7 @@ class Plan:
             prediction=self.prediction,
             prior=self.prior,
             reasons=self.reasons,
+            split=self.recipe.split,
         )
 
 

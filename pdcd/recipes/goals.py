@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.recipes.bounds import WEIGHTS, check_bounds
+from pdcd.recipes.partners import Partner, partner_of
 from pdcd.request import Goal
 
 Floats = NDArray[np.float64]
@@ -55,6 +56,16 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
     "split": (("period",), "indirect light that is sharp, and that is smooth (Fig. 10)"),
 }
 
+MAY_TAKE: dict[str, tuple[str, ...]] = {
+    "indirect": ("shift", "warp"),
+    "direct": ("shift", "warp"),
+    "fraction": ("shift", "warp"),
+    "off-diagonal": ("p",),
+    "split": ("shift", "warp"),
+}
+"""What these goals may be given besides: the matched cell in the place of the cell itself, and what
+share of all other light to keep beside it (Fig. 9(d))."""
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
@@ -74,6 +85,13 @@ class Target:
         return self.grid[0] * self.grid[1]
 
     @property
+    def partner(self) -> Partner:
+        """The projector cell that each camera cell is matched with, by shift or warp, or itself."""
+        if "warp" in self.planes:
+            return partner_of(self.planes["warp"].astype(np.int64), self.grid)
+        return None if self.goal.shift in (None, (0, 0)) else self.goal.shift
+
+    @property
     def light(self) -> Floats | None:
         """The illumination, (N,), or None for full light."""
         return self.planes.get("illumination")
@@ -88,11 +106,20 @@ def check_target(target: Target) -> Target:
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    missing, spare = sorted({*needs} - given), sorted(given - {*needs, "illumination"})
+    may = MAY_TAKE.get(goal.name, ())
+    missing, spare = sorted({*needs} - given), sorted(given - {*needs, *may, "illumination"})
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
-        raise RequestError(f"goal {goal.name} takes no {', '.join(spare)}", hint="leave it out")
+        takes = ", ".join((*needs, *may, "illumination"))
+        raise RequestError(
+            f"goal {goal.name} takes no {', '.join(spare)}", hint=f"leave it out; it takes {takes}"
+        )
+    if {"shift", "warp"} <= given:
+        raise RequestError(
+            f"goal {goal.name} was given a shift and a warp",
+            hint="give one: both say which cell each camera cell is matched with",
+        )
     check_bounds(target.goal, target.grid, target.matrices)
     _check_numbers(target)
     for name, plane in target.planes.items():
