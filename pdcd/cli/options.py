@@ -109,7 +109,12 @@ def request_options(parser: argparse.ArgumentParser) -> None:
         "--p",
         type=share,
         metavar="P",
-        help="share of indirect light to keep, 0.25 or 25%% (goal fraction)",
+        help="share of other light to keep, 0.25 or 25%% (goals fraction and off-diagonal)",
+    )
+    parser.add_argument(
+        "--equal-brightness",
+        action="store_true",
+        help="as many times more codes as p is smaller than 1/2",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the codes; default 0")
     parser.add_argument(
