@@ -14,7 +14,7 @@ METHODS: tuple[words.MethodName, ...] = get_args(words.MethodName)
 SCHEDULES: tuple[words.GuardsName, ...] = get_args(words.GuardsName)
 KEEP: tuple[words.KeepName, ...] = get_args(words.KeepName)
 WINDOWS: tuple[words.WindowName, ...] = get_args(words.WindowName)
-BLACK_LEVELS: tuple[words.BlackLevel, ...] = get_args(words.BlackLevel)
+BLACK_LEVELS: tuple[words.BlackLevelName, ...] = get_args(words.BlackLevelName)
 NORMALISE: tuple[words.NormaliseName, ...] = get_args(words.NormaliseName)
 
 
@@ -22,6 +22,11 @@ def share(text: str) -> float:
     """Read "1%" or "0.01"; argparse reports the ValueError of anything else."""
     number = text.removesuffix("%")
     return float(number) / (100.0 if number != text else 1.0)
+
+
+def _number_or_auto(text: str) -> int | str:
+    """Read a number or "auto"; argparse reports the ValueError of anything else."""
+    return text if text == "auto" else int(text)
 
 
 def rig_options(parser: argparse.ArgumentParser, *, socket: str) -> None:
@@ -104,7 +109,12 @@ def request_options(parser: argparse.ArgumentParser) -> None:
         "--p",
         type=share,
         metavar="P",
-        help="share of indirect light to keep, 0.25 or 25%% (goal fraction)",
+        help="share of other light to keep, 0.25 or 25%% (goals fraction and off-diagonal)",
+    )
+    parser.add_argument(
+        "--equal-brightness",
+        action="store_true",
+        help="as many times more codes as p is smaller than 1/2",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the codes; default 0")
     parser.add_argument(
@@ -115,7 +125,7 @@ def request_options(parser: argparse.ArgumentParser) -> None:
         "--black-level",
         choices=BLACK_LEVELS,
         dest="black_level",
-        help="black exposures to take and subtract",
+        help="black exposures to take and subtract; auto: those that a dark photo calls for",
     )
     parser.add_argument(
         "--normalise",
@@ -160,10 +170,10 @@ def _code_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--parts",
-        type=int,
-        default=1,
+        type=_number_or_auto,
         metavar="B",
-        help="exposures to split the codes over; from 4 on they measure the error of the codes",
+        help="exposures to split the codes over, or auto; from 4 on they measure the error of the "
+        "codes (default: auto where nothing else says how codes are spent)",
     )
     parser.add_argument(
         "--until-error",

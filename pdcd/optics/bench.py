@@ -126,7 +126,7 @@ class OpticalBench:
         if max(count * len(primal), count * cells * bool(effects)) > MOST_PAIRS:
             return None
         light = primal.spread(spread)
-        products = Products(true, truth, primal, dual, exposure, light, effects)
+        products = Products(true, primal, dual, exposure, light, effects)
         indirect = every(count, cells if effects else 0)
         tables = products.tables(every(count, len(primal)), indirect)
         return Whole(
@@ -145,7 +145,6 @@ class OpticalBench:
         if not frames.of_pixels:
             products = Products(
                 self.true,
-                self.truth,
                 driven.lit,
                 driven.opened,
                 exposure,
@@ -157,7 +156,6 @@ class OpticalBench:
         opened = Histories(driven.opened, frames, mask=True)
         products = Products(
             self.true,
-            self.truth,
             lit,
             opened,
             exposure,
