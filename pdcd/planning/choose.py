@@ -35,6 +35,7 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
 from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.recipes.off_axis import FewCodesError
 from pdcd.request import CaptureRequest, Prediction
 from pdcd.scene.scene import Scene
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
@@ -320,6 +321,8 @@ class _Search:
             except MemoryLimitError as err:
                 self.refused = self.refused or err.message
                 return  # and more codes take more
+            except FewCodesError:
+                continue
             if self.given is not None and guidable(plan):
                 plan = by_prior(plan, self.given, request.seed)
             if any(program.coded for program in plan.recipe.programs.values()):

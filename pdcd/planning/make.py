@@ -20,7 +20,7 @@ from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.off_axis import on_bench
+from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -100,6 +100,7 @@ def make_plan(
             *_brightness(request, how),
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *grey_reasons(patterns.values(), config),
+            *depth_reasons(recipe, part_codes(how.coded, how.parts)),
         ),
         curves=curves,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
