@@ -184,11 +184,11 @@ def test_fig11_a_plane_comes_back_as_it_leaves_the_keyed_depth(
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])
 def test_fig4b_the_keyed_plane_leaves_half_a_percent_and_others_stay(window: str) -> None:
-    grid = (12, 16)
+    grid = (8, 16)
     request = CaptureRequest(goal="keyed", codes=128, disparity=(2, 2), window=window)  # type: ignore[arg-type]
     plan = make_plan(request, config(), grid)
     haze = 0.3 * (1.0 - 1.0 / (grid[0] * grid[1]))
-    for disparity in (-3, 0, 1, 2, 5):
+    for disparity in (-3, 1, 2):
         image = pictures(plan, scene_of(disparity, grid=grid))["keyed"]
         sees = np.arange(16) + disparity
         inside = image[:, (sees >= 0) & (sees < 16) & (np.arange(16) < 14)] - haze
