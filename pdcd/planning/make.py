@@ -171,7 +171,7 @@ def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
             hint="use a coarser scene grid",
         )
     asked = request.window or config.schedule.window
-    return window_for(asked, config, cell_px)
+    return window_for(asked, config, grid)
 
 
 def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
