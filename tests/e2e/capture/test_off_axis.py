@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, SceneConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
@@ -179,7 +180,7 @@ def test_fig11_holds_where_no_two_devices_share_a_grid(tmp_path: Path) -> None:
     assert decode_folder(folder).identical
 
 
-def inner(mask: Array) -> Array:
+def inner(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Cells with all eight around them: quads of a turned camera see a little of these."""
     padded = np.pad(mask, 1)
     around = [padded[r : r + GRID[0], c : c + GRID[1]] for r in (0, 1, 2) for c in (0, 1, 2)]
