@@ -100,7 +100,7 @@ def make_plan(
             *_brightness(request, how),
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *grey_reasons(patterns.values(), config),
-            *depth_reasons(recipe, part_codes(how.coded, how.parts)),
+            *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
         ),
         curves=curves,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),

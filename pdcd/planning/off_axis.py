@@ -33,7 +33,7 @@ def on_bench(request: CaptureRequest, config: Config) -> CaptureRequest:
     return msgspec.structs.replace(request, plane=rig.plane)
 
 
-def depth_reasons(recipe: Recipe, codes: int) -> Iterator[str]:
+def depth_reasons(recipe: Recipe, codes: int, window: str) -> Iterator[str]:
     """Why the codes of depths are what they are, a line for each kind; `codes` of a part."""
     rows, columns = recipe.target.grid
     programs = {type(program): program for program in recipe.programs.values()}
@@ -49,4 +49,5 @@ def depth_reasons(recipe: Recipe, codes: int) -> Iterator[str]:
         yield text + f"; {100.0 / comb.period:.2g} % of the light, and a photo of other rows"
     elif Rows in programs:
         exact = "exact" if codes >= rows else f"{codes} codes for {rows} rows are not exact"
-        yield f"codes: one for each row, {exact}"
+        beside = "" if window == "whole" else "; windows see half of the next rows with each row"
+        yield f"codes: one for each row, {exact}{beside}"
