@@ -155,11 +155,11 @@ def _code_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codes", type=int, metavar="K", help="number of primal/dual pairs")
     parser.add_argument(
         "--pilot",
-        type=int,
-        default=0,
+        type=_number_or_auto,
         metavar="K0",
         help="of these, codes to photograph one by one first, to learn sharp far paths: 8, 12 or "
-        "16 before mirrors, else 32, 64 or 128",
+        "16 before mirrors, else 32, 64 or 128; auto where its first four are worth their files "
+        "(the default where nothing else says how codes are spent)",
     )
     parser.add_argument(
         "--smooth",

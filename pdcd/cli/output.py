@@ -53,6 +53,7 @@ KINDS = {
 
 SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("taken", "taken", str),
+    ("decided", "decided", str),
     ("codes", "codes", str),
     ("refreshes", "refreshes", str),
     ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
