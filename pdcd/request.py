@@ -86,6 +86,10 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Weights of `warp` and `warp_b`."""
     period: Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None = None
     """Cells from one stripe of the goal "split" to the next."""
+    rows: tuple[Step, Step] | None = None
+    """Of the goal "transport": row of projector cells, and row of camera cells; None: all."""
+    masked: bool | None = None
+    """Of the goal "transport": the mask opens the row of camera cells only, instead of all."""
     illumination: Table | None = None
     warp: Table | None = None
     warp_b: Table | None = None
@@ -151,6 +155,8 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     radius: int | None = None
     mix: tuple[float, float] | None = None
     period: int | None = None
+    rows: tuple[int, int] | None = None
+    masked: bool | None = None
 
 
 class How(msgspec.Struct, frozen=True, kw_only=True):

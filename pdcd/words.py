@@ -22,6 +22,7 @@ GoalName = Literal[
     "descattered",
     "filtered",
     "split",
+    "transport",
 ]
 FamilyName = Literal[
     "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"

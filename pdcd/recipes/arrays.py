@@ -79,6 +79,8 @@ def target_of(request: CaptureRequest, given: Given, grid: tuple[int, int]) -> T
         radius=request.radius,
         mix=request.mix,
         period=request.period,
+        rows=request.rows,
+        masked=request.masked,
     )
     return check_target(target_with(goal, grid, arrays))
 

@@ -53,7 +53,11 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
     "descattered": (("shift",), "direct light less that of a neighbour (Table 2, row 6)"),
     "filtered": (("kernel",), "a filter over shifts (Table 2, row 7)"),
     "split": (("period",), "indirect light that is sharp, and that is smooth (Fig. 10)"),
+    "transport": ((), "entries of T itself: a slice between two rows of cells, or all (Fig. 5)"),
 }
+
+OPTIONAL: dict[str, tuple[str, ...]] = {"transport": ("rows", "masked")}
+"""What a goal takes beside what it needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,10 @@ def check_target(target: Target) -> Target:
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    missing, spare = sorted({*needs} - given), sorted(given - {*needs, "illumination"})
+    known = {*needs, *OPTIONAL.get(goal.name, ()), "illumination"}
+    if goal.name == "transport":  # entries of T have no illumination
+        known -= {"illumination"}
+    missing, spare = sorted({*needs} - given), sorted(given - known)
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:

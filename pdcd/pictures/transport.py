@@ -1,0 +1,136 @@
+"""A slice of T out of the photos of its patterns, with the standard deviation of every entry.
+
+Photo k shows at camera cell n, by its realised probing matrix P_k,
+
+    y_kn = sum over j of (P_k)_nj T_nj + what all photos have in common
+
+with j the projector cells of the slice: ambient light and light of black pixels are in the last
+term. The mask does the same in every photo, so P_k is what the cell gathers, u_kn, times what the
+projector showed, v_kj. Then ``y / u = [v, 1] (T, common)``, one system of equations for all cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import DecodeError
+from pdcd.pictures.captions import strip
+from pdcd.pictures.combine import Exposed
+from pdcd.recipes.recipe import Recipe
+from pdcd.recipes.transport import Slice
+from pdcd.sensor.cells import CellMap
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+LEAST_PX = 640
+"""Width of the picture of a slice, at least."""
+BRIGHT_PERCENT = 99.8
+DYNAMIC = 3.0
+"""Powers of ten that the picture of a slice shows."""
+GREYS = (0.001, 0.01, 0.1, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Sliced:
+    """Entries of T.
+
+    entries, sigma : (C, J, 3), light that camera cell n receives of projector cell j at full light,
+        scene units, and its standard deviation by the sensor; infinite where a cell is not known.
+    seen, lit : (C,) and (J,), numbers of the camera and projector cells.
+    photos : of how many.
+    uneven : largest difference of P_k from a product of both sides, over its largest entry.
+    """
+
+    entries: Floats
+    sigma: Floats
+    seen: NDArray[np.int64]
+    lit: NDArray[np.int64]
+    photos: int
+    uneven: float
+
+    @property
+    def rms_sigma(self) -> float:
+        """RMS sigma over the RMS of the entries, where they are known."""
+        known = np.isfinite(self.sigma)
+        total = float(np.sum(self.entries**2, where=known))
+        return float(np.sqrt(np.sum(self.sigma**2, where=known) / total)) if total else np.inf
+
+    def rms_error(self, truth: Floats) -> float:
+        """RMS error over the RMS of the true entries (C, J, 3), where they are known."""
+        known = np.isfinite(self.sigma)
+        total = float(np.sum(truth**2, where=known))
+        off = float(np.sum((self.entries - truth) ** 2, where=known))
+        return float(np.sqrt(off / total)) if total else np.inf
+
+
+def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Sliced:
+    """The slice of a recipe of `pdcd.recipes.transport`, whose shots are all there.
+
+    Raises DecodeError where the projector gave a cell no light of its own.
+    """
+    part = Slice.of(recipe.target.goal, recipe.target.grid)
+    taken = [shots[shot.name] for shot in recipe.shots]
+    gathered, shown, uneven = _sides(taken, part)
+    known = ~np.logical_or.reduce([shot.saturated for shot in taken])
+    sure = cells.seen(known)[part.seen] & (gathered > 0.0).all(axis=0)
+    scale = np.divide(1.0, gathered, out=np.zeros_like(gathered), where=gathered > 0.0)
+    light = np.stack([cells.mean(shot.light, known)[part.seen] for shot in taken])
+    error = np.stack([cells.error_of_mean(shot.variance, known)[part.seen] for shot in taken])
+    light *= scale[..., None]
+    error *= scale[..., None]
+    system = np.concatenate([shown, np.ones((len(taken), 1))], axis=1)
+    if np.linalg.matrix_rank(system) < system.shape[1]:
+        raise DecodeError(
+            "the photos do not tell the cells of the slice apart",
+            hint="look at frames.csv: did the projector show every pattern",
+        )
+    solved = np.linalg.pinv(system)[:-1]
+    entries = np.einsum("jk,kcx->cjx", solved, light)
+    sigma = np.sqrt(np.einsum("jk,kcx->cjx", solved**2, error**2))
+    sigma[~sure] = np.inf
+    return Sliced(entries, sigma, part.seen, part.lit, len(taken), uneven)
+
+
+def _sides(taken: list[Exposed], part: Slice) -> tuple[Floats, Floats, float]:
+    """Both sides of the realised matrices: what cells gather (K, C), of mean 1 in each photo, what
+    the projector showed (K, J) in seconds, and how far they are from products."""
+    gathered, shown = [], []
+    off = most = 0.0
+    for shot in taken:
+        whole = shot.realised.left[:, part.seen].T @ shot.realised.right[:, part.lit]
+        total = float(whole.sum())
+        if not total > 0.0:
+            raise DecodeError(
+                "a photo of the slice has no light",
+                hint="look at frames.csv: did the panels show it while the shutter was open",
+            )
+        gathered.append(whole.sum(axis=1) * (whole.shape[0] / total))
+        shown.append(whole.sum(axis=0) / whole.shape[0])
+        off = max(off, float(np.abs(whole - np.outer(gathered[-1], shown[-1])).max()))
+        most = max(most, float(whole.max()))
+    return np.array(gathered), np.array(shown), off / most
+
+
+def picture_of(found: Sliced, title: str) -> NDArray[np.uint8]:
+    """A slice to look at, (H, W, 3) uint8: camera cells down, projector cells to the right.
+
+    Brightness goes by the logarithm over `DYNAMIC` powers of ten below the brightest entries, so
+    that direct light, bands and single paths are all to be seen; 0 and below is black.
+    """
+    known = np.isfinite(found.sigma)
+    grey = found.entries[known.all(axis=2)]
+    top = float(np.percentile(grey, BRIGHT_PERCENT)) if grey.size else 1.0
+    top = max(top, np.finfo(np.float64).tiny)
+    shown = np.where(known, np.maximum(found.entries / top, 0.0), 0.0)
+    linear = np.log10(np.maximum(shown, 10.0**-DYNAMIC)) / DYNAMIC + 1.0
+    drawn = np.rint(255.0 * np.clip(linear, 0.0, 1.0)).astype(np.uint8)
+    factor = max(-(-LEAST_PX // drawn.shape[1]), 1)
+    drawn = drawn.repeat(factor, axis=0).repeat(factor, axis=1)
+    marks = [(round(255.0 * (np.log10(g) / DYNAMIC + 1.0)), f"{g * top:.2g}") for g in GREYS]
+    notes = ["down: camera cells", "right: projector cells", f"{found.photos} photos"]
+    return np.concatenate([drawn, strip(drawn.shape[1], title, notes, marks)])
