@@ -27,6 +27,8 @@ from pdcd.sensor.cells import CellMap
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+LEAST_PURE = 0.2
+"""Share of a cell's area that quads must see which see nothing else."""
 LEAST_PX = 640
 """Width of the picture of a slice, at least."""
 BRIGHT_PERCENT = 99.8
@@ -79,8 +81,9 @@ def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Slic
     known = ~np.logical_or.reduce([shot.saturated for shot in taken])
     sure = cells.seen(known)[part.seen] & (gathered > 0.0).all(axis=0)
     scale = np.divide(1.0, gathered, out=np.zeros_like(gathered), where=gathered > 0.0)
-    light = np.stack([cells.mean(shot.light, known)[part.seen] for shot in taken])
-    error = np.stack([cells.error_of_mean(shot.variance, known)[part.seen] for shot in taken])
+    pure = _pure(known, cells, part)
+    light = np.stack([cells.mean(shot.light, pure)[part.seen] for shot in taken])
+    error = np.stack([cells.error_of_mean(shot.variance, pure)[part.seen] for shot in taken])
     light *= scale[..., None]
     error *= scale[..., None]
     system = np.concatenate([shown, np.ones((len(taken), 1))], axis=1)
@@ -94,6 +97,14 @@ def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Slic
     sigma = np.sqrt(np.einsum("jk,kcx->cjx", solved**2, error**2))
     sigma[~sure] = np.inf
     return Sliced(entries, sigma, part.seen, part.lit, len(taken), uneven)
+
+
+def _pure(known: Bools, cells: CellMap, part: Slice) -> Bools:
+    """The known quads that see one cell alone, where each cell of the slice has enough of them:
+    others would mix its entries with those of the next cell."""
+    alone = known & cells.single
+    share = cells.mean(alone[..., None].astype(np.float64))[part.seen]
+    return alone if share.size and float(share.min()) >= LEAST_PURE else known
 
 
 def _sides(taken: list[Exposed], part: Slice) -> tuple[Floats, Floats, float]:

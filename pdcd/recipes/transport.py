@@ -24,6 +24,7 @@ Bools = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 PROGRAM = "lights"
+SPARE = 4
 MOST_PHOTOS = 1024
 """Photos of one slice; each is a RAW file."""
 
@@ -44,8 +45,9 @@ class Slice:
         return cls(cells[goal.rows[0]], cells[goal.rows[1]])
 
 
-def check_slice(goal: Goal, grid: tuple[int, int]) -> None:
-    """Refuse rows that there are not, and slices of too many photos. Raises RequestError."""
+def check_slice(goal: Goal, grid: tuple[int, int], repeat: int = 1) -> None:
+    """Refuse rows that there are not, and slices of too many photos, each taken `repeat` times.
+    Raises RequestError."""
     for row in goal.rows or ():
         if not 0 <= row < grid[0]:
             raise RequestError(
@@ -55,18 +57,22 @@ def check_slice(goal: Goal, grid: tuple[int, int]) -> None:
     if goal.masked and goal.rows is None:
         raise RequestError("all of T leaves no row to mask", hint="name rows, or leave out masked")
     count = Slice.of(goal, grid).lit.size
-    if photos_of(count) > MOST_PHOTOS:
+    photos = repeat * photos_of(count)
+    if photos > MOST_PHOTOS:
         raise RequestError(
-            f"{count} projector cells take {photos_of(count)} photos; the limit is {MOST_PHOTOS}",
-            hint="name a row of cells, or take a coarser grid",
+            f"{count} projector cells take {photos} photos; the limit is {MOST_PHOTOS}",
+            hint="name a row of cells, take a coarser grid, or repeat them less often",
         )
 
 
 def photos_of(cells: int) -> int:
     """Photos of so many projector cells: one less than the least Hadamard order that has a column
-    for each of them, one that is all ones and one that is left over, which tells what all photos
-    have in common."""
-    order = cells + 2
+    for each of them, one that is all ones, and `SPARE` that are left over.
+
+    These tell what all photos have in common: with s of them the variance of an entry is 1 + 1 / s
+    times that of a slice without such light.
+    """
+    order = cells + 1 + SPARE
     while not is_order(order):
         order += 1
     return order - 1
@@ -84,12 +90,12 @@ def transport(target: Target, how: How) -> Recipe:
 
     Raises RequestError as `check_slice`, and for ways of photographing that a slice does not know.
     """
-    if how.method != "coded" or how.pilot or how.parts > 1 or how.repeat > 1:
+    if how.method != "coded" or how.pilot or how.parts > 1:
         raise RequestError(
             "a slice of T is taken in photos of single patterns",
-            hint="leave out method, pilot, parts and repeat; ask for a longer exposure instead",
+            hint="leave out method, pilot and parts; repeat takes each photo more than once",
         )
-    check_slice(target.goal, target.grid)
+    check_slice(target.goal, target.grid, how.repeat)
     part = Slice.of(target.goal, target.grid)
     lights = np.zeros((photos_of(part.lit.size), target.cells))
     lights[:, part.lit] = s_matrix(part.lit.size)
