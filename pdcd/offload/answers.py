@@ -153,19 +153,25 @@ def developed_of(
         quality=assess(record, decoded, deviations),
         picture=decoded.recipe.answer_name,
         warnings=warnings,
-        transport=transport_figures(decoded.transport, scene, record.grid),
+        transport=transport_figures(
+            decoded.transport,
+            scene,
+            record.grid,
+            pixels=decoded.cells.frame != record.grid,
+        ),
     )
 
 
 def transport_figures(
-    found: Sliced | None, scene: Scene | None, grid: tuple[int, int]
+    found: Sliced | None, scene: Scene | None, grid: tuple[int, int], *, pixels: bool
 ) -> dict[str, float | int | None]:
     """Photos, sigma and, of a scene of these cells that is known, error of entries of T, both over
-    the RMS of the entries; nothing where none were photographed."""
+    the RMS of the entries; nothing where none were photographed. pixels : on a bench of pixels."""
     if found is None:
         return {}
     error = None
-    if scene is not None and scene.grid == grid:
+    # On a bench of pixels detail is no matter of cells: their entries are not what is seen there.
+    if scene is not None and scene.grid == grid and not (pixels and scene.textures):
         error = found.rms_error(entries(scene, found.seen, found.lit))
     sigma = found.rms_sigma if np.isfinite(found.rms_sigma) else None
     return {
