@@ -11,7 +11,14 @@ import msgspec
 from msgspec import Meta, field
 
 from pdcd.maps.placing import Placing
-from pdcd.words import BlackLevel, FamilyName, GuardsName, NormaliseName, WindowName
+from pdcd.words import (
+    ArrangementName,
+    BlackLevelName,
+    FamilyName,
+    GuardsName,
+    NormaliseName,
+    WindowName,
+)
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
@@ -40,6 +47,12 @@ class RigConfig(_Table, frozen=True):
     """How often an exposure is taken again, and how many passes' time one may take longer."""
     settle_s: NonNegative = 0.05
     """Time on black between the shutter being open and the first code, and after the last."""
+    arrangement: ArrangementName = "coaxial"
+    """"off-axis": projector and camera look from two places, so that direct light does not come
+    back where it fell, but where depth and `plane` say; only then there are goals of depths."""
+    plane: Homography | None = None
+    """Off-axis: homography from the camera's field to the projector's of the plane that disparities
+    count from; None: the field itself, as calibrated with a card in that plane."""
     misregistration_px: NonNegative = 0.0
     """Largest remaining offset between projector and mask, in projector pixels."""
     clock: Literal["virtual", "real"] = "virtual"
@@ -141,6 +154,9 @@ class CameraConfig(_Table, frozen=True):
     """Standard deviation of the blur between the mask's image and the sensor, in quads."""
     seed: Annotated[int, Meta(ge=0)] = 0
     fetch_timeout_s: Positive = 60.0
+    readout_s: NonNegative | None = None
+    """Seconds that a photo costs beside its exposure, until its file is stored; None: as the camera
+    was seen to take. Says in how many exposures a plain request is taken."""
     options: dict[str, Any] = field(default_factory=dict)
 
 
@@ -185,7 +201,7 @@ class ScheduleConfig(_Table, frozen=True):
     family: FamilyName = "hadamard"
     window: WindowName = "auto"
     guards: bool | GuardsName = True
-    black_level: BlackLevel = "none"
+    black_level: BlackLevelName = "auto"
     normalise: NormaliseName = "auto"
 
     @property

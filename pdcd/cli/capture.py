@@ -105,6 +105,7 @@ def plan(args: argparse.Namespace) -> int:
     if summary.prior is not None:
         head.append(["codes by", summary.prior])
     head += [["why" if not number else "", text] for number, text in enumerate(summary.reasons)]
+    head += [["split" if not number else "", text] for number, text in enumerate(summary.split)]
     foreseen = summary.prediction
     if foreseen is not None:
         head += [
@@ -153,11 +154,15 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "radius": args.radius,
         "mix": args.mix,
         "period": args.period,
+        "disparity": _range(args.disparity),
+        "plane": args.plane,
+        "keep": args.keep,
         "rows": _both_rows(args.rows),
         "masked": args.masked or None,
         "codes": args.codes,
         "family": args.family,
         "p": args.p,
+        "equal_brightness": args.equal_brightness,
         "seed": args.seed,
         "exposure_s": args.exposure_s,
         "window": args.window,
@@ -174,6 +179,11 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     except msgspec.ValidationError as err:
         what, _, place = str(err).replace("`", "").partition(" - at $.")
         raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
+
+
+def _range(disparity: list[int] | None) -> list[int] | None:
+    """Lowest and highest of what was typed; one number is both."""
+    return disparity * 2 if disparity is not None and len(disparity) == 1 else disparity
 
 
 def arrays_of(args: argparse.Namespace) -> dict[str, Path]:

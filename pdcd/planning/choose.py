@@ -27,6 +27,7 @@ from pdcd.pilot.matching import MOST_CELLS
 from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
 from pdcd.planning.guess import GOALS, Prior, guess
 from pdcd.planning.guided import by_prior, guidable
+from pdcd.planning.look import looking, settled
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import MemoryLimitError
 from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
@@ -66,7 +67,7 @@ MOST_PARTS = 1000
 PILOTED = ("indirect", "direct", "short-range")
 """Goals that a pilot helps."""
 
-SETTLED = ("codes", "exposure_s", "pilot", "repeat")
+SETTLED = ("codes", "exposure_s", "pilot", "repeat", "equal_brightness")
 """Fields that follow from the error or the time and are not to be given beside it."""
 
 
@@ -150,7 +151,10 @@ def choose(
         iso=best.iso,
         prior=search.prior_name,
     )
-    return replace(best, plan=replace(best.plan, iso=best.iso, prediction=prediction))
+    plan = replace(best.plan, iso=best.iso, prediction=prediction)
+    if plan.how.black_level == "none":
+        plan = looking(plan, settled(request, setting.config).look)
+    return replace(best, plan=plan)
 
 
 def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | None) -> Scene | Prior:
@@ -159,12 +163,17 @@ def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | Non
         return given.scene
     if scene is not None:
         return scene
-    if request.goal not in GOALS:
+    if request.goal not in GOALS or _elsewhere(request):
         raise RequestError(
             f"the error of the goal {request.goal} cannot be foreseen for an unknown scene",
             hint="give a transport matrix as prior, or the number of codes",
         )
     return Prior()
+
+
+def _elsewhere(request: CaptureRequest) -> bool:
+    """Whether cells are matched with others than themselves."""
+    return request.shift is not None or request.warp is not None
 
 
 class _Search:
@@ -237,9 +246,9 @@ class _Search:
         """Which leaks to measure: what is asked for, or all choices that the panels may call for.
         Before a scene that is not known the leak's error is not known, either."""
         config = self.setting.config
-        usual = self.request.black_level or config.schedule.black_level
-        if self.request.black_level or usual != "none" or isinstance(self.prior, Prior):
-            return (usual,)
+        blacks = settled(self.request, config)
+        if blacks.look is None or isinstance(self.prior, Prior):
+            return (blacks.level,)
         ambient = config.projector.contrast is not None or self.prior.ambient is not None
         if config.mask.contrast is None:
             return ("none", "ambient") if ambient else ("none",)
@@ -331,7 +340,8 @@ class _Search:
         """Whether a pilot may help: it guides Hadamard codes, before a scene that is known, unless
         a prior does so."""
         fits = self.request.goal in PILOTED and self._family()[0] == "hadamard"
-        return fits and isinstance(self.prior, Scene) and self.given is None
+        own = not _elsewhere(self.request)
+        return fits and own and isinstance(self.prior, Scene) and self.given is None
 
     def _outlook(self, plan: Plan) -> Outlook:
         if isinstance(self.prior, Prior):

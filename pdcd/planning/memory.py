@@ -26,6 +26,7 @@ from pdcd.planning.plan import windowed
 from pdcd.probing.deviation import BLOCK, EXACT_CELLS
 from pdcd.probing.panel import Panel
 from pdcd.recipes.isolation import Isolation
+from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.parts import part_codes
 from pdcd.recipes.programs import (
     Blocks,
@@ -36,7 +37,7 @@ from pdcd.recipes.programs import (
     Signed,
     SignedBlocks,
     SignedMatrix,
-    Under,
+    within,
 )
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.request import How
@@ -141,14 +142,16 @@ def _of_program(
     if not program.coded:
         blocks = copies * exact_pairs(program)
         return 0, blocks * 80 * cells, blocks * 16 * cells
-    inner: Program = program.program if isinstance(program, Under) else program
+    inner = within(program)
     made = codes * cells
     bits = made * MAKING.get(family, 10) + (codes**2 if family == "hadamard" else 0)
-    lit = isinstance(program, Under) or recipe.target.light is not None
+    lit = inner is not program or recipe.target.light is not None
     if isinstance(inner, Signed | SignedMatrix | Convolved):
         dense = 3 * 8 * square if isinstance(inner, SignedMatrix) else 0
         return bits, made * (56 + 40 * lit) + dense, made * (9 + 8 * lit)
-    several = 8 if isinstance(inner, Coded | Far) else 4
+    if isinstance(inner, Rows):
+        return bits, made * (8 + 60 * lit), made * (2 + 8 * lit)
+    several = 8 if isinstance(inner, Coded | Far | Keyed | KeyedRange) else 4
     return bits, made * (several + 30 * lit), made * (1 + 4 * lit)
 
 
@@ -221,8 +224,8 @@ def _spans(program: Program | None, how: How, single: bool) -> int:
     if not program.coded:
         return max(exact_pairs(program), how.coded)  # repeated to fill as many
     codes = part_codes(how.coded, how.parts) or how.codes
-    inner = program.program if isinstance(program, Under) else program
-    return 2 * codes if isinstance(inner, Signed | SignedMatrix | Convolved) else codes
+    twice = isinstance(within(program), Signed | SignedMatrix | Convolved | Rows)
+    return 2 * codes if twice else codes
 
 
 def exact_pairs(program: Program) -> int:

@@ -6,17 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pdcd.codes.hadamard import hadamard_fits
+from pdcd.codes.hadamard import hadamard, hadamard_fits
+from pdcd.codes.lines import comb_codes, matched_codes, row_codes
 from pdcd.codes.linked import prior_codes
 from pdcd.codes.make import make_codes
+from pdcd.errors import RequestError
 from pdcd.frames.curve import UNKNOWN, Curves
 from pdcd.frames.dither import code_to_send, sequence_to_send
 from pdcd.frames.lattice import Lattice
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_codes
 from pdcd.planning.plan import Pair, Plan, mean_light, windowed
+from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
+from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
-from pdcd.recipes.programs import Program, extended
+from pdcd.recipes.programs import Coded, Program, extended, within
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import How
 from pdcd.words import FamilyName
@@ -32,7 +36,8 @@ def settled_family(
     and in parts, whose spread tells of errors only where phases are left to chance."""
     family = asked or default
     main = next((p.p for p in draft.programs.values() if p.coded), 0.5)
-    if family != "hadamard" or main == 0.5 or asked is not None:
+    lines = any(isinstance(p, KeyedRange) for p in draft.programs.values())
+    if family != "hadamard" or main == 0.5 or asked is not None or lines:
         return family
     fits = how.parts == 1 and hadamard_fits(how.coded, main)
     return family if fits else "balanced"
@@ -117,13 +122,42 @@ def _bits(
     program: Program, lattice: Lattice, family: FamilyName, count: int, p: float | None, seed: int
 ) -> Bools:
     """Code bits (K, L) of a coded program."""
-    share = program.p
-    if share != 0.5 and p is None:
+    lines = _line_codes(program, lattice, family, count, seed)
+    if lines is not None:
+        return lines
+    share, inner = program.p, within(program)
+    if share != 0.5 and p is None and not isinstance(inner, Coded):
         # The best share of lit cells, rounded to what balanced codes can do.
         share = max(1, round(share * count)) / count
         family = "bernoulli" if family in ("bernoulli", "rademacher") else "balanced"
     shape = lattice.shape if windowed(program) else lattice.grid
+    far = far_partners(program, lattice.grid) if family == "hadamard" else ()
+    links = partner_links(far, lattice)
+    if links is not None:
+        rng = np.random.Generator(np.random.PCG64(seed))
+        return hadamard(shape, count, share, rng, links)
     return make_codes(family, shape, count, dual="same", p=share, seed=seed).primal
+
+
+def _line_codes(
+    program: Program, lattice: Lattice, family: FamilyName, count: int, seed: int
+) -> Bools | None:
+    """Code bits (K, L) of goals of off-axis benches; None for other programs and families.
+
+    Raises RequestError for a family that cannot do what the program needs.
+    """
+    rng = np.random.Generator(np.random.PCG64(seed))
+    if isinstance(program, KeyedRange):
+        if family != "hadamard":
+            raise RequestError(
+                f"{family} codes cannot key a range of depths", hint="leave out the family"
+            )
+        return comb_codes(lattice.shape, count, program.period, rng)
+    if family == "hadamard" and isinstance(program, Keyed):
+        return matched_codes(lattice.shape, count, rng)
+    if family == "hadamard" and isinstance(program, Rows):
+        return row_codes(lattice.shape, count, rng)
+    return None
 
 
 def _compiled(

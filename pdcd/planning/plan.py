@@ -16,10 +16,22 @@ from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Floodlit, Program
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.recipes.repeat import repeated
-from pdcd.request import How, PlanSummary, Prediction, ShotSummary
+from pdcd.request import How, Leaks, PlanSummary, Prediction, ShotSummary
 from pdcd.words import ScheduleName
 
 Pair = tuple[Patterns, Patterns]
+
+
+@dataclass(frozen=True)
+class Look:
+    """A dark photo that decides on black exposures (`pdcd.planning.look`).
+
+    limit : RMS error by leaks, relative to the answer, from which they are wanted. may_add : else a
+        warning is all.
+    """
+
+    limit: float
+    may_add: bool
 
 
 @dataclass(frozen=True)
@@ -52,9 +64,13 @@ class Plan:
     prior: str | None = None
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each."""
+    """Why cells, window, schedule and parts are what they are, a line each."""
     curves: Curves = UNKNOWN
     """What light both panels make of what they are sent."""
+    look: Look | None = None
+    """Which leaks to look for; None where black exposures are settled."""
+    leaks: Leaks | None = None
+    """What was found."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 
@@ -137,7 +153,7 @@ class Plan:
             return duty
         lattice = Lattice(self.grid, self.window_of(shot))
         kept = mean_light(self.patterns[shot.program], lattice.lattice_cells, self.curves)
-        return duty * kept / lattice.fields
+        return duty * kept * lattice.opening.area
 
     def exposure_s(self, shot: Shot) -> float:
         """Planned time between opening and closing the shutter."""
@@ -186,6 +202,9 @@ class Plan:
             prediction=self.prediction,
             prior=self.prior,
             reasons=self.reasons,
+            black_level=self.how.black_level if self.look is None else "auto",
+            leaks=self.leaks,
+            split=self.recipe.split,
         )
 
 

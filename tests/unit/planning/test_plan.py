@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pdcd.bench.tables import Config, LimitsConfig, RigConfig
 from pdcd.errors import ConfigError, RequestError
+from pdcd.frames.windows import windows
 from pdcd.planning.make import make_plan
 from pdcd.request import CaptureRequest
 
@@ -113,9 +114,20 @@ def test_grid_finer_than_the_projector_is_refused() -> None:
         make_plan(CaptureRequest(goal="white"), Config(), (800, 64))
 
 
-def test_misregistration_chooses_quarter_windows() -> None:
+CELL_PX = 16
+"""Projector pixels of a cell of the default rig."""
+
+
+def test_misregistration_chooses_the_largest_window_that_bears_it() -> None:
     config = Config(rig=RigConfig(misregistration_px=2.0))
-    assert plan_of(config).window == "quarter"
+    sides = []
+    for offset_px in (0.5, 1.0, 2.0, 3.0, 4.0):
+        plan = plan_of(Config(rig=RigConfig(misregistration_px=offset_px)))
+        found = windows(plan.window)
+        assert found.guard * CELL_PX >= offset_px
+        sides.append(found.side)
+    assert sides == sorted(sides, reverse=True)
+    assert (sides[0], sides[-1]) == (0.875, 0.5)
     assert plan_of(config, window="whole").window == "whole"
     with pytest.raises(ConfigError, match="misregistration"):
         plan_of(Config(rig=RigConfig(misregistration_px=5.0)))
