@@ -103,6 +103,10 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     plane that disparities count from; None: the rig's."""
     keep: KeepName | None = None
     """Of the goal "epipolar": paths within rows of cells ("in", the default), or all others."""
+    rows: tuple[Step, Step] | None = None
+    """Of the goal "transport": row of projector cells, and row of camera cells; None: all."""
+    masked: bool | None = None
+    """Of the goal "transport": the mask opens the row of camera cells only, instead of all."""
     illumination: Table | None = None
     disparities: Table | None = None
     """Off-axis benches: disparity of each camera cell, from which those of `disparity` count."""
@@ -178,6 +182,8 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     disparity: tuple[int, int] | None = None
     plane: Plane | None = None
     keep: KeepName | None = None
+    rows: tuple[int, int] | None = None
+    masked: bool | None = None
 
 
 class How(msgspec.Struct, frozen=True, kw_only=True):
