@@ -157,6 +157,8 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "disparity": _range(args.disparity),
         "plane": args.plane,
         "keep": args.keep,
+        "rows": _both_rows(args.rows),
+        "masked": args.masked or None,
         "codes": args.codes,
         "family": args.family,
         "p": args.p,
@@ -190,6 +192,15 @@ def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
     if args.prior is not None and not _in_words(args.prior):
         given["prior"] = Path(args.prior)
     return {name: path for name, path in given.items() if path is not None}
+
+
+def _both_rows(rows: list[int] | None) -> tuple[int, int] | None:
+    """Row of projector cells, and of camera cells: the same one where no other was typed."""
+    if rows is None:
+        return None
+    if len(rows) > 2:
+        raise ConfigError("--rows takes one row of cells, or two", hint="such as --rows 12 20")
+    return rows[0], rows[-1]
 
 
 def _in_words(prior: str | None) -> bool:

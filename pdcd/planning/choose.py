@@ -99,7 +99,12 @@ def wants_choice(request: CaptureRequest) -> bool:
             hint="give one; the plan says what the other comes to",
         )
     defaults = CaptureRequest(goal=request.goal)
-    given = [name for name in SETTLED if getattr(request, name) != getattr(defaults, name)]
+    given = [
+        name
+        for name in SETTLED
+        if getattr(request, name) != getattr(defaults, name) and getattr(request, name) != 0
+    ]
+    given += ["parts"] if request.parts == "auto" else []
     if given:
         raise RequestError(
             f"{' and '.join(given)} and {asked[0]} are both asked for",

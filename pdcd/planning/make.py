@@ -121,7 +121,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         total = as_bright(total, request)
     how = How(
         codes=total,
-        pilot=request.pilot,
+        pilot=request.pilot if isinstance(request.pilot, int) else 0,
         parts=check_parts(request),
         repeat=request.repeat,
         method=request.method,

@@ -71,6 +71,8 @@ class Plan:
     """Which leaks to look for; None where black exposures are settled."""
     leaks: Leaks | None = None
     """What was found."""
+    unasked: bool = False
+    """Whether the pilot is the program's own choice (`pdcd.planning.unasked`)."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 

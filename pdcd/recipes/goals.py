@@ -59,6 +59,7 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
     "keyed": ((), "all but direct light from a range of depths (Fig. 11)"),
     "epipolar": ((), "light that stays in its row of cells, or that does not"),
     "stereo": ((), "direct light from a range of depths"),
+    "transport": ((), "entries of T itself: a slice between two rows of cells, or all (Fig. 5)"),
 }
 
 OFF_AXIS = ("keyed", "epipolar", "stereo")
@@ -73,9 +74,10 @@ MAY_TAKE: dict[str, tuple[str, ...]] = {
     "keyed": DEPTHS,
     "stereo": DEPTHS,
     "epipolar": ("keep",),
+    "transport": ("rows", "masked"),
 }
 """What these goals may be given besides: the matched cell in the place of the cell itself, what
-share of all other light to keep beside it (Fig. 9(d)), depths."""
+share of all other light to keep beside it (Fig. 9(d)), depths, rows of entries."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,12 +119,13 @@ def check_target(target: Target) -> Target:
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    may = MAY_TAKE.get(goal.name, ())
-    missing, spare = sorted({*needs} - given), sorted(given - {*needs, *may, "illumination"})
+    lit = () if goal.name == "transport" else ("illumination",)
+    known = {*needs, *MAY_TAKE.get(goal.name, ()), *lit}
+    missing, spare = sorted({*needs} - given), sorted(given - known)
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
-        takes = ", ".join((*needs, *may, "illumination"))
+        takes = ", ".join((*needs, *MAY_TAKE.get(goal.name, ()), *lit))
         raise RequestError(
             f"goal {goal.name} takes no {', '.join(spare)}", hint=f"leave it out; it takes {takes}"
         )

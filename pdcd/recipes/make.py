@@ -21,6 +21,7 @@ from pdcd.recipes.programs import (
 )
 from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule, Shot
 from pdcd.recipes.repeat import repeated
+from pdcd.recipes.transport import transport
 from pdcd.request import How
 
 
@@ -51,6 +52,8 @@ def finished(draft: Recipe, how: How) -> Recipe:
 
 def _whole(target: Target, how: How) -> Recipe:
     """The recipe in single exposures, each in one piece."""
+    if target.goal.name == "transport":
+        return transport(target, how)
     maker = Maker(target, how.black_level)
     if how.method != "coded":
         if how.pilot:
