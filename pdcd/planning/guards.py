@@ -89,8 +89,8 @@ def choose_window(
     window = asked
     if asked == "auto":
         leak = misregistration_cells + BLUR_LEAK * blur_cells
-        fitting = [name for name in GUARDS if windows(name).side <= widest]
-        window = fitting[-1] if fitting else "quarter"
+        fitting = [name for name in GUARDS if windows(name).side <= max(widest, 0.5)]
+        window = fitting[-1]
         if leak <= WHOLE_CELL_LIMIT:
             window = "whole"
     guard = windows(window).guard

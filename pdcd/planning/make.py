@@ -155,7 +155,7 @@ def _window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> s
             hint="use a coarser scene grid",
         )
     asked = request.window or config.schedule.window
-    return window_for(asked, config, cell_px)
+    return window_for(asked, config, grid)
 
 
 def _schedule(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:

@@ -12,7 +12,8 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
 from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
 from pdcd.calibration.pulses import Answer, kept_apart
-from pdcd.frames.windows import GUARDS, windows
+from pdcd.errors import ConfigError
+from pdcd.frames.windows import ATOMS, GUARDS, whole_pixels, windows
 from pdcd.maps.scale import fewest_pixels
 from pdcd.planning.guards import (
     WHOLE_CELL_LIMIT,
@@ -54,16 +55,33 @@ def meeting_of(config: Config) -> Meeting | None:
     return Meeting(e95_px, blur_px, 1.0 / across if across else 0.0)
 
 
-def window_for(asked: str, config: Config, cell_px: float) -> str:
-    """Window of cells of so many projector pixels: as asked for, or the largest that neither
-    touches another cell's light nor leaks for blur. Raises ConfigError."""
-    meeting, widest = meeting_of(config), 0.0
+def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
+    """Window of a grid's cells: as asked for; or the largest that neither touches another cell's
+    light nor leaks for blur, and whose edges the mask's pixels have.
+
+    Raises ConfigError for one that the bench cannot have.
+    """
+    width, height = config.projector.size_px
+    cell_px = min(height / grid[0], width / grid[1])
+    if windows(asked).kinds < 4 and asked != "auto":
+        return choose_window(asked, *shares_of_cell(config, cell_px))
+    mask, meeting = panels_of(config).mask, meeting_of(config)
+    if asked != "auto" and not whole_pixels(asked, mask, grid):
+        raise ConfigError(
+            f"the edges of {asked} windows do not lie on those of the mask's pixels in {grid[0]} x "
+            f"{grid[1]} cells",
+            device="mask",
+            hint=f"take quarter windows; or a mask that stands upright, and cells of a multiple of "
+            f"{ATOMS // math.gcd(GUARDS[asked], ATOMS)} of its pixels",
+        )
+    widest = 0.0
     if meeting is not None:
         fitting = (
             windows(name).side
             for name in GUARDS
             if windows(name).side <= largest_window(meeting, cell_px)
             and float(leak_of(meeting, cell_px, windows(name).side)) <= WHOLE_CELL_LIMIT
+            and whole_pixels(name, mask, grid)
         )
         widest = max(fitting, default=0.0)
     return choose_window(asked, *shares_of_cell(config, cell_px), widest)
