@@ -110,8 +110,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     kernel: Table | None = None
     matrix: Table | None = None
     method: MethodName = "coded"
-    """How: one coded photo; many photos through an open mask, masked in software; or the
-    separation by shifted checkers (Nayar et al. 2006). The last two are there to compare with."""
+    """How: one coded photo; a pair of them, with the mask's codes and with their complement; many
+    photos through an open mask, masked in software; or the separation by shifted checkers (Nayar et
+    al. 2006). The last two are there to compare with."""
     pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
     which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
@@ -189,6 +190,8 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     family: FamilyName | None = "hadamard"
     black_level: BlackLevel = "none"
     white: bool = True
+    buckets: int = 1
+    """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
 
     @property
     def coded(self) -> int:

@@ -45,6 +45,13 @@ def cross_faults(config: Config) -> Iterator[Fault]:
             yield Fault((key,), f"{key}: refreshes are counted 0, 1, 2, ..., not {refreshes}")
     if config.camera.iso is not None and config.camera.iso < 1:
         yield Fault(("camera.iso",), f"camera.iso: must be at least 1, not {config.camera.iso}")
+    mask = config.mask
+    if config.camera.buckets == 2 and (mask.contrast is not None or mask.rise_s or mask.fall_s):
+        yield Fault(
+            ("camera.buckets", "mask.contrast", "mask.rise_s", "mask.fall_s"),
+            "camera.buckets: a sensor of two buckets is its own mask, which switches at once and "
+            "has no contrast, rise_s or fall_s",
+        )
     settle_s, limit_s = config.rig.settle_s, config.limits.max_exposure_s
     if 2 * settle_s >= limit_s:
         yield Fault(

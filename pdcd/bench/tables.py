@@ -143,6 +143,10 @@ class CameraConfig(_Table, frozen=True):
     noise: Literal["none", "full"] = "full"
     quads_per_cell: Annotated[int, Meta(ge=1, le=64)] = 1
     """Mock only: Bayer quads of the frame for each code cell, along either axis."""
+    buckets: Literal[1, 2] = 1
+    """2: each exposure has two planes, and the second has what the mask's patterns keep out of the
+    first; for `method = "pairs"`. The mask is the sensor's own, or a mirror that sends light two
+    ways."""
     frame_quads: tuple[Quads, Quads] | None = None
     """Mock only: width and height of the frame in Bayer quads, whatever the cells; None: by
     `quads_per_cell`."""

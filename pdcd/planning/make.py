@@ -123,6 +123,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         family=None,
         black_level=black_level,
         white=request.white,
+        buckets=config.camera.buckets if request.method == "pairs" else 1,
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(
