@@ -15,6 +15,7 @@ from pdcd.bench.reading import Fault, number_faults
 from pdcd.bench.tables import (
     DEFAULT_GRID,
     Config,
+    DisplayConfig,
     FaultsConfig,
     RoleConfig,
     ServerConfig,
@@ -23,6 +24,10 @@ from pdcd.bench.toml_text import TIMES
 from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
 from pdcd.frames.windows import windows
+
+PLANE_TIMES = (0.6, 1.4)
+"""Times of bit planes over their mean: where rows are counted by the time they last, one must not
+pass for none or two."""
 
 RATE_TOLERANCE = 5e-4
 """Largest relative difference of the two refresh rates: at 60 Hz they then slip by one whole
@@ -45,6 +50,7 @@ def cross_faults(config: Config) -> Iterator[Fault]:
             yield Fault((key,), f"{key}: refreshes are counted 0, 1, 2, ..., not {refreshes}")
     if config.camera.iso is not None and config.camera.iso < 1:
         yield Fault(("camera.iso",), f"camera.iso: must be at least 1, not {config.camera.iso}")
+    yield from _plane_faults(config.display)
     mask = config.mask
     if config.camera.buckets == 2 and (mask.contrast is not None or mask.rise_s or mask.fall_s):
         yield Fault(
@@ -80,6 +86,24 @@ def _truth_faults(config: Config) -> Iterator[Fault]:
         return
     for fault in faults:
         yield Fault(("bench.truth",), f"bench.truth: {config.bench.truth}: {fault.message}")
+
+
+def _plane_faults(display: DisplayConfig) -> Iterator[Fault]:
+    """Yield what is wrong with measured times of bit planes."""
+    keys = ("display.plane_starts", "display.planes_per_refresh")
+    starts, count = display.plane_starts, display.planes_per_refresh
+    if not starts:
+        return
+    if count == 1 or len(starts) != count:
+        yield Fault(keys, f"{keys[0]}: {len(starts)} times for {count} planes of a refresh")
+        return
+    low, high = (share / count for share in PLANE_TIMES)
+    if not all(low <= share <= high for share in display.plane_shares):
+        yield Fault(
+            keys,
+            f"{keys[0]}: each plane must begin after the one before, and last {low:.3g} to "
+            f"{high:.3g} of a refresh",
+        )
 
 
 def _access_faults(server: ServerConfig) -> Iterator[Fault]:

@@ -17,7 +17,7 @@ from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
-from pdcd.planning.measured import quietest, reasons_for, times_measured, window_for
+from pdcd.planning.measured import plane_reasons, quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.off_axis import on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
@@ -97,6 +97,7 @@ def make_plan(
         memory_bytes=needed,
         reasons=(
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+            *plane_reasons(config),
             *grey_reasons(patterns.values(), config),
         ),
         curves=curves,

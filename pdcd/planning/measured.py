@@ -147,6 +147,19 @@ def reasons_for(
     return tuple(told)
 
 
+def plane_reasons(config: Config) -> tuple[str, ...]:
+    """How long the bit planes of a refresh are; nothing where panels show one row a refresh."""
+    display = config.display
+    if display.planes_per_refresh == 1:
+        return ()
+    refresh_ms = 1e3 * display.planes_per_refresh / config.row_hz
+    low, high = (f(display.plane_shares) * refresh_ms for f in (min, max))
+    lasts = f"{low:.3g} to {high:.3g} ms, as measured" if display.plane_starts else f"{low:.3g} ms"
+    return (
+        f"{display.planes_per_refresh} planes a refresh, of {lasts}: {config.row_hz:.4g} a second",
+    )
+
+
 def _auto_grid(config: Config) -> tuple[int, int] | None:
     meeting = meeting_of(config)
     if meeting is None:
