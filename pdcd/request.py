@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import secrets
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -87,6 +87,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     p: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     shift: tuple[Step, Step] | None = None
     """Cells down and right from each camera cell to its projector cell."""
+    equal_brightness: bool = False
+    """Take as many times more codes as p is smaller than 1/2, so that light of the matched cell is
+    as bright in photos of any p (Fig. 8 of the paper)."""
     radius: Annotated[int, Meta(ge=0, le=MOST_CELLS)] | None = None
     mix: tuple[Weight, Weight] | None = None
     """Weights of `warp` and `warp_b`."""
@@ -113,14 +116,18 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """How: one coded photo; a pair of them, with the mask's codes and with their complement; many
     photos through an open mask, masked in software; or the separation by shifted checkers (Nayar et
     al. 2006). The last two are there to compare with."""
-    pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
+    pilot: Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None = None
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
     which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
     single paths. Each is one more RAW file. Where the first few see no sharp paths the pilot stops,
-    and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs."""
-    parts: Annotated[int, Meta(ge=1, le=64)] = 1
+    and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs.
+    "auto": a short one where its first photos are worth their files. None: "auto" where nothing is
+    asked for that says how codes are to be spent (`pdcd.planning.unasked`), else 0."""
+    parts: Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None = None
     """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
-    From 4 parts on their spread measures the error of the codes."""
+    From 4 parts on their spread measures the error of the codes. "auto": as many as are worth their
+    RAW files. None: "auto" for indirect and direct light where nothing is asked for that says how
+    codes are to be spent (`pdcd.planning.unasked`), else 1."""
     until_error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     """Take no more parts when RMS sigma over RMS image is as low as that."""
     repeat: Annotated[int, Meta(ge=1, le=1024)] = 1
@@ -192,6 +199,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     white: bool = True
     buckets: int = 1
     """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
+    structure: bool = False
+    """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`). Runs from
+    before that have it in one piece."""
 
     @property
     def coded(self) -> int:
@@ -291,11 +301,14 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
     """Why cells, window and schedule are what they are, a line each, on a bench that was measured;
-    and what black exposures go by."""
+    what black exposures go by; and parts where they were left to the program."""
     black_level: BlackLevelName = "none"
     """Black exposures; "auto": decided once a dark photo was taken."""
     leaks: Leaks | None = None
     """What that photo showed."""
+    split: tuple[str, ...] = ()
+    """How the matrix of the goal "relit" is taken apart: a line a part, with its share of the
+    squared weights and how it is photographed."""
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):

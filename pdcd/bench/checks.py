@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from pdcd.bench.folders import MAX_SOCKET_BYTES
 from pdcd.bench.grey import curve_fault
@@ -24,6 +25,7 @@ from pdcd.bench.toml_text import TIMES
 from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
 from pdcd.frames.windows import windows
+from pdcd.maps.between_fields import through
 
 PLANE_TIMES = (0.6, 1.4)
 """Times of bit planes over their mean: where rows are counted by the time they last, one must not
@@ -48,6 +50,16 @@ def cross_faults(config: Config) -> Iterator[Fault]:
     for key, refreshes in _fault_refreshes(config.display.faults):
         if not all(text.isascii() and text.isdecimal() for text in refreshes):
             yield Fault((key,), f"{key}: refreshes are counted 0, 1, 2, ..., not {refreshes}")
+    if config.rig.plane is not None:
+        try:
+            through(config.rig.plane, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]))
+        except ValueError as err:
+            yield Fault(("rig.plane",), f"rig.plane: {err}")
+        if config.rig.arrangement != "off-axis":
+            yield Fault(
+                ("rig.plane", "rig.arrangement"),
+                'rig.plane: belongs to rig.arrangement = "off-axis"',
+            )
     if config.camera.iso is not None and config.camera.iso < 1:
         yield Fault(("camera.iso",), f"camera.iso: must be at least 1, not {config.camera.iso}")
     yield from _plane_faults(config.display)

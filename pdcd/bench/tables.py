@@ -174,6 +174,9 @@ class CameraConfig(_Table, frozen=True):
     """Standard deviation of the blur between the mask's image and the sensor, in quads."""
     seed: Annotated[int, Meta(ge=0)] = 0
     fetch_timeout_s: Positive = 60.0
+    readout_s: NonNegative | None = None
+    """Seconds that a photo costs beside its exposure, until its file is stored; None: as the camera
+    was seen to take. Says in how many exposures a plain request is taken."""
     options: dict[str, Any] = field(default_factory=dict)
 
 

@@ -113,6 +113,7 @@ def plan(args: argparse.Namespace) -> int:
     if summary.prior is not None:
         head.append(["codes by", summary.prior])
     head += [["why" if not number else "", text] for number, text in enumerate(summary.reasons)]
+    head += [["split" if not number else "", text] for number, text in enumerate(summary.split)]
     foreseen = summary.prediction
     if foreseen is not None:
         head += [
@@ -167,6 +168,7 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "codes": args.codes,
         "family": args.family,
         "p": args.p,
+        "equal_brightness": args.equal_brightness,
         "seed": args.seed,
         "exposure_s": args.exposure_s,
         "window": args.window,

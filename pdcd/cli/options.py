@@ -24,6 +24,11 @@ def share(text: str) -> float:
     return float(number) / (100.0 if number != text else 1.0)
 
 
+def _number_or_auto(text: str) -> int | str:
+    """Read a number or "auto"; argparse reports the ValueError of anything else."""
+    return text if text == "auto" else int(text)
+
+
 def rig_options(parser: argparse.ArgumentParser, *, socket: str) -> None:
     """Add the configuration and the socket; `socket` says what it is for."""
     parser.add_argument(
@@ -104,7 +109,12 @@ def request_options(parser: argparse.ArgumentParser) -> None:
         "--p",
         type=share,
         metavar="P",
-        help="share of indirect light to keep, 0.25 or 25%% (goal fraction)",
+        help="share of other light to keep, 0.25 or 25%% (goals fraction and off-diagonal)",
+    )
+    parser.add_argument(
+        "--equal-brightness",
+        action="store_true",
+        help="as many times more codes as p is smaller than 1/2",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the codes; default 0")
     parser.add_argument(
@@ -145,11 +155,11 @@ def _code_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codes", type=int, metavar="K", help="number of primal/dual pairs")
     parser.add_argument(
         "--pilot",
-        type=int,
-        default=0,
+        type=_number_or_auto,
         metavar="K0",
         help="of these, codes to photograph one by one first, to learn sharp far paths: 8, 12 or "
-        "16 before mirrors, else 32, 64 or 128",
+        "16 before mirrors, else 32, 64 or 128; auto where its first four are worth their files "
+        "(the default where nothing else says how codes are spent)",
     )
     parser.add_argument(
         "--smooth",
@@ -160,10 +170,10 @@ def _code_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--parts",
-        type=int,
-        default=1,
+        type=_number_or_auto,
         metavar="B",
-        help="exposures to split the codes over; from 4 on they measure the error of the codes",
+        help="exposures to split the codes over, or auto; from 4 on they measure the error of the "
+        "codes (default: auto where nothing else says how codes are spent)",
     )
     parser.add_argument(
         "--until-error",

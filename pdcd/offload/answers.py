@@ -55,6 +55,8 @@ class Learnt:
 
     outcome: Literal["go on", "stopped", "guided", "no use"]
     planned: Planned | None
+    told: str = ""
+    """What was decided, and what that cost, where nobody asked for the pilot."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,7 @@ def record_of(
         camera_place=config.camera.place,
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
+        scouted=plan.unasked,
     )
 
 

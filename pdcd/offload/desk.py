@@ -8,7 +8,7 @@ What it needs between two calls stays here, and only what the caller must know g
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -41,11 +41,12 @@ from pdcd.pictures.develop import write_png
 from pdcd.pictures.previews import Previews
 from pdcd.pictures.watch import Watch
 from pdcd.planning.choose import choose, wants_choice
-from pdcd.planning.guided import plan_for, scouted, stopped, summary, with_links
+from pdcd.planning.guided import scouted, stopped, summary, with_links
 from pdcd.planning.look import quiet, with_blacks
 from pdcd.planning.metering import expected_share, metered_pairs, peak_share
 from pdcd.planning.outlook import Setting
 from pdcd.planning.plan import Plan
+from pdcd.planning.unasked import looked, plan_unasked
 from pdcd.recipes.arrays import Given
 from pdcd.recipes.parts import part_numbers
 from pdcd.request import CaptureRequest
@@ -141,8 +142,9 @@ class Desk:
         self._job = self._study = None
         facts = self._facts
         watch.stage = "codes"
+        config, grid = facts.config, facts.grid
         if not wants_choice(request):
-            plan = plan_for(request, facts.config, facts.grid, mask_lag_s, given, watch)
+            plan = plan_unasked(request, config, grid, camera, mask_lag_s, given, watch)
         elif camera is None:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
@@ -209,18 +211,24 @@ class Desk:
         if learned is None or (scouts and learned.promising):
             return Learnt("go on", None)
         seed = job.request.seed
-        outcome: Literal["stopped", "guided"]
+        outcome: Literal["stopped", "guided", "no use"]
         if scouts:
             limit_s = self._facts.config.limits.max_exposure_s
             plan, outcome = stopped(job.plan, seed, limit_s), "stopped"
         elif learned.pays:
             plan, outcome = with_links(job.plan, learned.links, seed), "guided"
         else:
-            return Learnt("no use", None)
+            plan, outcome = job.plan, "no use"
+        told = looked(plan, learned, darkroom.record.shots) if job.plan.unasked else ""
+        if told:
+            plan = replace(plan, reasons=(*plan.reasons, f"pilot: {told}"))
+        if outcome == "no use":
+            job.plan = plan
+            return Learnt(outcome, self._planned(plan) if told else None, told)
         job.plan = plan
         self._write_patterns(job)
         darkroom.replan(self._record(job, darkroom.record.shots, darkroom.record.cells))
-        return Learnt(outcome, self._planned(plan))
+        return Learnt(outcome, self._planned(plan), told)
 
     def stray(self, watch: Watch, shots: Sequence[ShotRecord], darks: Sequence[DarkPhoto]) -> Stray:
         """Look at one dark photo, or at two (`pdcd.planning.look`); where they call for it, the job

@@ -227,7 +227,9 @@ class Darkroom:
         whole = pictures_of(recipe, scaled)
         numbers = part_numbers(recipe)
         if len(numbers) < FEWEST_PARTS:
-            return modelled(recipe, shots, scaled, whole, cells, alive)
+            known = learned is not None and record.scouted
+            sharp = learned.sharp if known and learned is not None else None
+            return modelled(recipe, shots, scaled, whole, cells, alive, sharp)
         parts: dict[str, list[Picture]] = {name: [] for name in whole}
         for number in numbers:
             for name, part in pictures_of(recipe, photos(only_parts(recipe, {number}))).items():

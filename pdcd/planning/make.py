@@ -14,12 +14,13 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
+from pdcd.planning.brightness import as_bright
 from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import plane_reasons, quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.off_axis import on_bench
+from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -52,8 +53,8 @@ def make_plan(
     how = _how(request, config, blacks.level)
     draft = draft_of(target_of(request, given, grid), how)
     smoothable = _smoothable(draft, request)
-    lattice = Lattice(grid, _window(request, config, grid))
-    schedule = _schedule(request, config, mask_lag_s)
+    lattice = Lattice(grid, window_of(request, config, grid))
+    schedule = schedule_of(request, config, mask_lag_s)
     family = settled_family(request.family, config.schedule.family, draft, how)
     _check_family(family, how, draft)
     coded = any(program.coded for program in draft.programs.values())
@@ -96,9 +97,11 @@ def make_plan(
         iso=config.camera.iso,
         memory_bytes=needed,
         reasons=(
+            *_brightness(request, how),
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *plane_reasons(config),
             *grey_reasons(patterns.values(), config),
+            *depth_reasons(recipe, part_codes(how.coded, how.parts)),
         ),
         curves=curves,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
@@ -115,9 +118,11 @@ def make_plan(
 def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> How:
     """How to photograph, before the family is settled. Raises RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
+    if request.equal_brightness:
+        total = as_bright(total, request)
     how = How(
         codes=total,
-        pilot=request.pilot,
+        pilot=request.pilot if isinstance(request.pilot, int) else 0,
         parts=check_parts(request),
         repeat=request.repeat,
         method=request.method,
@@ -125,6 +130,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         black_level=black_level,
         white=request.white,
         buckets=config.camera.buckets if request.method == "pairs" else 1,
+        structure=request.goal == "relit",
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(
@@ -133,6 +139,16 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         )
     part_codes(how.coded, how.parts)
     return how
+
+
+def _brightness(request: CaptureRequest, how: How) -> tuple[str, ...]:
+    """Why there are that many codes."""
+    if not request.equal_brightness or request.p is None:
+        return ()
+    lit = f"{request.p * how.codes:g}"
+    return (
+        f"{how.codes} codes: matched cells are lit in {lit} of them, as they would be at p = 1/2",
+    )
 
 
 def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
@@ -146,7 +162,7 @@ def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
     return found
 
 
-def _window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
+def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
     """Part of a mask cell that opens. Raises ConfigError for cells that the panels cannot show."""
     width_px, height_px = config.projector.size_px
     cell_px = min(height_px / grid[0], width_px / grid[1])
@@ -160,7 +176,8 @@ def _window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> s
     return window_for(asked, config, grid)
 
 
-def _schedule(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
+def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
+    """Refreshes of a code, as asked for or as the rig has them."""
     asked = config.schedule.guards if request.guards is None else request.guards
     if asked == "auto" and times_measured(config):
         return quietest(config, mask_lag_s)

@@ -64,13 +64,15 @@ class Plan:
     prior: str | None = None
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each."""
+    """Why cells, window, schedule and parts are what they are, a line each."""
     curves: Curves = UNKNOWN
     """What light both panels make of what they are sent."""
     look: Look | None = None
     """Which leaks to look for; None where black exposures are settled."""
     leaks: Leaks | None = None
     """What was found."""
+    unasked: bool = False
+    """Whether the pilot is the program's own choice (`pdcd.planning.unasked`)."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 
@@ -206,6 +208,7 @@ class Plan:
             reasons=self.reasons,
             black_level=self.how.black_level if self.look is None else "auto",
             leaks=self.leaks,
+            split=self.recipe.split,
         )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from pdcd.errors import RequestError
 from pdcd.recipes.alternatives import Fitted, Masked, checkers, shares
+from pdcd.recipes.composed import composed
 from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
@@ -58,8 +59,19 @@ def _whole(target: Target, how: How) -> Recipe:
         if how.method == "pairs":
             return paired(maker, how.white, how.buckets)
         return _multi_image(maker, how.codes) if how.method == "multi-image" else _nayar(maker)
-    pictures = RECIPES[target.goal.name](maker, how.white, how.coded)
-    recipe = Recipe(target, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
+    pictures: dict[str, Rule]
+    if target.goal.name == "relit" and how.structure:
+        pictures = {"relit": composed(maker, how.coded // how.parts)}
+    else:
+        pictures = RECIPES[target.goal.name](maker, how.white, how.coded)
+    recipe = Recipe(
+        target,
+        maker.programs,
+        tuple(maker.shots),
+        tuple(maker.photos),
+        pictures,
+        split=tuple(maker.split),
+    )
     if how.pilot:
         recipe = _with_pilot(recipe, how.pilot)
     return recipe if how.coded else _pilot_alone(recipe)
@@ -71,6 +83,11 @@ def _with_pilot(recipe: Recipe, count: int) -> Recipe:
         raise RequestError(
             f"goal {recipe.target.goal.name} takes no pilot",
             hint="a pilot helps indirect and direct light",
+        )
+    if recipe.target.partner is not None:
+        raise RequestError(
+            "a pilot goes with neither a shift nor a warp",
+            hint="leave it out: it looks for paths beside those of each cell with itself",
         )
     stack = tuple(Shot(f"pilot-{k + 1:04d}", "pilot", only=k) for k in range(count))
     first = next(i for i, shot in enumerate(recipe.shots) if shot.program == "coded")

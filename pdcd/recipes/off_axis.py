@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdcd.errors import RequestError
 from pdcd.frames.lattice import Lattice
 from pdcd.probing.lines import SameRow
 from pdcd.probing.wanted import Indices, Match, Uniform
@@ -20,11 +21,23 @@ from pdcd.recipes.matching import matches, on_lattice, places_of
 from pdcd.recipes.programs import Bools, Pairs
 from pdcd.recipes.recipe import Combination, Rule
 
+LEAST_PERIODS = 4
+"""Least period of a comb over the disparities that it closes the mask for."""
+
+
+class FewCodesError(RequestError):
+    """More codes would do."""
+
 
 @dataclass(frozen=True, eq=False)
 class Keyed:
-    """Mask = complement of the code of each cell's match (0 there, p (1 - p) elsewhere), open where
-    it has none. place : (N, 2) int64, of `pdcd.recipes.matching.places_of`."""
+    """Mask = complement of the code of each cell's match (0 there, p (1 - p) elsewhere).
+
+    A cell without a match gets the complement of the code that its row has to spare, where codes
+    bring one (`pdcd.codes.lines.matched_codes`), else it is open.
+
+    place : (N, 2) int64, of `pdcd.recipes.matching.places_of`.
+    """
 
     place: Indices
     disparity: int
@@ -34,7 +47,10 @@ class Keyed:
     def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
         """K pairs."""
         partner = matches(on_lattice(self.place, lattice), self.disparity, lattice.shape)
-        return bits, ~(bits[:, partner] & (partner >= 0))
+        row = np.arange(partner.size) // lattice.shape[1]
+        cells, spare = bits[:, : partner.size], bits[:, partner.size :]
+        none = spare[:, row] if spare.shape[1] else np.zeros_like(cells)
+        return cells, ~np.where(partner >= 0, cells[:, partner], none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +167,11 @@ def _keyed(maker: Maker, codes: int) -> Combination:
     if count == 1:
         maker.coded("keyed", Keyed(place, low), (1.0, everything), *blocked, rows=True)
         return ((1.0, "keyed"),)
+    if codes < LEAST_PERIODS * count:
+        raise FewCodesError(
+            f"{codes} codes are too few to tell {count} disparities from others",
+            hint=f"take at least {LEAST_PERIODS * count} codes, best from {grid[1] + 1 + count} on",
+        )
     period = period_of(codes, grid[1], count)
     lost = count / period
     program = KeyedRange(place, low, high, period)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.tables import CameraConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, SceneConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.request import CaptureRequest, CaptureResult, Quality
 from pdcd.runs.events import Converging, Event
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
@@ -35,13 +35,20 @@ def scene(name: str) -> SceneConfig:
 
 
 def capture(
-    folder: Path, name: str, seed: int = 0, noise: str = "full", **fields: Any
+    folder: Path,
+    name: str,
+    seed: int = 0,
+    noise: str = "full",
+    schedule: ScheduleConfig | None = None,
+    readout_s: float | None = None,
+    **fields: Any,
 ) -> tuple[Engine, CaptureResult, Events]:
     """One indirect photo without the white one beside it; other goals by `fields`."""
     out = folder / f"{name}-{seed}"
     out.mkdir(exist_ok=True)
-    camera = CameraConfig(noise=noise, seed=seed)  # type: ignore[arg-type]
-    engine = Engine.from_config(bench_rig.config(out, scene=scene(name), camera=camera))
+    camera = CameraConfig(noise=noise, seed=seed, readout_s=readout_s)  # type: ignore[arg-type]
+    tables: dict[str, Any] = {} if schedule is None else {"schedule": schedule}
+    engine = Engine.from_config(bench_rig.config(out, scene=scene(name), camera=camera, **tables))
     engine.start()
     events: Events = []
     request = CaptureRequest(**{"goal": "indirect", "white": False, "seed": seed, **fields})
@@ -98,6 +105,52 @@ def test_modelled_sigma_errs_to_the_safe_side(
     assert isinstance(sigma, float) and isinstance(error, float)
     # The model knows nothing of smooth light and of its correction: far too careful on wax.
     assert sigma < (20.0 if name == "wax-disk" else 10.0) * error
+
+
+@pytest.mark.parametrize(
+    ("name", "parts", "found"),
+    [("corner", 6, "no mirrors"), ("mirror-and-vase", 7, "sharp paths, which are kept apart")],
+)
+def test_a_plain_capture_looks_and_measures_its_error(
+    name: str, parts: int, found: str, tmp_path: Path
+) -> None:
+    """No option but the seed. In one exposure the first errs by 1 %, the second by 8 %."""
+    engine, result, _ = capture(tmp_path, name, white=True, schedule=ScheduleConfig())
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    assert isinstance(sigma, float) and isinstance(error, float)
+    assert result.summary["sigma_kind"] == "measured" and result.summary["parts"] == parts
+    assert error < 0.007 and 0.7 * error < sigma < 1.5 * error
+    assert 0.92 < coverage(engine, result) < 0.975
+    assert str(result.summary["decided"]).startswith(found)
+    assert not any("pilot" in warning for warning in result.warnings)
+    manifest = read_manifest(Path(str(result.folder)))
+    reasons = manifest.plan["reasons"]
+    assert any(reason.startswith(f"pilot: {found}") for reason in reasons)
+    assert manifest.run.how.codes == {6: 124, 7: 128}[parts]
+    assert manifest.request["pilot"] is None and manifest.request["parts"] is None
+    assert decode_folder(Path(str(result.folder))).identical
+
+
+@pytest.mark.parametrize("name", ["corner", "mirror"])
+def test_one_exposure_after_a_look_has_a_sigma_that_fits(name: str, tmp_path: Path) -> None:
+    """A file of 1 s is too much for parts, not for four photos that tell how sharp light is."""
+    schedule = ScheduleConfig()
+    engine, result, _ = capture(tmp_path, name, schedule=schedule, readout_s=1.0)
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    assert isinstance(sigma, float) and isinstance(error, float)
+    assert result.summary["sigma_kind"] == "modelled" and result.summary["parts"] == 1
+    assert 0.7 * error < sigma < 1.5 * error
+    assert 0.93 < coverage(engine, result) < 0.985
+    assert decode_folder(Path(str(result.folder))).identical
+
+
+def test_a_plain_capture_by_a_slow_camera_says_that_its_error_is_modelled(tmp_path: Path) -> None:
+    _, result, _ = capture(tmp_path, EASY, schedule=ScheduleConfig(), readout_s=3.0)
+    assert result.summary["sigma_kind"] == "modelled" and result.summary["parts"] == 1
+    assert result.summary["pilot"] == 0 and "decided" not in result.summary
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality)
+    assert any("modelled" in remark for remark in quality.remarks)
 
 
 def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
