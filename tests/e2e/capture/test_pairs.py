@@ -19,7 +19,7 @@ from pdcd.request import CaptureRequest, CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 
-GRID = (5, 6)
+GRID = (6, 8)
 
 
 def take(folder: Path, *, ambient: float = 0.0, buckets: int = 1, **fields: Any) -> CaptureResult:
@@ -32,7 +32,7 @@ def take(folder: Path, *, ambient: float = 0.0, buckets: int = 1, **fields: Any)
     engine = Engine.from_config(config)
     engine.start()
     asked = {
-        "goal": "indirect", "codes": 32, "method": "pairs", "out": tempfile.mkdtemp(dir=folder),
+        "goal": "indirect", "codes": 64, "method": "pairs", "out": tempfile.mkdtemp(dir=folder),
         **fields,
     }  # fmt: skip
     result = bench_rig.capture(engine, msgspec.convert(asked, CaptureRequest))
@@ -86,7 +86,7 @@ def test_a_pair_that_does_not_add_up_says_so(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("buckets", [1, 2])
 def test_black_exposures_and_parts_of_pairs(buckets: int, tmp_path: Path) -> None:
-    result = take(tmp_path, ambient=0.1, buckets=buckets, parts=4, codes=128)
+    result = take(tmp_path, ambient=0.1, buckets=buckets, parts=4, codes=256)
     assert read_manifest(Path(str(result.folder))).run.how.black_level == "ambient"
     check_pictures(result)
 

@@ -69,20 +69,30 @@ def test_no_direct_light_gets_in_up_to_the_guard(window: str, leaks: bool, tmp_p
     assert (error < 0.01) is not leaks
 
 
-def test_the_plan_takes_the_largest_window_that_fits(tmp_path: Path) -> None:
-    """Misregistration of just less than an eighth of a cell: three quarters of its side open."""
-    _, _, manifest = take(tmp_path, codes=8)
-    assert manifest.plan["window"] == "side-3/4"
-    assert [shot.window for shot in manifest.run.shots if shot.name == "coded"] == ["side-3/4"]
-    mask = PanelConfig(size_px=(1024, 768))
-    config = bench_rig.config(tmp_path, grid=GRID, mask=mask)
-    share = {
+def test_the_plan_tells_of_the_largest_window_that_fits(tmp_path: Path) -> None:
+    """Misregistration of just less than an eighth of a cell: three quarters of its side may open."""
+    config = bench_rig.config(
+        tmp_path,
+        grid=GRID,
+        mask=PanelConfig(size_px=(1024, 768)),
+        rig=RigConfig(misregistration_px=CELL_PX / 8 - 1.0),
+    )
+    plans = {
         window: make_plan(
             msgspec.convert({"goal": "indirect", "window": window}, CaptureRequest), config, GRID
-        ).summary().light_share
-        for window in ("quarter", "side-3/4")
+        ).summary()
+        for window in ("auto", "side-3/4")
     }  # fmt: skip
-    assert share["side-3/4"] / share["quarter"] == pytest.approx(2.25, rel=1e-12)
+    assert plans["auto"].window == "quarter"
+    told = [reason for reason in plans["auto"].reasons if "--window" in reason]
+    assert told == ["--window side-3/4 has 2.25 times the light, and fits how the panels meet"]
+    assert plans["side-3/4"].light_share / plans["auto"].light_share == pytest.approx(2.25)
+    coarse = bench_rig.config(
+        tmp_path, grid=GRID, mask=PanelConfig(size_px=(1000, 750)),
+        rig=RigConfig(misregistration_px=CELL_PX / 8 - 1.0),
+    )  # fmt: skip
+    asked = CaptureRequest(goal="indirect")
+    assert not any("--window" in text for text in make_plan(asked, coarse, GRID).reasons)
 
 
 def test_windows_that_end_amid_a_pixel_are_refused(tmp_path: Path) -> None:
