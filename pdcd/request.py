@@ -117,8 +117,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     kernel: Table | None = None
     matrix: Table | None = None
     method: MethodName = "coded"
-    """How: one coded photo; many photos through an open mask, masked in software; or the
-    separation by shifted checkers (Nayar et al. 2006). The last two are there to compare with."""
+    """How: one coded photo; a pair of them, with the mask's codes and with their complement; many
+    photos through an open mask, masked in software; or the separation by shifted checkers (Nayar et
+    al. 2006). The last two are there to compare with."""
     pilot: Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None = None
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
     which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
@@ -202,6 +203,8 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     family: FamilyName | None = "hadamard"
     black_level: BlackLevel = "none"
     white: bool = True
+    buckets: int = 1
+    """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
     structure: bool = False
     """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`). Runs from
     before that have it in one piece."""

@@ -30,7 +30,7 @@ GoalName = Literal[
 FamilyName = Literal[
     "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"
 ]
-MethodName = Literal["coded", "multi-image", "nayar"]
+MethodName = Literal["coded", "pairs", "multi-image", "nayar"]
 ScheduleName = Literal["none", "both", "lag", "lead", "full"]
 """Which black refreshes keep a code apart from the next (`pdcd.frames.schedule`)."""
 GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]

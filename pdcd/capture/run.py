@@ -173,7 +173,7 @@ class Run:
             plan, shot = planned.plan, next_shot(planned, self._shots)
             if shot is None:
                 break
-            self._shots.append(self._taker.take(plan, shot))
+            self._shots += self._taker.take(plan, shot)
             if convergence is not None and self._good_enough(plan, convergence, shot):
                 break
         return planned

@@ -24,6 +24,10 @@ from pdcd.recipes.arrays import Given
 from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.runs.views import OwnerView
 
+PAPER_SHARE = 1.0 / 48.0
+"""Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
+through quarter windows, in one of three refreshes."""
+
 GUARDS = {
     "none": "without guards",
     "both": "both panels black between codes",
@@ -86,7 +90,11 @@ def plan(args: argparse.Namespace) -> int:
         ["codes", f"{summary.codes} {summary.family}, p = {summary.p:g}"],
         ["cells", f"{summary.grid[0]} x {summary.grid[1]}, window {summary.window}"],
         ["passes", f"{summary.passes}, {GUARDS.get(summary.schedule, summary.schedule)}"],
-        ["light", f"{100.0 * summary.light_share:.3g} % of a floodlit exposure"],
+        [
+            "light",
+            f"{100.0 * summary.light_share:.3g} % of a floodlit exposure, "
+            f"{summary.light_share / PAPER_SHARE:.3g} times the paper's 1/48",
+        ],
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
         ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],

@@ -36,9 +36,14 @@ def corrected_photos(
     missing = _missing(recipe, shots, learned, cells)
     photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
     if smooth and "coded" in photos:
+        before = photos["coded"].image
         photos["coded"] = smoothed(
             recipe, shots, photos["coded"], learned, cells, normalise=normalise, alive=alive
         )
+        if "direct" in photos:  # of a complement pair: its codes err by as much the other way
+            direct = photos["direct"]
+            image = direct.image - (photos["coded"].image - before)
+            photos["direct"] = Picture(image, direct.sigma)
     return photos
 
 

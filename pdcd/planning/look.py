@@ -87,7 +87,12 @@ def dark_frames(plan: Plan, *, lit: bool) -> Frames:
 def phase_rows(plan: Plan) -> int:
     """Rows of each state of a dark photo: no more than the answer's shots have, whose aperture it
     is taken at."""
-    return min(max(2, round(LOOK_S * plan.row_hz)), plan.refreshes(plan.recipe.shots[-1]))
+    return min(max(2, round(LOOK_S * plan.row_hz)), plan.refreshes(last_exposed(plan)))
+
+
+def last_exposed(plan: Plan) -> Shot:
+    """The last shot that has an exposure of its own."""
+    return [shot for shot in plan.recipe.shots if not shot.beside][-1]
 
 
 def dark_s(plan: Plan) -> float:

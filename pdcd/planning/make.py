@@ -18,7 +18,7 @@ from pdcd.planning.brightness import as_bright
 from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
-from pdcd.planning.measured import quietest, reasons_for, times_measured, window_for
+from pdcd.planning.measured import plane_reasons, quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
@@ -99,6 +99,7 @@ def make_plan(
         reasons=(
             *_brightness(request, how),
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+            *plane_reasons(config),
             *grey_reasons(patterns.values(), config),
             *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
         ),
@@ -128,6 +129,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         family=None,
         black_level=black_level,
         white=request.white,
+        buckets=config.camera.buckets if request.method == "pairs" else 1,
         structure=request.goal == "relit",
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):

@@ -176,11 +176,13 @@ class Plan:
                 light_share=self.light_share(s),
             )
             for s in self.recipe.shots
-            if s.name not in self.recipe.stack[1:] and not s.copy_of
+            if s.name not in self.recipe.stack[1:] and not s.copy_of and not s.beside
         )
         photos = {photo.name: photo for photo in self.recipe.photos}
         last = self.recipe.main
         first = photos[last].shots[0][1] if last in photos else self.recipe.stack[0]
+        exposed = {shot.name: shot.beside or shot.name for shot in self.recipe.shots}
+        first = exposed.get(first, first)
         single = first in self.recipe.stack or first in self.recipe.sums
         main = self.recipe.stack[0] if single else first
         return PlanSummary(
