@@ -34,7 +34,8 @@ ScheduleName = Literal["none", "both", "lag", "lead", "full"]
 """Which black refreshes keep a code apart from the next (`pdcd.frames.schedule`)."""
 GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
 """The same as it may be asked for; "auto" is settled by the measured lag of the mask."""
-WindowName = Literal["auto", "whole", "quarter"]
+WindowName = Literal["auto", "whole", "quarter", "side-5/8", "side-3/4", "side-7/8"]
+"""Part of a mask cell that opens (`pdcd.frames.windows`)."""
 BlackLevel = Literal["none", "mask", "ambient", "both"]
 """Leaks that black exposures measure and take off."""
 BlackLevelName = Literal["auto", "none", "mask", "ambient", "both"]

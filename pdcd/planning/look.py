@@ -17,9 +17,10 @@ import numpy as np
 
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
+from pdcd.frames.curve import light_of
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import levels_of, none
+from pdcd.frames.patterns import none
 from pdcd.frames.schedule import SLOTS
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.plan import Look, Plan
@@ -104,7 +105,8 @@ def lit_s(plan: Plan, shot: Shot) -> float:
     lattice = Lattice(plan.grid, plan.window_of(shot))
     primal = plan.patterns[shot.program][0]
     shown = range(len(primal)) if shot.only is None else (shot.only,)
-    levels = sum(float(levels_of(primal, k, lattice.lattice_cells).mean()) for k in shown)
+    curve = plan.curves[0]
+    levels = sum(float(light_of(primal, k, lattice.lattice_cells, curve).mean()) for k in shown)
     return rows * lattice.fields * levels / plan.row_hz
 
 

@@ -15,9 +15,9 @@ from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.grey import grey_reasons
-from pdcd.planning.guards import choose_schedule, choose_window, lag_rows, shares_of_cell
+from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
-from pdcd.planning.measured import quietest, reasons_for, times_measured
+from pdcd.planning.measured import quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.off_axis import on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
@@ -155,7 +155,7 @@ def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
             hint="use a coarser scene grid",
         )
     asked = request.window or config.schedule.window
-    return choose_window(asked, *shares_of_cell(config, cell_px))
+    return window_for(asked, config, cell_px)
 
 
 def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:

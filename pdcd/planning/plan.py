@@ -155,7 +155,7 @@ class Plan:
             return duty
         lattice = Lattice(self.grid, self.window_of(shot))
         kept = mean_light(self.patterns[shot.program], lattice.lattice_cells, self.curves)
-        return duty * kept / lattice.fields
+        return duty * kept * lattice.opening.area
 
     def exposure_s(self, shot: Shot) -> float:
         """Planned time between opening and closing the shutter."""

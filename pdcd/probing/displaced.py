@@ -25,13 +25,13 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class _Strip:
-    """Along one axis: a window (its shift and step) and the part of a projector cell behind it.
+    """Along one axis: a piece of the mask and the part of a projector cell behind it.
 
     length : (N,) share of each cell; half : (N,) which half of a cell (0, or 1 of two); cell : (N,)
     its row or column.
     """
 
-    shift: int
+    strip: int
     step: int
     length: Floats
     half: Indices
@@ -47,7 +47,7 @@ class Beams:
     displacement: Floats
 
     def seen_s(self, masks: Floats, lights: Floats) -> Floats:
-        """Mean time of each cell, (N,): masks (R, fields, L + 1), lights (R, fields, N)."""
+        """Mean time of each cell, (N,): masks (R, dual_fields, L + 1), lights (R, fields, N)."""
         lattice, count = self.lattice, lights.shape[-1]
         seen = np.zeros(count)
         width = lattice.shape[1]
@@ -60,7 +60,7 @@ class Beams:
             row, col = row + down.step, col + right.step
             inside = (row >= 0) & (row < lattice.shape[0]) & (col >= 0) & (col < width)
             code = np.where(inside, row * width + col, lattice.lattice_cells)
-            field = 2 * down.shift + right.shift
+            field = lattice.dual_field(down.strip, right.strip)
             live = np.asarray(masks[:, field].any(axis=1))  # shut under the other sub-shifts
             cell = down.cell[here] * lattice.grid[1] + right.cell[here]
             half = 2 * down.half[here] + right.half[here]
@@ -76,7 +76,7 @@ class Beams:
 
     def _along(self, axis: int, place: Indices) -> list[_Strip]:
         """All strips of an axis; those beyond the grid have no length."""
-        halves = 2 if self.lattice.window == "quarter" else 1
+        halves = 2 if self.lattice.opening.shifted else 1
         moved = self.displacement[:, axis]
         there = np.isfinite(self.displacement).all(axis=1)
         start = np.where(there, moved, 0.0) * halves
@@ -92,5 +92,5 @@ class Beams:
                 inside = there & (cell >= 0) & (cell < size)
                 length = np.where(inside & (length > 1e-14), length, 0.0)
                 cell = np.clip(cell, 0, size - 1)
-                found.append(_Strip(piece.shift, piece.step, length, half, cell))
+                found.append(_Strip(piece.strip, piece.step, length, half, cell))
         return [strip for strip in found if strip.length.any()]

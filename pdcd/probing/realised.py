@@ -113,7 +113,7 @@ def factors(
     for number, band in enumerate(bands[0]):
         p_rows, p_start_ns, p_track = exposed.track(band, primal_side=True)
         gates = [exposed.gate(dual_band, band, p_start_ns) for dual_band in bands[1]]
-        widest = lattice.fields * (lattice.lattice_cells + 1) * 8
+        widest = lattice.dual_fields * (lattice.lattice_cells + 1) * 8
         step = max(1, CHUNK_BYTES // (widest * p_track.fields))
         for start in range(0, len(p_rows), step):
             stop = min(start + step, len(p_rows))
@@ -158,7 +158,9 @@ class _Exposed:
         panel = (self.primal if primal_side else self.dual).later(band.delay_ns)
         end_ns = int(log.end_ns[0 if primal_side else 1])
         rows, starts = frame_spans(self.frames, shown, at, end_ns, panel, self.open_ns, primal_side)
-        pixels = lattice.fields * (lattice.cells if primal_side else lattice.lattice_cells + 1)
+        pixels = lattice.fields * lattice.cells
+        if not primal_side:
+            pixels = lattice.dual_fields * (lattice.lattice_cells + 1)
         return rows, starts, Trajectory(
             panel,
             starts,
@@ -303,11 +305,11 @@ def _chunk(
 ) -> Factors:
     """Reduce the spans of one chunk to the cells of the scene. The mask's own open time is counted
     with the `first` band of the projector."""
-    cells, k = lattice.cells, lattice.fields
+    cells = lattice.cells
     left, alive, open_fine = through
     right = right[alive]
-    masks = left.reshape(-1, k, lattice.lattice_cells + 1)
-    lights = right.reshape(-1, k, cells)
+    masks = left.reshape(-1, lattice.dual_fields, lattice.lattice_cells + 1)
+    lights = right.reshape(-1, lattice.fields, cells)
     coaxial = np.zeros(lattice.grid)
     fine = FineSums(lattice) if finely else None
     for o, mask, light in _meetings(lattice, masks, lights, blur):

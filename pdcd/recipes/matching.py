@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.frames.lattice import Lattice
+from pdcd.maps.between_fields import through
 from pdcd.probing.wanted import Indices
 from pdcd.request import Goal
 
@@ -36,7 +37,14 @@ def places_of(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> Indices:
     row, col = np.divmod(np.arange(rows * cols), cols)
     if goal.plane is not None:
         centres = np.stack([(col + 0.5) / cols, (row + 0.5) / rows], axis=1)
-        x, y = through(goal.plane, centres).T
+        try:
+            x, y = through(goal.plane, centres).T
+        except ValueError as err:
+            raise RequestError(
+                f"plane: {err}",
+                hint="give 9 numbers row by row, for (x, y, 1) with 0 to 1 across and down, from "
+                "the camera's field to the projector's; 1 0 0 0 1 0 0 0 1 is the field itself",
+            ) from err
         return np.stack([_cell(y * rows), _cell(x * cols)], axis=1)
     if "disparities" in planes:
         return np.stack([row, _cell(col + 0.5 + planes["disparities"])], axis=1)
@@ -75,26 +83,6 @@ def check_depths(goal: Goal, grid: Grid, planes: Mapping[str, Floats]) -> None:
             "no camera cell has a match on the projector at these depths",
             hint="disparities count cells to the right, a plane takes 0..1 to 0..1",
         )
-
-
-def through(plane: tuple[float, ...], points: Floats) -> Floats:
-    """Points (n, 2) of the camera's field, on the projector's: (n, 2), 0 to 1 within it.
-
-    Raises RequestError where the homography has no inverse, or takes a point to infinity.
-    """
-    matrix = np.array(plane, dtype=np.float64).reshape(3, 3)
-    scale = float(np.abs(matrix).max())
-    places = np.column_stack([points, np.ones(len(points))]) @ matrix.T
-    depth = places[:, 2]
-    sound = scale > 0.0 and abs(np.linalg.det(matrix / scale)) > 1e-9
-    if not sound or not (np.all(depth > 1e-6 * scale) or np.all(depth < -1e-6 * scale)):
-        raise RequestError(
-            "plane is no homography from the camera's field to the projector's",
-            hint="give 9 numbers row by row, for (x, y, 1) with 0 to 1 across and down; "
-            "1 0 0 0 1 0 0 0 1 is the field itself",
-        )
-    found: Floats = places[:, :2] / depth[:, None]
-    return found
 
 
 def matches(place: Indices, disparity: int, shape: Grid) -> Indices:

@@ -23,8 +23,13 @@ from pdcd.recipes.recipe import Combination, Rule
 
 @dataclass(frozen=True, eq=False)
 class Keyed:
-    """Mask = complement of the code of each cell's match (0 there, p (1 - p) elsewhere), open where
-    it has none. place : (N, 2) int64, of `pdcd.recipes.matching.places_of`."""
+    """Mask = complement of the code of each cell's match (0 there, p (1 - p) elsewhere).
+
+    A cell without a match gets the complement of the code that its row has to spare, where codes
+    bring one (`pdcd.codes.lines.matched_codes`), else it is open.
+
+    place : (N, 2) int64, of `pdcd.recipes.matching.places_of`.
+    """
 
     place: Indices
     disparity: int
@@ -34,7 +39,10 @@ class Keyed:
     def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
         """K pairs."""
         partner = matches(on_lattice(self.place, lattice), self.disparity, lattice.shape)
-        return bits, ~(bits[:, partner] & (partner >= 0))
+        row = np.arange(partner.size) // lattice.shape[1]
+        cells, spare = bits[:, : partner.size], bits[:, partner.size :]
+        none = spare[:, row] if spare.shape[1] else np.zeros_like(cells)
+        return cells, ~np.where(partner >= 0, cells[:, partner], none)
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One exposure as it was taken. Times are ns of the rig's clock."""
 
     name: str
-    window: Annotated[str, Meta(pattern="^(whole|quarter)$")]
+    window: Annotated[str, Meta(pattern="^(whole|quarter|side-5/8|side-3/4|side-7/8)$")]
     """Window mode of its frames."""
     raw: str
     """Path in the run folder."""

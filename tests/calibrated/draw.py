@@ -79,7 +79,7 @@ def _truth(rng: np.random.Generator) -> dict[str, Any]:
                 "tangential": [within(-0.002, 0.002), within(-0.002, 0.002)],
             },
         },
-        "scene": {"ambient": by_factor(0.0005, 0.008), "blur_px": within(0.3, 1.2), "blur_taps": 3},
+        "scene": {"ambient": by_factor(0.0005, 0.008), "blur_px": within(0.3, 1.2)},
         "sensor": {"gain": within(0.9, 1.1), "read_noise": within(0.8, 1.3)},
         "trigger": {"lag_s": within(0.03, 0.09), "jitter_s": within(0.001, 0.006)},
     }

@@ -72,7 +72,7 @@ blur_taps = 3
 
 def frames_of(window: str, rng: np.random.Generator, *, grey: bool) -> Frames:
     """Random patterns, some refreshes black, some white, under all sub-shifts."""
-    more = 1 if window == "quarter" else 0
+    more = int(window not in ("whole", PIXELS))
     lattice = (GRID[0] + more, GRID[1] + more)
     sizes = [lattice[0] * lattice[1]] * 2
     if window == PIXELS:
@@ -85,7 +85,7 @@ def frames_of(window: str, rng: np.random.Generator, *, grey: bool) -> Frames:
     primal = np.array([0, 0, 1, 1, WHITE, 2, 3, 3, BLACK, 2, 1], dtype=np.int32)
     dual = np.array([BLACK, 0, 1, BLACK, 2, WHITE, BLACK, 3, 1, 0, 2], dtype=np.int32)
     count = primal.size
-    shift = np.arange(count) % 4 if window == "quarter" else np.zeros(count)
+    shift = np.arange(count) % 4 if more else np.zeros(count)
     return Frames(
         patterns[0], patterns[1], primal, dual, shift.astype(np.uint8),
         np.arange(count, dtype=np.int32), dual == BLACK, GRID, lattice, window,
@@ -177,8 +177,9 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
 
 @pytest.mark.parametrize(
     ("window", "textured"),
-    [("whole", False), ("quarter", False), ("quarter", True), (PIXELS, False), (PIXELS, True)],
-)
+    [("whole", False), ("quarter", False), ("quarter", True), ("side-3/4", False),
+     (PIXELS, False), (PIXELS, True)],
+)  # fmt: skip
 def test_everything_on_is_the_dense_bench_at_every_quad(
     tmp_path: Path, window: str, textured: bool
 ) -> None:
