@@ -87,6 +87,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     p: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     shift: tuple[Step, Step] | None = None
     """Cells down and right from each camera cell to its projector cell."""
+    equal_brightness: bool = False
+    """Take as many times more codes as p is smaller than 1/2, so that light of the matched cell is
+    as bright in photos of any p (Fig. 8 of the paper)."""
     radius: Annotated[int, Meta(ge=0, le=MOST_CELLS)] | None = None
     mix: tuple[Weight, Weight] | None = None
     """Weights of `warp` and `warp_b`."""
@@ -100,6 +103,10 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     plane that disparities count from; None: the rig's."""
     keep: KeepName | None = None
     """Of the goal "epipolar": paths within rows of cells ("in", the default), or all others."""
+    rows: tuple[Step, Step] | None = None
+    """Of the goal "transport": row of projector cells, and row of camera cells; None: all."""
+    masked: bool | None = None
+    """Of the goal "transport": the mask opens the row of camera cells only, instead of all."""
     illumination: Table | None = None
     disparities: Table | None = None
     """Off-axis benches: disparity of each camera cell, from which those of `disparity` count."""
@@ -175,6 +182,8 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     disparity: tuple[int, int] | None = None
     plane: Plane | None = None
     keep: KeepName | None = None
+    rows: tuple[int, int] | None = None
+    masked: bool | None = None
 
 
 class How(msgspec.Struct, frozen=True, kw_only=True):
@@ -193,6 +202,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     family: FamilyName | None = "hadamard"
     black_level: BlackLevel = "none"
     white: bool = True
+    structure: bool = False
+    """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`). Runs from
+    before that have it in one piece."""
 
     @property
     def coded(self) -> int:
@@ -297,6 +309,9 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Black exposures; "auto": decided once a dark photo was taken."""
     leaks: Leaks | None = None
     """What that photo showed."""
+    split: tuple[str, ...] = ()
+    """How the matrix of the goal "relit" is taken apart: a line a part, with its share of the
+    squared weights and how it is photographed."""
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):

@@ -25,6 +25,7 @@ GoalName = Literal[
     "keyed",
     "epipolar",
     "stereo",
+    "transport",
 ]
 FamilyName = Literal[
     "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"

@@ -58,9 +58,13 @@ def scene_builder(build: Builder, memory: Memory[str, Scene], name: str) -> Buil
 
 
 def colouring(memory: Memory[str, tuple[Colouring, Any]]) -> Callable[..., Colouring]:
-    """`colour_lattice` that remembers; links are none of what it is asked with."""
+    """`colour_lattice` that remembers what it is asked for without links."""
 
-    def remembered(lattice: tuple[int, int], colours: int, rng: np.random.Generator) -> Colouring:
+    def remembered(
+        lattice: tuple[int, int], colours: int, rng: np.random.Generator, links: Any = None
+    ) -> Colouring:
+        if links is not None:
+            return colour_lattice(lattice, colours, rng, links)
         key = repr((tuple(lattice), colours, rng.bit_generator.state))
 
         def make() -> tuple[Colouring, Any]:

@@ -80,6 +80,7 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
         "sigma_mean": developed.sigma_mean,
         "predicted_error": None if plan.prediction is None else plan.prediction.error,
         "quality": developed.quality,
+        **developed.transport,
     }
 
 

@@ -107,6 +107,7 @@ def plan(args: argparse.Namespace) -> int:
     if summary.prior is not None:
         head.append(["codes by", summary.prior])
     head += [["why" if not number else "", text] for number, text in enumerate(summary.reasons)]
+    head += [["split" if not number else "", text] for number, text in enumerate(summary.split)]
     foreseen = summary.prediction
     if foreseen is not None:
         head += [
@@ -158,9 +159,12 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "disparity": _range(args.disparity),
         "plane": args.plane,
         "keep": args.keep,
+        "rows": _both_rows(args.rows),
+        "masked": args.masked or None,
         "codes": args.codes,
         "family": args.family,
         "p": args.p,
+        "equal_brightness": args.equal_brightness,
         "seed": args.seed,
         "exposure_s": args.exposure_s,
         "window": args.window,
@@ -190,6 +194,15 @@ def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
     if args.prior is not None and not _in_words(args.prior):
         given["prior"] = Path(args.prior)
     return {name: path for name, path in given.items() if path is not None}
+
+
+def _both_rows(rows: list[int] | None) -> tuple[int, int] | None:
+    """Row of projector cells, and of camera cells: the same one where no other was typed."""
+    if rows is None:
+        return None
+    if len(rows) > 2:
+        raise ConfigError("--rows takes one row of cells, or two", hint="such as --rows 12 20")
+    return rows[0], rows[-1]
 
 
 def _in_words(prior: str | None) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,11 @@ from pdcd.errors import RequestError
 
 
 def hadamard(
-    lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
+    lattice: tuple[int, int],
+    count: int,
+    p: float,
+    rng: np.random.Generator,
+    links: Any = None,
 ) -> NDArray[np.bool_]:
     """Give each cell a column of a Hadamard matrix of order K, or its negative.
 
@@ -39,13 +44,13 @@ def hadamard(
         here; for smaller p, K is no power of two from 1/p^2 on.
     """
     if p != 0.5:
-        return _seldom(lattice, count, p, rng)
+        return _seldom(lattice, count, p, rng, links)
     check_order(count)
-    return coloured(count, *colour_lattice(lattice, count - 1, rng), rng)
+    return coloured(count, *colour_lattice(lattice, count - 1, rng, links), rng)
 
 
 def _seldom(
-    lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
+    lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator, links: Any
 ) -> NDArray[np.bool_]:
     """Codes for p = 2^-t with t > 1: (K, L) bool."""
     mantissa, exponent = math.frexp(p)
@@ -64,7 +69,7 @@ def _seldom(
             hint=f"take {' or '.join(str(n) for n in near)} codes, or the family 'balanced'",
         )
     spaces = spread_size(count.bit_length() - 1, t)
-    colour, _ = colour_lattice(lattice, spaces, rng)
+    colour, _ = colour_lattice(lattice, spaces, rng, links)
     phase = phase_lattice(lattice, colour, 2**t, rng)
     return spread_codes(count, t, rng.permutation(spaces)[colour], phase)
 

@@ -280,7 +280,7 @@ class Desk:
             facts.config,
             watch,
         )
-        done = developed_of(record, decoded, error, warnings, watch)
+        done = developed_of(record, decoded, error, warnings, watch, facts.scene)
         self.forget(watch)
         return done
 

@@ -106,7 +106,8 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
-            quality.sigma_of(answer.kind),
+            # Entries of T have no parts that could measure anything.
+            quality.sigma_of("" if decoded.transport is not None else answer.kind),
         )
     )
 

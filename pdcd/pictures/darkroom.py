@@ -32,6 +32,7 @@ from pdcd.pictures.quads import cell_means, of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.software import software_sums, summed_matrices
+from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
 from pdcd.pictures.watch import Watch
 from pdcd.probing.deviation import Deviation, deviation
@@ -74,6 +75,13 @@ class Decoded:
     def answer(self) -> Barred:
         """The picture that was asked for."""
         return self.pictures[self.recipe.answer_name]
+
+    @cached_property
+    def transport(self) -> Sliced | None:
+        """Entries of T, where these were photographed. Raises DecodeError."""
+        if self.recipe.target.goal.name != "transport":
+            return None
+        return sliced(self.recipe, self.shots, self.cells)
 
     @cached_property
     def cell_means(self) -> Barred:

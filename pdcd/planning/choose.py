@@ -35,6 +35,7 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
 from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.recipes.off_axis import FewCodesError
 from pdcd.request import CaptureRequest, Prediction
 from pdcd.scene.scene import Scene
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
@@ -67,7 +68,7 @@ MOST_PARTS = 1000
 PILOTED = ("indirect", "direct", "short-range")
 """Goals that a pilot helps."""
 
-SETTLED = ("codes", "exposure_s", "pilot", "repeat")
+SETTLED = ("codes", "exposure_s", "pilot", "repeat", "equal_brightness")
 """Fields that follow from the error or the time and are not to be given beside it."""
 
 
@@ -168,12 +169,17 @@ def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | Non
         return given.scene
     if scene is not None:
         return scene
-    if request.goal not in GOALS:
+    if request.goal not in GOALS or _elsewhere(request):
         raise RequestError(
             f"the error of the goal {request.goal} cannot be foreseen for an unknown scene",
             hint="give a transport matrix as prior, or the number of codes",
         )
     return Prior()
+
+
+def _elsewhere(request: CaptureRequest) -> bool:
+    """Whether cells are matched with others than themselves."""
+    return request.shift is not None or request.warp is not None
 
 
 class _Search:
@@ -320,6 +326,8 @@ class _Search:
             except MemoryLimitError as err:
                 self.refused = self.refused or err.message
                 return  # and more codes take more
+            except FewCodesError:
+                continue
             if self.given is not None and guidable(plan):
                 plan = by_prior(plan, self.given, request.seed)
             if any(program.coded for program in plan.recipe.programs.values()):
@@ -340,7 +348,8 @@ class _Search:
         """Whether a pilot may help: it guides Hadamard codes, before a scene that is known, unless
         a prior does so."""
         fits = self.request.goal in PILOTED and self._family()[0] == "hadamard"
-        return fits and isinstance(self.prior, Scene) and self.given is None
+        own = not _elsewhere(self.request)
+        return fits and own and isinstance(self.prior, Scene) and self.given is None
 
     def _outlook(self, plan: Plan) -> Outlook:
         if isinstance(self.prior, Prior):

@@ -18,7 +18,7 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.make import recipe_of
-from pdcd.recipes.programs import Coded, Program, Signed, Under
+from pdcd.recipes.programs import Coded, Program, Signed, within
 from pdcd.request import CaptureRequest, PilotCost, PlanSummary
 
 
@@ -78,8 +78,7 @@ def guidable(plan: Plan) -> bool:
 
 
 def _own(program: Program) -> bool:
-    if isinstance(program, Under):
-        return _own(program.program)
+    program = within(program)
     if isinstance(program, Signed):
         return all(partner is None for _, partner in program.taps)
     return isinstance(program, Coded) and program.partner is None

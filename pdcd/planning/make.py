@@ -14,12 +14,13 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
+from pdcd.planning.brightness import as_bright
 from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.off_axis import on_bench
+from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -96,8 +97,10 @@ def make_plan(
         iso=config.camera.iso,
         memory_bytes=needed,
         reasons=(
+            *_brightness(request, how),
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *grey_reasons(patterns.values(), config),
+            *depth_reasons(recipe, part_codes(how.coded, how.parts)),
         ),
         curves=curves,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
@@ -114,6 +117,8 @@ def make_plan(
 def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> How:
     """How to photograph, before the family is settled. Raises RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
+    if request.equal_brightness:
+        total = as_bright(total, request)
     how = How(
         codes=total,
         pilot=request.pilot if isinstance(request.pilot, int) else 0,
@@ -123,6 +128,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         family=None,
         black_level=black_level,
         white=request.white,
+        structure=request.goal == "relit",
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(
@@ -131,6 +137,16 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         )
     part_codes(how.coded, how.parts)
     return how
+
+
+def _brightness(request: CaptureRequest, how: How) -> tuple[str, ...]:
+    """Why there are that many codes."""
+    if not request.equal_brightness or request.p is None:
+        return ()
+    lit = f"{request.p * how.codes:g}"
+    return (
+        f"{how.codes} codes: matched cells are lit in {lit} of them, as they would be at p = 1/2",
+    )
 
 
 def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
@@ -155,7 +171,7 @@ def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
             hint="use a coarser scene grid",
         )
     asked = request.window or config.schedule.window
-    return window_for(asked, config, cell_px)
+    return window_for(asked, config, grid)
 
 
 def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:

@@ -10,12 +10,12 @@ import numpy as np
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
-from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
+from pdcd.calibration.cell_size import Meeting, leak_of, smallest_cell_for
 from pdcd.calibration.pulses import Answer, kept_apart
-from pdcd.frames.windows import GUARDS, windows
+from pdcd.frames.windows import windows
 from pdcd.maps.scale import fewest_pixels
+from pdcd.planning.borders import drawn_apart_px
 from pdcd.planning.guards import (
-    WHOLE_CELL_LIMIT,
     choose_schedule,
     choose_window,
     lag_by_rows_s,
@@ -54,19 +54,21 @@ def meeting_of(config: Config) -> Meeting | None:
     return Meeting(e95_px, blur_px, 1.0 / across if across else 0.0)
 
 
-def window_for(asked: str, config: Config, cell_px: float) -> str:
-    """Window of cells of so many projector pixels: as asked for, or the largest that neither
-    touches another cell's light nor leaks for blur. Raises ConfigError."""
-    meeting, widest = meeting_of(config), 0.0
-    if meeting is not None:
-        fitting = (
-            windows(name).side
-            for name in GUARDS
-            if windows(name).side <= largest_window(meeting, cell_px)
-            and float(leak_of(meeting, cell_px, windows(name).side)) <= WHOLE_CELL_LIMIT
-        )
-        widest = max(fitting, default=0.0)
-    return choose_window(asked, *shares_of_cell(config, cell_px), widest)
+def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
+    """Window of cells of a grid: as asked for; or whole cells where nothing gets from one to the
+    next, else the quarter. Raises ConfigError.
+
+    Larger windows are for who asks for them: places in a cell are then open once or twice, and how
+    often a quad was, nobody knows better than to some percent where edges of windows follow pixels.
+    """
+    width_px, height_px = config.projector.size_px
+    cell_px = min(width_px / grid[1], height_px / grid[0])
+    misregistration, blur = shares_of_cell(config, cell_px)
+    if asked == "auto":
+        panels = panels_of(config)
+        apart_px = drawn_apart_px(panels.projector, panels.mask, grid, config.projector.size_px)
+        misregistration = max(misregistration, apart_px / cell_px)
+    return choose_window(asked, misregistration, blur)
 
 
 def times_measured(config: Config) -> bool:

@@ -37,7 +37,7 @@ from pdcd.recipes.programs import (
     Signed,
     SignedBlocks,
     SignedMatrix,
-    Under,
+    within,
 )
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.request import How
@@ -142,10 +142,10 @@ def _of_program(
     if not program.coded:
         blocks = copies * exact_pairs(program)
         return 0, blocks * 80 * cells, blocks * 16 * cells
-    inner: Program = program.program if isinstance(program, Under) else program
+    inner = within(program)
     made = codes * cells
     bits = made * MAKING.get(family, 10) + (codes**2 if family == "hadamard" else 0)
-    lit = isinstance(program, Under) or recipe.target.light is not None
+    lit = inner is not program or recipe.target.light is not None
     if isinstance(inner, Signed | SignedMatrix | Convolved):
         dense = 3 * 8 * square if isinstance(inner, SignedMatrix) else 0
         return bits, made * (56 + 40 * lit) + dense, made * (9 + 8 * lit)
@@ -224,8 +224,7 @@ def _spans(program: Program | None, how: How, single: bool) -> int:
     if not program.coded:
         return max(exact_pairs(program), how.coded)  # repeated to fill as many
     codes = part_codes(how.coded, how.parts) or how.codes
-    inner = program.program if isinstance(program, Under) else program
-    twice = isinstance(inner, Signed | SignedMatrix | Convolved | Rows)
+    twice = isinstance(within(program), Signed | SignedMatrix | Convolved | Rows)
     return 2 * codes if twice else codes
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pdcd.codes.hadamard import hadamard_fits
+from pdcd.codes.hadamard import hadamard, hadamard_fits
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
 from pdcd.codes.linked import prior_codes
 from pdcd.codes.make import make_codes
@@ -18,8 +18,9 @@ from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_codes
 from pdcd.planning.plan import Pair, Plan, mean_light, windowed
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
+from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
-from pdcd.recipes.programs import Program, extended
+from pdcd.recipes.programs import Coded, Program, extended, within
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import How
 from pdcd.words import FamilyName
@@ -124,12 +125,17 @@ def _bits(
     lines = _line_codes(program, lattice, family, count, seed)
     if lines is not None:
         return lines
-    share = program.p
-    if share != 0.5 and p is None:
+    share, inner = program.p, within(program)
+    if share != 0.5 and p is None and not isinstance(inner, Coded):
         # The best share of lit cells, rounded to what balanced codes can do.
         share = max(1, round(share * count)) / count
         family = "bernoulli" if family in ("bernoulli", "rademacher") else "balanced"
     shape = lattice.shape if windowed(program) else lattice.grid
+    far = far_partners(program, lattice.grid) if family == "hadamard" else ()
+    links = partner_links(far, lattice)
+    if links is not None:
+        rng = np.random.Generator(np.random.PCG64(seed))
+        return hadamard(shape, count, share, rng, links)
     return make_codes(family, shape, count, dual="same", p=share, seed=seed).primal
 
 

@@ -206,6 +206,7 @@ class Plan:
             reasons=self.reasons,
             black_level=self.how.black_level if self.look is None else "auto",
             leaks=self.leaks,
+            split=self.recipe.split,
         )
 
 

@@ -163,6 +163,35 @@ class Near:
 
 
 @dataclass(frozen=True, eq=False)
+class Rows:
+    """Another part with each row times a weight of its camera cell (N,)."""
+
+    camera: Floats
+    part: Part
+
+    def rows(self, start: int, stop: int) -> Floats:
+        """Rows start..stop-1."""
+        return np.asarray(self.camera[start:stop, None] * self.part.rows(start, stop))
+
+    def others(self, images: Floats) -> Floats:
+        """See `Part.others`."""
+        return np.asarray(self.camera * self.part.others(images))
+
+    def entries(self, column: Indices) -> Floats:
+        """See `Part.entries`."""
+        return np.asarray(self.camera * self.part.entries(column))
+
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """See `Part.overlap`."""
+        return np.asarray(self.camera * self.part.overlap(other, weights))
+
+    def product(self) -> tuple[Floats, Floats] | None:
+        """See `Part.product`."""
+        sides = self.part.product()
+        return None if sides is None else (self.camera * sides[0], sides[1])
+
+
+@dataclass(frozen=True, eq=False)
 class Full:
     """Any matrix, (N, N): everything about it is O(N^2)."""
 
@@ -230,6 +259,23 @@ class Wanted:
         for weight, part in self.parts:
             total += weight * part.entries(np.arange(self.cells))
         return total if self.light is None else total * self.light
+
+    def entries(self, column: Indices) -> Floats:
+        """Return W_nm at m = column_n, (N,); 0 where that is -1."""
+        total = np.zeros(self.cells)
+        for weight, part in self.parts:
+            total += weight * part.entries(column)
+        return total if self.light is None else total * self.light[column]
+
+    @property
+    def matched(self) -> Indices | None:
+        """The partners (N,) of matched cells, where these are not the cells themselves."""
+        for _, part in self.parts:
+            within = part.part if isinstance(part, Rows) else part
+            if isinstance(within, Match):
+                own = np.array_equal(within.partner, np.arange(self.cells))
+                return None if own else within.partner
+        return None
 
     def others(self, images: Floats) -> Floats:
         """Return ``sum over m != n of W_nm x_rm``, (R, N), for images x (R, N)."""

@@ -167,8 +167,9 @@ def shares(target: Target, method: str) -> tuple[float, float]:
             f"method {method} cannot do the goal {target.goal.name}",
             hint=f"it does {', '.join(known)}; take the method coded",
         )
-    if target.light is not None:
+    if target.light is not None or target.partner is not None:
+        what = "illumination" if target.light is not None else "shift or warp"
         raise RequestError(
-            f"method {method} takes no illumination", hint="leave it out, or take the method coded"
+            f"method {method} takes no {what}", hint="leave it out, or take the method coded"
         )
     return known[target.goal.name]

@@ -7,21 +7,21 @@ from collections.abc import Callable
 import numpy as np
 
 from pdcd.probing.convolved import Kernel
-from pdcd.probing.wanted import Full, Indices, Match, Near, Outer, Uniform, Wanted, shifted
+from pdcd.probing.wanted import Full, Match, Near, Outer, Uniform, Wanted, shifted
 from pdcd.recipes import off_axis
 from pdcd.recipes.factored import distinct_rows, factors_of
 from pdcd.recipes.maker import Maker, itself
+from pdcd.recipes.partners import Partner, cells_of
 from pdcd.recipes.programs import (
     Coded,
     Convolved,
     Far,
+    Floats,
     Signed,
     SignedBlocks,
     SignedMatrix,
 )
 from pdcd.recipes.recipe import Extremes, Rule
-
-Partner = Indices | tuple[int, int] | None
 
 STRIPES = 4
 """Positions of the stripes of the goal "split"."""
@@ -30,9 +30,20 @@ MANY_TAPS = 256
 """Taps of a kernel from which they are not added up one by one."""
 
 
-def _all_but_direct(maker: Maker) -> None:
+def _all_but_matched(maker: Maker, name: str = "coded", light: Floats | None = None) -> None:
+    """A photo of all light but that from the matched cell; cells without one stay closed."""
+    everything, match = _parts(maker)
+    program = Coded(maker.target.partner, True)
+    maker.coded(name, program, (1.0, everything), (-1.0, match), light=light)
+
+
+def _parts(maker: Maker) -> tuple[Outer, Match]:
+    """All light at the cells that have a partner, and that from the partner."""
     target = maker.target
-    maker.coded("coded", Coded(None, True), (1.0, Uniform(target.cells)), (-1.0, itself(target)))
+    partner = cells_of(target.partner, target.grid)
+    there = partner >= 0
+    every = Uniform(target.cells)
+    return every if there.all() else Outer(there.astype(float), every.projector), Match(partner)
 
 
 def _white(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
@@ -40,12 +51,22 @@ def _white(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     return {"white": ((1.0, "white"),)}
 
 
+def _all_light(maker: Maker) -> None:
+    """The white photo that goes with indirect light: the same cells are closed in it."""
+    everything, _ = _parts(maker)
+    if isinstance(everything, Uniform):
+        maker.white()
+        return
+    light = everything.projector if maker.target.light is None else maker.target.light
+    maker.exact("white", maker.wanted((1.0, everything)), [everything.camera], [light])
+
+
 def _indirect(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     if not white:
-        _all_but_direct(maker)
+        _all_but_matched(maker)
         return {"indirect": ((1.0, "coded"),)}
-    maker.white()
-    _all_but_direct(maker)
+    _all_light(maker)
+    _all_but_matched(maker)
     direct = ((1.0, "white"), (-1.0, "coded"))
     return {"indirect": ((1.0, "coded"),), "white": ((1.0, "white"),), "direct": direct}
 
@@ -56,10 +77,10 @@ def _direct(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
 
 
 def _fraction(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
-    target = maker.target
-    p = target.goal.p or 0.0
-    everything, same = Uniform(target.cells), itself(target)
-    maker.coded("coded", Coded(None, False, p), (p, everything), (1.0 - p, same), by_direct=True)
+    p = maker.target.goal.p or 0.0
+    everything, match = _parts(maker)
+    program = Coded(maker.target.partner, False, p)
+    maker.coded("coded", program, (p, everything), (1.0 - p, match), by_direct=True)
     return {"fraction": ((1.0, "coded"),)}
 
 
@@ -79,6 +100,8 @@ def _diagonal(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
 
 
 def _off_diagonal(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    if maker.target.goal.p is not None:
+        return {"off-diagonal": _fraction(maker, white, codes)["fraction"]}
     _matched(maker, "matched", maker.target.goal.shift)
     return {"off-diagonal": ((1.0, "matched"),)}
 
@@ -113,7 +136,7 @@ def _long_range(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
 
 
 def _short_range(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
-    _all_but_direct(maker)
+    _all_but_matched(maker)
     _far(maker)
     pictures: dict[str, Rule] = {"short-range": ((1.0, "coded"), (-1.0, "far"))}
     return {**pictures, "indirect": ((1.0, "coded"),), "long-range": ((1.0, "far"),)}
@@ -171,8 +194,7 @@ def _split(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     column = np.arange(target.cells) % target.grid[1]
     for step, name in enumerate(names):
         lit = (column + step * period // STRIPES) % period < period // 2
-        parts = ((1.0, Uniform(target.cells)), (-1.0, itself(target)))
-        maker.coded(name, Coded(None, True), *parts, light=lit.astype(np.float64))
+        _all_but_matched(maker, name, lit.astype(np.float64))
     return {
         "high": Extremes(1.0, -1.0, names),
         "low": Extremes(0.0, 2.0, names),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pdcd.errors import RequestError
 from pdcd.recipes.bounds import WEIGHTS, check_bounds
 from pdcd.recipes.matching import check_depths
+from pdcd.recipes.partners import Partner, partner_of
 from pdcd.request import Goal
 
 Floats = NDArray[np.float64]
@@ -58,13 +59,25 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
     "keyed": ((), "all but direct light from a range of depths (Fig. 11)"),
     "epipolar": ((), "light that stays in its row of cells, or that does not"),
     "stereo": ((), "direct light from a range of depths"),
+    "transport": ((), "entries of T itself: a slice between two rows of cells, or all (Fig. 5)"),
 }
 
 OFF_AXIS = ("keyed", "epipolar", "stereo")
 """Goals of benches whose camera is off the projector's axis."""
 DEPTHS = ("disparity", "plane", "disparities", "warp")
-OPTIONAL: dict[str, tuple[str, ...]] = {"keyed": DEPTHS, "stereo": DEPTHS, "epipolar": ("keep",)}
-"""What a goal takes beside what it needs."""
+MAY_TAKE: dict[str, tuple[str, ...]] = {
+    "indirect": ("shift", "warp"),
+    "direct": ("shift", "warp"),
+    "fraction": ("shift", "warp"),
+    "off-diagonal": ("p",),
+    "split": ("shift", "warp"),
+    "keyed": DEPTHS,
+    "stereo": DEPTHS,
+    "epipolar": ("keep",),
+    "transport": ("rows", "masked"),
+}
+"""What these goals may be given besides: the matched cell in the place of the cell itself, what
+share of all other light to keep beside it (Fig. 9(d)), depths, rows of entries."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +98,13 @@ class Target:
         return self.grid[0] * self.grid[1]
 
     @property
+    def partner(self) -> Partner:
+        """The projector cell that each camera cell is matched with, by shift or warp, or itself."""
+        if "warp" in self.planes:
+            return partner_of(self.planes["warp"].astype(np.int64), self.grid)
+        return None if self.goal.shift in (None, (0, 0)) else self.goal.shift
+
+    @property
     def light(self) -> Floats | None:
         """The illumination, (N,), or None for full light."""
         return self.planes.get("illumination")
@@ -99,12 +119,21 @@ def check_target(target: Target) -> Target:
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    known = {*needs, *OPTIONAL.get(goal.name, ()), "illumination"}
+    lit = () if goal.name == "transport" else ("illumination",)
+    known = {*needs, *MAY_TAKE.get(goal.name, ()), *lit}
     missing, spare = sorted({*needs} - given), sorted(given - known)
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
-        raise RequestError(f"goal {goal.name} takes no {', '.join(spare)}", hint="leave it out")
+        takes = ", ".join((*needs, *MAY_TAKE.get(goal.name, ()), *lit))
+        raise RequestError(
+            f"goal {goal.name} takes no {', '.join(spare)}", hint=f"leave it out; it takes {takes}"
+        )
+    if {"shift", "warp"} <= given:
+        raise RequestError(
+            f"goal {goal.name} was given a shift and a warp",
+            hint="give one: both say which cell each camera cell is matched with",
+        )
     check_bounds(target.goal, target.grid, target.matrices)
     _check_numbers(target)
     if goal.name in OFF_AXIS:

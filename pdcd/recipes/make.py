@@ -8,6 +8,7 @@ import numpy as np
 
 from pdcd.errors import RequestError
 from pdcd.recipes.alternatives import Fitted, Masked, checkers, shares
+from pdcd.recipes.composed import composed
 from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
@@ -20,6 +21,7 @@ from pdcd.recipes.programs import (
 )
 from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule, Shot
 from pdcd.recipes.repeat import repeated
+from pdcd.recipes.transport import transport
 from pdcd.request import How
 
 
@@ -50,13 +52,26 @@ def finished(draft: Recipe, how: How) -> Recipe:
 
 def _whole(target: Target, how: How) -> Recipe:
     """The recipe in single exposures, each in one piece."""
+    if target.goal.name == "transport":
+        return transport(target, how)
     maker = Maker(target, how.black_level)
     if how.method != "coded":
         if how.pilot:
             raise RequestError(f"method {how.method} takes no pilot", hint="leave it out")
         return _multi_image(maker, how.codes) if how.method == "multi-image" else _nayar(maker)
-    pictures = RECIPES[target.goal.name](maker, how.white, how.coded)
-    recipe = Recipe(target, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
+    pictures: dict[str, Rule]
+    if target.goal.name == "relit" and how.structure:
+        pictures = {"relit": composed(maker, how.coded // how.parts)}
+    else:
+        pictures = RECIPES[target.goal.name](maker, how.white, how.coded)
+    recipe = Recipe(
+        target,
+        maker.programs,
+        tuple(maker.shots),
+        tuple(maker.photos),
+        pictures,
+        split=tuple(maker.split),
+    )
     if how.pilot:
         recipe = _with_pilot(recipe, how.pilot)
     return recipe if how.coded else _pilot_alone(recipe)
@@ -68,6 +83,11 @@ def _with_pilot(recipe: Recipe, count: int) -> Recipe:
         raise RequestError(
             f"goal {recipe.target.goal.name} takes no pilot",
             hint="a pilot helps indirect and direct light",
+        )
+    if recipe.target.partner is not None:
+        raise RequestError(
+            "a pilot goes with neither a shift nor a warp",
+            hint="leave it out: it looks for paths beside those of each cell with itself",
         )
     stack = tuple(Shot(f"pilot-{k + 1:04d}", "pilot", only=k) for k in range(count))
     first = next(i for i, shot in enumerate(recipe.shots) if shot.program == "coded")

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdcd.probing.wanted import Match, Part, Uniform, Wanted
+from pdcd.probing.wanted import Match, Part, Rows, Uniform, Wanted
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import (
+    Behind,
     Blocks,
     Far,
     Floats,
@@ -38,6 +39,12 @@ class Maker:
         self.programs: dict[str, Program] = {}
         self.shots: list[Shot] = []
         self.photos: list[Photo] = []
+        self.split: list[str] = []
+        """How a matrix is taken apart, a line a part."""
+
+    def say(self, part: str, share: float, how: str) -> None:
+        """Note a part of a matrix, its share of all squared weights, and how it is photographed."""
+        self.split.append(f"{100.0 * share:.3g} % {part}: {how}")
 
     def white(self) -> None:
         """A photo of everything: a floodlit shot, or the illumination through an open mask."""
@@ -53,42 +60,56 @@ class Maker:
         program: Program,
         *parts: tuple[float, Part],
         light: Floats | None = None,
+        gain: Floats | None = None,
         by_direct: bool = False,
         rows: bool = False,
     ) -> None:
-        """A photo of one coded shot, under `light` beside the goal's own; with `rows` each cell is
-        divided by its own weight."""
-        wanted = replace(self.wanted(*parts), by_direct=by_direct)
-        rows = rows or isinstance(program, Far)
-        if light is not None:
-            program = Under(program, light)
-            wanted = wanted.under(light if wanted.light is None else light * wanted.light)
-        self.programs[name] = program
-        self.photo(name, wanted, [(1.0, Shot(name, name))], rows)
+        """A photo of one coded shot, under `light` beside the goal's own, the mask's levels times
+        `gain`, (N,) each; with `rows` each cell is divided by its own weight."""
+        wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
+        self.programs[name] = _seen(program, light, gain)
+        self.photo(name, wanted, [(1.0, Shot(name, name))], rows or isinstance(program, Far))
 
     def signed(
         self,
         name: str,
         half: Callable[[bool], Program],
         *parts: tuple[float, Part],
+        light: Floats | None = None,
+        gain: Floats | None = None,
         by_direct: bool = False,
     ) -> None:
-        """A photo that is the difference of two shots."""
+        """A photo that is the difference of two shots; `light` and `gain` as of `coded`."""
         shots = []
         for sign, positive in ((1.0, True), (-1.0, False)):
             part = f"{name}-{'plus' if positive else 'minus'}"
-            self.programs[part] = half(positive)
+            self.programs[part] = _seen(half(positive), light, gain)
             shots.append((sign, Shot(part, part)))
-        self.photo(name, replace(self.wanted(*parts), by_direct=by_direct), shots)
+        wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
+        self.photo(name, wanted, shots)
 
     def exact(self, name: str, wanted: Wanted, camera: list, projector: list) -> None:  # type: ignore[type-arg]
         """A photo of few exact, non-negative blocks."""
         self.programs[name] = Blocks(np.array(camera), np.array(projector))
         self.photo(name, wanted, [(1.0, Shot(name, name))])
 
-    def wanted(self, *parts: tuple[float, Part]) -> Wanted:
-        """A wanted matrix under the goal's illumination."""
-        return Wanted(self.target.grid, parts, self.target.light)
+    def wanted(
+        self,
+        *parts: tuple[float, Part],
+        light: Floats | None = None,
+        gain: Floats | None = None,
+    ) -> Wanted:
+        """A wanted matrix under the goal's illumination, and under `light` and behind `gain`."""
+        if gain is not None:
+            parts = tuple((weight, Rows(gain, part)) for weight, part in parts)
+        return Wanted(self.target.grid, parts, self.lit(light))
+
+    def lit(self, light: Floats | None) -> Floats | None:
+        """The goal's illumination times another; None is full light."""
+        own = self.target.light
+        if light is None or own is None:
+            return own if light is None else light
+        return light * own
 
     def kept(self, direct: float, indirect: float) -> Wanted:
         """The wanted matrix of these shares of direct and of indirect light."""
@@ -123,3 +144,10 @@ class Maker:
 def itself(target: Target) -> Match:
     """Each camera cell with its own projector cell."""
     return Match(np.arange(target.cells))
+
+
+def _seen(program: Program, light: Floats | None, gain: Floats | None) -> Program:
+    """A program under an illumination and behind a gain, where there are any."""
+    if light is not None:
+        program = Under(program, light)
+    return program if gain is None else Behind(program, gain)

@@ -103,6 +103,36 @@ class Under:
 
 
 @dataclass(frozen=True, eq=False)
+class Behind:
+    """Another program with the mask's levels times `gain` (N,), 0..1."""
+
+    program: Program
+    gain: Floats
+
+    @property
+    def coded(self) -> bool:
+        """As the program."""
+        return self.program.coded
+
+    @property
+    def p(self) -> float:
+        """As the program."""
+        return self.program.p
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """As many pairs as the program makes."""
+        primal, dual = self.program.pairs(bits, lattice)
+        return primal, dual * extended(self.gain, lattice)
+
+
+def within(program: Program) -> Program:
+    """What a program does beneath an illumination and a gain."""
+    while isinstance(program, Under | Behind):
+        program = program.program
+    return program
+
+
+@dataclass(frozen=True, eq=False)
 class Floodlit:
     """The codes alone through an open mask, for photos that are masked in software."""
 
@@ -153,10 +183,13 @@ class Convolved:
 
 @dataclass(frozen=True, eq=False)
 class SignedMatrix:
-    """One half of any matrix A by +-1 codes: mask = A h (eq. 9), in two halves as `Signed`."""
+    """One half of any matrix A by +-1 codes: mask = A h (eq. 9), in two halves as `Signed`.
+
+    `partners` are matched cells (N,) that are known to be in it."""
 
     matrix: Floats
     positive: bool
+    partners: tuple[Indices, ...] = ()
     coded: bool = True
     p: float = 0.5
 

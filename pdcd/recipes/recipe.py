@@ -90,6 +90,8 @@ class Recipe:
     stack: tuple[str, ...] = ()
     sums: dict[str, Fitted | Masked] = field(default_factory=dict)
     meant: Wanted | None = None
+    split: tuple[str, ...] = ()
+    """How a wanted matrix is taken apart, in words, a line a part."""
 
     @property
     def coded(self) -> Photo | None:

@@ -99,6 +99,22 @@ CASES: dict[str, tuple[dict[str, Any], np.ndarray]] = {
         {"goal": "indirect", "illumination": LIGHT.tolist()},
         matrix(lambda n, m: (n != m) * LIGHT.flat[m]),
     ),
+    "Figure 11: all but one cell each": (
+        {"goal": "indirect", "warp": WARP.tolist()},
+        matrix(lambda n, m: WARP.flat[n] != m),
+    ),
+    "Figure 11: the same as a matrix": (
+        {"goal": "relit", "matrix": matrix(lambda n, m: WARP.flat[n] != m).tolist()},
+        matrix(lambda n, m: WARP.flat[n] != m),
+    ),
+    "Figure 11: what it leaves of white": (
+        {"goal": "direct", "warp": WARP_B.tolist()},
+        matrix(lambda n, m: WARP_B.flat[n] == m),
+    ),
+    "Figure 9 (d): a neighbour, and a share of the rest": (
+        {"goal": "off-diagonal", "shift": [0, 1], "p": 0.25},
+        matrix(lambda n, m: (step(n, 0, 1) is not None) * (1.0 if step(n, 0, 1) == m else 0.25)),
+    ),
     "Table 2 row 1: direct": ({"goal": "direct"}, matrix(lambda n, m: n == m)),
     "Table 2 row 2: all other indirect": ({"goal": "indirect"}, matrix(lambda n, m: n != m)),
     "Table 2 row 5: transport masking": (
@@ -225,7 +241,11 @@ def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_pa
     [
         ({"goal": "off-diagonal"}, "needs shift"),
         ({"goal": "off-diagonal", "shift": [3, 0]}, "leaves the grid"),
-        ({"goal": "indirect", "shift": [0, 1]}, "takes no shift"),
+        ({"goal": "diagonal", "shift": [0, 1]}, "takes no shift"),
+        ({"goal": "off-diagonal", "shift": [0, 1], "warp": WARP.tolist()}, "it takes shift, p"),
+        ({"goal": "indirect", "shift": [0, 1], "warp": WARP.tolist()}, "both say"),
+        ({"goal": "indirect", "p": 0.25}, "it takes shift, warp"),
+        ({"goal": "indirect", "equal_brightness": True}, "equal brightness is for"),
         ({"goal": "illuminated", "illumination": [[1.0]]}, "the grid is"),
         ({"goal": "illuminated", "illumination": (LIGHT - 1.0).tolist()}, "between 0 and 1"),
         ({"goal": "illuminated", "illumination": (LIGHT * 0.0).tolist()}, "black everywhere"),

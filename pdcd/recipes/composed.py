@@ -1,0 +1,355 @@
+"""How the parts of a wanted matrix are photographed, each in its best way.
+
+Even light needs no codes: few pairs of blocks are exact. Even light with one matched cell each is
+a photo of codes with partners, as the goals indirect and fraction are, for any warp. A near band is
+what a photo of far light leaves. Other matched cells, and what nothing explains, are sums over
+signed codes (eq. 9), which err in proportion to their own weights only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.codes.hadamard import hadamard_fits
+from pdcd.probing.wanted import (
+    Full,
+    Indices,
+    Match,
+    Near,
+    Outer,
+    Part,
+    Rows,
+    Uniform,
+    Wanted,
+)
+from pdcd.recipes.factored import distinct_rows, factors_of
+from pdcd.recipes.maker import Maker, itself
+from pdcd.recipes.nonnegative import nonnegative_sides
+from pdcd.recipes.partners import Partner, partner_of
+from pdcd.recipes.programs import Coded, Far, Signed, SignedBlocks, SignedMatrix
+from pdcd.recipes.recipe import Combination
+from pdcd.recipes.structure import Structure, structure_of
+
+Floats = NDArray[np.float64]
+
+FEW_ROWS = 8
+"""Different rows of a matrix that are exact blocks before anything else is looked for: few blocks
+leave each path more light than codes do."""
+FEW_SIDES = 16
+"""Rank of a rest up to which it is photographed exactly."""
+MOST_LINES = 4
+"""Matches that are told one by one."""
+_ORDER = {"matched": 1, "coded": 2}
+"""Photos by which speaks for the codes of an answer; the last one does."""
+EQUAL = 1e-6
+"""Weights closer than that, over the larger, are equal."""
+
+
+def composed(maker: Maker, codes: int) -> Combination:
+    """Photos of any matrix A, taken apart (`pdcd.recipes.structure`), and the sum that is A."""
+    matrix = maker.target.matrices["matrix"]
+    if _blocks(maker, matrix, min(FEW_ROWS, codes)):
+        return ((1.0, "relit"),)
+    found = structure_of(matrix, maker.target.grid)
+    if found.found:
+        return _Composition(maker, found, codes).terms()
+    if _blocks(maker, matrix, codes) or _product(maker, "relit", matrix, codes):
+        return ((1.0, "relit"),)
+    maker.say("anything", 1.0, "signed codes, two exposures: no structure was found")
+    maker.signed("relit", lambda positive: SignedMatrix(matrix, positive), (1.0, Full(matrix)))
+    return ((1.0, "relit"),)
+
+
+def _blocks(maker: Maker, matrix: Floats, most: int) -> bool:
+    """A photo of a matrix with few different rows and no negative weights, exactly, if it is one:
+    of each row, all cells that have it."""
+    few = distinct_rows(matrix, most) if matrix.min() >= 0.0 else None
+    if few is None:
+        return False
+    distinct, which = few
+    camera = [(which == d).astype(np.float64) for d in range(len(distinct))]
+    light = np.ones(maker.target.cells) if maker.target.light is None else maker.target.light
+    maker.say(f"{len(distinct)} different rows", 1.0, _exact(len(distinct)))
+    wanted = maker.wanted((1.0, Full(matrix)))
+    maker.exact("relit", wanted, camera, list(light * distinct / distinct.max()))
+    return True
+
+
+def _product(maker: Maker, name: str, matrix: Floats, codes: int) -> bool:
+    """A photo of a matrix of low rank, exactly, if it is one."""
+    sides = factors_of(matrix, codes // 2)
+    if sides is None:
+        return False
+    _sides(maker, name, *sides, [(1.0, Full(matrix))], share=1.0)
+    return True
+
+
+def _sides(
+    maker: Maker,
+    name: str,
+    camera: Floats,
+    projector: Floats,
+    parts: list[tuple[float, Part]],
+    share: float,
+) -> None:
+    """A photo of ``camera.T @ projector``, (r, N) each, exactly, which is what `parts` are; in one
+    exposure if sides without negative weights are found."""
+    rank = len(camera)
+    light = np.ones(maker.target.cells) if maker.target.light is None else maker.target.light
+    positive = None if _signs(camera, projector) else nonnegative_sides(camera, projector)
+    if positive is not None:
+        seen, lit = positive
+        # Each product as bright as its panels allow: what one side loses the other gains.
+        top = lit.max(axis=1, keepdims=True)
+        seen, lit = seen * top, lit / top
+        maker.say(f"rank {rank}", share, _exact(rank))
+        maker.exact(name, maker.wanted(*parts), list(seen / seen.max()), list(lit * light))
+        return
+    maker.say(f"rank {rank}, of both signs", share, f"{2 * rank} exact pairs, two exposures")
+    maker.signed(name, lambda sign: SignedBlocks(camera, projector * light, sign), *parts)
+
+
+def _signs(camera: Floats, projector: Floats) -> bool:
+    """Whether a product of sides has negative weights, in a look at some of its rows."""
+    some = camera[:, :: max(1, camera.shape[1] // 256)].T @ projector
+    return bool(some.min() < -EQUAL * some.max())
+
+
+def _exact(pairs: int) -> str:
+    return f"{pairs} exact pair{'s' * (pairs > 1)}, one exposure"
+
+
+@dataclass(frozen=True)
+class _Shares:
+    """Squared weights of the parts of a structure, over their sum."""
+
+    even: float
+    level: float
+    near: float
+    matches: tuple[float, ...]
+    rest: float
+
+    @classmethod
+    def of(cls, found: Structure) -> _Shares:
+        cells = found.gain.size
+        both = found.gain**2, found.light**2
+        even = float(
+            np.sum((found.camera @ found.camera.T) * (found.projector @ found.projector.T))
+        )
+        level = found.level**2 * float(both[0].sum() * both[1].sum())
+        near = sum(
+            weight**2 * float(both[0] @ _whole(Near(found.grid, radius), both[1]))
+            for weight, radius in found.near
+        )
+        matches = tuple(
+            weight**2 * float(np.sum((both[0] * both[1][partner])[partner >= 0]))
+            for weight, partner in found.matches
+        )
+        rest = 0.0
+        if found.rest is not None:
+            rest = float(sum(both[0][n] * (found.rest[n] ** 2 @ both[1]) for n in range(cells)))
+        total = even + level + near + sum(matches) + rest
+        return cls(
+            even / total, level / total, near / total, tuple(m / total for m in matches),
+            rest / total,
+        )  # fmt: skip
+
+
+def _whole(near: Near, image: Floats) -> Floats:
+    """Sums of an image (N,) over the band, the cell itself among it."""
+    return np.asarray(near.others(image[None])[0] + image)
+
+
+class _Composition:
+    """Turns a structure into photos, one part after the other."""
+
+    def __init__(self, maker: Maker, found: Structure, codes: int) -> None:
+        self._maker, self._found, self._codes = maker, found, codes
+        cells = maker.target.cells
+        ones = np.ones(cells)
+        self._gain = None if np.array_equal(found.gain, ones) else found.gain
+        self._light = None if np.array_equal(found.light, ones) else found.light
+        self._shares = _Shares.of(found)
+        self._terms: list[tuple[float, str]] = []
+
+    def terms(self) -> Combination:
+        """All photos, and the sum of them that is the matrix; what speaks for the codes comes
+        last."""
+        found = self._found
+        # A band is what far light leaves of all light.
+        level = found.level + sum(weight for weight, _ in found.near)
+        matches = list(zip(found.matches, self._shares.matches, strict=True))
+        if level > EQUAL * max(abs(found.level), EQUAL) and matches:
+            level = self._partners(level, matches)
+        if abs(level) > EQUAL * max(1.0, abs(found.level)):
+            self._white(level)
+        for weight, radius in found.near:
+            self._far(weight, radius)
+        if len(found.camera):
+            self._product("even", found.camera, found.projector, self._shares.even)
+        rest = found.rest
+        few = None if rest is None else factors_of(rest, min(FEW_SIDES, self._codes // 2))
+        if few is not None:
+            self._product("blocks", few[0] * found.gain, few[1] * found.light, self._shares.rest)
+            rest = None
+        if matches or rest is not None:
+            self._matched(matches, rest)
+        return tuple(sorted(self._terms, key=lambda term: _ORDER.get(term[1], 0)))
+
+    def _product(self, name: str, camera: Floats, projector: Floats, share: float) -> None:
+        sides = zip(camera, projector, strict=True)
+        _sides(self._maker, name, camera, projector, [(1.0, Outer(c, p)) for c, p in sides], share)
+        self._terms.append((1.0, name))
+
+    def _partners(self, level: float, matches: list[tuple[tuple[float, Indices], float]]) -> float:
+        """Even light with one matched cell each, by codes with partners; which match it was is
+        taken from the list, and what is left of the level is returned."""
+        pick = max(range(len(matches)), key=lambda k: np.count_nonzero(matches[k][0][1] >= 0))
+        (weight, partner), share = matches[pick]
+        kept = 1.0 + weight / level
+        if kept < -EQUAL or np.count_nonzero(partner >= 0) < partner.size // 2:
+            return level
+        del matches[pick]
+        maker, cells = self._maker, self._maker.target.cells
+        there = partner >= 0
+        gain = self._gain
+        if not there.all():  # cells without a partner stay closed in such codes
+            alone = np.where(there, 0.0, 1.0 if gain is None else gain)
+            if alone.any():
+                self._even("unmatched", level, alone)
+            gain = None if gain is None else np.where(there, gain, 0.0)
+        how = partner_of(partner, maker.target.grid)
+        everything = Uniform(cells) if there.all() else Outer(there.astype(float), np.ones(cells))
+        match = itself(maker.target) if how is None else Match(partner)
+        share += self._shares.level
+        if kept <= 1.0:
+            left = 0.0 if abs(kept) <= EQUAL else kept
+            maker.say(
+                f"all but {_words(how)}",
+                share,
+                "codes with their complements, one exposure"
+                + f", and {100.0 * left:.3g} % of white" * (left > 0.0),
+            )
+            maker.coded(
+                "coded", Coded(how, True), (1.0, everything), (-1.0, match),
+                light=self._light, gain=gain,
+            )  # fmt: skip
+            self._terms.append((level * (1.0 - left), "coded"))
+            if left:
+                white = there.astype(float) if gain is None else gain
+                self._even("kept", level * left, white)
+            return 0.0
+        return self._fraction(level, kept, how, everything, match, share, gain)
+
+    def _fraction(
+        self,
+        level: float,
+        kept: float,
+        how: Partner,
+        everything: Outer,
+        match: Match,
+        share: float,
+        gain: Floats | None,
+    ) -> float:
+        """Matched cells and a share p of the rest: codes lit with that probability, and white light
+        where p is none that they can have."""
+        p = _lit(kept, self._codes)
+        coded = (kept - 1.0) / (1.0 / p - 1.0)
+        coded = 1.0 if abs(coded - 1.0) <= EQUAL else coded
+        self._maker.say(
+            f"{_words(how)} and {100.0 / kept:.3g} % of the rest", share,
+            f"codes lit with p = {p:.4g}, one exposure" + ", and white" * (coded < 1.0),
+        )  # fmt: skip
+        self._maker.coded(
+            "coded", Coded(how, False, p), (p, everything), (1.0 - p, match),
+            light=self._light, gain=gain, by_direct=True,
+        )  # fmt: skip
+        self._terms.append((level * coded / p, "coded"))
+        if coded < 1.0:
+            white = everything.camera if gain is None else gain
+            self._even("kept", level * (1.0 - coded), white)
+        return 0.0
+
+    def _white(self, level: float) -> None:
+        """Even light alone, exactly."""
+        self._maker.say("all light alike", self._shares.level, _exact(1))
+        if self._gain is None and self._light is None:
+            self._maker.white()
+            self._terms.append((level, "white"))
+            return
+        gain = np.ones(self._maker.target.cells) if self._gain is None else self._gain
+        self._even("alike", level, gain)
+
+    def _even(self, name: str, weight: float, gain: Floats) -> None:
+        """Even light behind a gain, exactly; it leads what is there already."""
+        ones = np.ones(gain.size)
+        light = self._maker.lit(self._light)
+        wanted = Wanted(self._maker.target.grid, ((1.0, Rows(gain, Uniform(gain.size))),), light)
+        self._maker.exact(name, wanted, [gain], [ones if light is None else light])
+        self._terms.append((weight, name))
+
+    def _far(self, weight: float, radius: int) -> None:
+        """A band of some weight, as even light, which is counted already, less far light."""
+        maker, name = self._maker, f"far-{radius}"
+        share = self._shares.near + (0.0 if self._terms else self._shares.level)
+        maker.say(
+            f"{'within' if weight > 0.0 else 'beyond'} {radius} cells", share,
+            "codes that are dark around what is lit, one exposure",
+        )  # fmt: skip
+        maker.coded(
+            name, Far(radius), (1.0, Uniform(maker.target.cells)),
+            (-1.0, Near(maker.target.grid, radius)), light=self._light, gain=self._gain,
+        )  # fmt: skip
+        self._terms.append((-weight, name))
+
+    def _matched(
+        self, matches: list[tuple[tuple[float, Indices], float]], rest: Floats | None
+    ) -> None:
+        """Matched cells and the rest, by signed codes in one pair of exposures."""
+        maker, grid = self._maker, self._maker.target.grid
+        how = "signed codes, two exposures"
+        if len(matches) > MOST_LINES:
+            maker.say(f"{len(matches)} matched cells each", sum(s for _, s in matches), how)
+        else:
+            for (weight, partner), share in matches:
+                maker.say(f"{weight:.4g} times {_words(partner_of(partner, grid))}", share, how)
+        taps = tuple((weight, partner_of(partner, grid)) for (weight, partner), _ in matches)
+        parts = [(weight, Match(partner)) for (weight, partner), _ in matches]
+        self._terms.append((1.0, "matched"))
+        if rest is None:
+            maker.signed(
+                "matched", lambda positive: Signed(taps, positive), *parts,
+                light=self._light, gain=self._gain,
+            )  # fmt: skip
+            return
+        left = rest.copy() if taps else rest
+        cells = tuple(partner for (_, partner), _ in matches)
+        for (weight, partner), _ in matches:
+            there = np.flatnonzero(partner >= 0)
+            left[there, partner[there]] += weight
+        maker.say("the rest", self._shares.rest, how + ", with those" * bool(taps))
+        maker.signed(
+            "matched", lambda positive: SignedMatrix(left, positive, cells), (1.0, Full(left)),
+            light=self._light, gain=self._gain,
+        )  # fmt: skip
+
+
+def _lit(kept: float, codes: int) -> float:
+    """The share of codes to light a cell in that keeps matched cells `kept` times as much as the
+    others, or somewhat more: the largest one there are Hadamard codes for, else any."""
+    for half in range(1, 17):
+        p = 2.0**-half
+        if p * kept <= 1.0 + EQUAL and hadamard_fits(codes, p):
+            return p
+    return max(1, int(codes / kept + EQUAL)) / codes
+
+
+def _words(partner: Partner) -> str:
+    if partner is None:
+        return "the cell itself"
+    return (
+        f"the cell at {partner[0]} {partner[1]}" if isinstance(partner, tuple) else "one cell each"
+    )

@@ -1,0 +1,196 @@
+"""Each row of Tables 1 and 2 as a plain matrix is photographed as well as by its own goal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.errors import RequestError
+from pdcd.planning.brightness import as_bright
+from pdcd.recipes.make import recipe_of
+from pdcd.request import CaptureRequest, How
+from tests import dense_recipe
+
+GRID = (12, 16)
+ROWS, COLS = GRID
+N = ROWS * COLS
+Floats = NDArray[np.float64]
+RNG = np.random.default_rng(15)
+LIGHT = np.round(0.1 + 0.9 * RNG.random(N), 3)
+WARP = RNG.permutation(N)
+WARP_B = np.where(RNG.random(N) < 0.2, -1, RNG.integers(0, N, N))
+A, B = ((RNG.random(N) < 0.4).astype(float) for _ in range(2))
+KERNEL = np.round(RNG.normal(size=(3, 3)), 2)
+
+
+def matrix(entry: Any) -> Floats:
+    return np.array([[float(entry(n, m)) for m in range(N)] for n in range(N)])
+
+
+def far(n: int, m: int) -> int:
+    return max(abs(n // COLS - m // COLS), abs(n % COLS - m % COLS))
+
+
+def step(n: int, down: int, right: int) -> int:
+    """m = n + w, or -1 beyond the border."""
+    r, c = n // COLS + down, n % COLS + right
+    return r * COLS + c if 0 <= r < ROWS and 0 <= c < COLS else -1
+
+
+def tap(n: int, m: int) -> float:
+    down, right = n // COLS - m // COLS, n % COLS - m % COLS
+    return float(KERNEL[down + 1, right + 1]) if max(abs(down), abs(right)) <= 1 else 0.0
+
+
+def transport() -> Floats:
+    """Direct light, light that stays near, and light that goes everywhere."""
+    rng = np.random.default_rng(2)
+    albedo = 0.5 + 0.5 * rng.random(N)
+    near = matrix(lambda n, m: 0.05 / (1 + far(n, m) ** 2))
+    return np.asarray(albedo[:, None] * (near + 0.002) * albedo + np.diag(0.5 * albedo))
+
+
+TRANSPORT = transport()
+
+# id of the row: the goal that is made for it, its arrays and numbers, and the matrix.
+TABLES: dict[str, tuple[str, dict[str, Any], dict[str, Any], Floats]] = {
+    "T1.1": ("illuminated", {"illumination": LIGHT}, {}, matrix(lambda n, m: LIGHT[m])),
+    "T1.2": ("illuminated", {"illumination": LIGHT}, {}, np.tile(LIGHT, (N, 1))),
+    "T1.3": ("diagonal", {}, {}, matrix(lambda n, m: n == m)),
+    "T1.4": ("off-diagonal", {}, {"shift": (1, -2)}, matrix(lambda n, m: step(n, 1, -2) == m)),
+    "T1.5": ("warped", {"warp": WARP}, {}, matrix(lambda n, m: WARP[n] == m)),
+    "T1.6": (
+        "two-samples", {"warp": WARP, "warp_b": WARP_B}, {"mix": (0.75, -0.5)},
+        matrix(lambda n, m: 0.75 * (WARP[n] == m) - 0.5 * (WARP_B[n] == m)),
+    ),
+    "T1.7": ("indirect", {"illumination": LIGHT}, {}, matrix(lambda n, m: (n != m) * LIGHT[m])),
+    "T2.1": ("diagonal", {}, {}, matrix(lambda n, m: n == m)),
+    "T2.2": ("indirect", {}, {}, matrix(lambda n, m: n != m)),
+    "T2.3": ("long-range", {}, {"radius": 2}, matrix(lambda n, m: far(n, m) > 2)),
+    "T2.4": ("short-range", {}, {"radius": 2}, matrix(lambda n, m: 0 < far(n, m) <= 2)),
+    "T2.5": (
+        "blocked", {"region_a": A, "region_b": B}, {}, matrix(lambda n, m: 1 - A[n] * B[m])
+    ),
+    "T2.6": (
+        "descattered", {}, {"shift": (0, -1)},
+        matrix(lambda n, m: (step(n, 0, -1) >= 0) * ((n == m) - 1.0 * (step(n, 0, -1) == m))),
+    ),
+    "T2.7": ("filtered", {"kernel": KERNEL}, {}, matrix(tap)),
+    "Fig. 8": ("fraction", {}, {"p": 0.25}, matrix(lambda n, m: 1.0 if n == m else 0.25)),
+    "Fig. 9(d)": (
+        "off-diagonal", {}, {"shift": (0, 1), "p": 0.25},
+        matrix(lambda n, m: (step(n, 0, 1) >= 0) * (1.0 if step(n, 0, 1) == m else 0.25)),
+    ),
+    "Fig. 11": ("indirect", {"warp": WARP}, {}, matrix(lambda n, m: WARP[n] != m)),
+    "two warps but white": (
+        "fraction", {"warp": WARP}, {"p": 0.5}, matrix(lambda n, m: 1.0 if WARP[n] == m else 0.5)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("row", TABLES)
+def test_row_as_a_plain_matrix_is_as_good_as_its_goal(row: str) -> None:
+    name, arrays, numbers, pi = TABLES[row]
+    own = dense_recipe.target(GRID, name, arrays, **numbers)
+    plain = dense_recipe.target(GRID, "relit", {"matrix": pi})
+    errors = []
+    for target, how in ((own, How()), (plain, How(structure=True))):
+        recipe, realised = dense_recipe.matrix_of(target, how)
+        errors.append(dense_recipe.error(realised, pi, TRANSPORT))
+    assert errors[1] <= max(1.1 * errors[0], 1e-6)
+    assert recipe.split and recipe.pictures.keys() == {"relit"}
+    if row in ("T1.1", "T1.2", "T2.5"):  # levels are kept in single precision
+        assert np.abs(realised - pi).max() < 1e-6
+    if row in ("T2.2", "Fig. 11"):  # what is blocked is blocked exactly, and little else
+        assert np.abs(realised[pi == 0.0]).max() == 0.0
+        assert errors[1] < 0.01
+
+
+@pytest.mark.parametrize("kept", [0.3, 1.7, 3.3, -0.5])
+def test_any_weight_of_the_matched_cell(kept: float) -> None:
+    pi = np.ones((N, N))
+    pi[np.arange(N), WARP] = kept
+    _, realised = dense_recipe.matrix_of(
+        dense_recipe.target(GRID, "relit", {"matrix": pi}), How(structure=True)
+    )
+    assert dense_recipe.error(realised, pi, TRANSPORT) < 0.02
+    np.testing.assert_allclose(realised[np.arange(N), WARP], kept, atol=1e-5)
+
+
+def test_cells_without_a_partner_see_all_light_in_a_plain_matrix() -> None:
+    pi = 1.0 - matrix(lambda n, m: WARP_B[n] == m)
+    _, realised = dense_recipe.matrix_of(
+        dense_recipe.target(GRID, "relit", {"matrix": pi}), How(structure=True)
+    )
+    assert dense_recipe.error(realised, pi, TRANSPORT) < 0.01
+    np.testing.assert_allclose(realised[WARP_B < 0], 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("rank", [1, 3, 9])
+def test_matrices_of_low_rank_are_exact(rank: int) -> None:
+    rng = np.random.default_rng(rank)
+    seen, lit = rng.random((rank, N)), rng.random((rank, N))
+    sparse = seen * (rng.random(seen.shape) < 0.5)
+    recipe, realised = dense_recipe.matrix_of(
+        dense_recipe.target(GRID, "relit", {"matrix": sparse.T @ lit}), How(structure=True)
+    )
+    np.testing.assert_allclose(realised, sparse.T @ lit, atol=1e-6 * (sparse.T @ lit).max())
+    assert len(recipe.shots) <= (1 if rank < 9 else 2)
+
+
+def test_sums_of_everything_are_better_than_signed_codes_and_say_what_they_are() -> None:
+    rng = np.random.default_rng(8)
+    pi = rng.random((N, 2)) @ rng.random((2, N)) - 0.5 * matrix(lambda n, m: WARP[n] == m)
+    pi += 0.5 * matrix(lambda n, m: far(n, m) <= 2)
+    plain = dense_recipe.target(GRID, "relit", {"matrix": pi})
+    recipe, realised = dense_recipe.matrix_of(plain, How(structure=True))
+    _, before = dense_recipe.matrix_of(plain, How())
+    one, two = (dense_recipe.error(found, pi, TRANSPORT) for found in (realised, before))
+    assert one < 0.1 * two
+    told = "; ".join(recipe.split)
+    assert all(part in told for part in ("rank 2", "within 2 cells", "one cell each"))
+    np.testing.assert_allclose(recipe.wanted.dense(), pi, atol=1e-6 * pi.max())
+
+
+def test_noise_is_photographed_as_a_rest() -> None:
+    pi = 1.0 - np.eye(N) + 1e-3 * np.random.default_rng(9).standard_normal((N, N))
+    recipe, realised = dense_recipe.matrix_of(
+        dense_recipe.target(GRID, "relit", {"matrix": pi}), How(structure=True)
+    )
+    assert dense_recipe.error(realised, pi, TRANSPORT) < 0.01
+    assert any("the rest" in line for line in recipe.split)
+
+
+def test_what_a_warp_matches_is_counted_alone_although_codes_are_shared() -> None:
+    """Direct light of a cell that shares its column with its partner would come through whole."""
+    goal = dense_recipe.target(GRID, "warped", {"warp": WARP.astype(float)})
+    _, realised = dense_recipe.matrix_of(goal, How())
+    pi = matrix(lambda n, m: WARP[n] == m)
+    other = realised[np.arange(N), np.arange(N)][WARP != np.arange(N)]
+    assert np.abs(other).max() < 1e-9
+    assert dense_recipe.error(realised, pi, TRANSPORT) < 0.5
+
+
+def test_stripes_under_a_warp_keep_all_but_the_matched_cell() -> None:
+    goal = dense_recipe.target(GRID, "split", {"warp": WARP_B.astype(float)}, period=4)
+    recipe = recipe_of(goal, How())
+    for photo in recipe.photos:
+        dense = photo.wanted.dense()
+        lit = dense.max(axis=0)
+        blocked = matrix(lambda n, m: (WARP_B[n] >= 0) and WARP_B[n] != m)
+        np.testing.assert_array_equal(dense, blocked * lit)
+        assert lit.mean() == 0.5
+
+
+@pytest.mark.parametrize(
+    ("codes", "p", "more"), [(128, 0.5, 128), (128, 0.25, 256), (64, 0.0625, 512), (128, 0.3, 210)]
+)
+def test_fig_8_equal_brightness_takes_codes_in_proportion_to_1_over_p(
+    codes: int, p: float, more: int
+) -> None:
+    assert as_bright(codes, CaptureRequest(goal="fraction", p=p)) == more
+    with pytest.raises(RequestError, match="equal brightness"):
+        as_bright(codes, CaptureRequest(goal="indirect"))

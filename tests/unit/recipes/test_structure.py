@@ -1,0 +1,141 @@
+"""Parts of a matrix are found again, whatever they are, and nothing is found that is not there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.probing.wanted import Near, shifted
+from pdcd.recipes.even import even_part
+from pdcd.recipes.nonnegative import nonnegative_sides
+from pdcd.recipes.structure import Structure, structure_of
+
+GRID = (9, 12)
+N = GRID[0] * GRID[1]
+Floats = NDArray[np.float64]
+
+
+def by_warp(partner: NDArray[np.int64]) -> Floats:
+    out = np.zeros((N, N))
+    for n, m in enumerate(partner):
+        if m >= 0:
+            out[n, m] = 1.0
+    return out
+
+
+def near(radius: int) -> Floats:
+    return Near(GRID, radius).rows(0, N)
+
+
+def summed(found: Structure) -> Floats:
+    """All parts added up, by loops over their definitions."""
+    total = np.full((N, N), found.level)
+    for weight, radius in found.near:
+        total += weight * near(radius)
+    for weight, partner in found.matches:
+        total += weight * by_warp(partner)
+    if found.rest is not None:
+        total += found.rest
+    total = found.gain[:, None] * total * found.light[None, :]
+    if len(found.camera):
+        total += found.camera.T @ found.projector
+    return np.asarray(total)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_sums_of_parts_are_found_again(seed: int) -> None:
+    """Even light of rank 1 to 3, a band, a warp and a shift, of weights of either sign."""
+    rng = np.random.default_rng(seed)
+    rank = int(rng.integers(1, 4))
+    even = np.ones((N, N)) if rank == 1 else rng.random((N, rank)) @ rng.random((rank, N))
+    warp = np.where(rng.random(N) < 0.2, -1, rng.permutation(N))
+    weights = np.round(rng.uniform(0.5, 2.0, 3) * rng.choice([-1.0, 1.0], 3), 2)
+    band = bool(rng.integers(2))
+    shift = (int(rng.integers(-3, 4)), 5)
+    matrix = even + weights[0] * by_warp(warp) + weights[1] * by_warp(shifted(GRID, shift))
+    matrix += weights[2] * near(1) * band
+    found = structure_of(matrix, GRID)
+    assert found.rest is None
+    assert found.near == (((weights[2], 1),) if band else ())
+    assert found.level == (1.0 if rank == 1 else 0.0)
+    assert len(found.camera) == (0 if rank == 1 else rank)
+    assert np.abs(summed(found) - matrix).max() < 1e-6 * np.abs(matrix).max()
+
+
+def test_gain_light_and_single_precision_hide_nothing() -> None:
+    rng = np.random.default_rng(3)
+    gain, light = 0.1 + rng.random(N), rng.random(N)
+    matrix = gain[:, None] * (1.0 - by_warp(rng.permutation(N))) * light
+    found = structure_of(matrix.astype(np.float32).astype(float), GRID)
+    assert found.rest is None and len(found.matches) == 1
+    np.testing.assert_allclose(found.gain, gain / gain.max(), atol=1e-6)
+    np.testing.assert_allclose(found.light, light / light.max(), atol=1e-6)
+
+
+def test_noise_stays_in_the_rest_and_numbers_without_structure_are_left_alone() -> None:
+    rng = np.random.default_rng(4)
+    noise = 1e-3 * rng.standard_normal((N, N))
+    warp = rng.permutation(N)
+    found = structure_of(1.0 - by_warp(warp) + noise, GRID)
+    assert found.level == 1.0 and len(found.matches) == 1 and not found.near
+    assert found.matches[0][0] == -1.0
+    np.testing.assert_array_equal(found.matches[0][1], warp)
+    assert found.rest is not None
+    np.testing.assert_allclose(found.rest, noise, atol=1e-6)
+    for matrix in (
+        noise,
+        3.0 + 1e3 * noise,
+        np.abs(noise),
+        rng.random((N, 20)) @ rng.random((20, N)),
+    ):
+        whole = structure_of(matrix, GRID)
+        assert not whole.found and whole.rest is matrix
+
+
+def test_a_band_whose_weights_scatter_is_no_band() -> None:
+    rng = np.random.default_rng(5)
+    matrix = 1.0 - near(2) * (1.0 + 0.3 * rng.standard_normal((N, N)))
+    found = structure_of(matrix, GRID)
+    assert not found.near and found.rest is not None
+    np.testing.assert_allclose(summed(found), matrix, atol=1e-9)
+
+
+def test_the_same_matrix_always_comes_apart_in_the_same_way() -> None:
+    rng = np.random.default_rng(6)
+    matrix = rng.random((N, 2)) @ rng.random((2, N)) + by_warp(rng.permutation(N))
+    one, two = structure_of(matrix, GRID), structure_of(matrix.copy(), GRID)
+    np.testing.assert_array_equal(one.camera, two.camera)
+    np.testing.assert_array_equal(one.matches[0][1], two.matches[0][1])
+
+
+def test_the_even_part_needs_most_of_every_row() -> None:
+    rng = np.random.default_rng(7)
+    assert even_part(rng.standard_normal((N, N))) is None
+    sides = even_part(np.eye(N))
+    assert sides is not None and len(sides[0]) == 0
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+@pytest.mark.parametrize("kind", ["dense", "half of them 0", "regions"])
+def test_exact_sides_without_negative_weights(rank: int, kind: str) -> None:
+    """E11, footnote 4: found sides multiply to the matrix, to rounding."""
+    rng = np.random.default_rng(rank)
+    seen, lit = rng.random((rank, N)), rng.random((rank, N))
+    if kind == "half of them 0":
+        seen, lit = seen * (rng.random(seen.shape) < 0.5), lit * (rng.random(lit.shape) < 0.5)
+    if kind == "regions":
+        seen = np.eye(rank)[rng.integers(0, rank, N)].T
+    matrix = seen.T @ lit
+    mix = rng.standard_normal((rank, rank))
+    sides = nonnegative_sides(np.asarray(np.linalg.solve(mix.T, seen), float), mix @ lit)
+    assert sides is not None
+    assert min(side.min() for side in sides) >= 0.0
+    np.testing.assert_allclose(sides[0].T @ sides[1], matrix, atol=1e-8 * matrix.max())
+
+
+def test_where_there_are_no_such_sides_none_are_returned() -> None:
+    """The slack matrix of a square has rank 3, and no exact sides of less than 4 products."""
+    slack = np.array([[0, 0, 1, 1], [1, 0, 0, 1], [1, 1, 0, 0], [0, 1, 1, 0]], dtype=float)
+    u, s, vt = np.linalg.svd(slack)
+    assert nonnegative_sides((u[:, :3] * s[:3]).T, vt[:3]) is None
