@@ -107,7 +107,9 @@ def plan(args: argparse.Namespace) -> int:
             [
                 "or",
                 f"ends after {cost.scouts} without sharp paths: {cost.stopped_raw_files} RAW "
-                f"files, {cost.stopped_seconds:.3f} s, {cost.stopped_codes} codes at once",
+                f"files, {cost.stopped_seconds:.3f} s, {cost.stopped_codes} codes"
+                + " at once"
+                * (summary.parts == 1),
             ],
         ]
     if summary.prior is not None:
