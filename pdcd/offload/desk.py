@@ -245,7 +245,7 @@ class Desk:
         if leaks.both <= leaks.limit:
             return Stray("quiet", leaks, self._planned(job.plan))
         try:
-            more = with_blacks(plan, leaks, config, all(shot.level == 1.0 for shot in shots))
+            more = with_blacks(plan, leaks, config, shots)
         except RequestError as err:
             return Stray("warn", leaks, self._planned(job.plan), err.message)
         job.plan = more

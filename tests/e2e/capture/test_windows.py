@@ -70,7 +70,7 @@ def test_no_direct_light_gets_in_up_to_the_guard(window: str, leaks: bool, tmp_p
 
 
 def test_the_plan_tells_of_the_largest_window_that_fits(tmp_path: Path) -> None:
-    """Misregistration of just less than an eighth of a cell: three quarters of its side fit."""
+    """Misregistration of just less than an eighth of a cell: 3/4 of its side may open."""
     config = bench_rig.config(
         tmp_path,
         grid=GRID,
