@@ -1,7 +1,7 @@
 # make demo: one capture on the mock bench. make test: all tests. Both install what is missing.
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
-.PHONY: demo test test-slow test-systemd lint bench soak mutants clean
+.PHONY: demo test test-long test-slow test-systemd lint bench soak mutants clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -15,7 +15,12 @@ demo:
 # Three workers for two cores: many tests wait for a display, which keeps real time.
 test:
 	@.ci/setup dev
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 3 --dist worksteal
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 3 --dist worksteal -m "not long"
+
+# Those that take long each: many seeds, many cases, whole frames. Plain pytest runs both.
+test-long:
+	@.ci/setup dev
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -q -n 3 --dist worksteal -m long
 
 test-slow:
 	@.ci/setup dev

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import secrets
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
 from pdcd.words import (
     BlackLevel,
+    BlackLevelName,
     FamilyName,
     GoalName,
     GuardsName,
     JobState,
+    KeepName,
     MethodName,
     NormaliseName,
     StepName,
@@ -52,7 +54,9 @@ Rows = tuple[tuple[float, ...], ...]
 Table = Name | Sent | Rows
 """Rows of numbers; the content of a file; or a name below the daemon's folder of arrays."""
 
-ARRAYS = ("illumination", "warp", "warp_b", "region_a", "region_b", "kernel", "matrix")
+ARRAYS = (
+    "illumination", "warp", "warp_b", "region_a", "region_b", "disparities", "kernel", "matrix",
+)  # fmt: skip
 """Fields of a request that are arrays; `prior` may be one."""
 
 MOST_CELLS = 65536
@@ -61,6 +65,8 @@ MOST_CELLS = 65536
 Step = Annotated[int, Meta(ge=-MOST_CELLS, le=MOST_CELLS)]
 Weight = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Unit = Annotated[float, Meta(ge=0.0, le=1.0)]
+Entry = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Plane = tuple[Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry, Entry]
 Place = tuple[Unit, Unit]
 """(x, y) on the field, from its upper left corner (`pdcd.maps.map`)."""
 
@@ -89,7 +95,17 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Weights of `warp` and `warp_b`."""
     period: Annotated[int, Meta(ge=4, le=MOST_CELLS, multiple_of=4)] | None = None
     """Cells from one stripe of the goal "split" to the next."""
+    disparity: tuple[Step, Step] | None = None
+    """Off-axis benches: lowest and highest disparity of the goals "keyed" and "stereo", in cells to
+    the right from where the camera sees a point to the projector cell that lights it; None: 0."""
+    plane: Plane | None = None
+    """Off-axis benches: homography from the camera's field to the projector's, row by row, of the
+    plane that disparities count from; None: the rig's."""
+    keep: KeepName | None = None
+    """Of the goal "epipolar": paths within rows of cells ("in", the default), or all others."""
     illumination: Table | None = None
+    disparities: Table | None = None
+    """Off-axis benches: disparity of each camera cell, from which those of `disparity` count."""
     warp: Table | None = None
     warp_b: Table | None = None
     region_a: Table | None = None
@@ -104,9 +120,11 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
     single paths. Each is one more RAW file. Where the first few see no sharp paths the pilot stops,
     and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs."""
-    parts: Annotated[int, Meta(ge=1, le=64)] = 1
+    parts: Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None = None
     """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
-    From 4 parts on their spread measures the error of the codes."""
+    From 4 parts on their spread measures the error of the codes. "auto": as many as are worth their
+    RAW files. None: "auto" for indirect and direct light where nothing is asked for that says how
+    codes are to be spent (`pdcd.planning.unasked`), else 1."""
     until_error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     """Take no more parts when RMS sigma over RMS image is as low as that."""
     repeat: Annotated[int, Meta(ge=1, le=1024)] = 1
@@ -128,7 +146,8 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     window: WindowName | None = None
     guards: bool | GuardsName | None = None
     """Which black refreshes keep a code apart from the next; "auto" by the measured lag."""
-    black_level: BlackLevel | None = None
+    black_level: BlackLevelName | None = None
+    """Black exposures to take and subtract; "auto": those that a dark photo calls for."""
     normalise: NormaliseName | None = None
     """What a photo is divided by: one number, a weight for each cell, or as it needs."""
     white: bool = True
@@ -154,6 +173,9 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     radius: int | None = None
     mix: tuple[float, float] | None = None
     period: int | None = None
+    disparity: tuple[int, int] | None = None
+    plane: Plane | None = None
+    keep: KeepName | None = None
 
 
 class How(msgspec.Struct, frozen=True, kw_only=True):
@@ -226,6 +248,24 @@ class PilotCost(msgspec.Struct, frozen=True, kw_only=True):
     stopped_seconds: float
 
 
+class Leaks(msgspec.Struct, frozen=True, kw_only=True):
+    """What a dark photo showed, as RMS errors of the answer relative to its RMS (docs/leaks.md).
+
+    `ambient`: light that is not the projector's, and what a black projector lets out; `mask`: what
+    a closed mask lets through; `both` together. A part that was not told from the other is None.
+    """
+
+    ambient: float | None
+    mask: float | None
+    both: float
+    floor: float
+    """The least error that would have been told from the sensor's noise; below it they are 0."""
+    limit: float
+    """Beyond it black exposures are added."""
+    raw: tuple[str, ...]
+    """The dark photos, in the run folder."""
+
+
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What a capture would do, without doing it (`pdcd plan`, `capture.plan`)."""
 
@@ -255,11 +295,15 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     prior: str | None = None
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each, on a bench that was measured.
-    """
+    """Why cells, window and schedule are what they are, a line each, on a bench that was measured;
+    what black exposures go by; and parts where they were left to the program."""
     split: tuple[str, ...] = ()
     """How the matrix of the goal "relit" is taken apart: a line a part, with its share of the
     squared weights and how it is photographed."""
+    black_level: BlackLevelName = "none"
+    """Black exposures; "auto": decided once a dark photo was taken."""
+    leaks: Leaks | None = None
+    """What that photo showed."""
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):

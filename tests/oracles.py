@@ -21,6 +21,10 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
+GUARDS = {"quarter": 1 / 4, "side-5/8": 3 / 16, "side-3/4": 1 / 8, "side-7/8": 1 / 16}
+"""Way from the edge of a cell to that of its window, in cells."""
+
+
 @dataclass(frozen=True)
 class Timeline:
     """Targets of all pixels of one panel: `on[s]` (P,) from `start_s[s]` on."""
@@ -59,20 +63,25 @@ def _primal_pixel(frames: Frames, row: int, index: int, at: tuple[float, float])
 
 
 def _dual_pixel(frames: Frames, row: int, index: int, at: tuple[float, float]) -> bool:
-    """A point is open when its window is; windows of the four sub-shifts tile the mask."""
-    for shift in range(4 if frames.window == "quarter" else 1):
+    """A point is open when a window over it is: those of the four sub-shifts cover the mask, once,
+    or more often where they are larger than half a cell."""
+    guard = GUARDS.get(frames.window, 0.0)
+    covered = False
+    for shift in range(4 if guard else 1):
         y, x = at[0] + 0.5 * (shift >> 1), at[1] + 0.5 * (shift & 1)
         cy, cx = int(np.floor(y)), int(np.floor(x))
-        if frames.window == "quarter" and not (0.25 <= y - cy < 0.75 and 0.25 <= x - cx < 0.75):
+        if not (guard <= y - cy < 1.0 - guard and guard <= x - cx < 1.0 - guard):
             continue
-        if not (0 <= cy < frames.lattice[0] and 0 <= cx < frames.lattice[1]):
+        if not covered and not (0 <= cy < frames.lattice[0] and 0 <= cx < frames.lattice[1]):
             return False  # the mask's cells end here
+        covered = True
         if index in (BLACK, WHITE):
             return index == WHITE
-        if int(frames.shift[row]) != shift:
-            return False
-        return _code_bit(frames, frames.dual_patterns[index], cy, cx)
-    raise AssertionError("no window covers this point")
+        if int(frames.shift[row]) == shift:
+            inside = cy < frames.lattice[0] and cx < frames.lattice[1]
+            return inside and _code_bit(frames, frames.dual_patterns[index], cy, cx)
+    assert covered, "no window covers this point"
+    return False
 
 
 def timeline(

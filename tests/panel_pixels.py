@@ -16,6 +16,7 @@ from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import compact, levels_of
 from pdcd.frames.pixels import Recorder, Shown
 from pdcd.maps.map import Map
+from tests.oracles import GUARDS
 
 Pixels = NDArray[Any]
 
@@ -62,12 +63,12 @@ def planned(frames: Frames, row: int, panel: PanelView) -> Pixels:
     patterns = frames.dual_patterns if panel.mask else frames.primal_patterns
     lattice_rows, lattice_cols = frames.lattice
     levels = levels_of(patterns, index, lattice_rows * lattice_cols)
-    shift, quarter = int(frames.shift[row]), frames.window == "quarter"
+    shift, guard = int(frames.shift[row]), GUARDS.get(frames.window)
     moved = places + 0.5 * np.array([shift & 1, shift >> 1])
     cell = np.where(seen[..., None], np.floor(moved), 0).astype(int)
     image = np.rint(levels.reshape(frames.lattice)[cell[..., 1], cell[..., 0]] * 255.0)
-    if panel.mask and quarter:
-        seen = seen & ((moved % 1 >= 0.25) & (moved % 1 < 0.75)).all(axis=-1)
+    if panel.mask and guard:
+        seen = seen & ((moved % 1 >= guard) & (moved % 1 < 1.0 - guard)).all(axis=-1)
     return np.asarray(image * seen, dtype=np.uint8)
 
 
@@ -75,9 +76,9 @@ def planned(frames: Frames, row: int, panel: PanelView) -> Pixels:
 def _cells(panel: PanelView, grid: tuple[int, int]) -> tuple[Pixels, Pixels]:
     """Where pixels lie on the field, in cells (h, w, 2), and whether they do (h, w)."""
     if panel.map == Map.filling(panel.size_px):
-        # In eighths of a cell, rounded down: no window ends in the middle of one.
+        # In parts of a cell, rounded down: no window ends in the middle of one.
         axes = [
-            [float(Fraction((2 * k + 1) * 4 * cells, size) // 1) / 8.0 for k in range(size)]
+            [float(Fraction((2 * k + 1) * 16 * cells, size) // 1) / 32.0 for k in range(size)]
             for size, cells in zip(panel.size_px, grid[::-1], strict=True)
         ]
         places = np.stack(np.meshgrid(*axes), axis=-1)

@@ -211,7 +211,13 @@ class Bench:
         shown = self.shared.pixels
         if shown is None:
             parts = bench_factors(
-                frames, log, config.projector, config.mask, open_ns=open_ns, close_ns=close_ns
+                frames,
+                log,
+                config.projector,
+                config.mask,
+                open_ns=open_ns,
+                close_ns=close_ns,
+                displacement=self.scene.displacement,
             )
         else:  # the display has seen its own pixels: they decide, not what it was asked to show
             parts = pixel_factors(
@@ -224,7 +230,9 @@ class Bench:
                 close_ns=close_ns,
             )
         for part in parts:
-            light += self.scene.photo(part.left, part.right, part.coaxial, part.open_s)
+            light += self.scene.photo(
+                part.left, part.right, part.coaxial, part.open_s, part.displaced
+            )
         return light
 
     def _check_photo(self) -> None:

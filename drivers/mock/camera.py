@@ -143,6 +143,7 @@ class MockReadout:
             isos=self._sensor.profile.isos,
             f_numbers=F_NUMBERS if fixed == "auto" else (float(fixed),),
             frame_quads=self._sensor.frame_quads,
+            readout_s=0.0,
         )
 
     def arm(self, settings: CameraSettings) -> None:

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from pdcd.bench.folders import MAX_SOCKET_BYTES
+from pdcd.bench.grey import curve_fault
 from pdcd.bench.placed import place_faults, small_cells
 from pdcd.bench.reading import Fault, number_faults
 from pdcd.bench.tables import (
@@ -21,6 +23,8 @@ from pdcd.bench.tables import (
 from pdcd.bench.toml_text import TIMES
 from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
+from pdcd.frames.windows import windows
+from pdcd.maps.between_fields import through
 
 RATE_TOLERANCE = 5e-4
 """Largest relative difference of the two refresh rates: at 60 Hz they then slip by one whole
@@ -41,6 +45,16 @@ def cross_faults(config: Config) -> Iterator[Fault]:
     for key, refreshes in _fault_refreshes(config.display.faults):
         if not all(text.isascii() and text.isdecimal() for text in refreshes):
             yield Fault((key,), f"{key}: refreshes are counted 0, 1, 2, ..., not {refreshes}")
+    if config.rig.plane is not None:
+        try:
+            through(config.rig.plane, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]))
+        except ValueError as err:
+            yield Fault(("rig.plane",), f"rig.plane: {err}")
+        if config.rig.arrangement != "off-axis":
+            yield Fault(
+                ("rig.plane", "rig.arrangement"),
+                'rig.plane: belongs to rig.arrangement = "off-axis"',
+            )
     if config.camera.iso is not None and config.camera.iso < 1:
         yield Fault(("camera.iso",), f"camera.iso: must be at least 1, not {config.camera.iso}")
     settle_s, limit_s = config.rig.settle_s, config.limits.max_exposure_s
@@ -122,6 +136,8 @@ def _panel_faults(config: Config) -> Iterator[Fault]:
                 (f"{name}.phase_s", f"{name}.refresh_hz"),
                 f"{name}.phase_s: {panel.phase_s} s is more than one refresh",
             )
+        if (fault := curve_fault(name, panel.lut)) is not None:
+            yield fault
         if panel.contrast is not None and panel.contrast <= 1.0:
             yield Fault(
                 (f"{name}.contrast",),
@@ -156,9 +172,10 @@ def _scene_faults(config: Config) -> Iterator[Fault]:
     if config.schedule.cells is None and scene.grid is None and scene.kind == "matrix":
         return  # the cells are known only when the file is read
     rows, cols = config.schedule.cells or scene.grid or DEFAULT_GRID
-    quarter = config.schedule.window == "quarter"
+    window = config.schedule.window
+    guard = windows(window).guard
     # Half-cell shifts of a half-cell opening fall between the pixels of a smaller cell.
-    needed_px, needed = (4.0, " by the quarter window") if quarter else (1.0, "")
+    needed_px, needed = (1.0 / guard, f" by the {window} window") if guard else (1.0, "")
     for name, small_px in small_cells(config, (rows, cols), needed_px):
         yield Fault(
             ("scene.grid", "schedule.window", f"{name}.size_px", f"{name}.place"),
@@ -167,10 +184,10 @@ def _scene_faults(config: Config) -> Iterator[Fault]:
         )
     width, height = config.projector.size_px
     cell_px, offset_px = min(width / cols, height / rows), config.rig.misregistration_px
-    if quarter and cell_px < 4.0 * offset_px:
+    if guard * cell_px < offset_px and guard:
         yield Fault(
             ("scene.grid", "schedule.window", "rig.misregistration_px", "projector.size_px"),
-            f"schedule.window: the quarter window covers an offset up to a quarter of the "
+            f"schedule.window: the {window} window covers an offset up to {guard:g} of the "
             f"cell of {cell_px:.3g} pixels, not rig.misregistration_px = {offset_px:g}",
         )
 

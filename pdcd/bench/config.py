@@ -15,6 +15,7 @@ import msgspec
 
 from pdcd.bench.checks import cross_faults
 from pdcd.bench.folders import folder_variable
+from pdcd.bench.grey import with_lut
 from pdcd.bench.reading import Fault, faults_error, overlay, toml_table
 from pdcd.bench.tables import Config
 from pdcd.bench.toml_text import NO_NOTES, TIMES, emit
@@ -60,6 +61,7 @@ def read(source: Path) -> tuple[Config, list[Fault]]:
     config = overlay(Config(), table, "", faults, GONE)
     config = _resolve(config, source.absolute().parent)
     config = _with_maps(config, faults)
+    config = _with_luts(config, source.absolute().parent, faults)
     known = {key for fault in faults for key in fault.keys}
     # A key that could not be read stands at its default; what follows from that is no news.
     faults += [fault for fault in cross_faults(config) if known.isdisjoint(fault.keys)]
@@ -138,6 +140,15 @@ def _with_maps(config: Config, faults: list[Fault]) -> Config:
             faults.append(Fault((key,), f"{key}: {err.message}"))
             config = _placed_by(config, device, None)
     return config
+
+
+def _with_luts(config: Config, folder: Path, faults: list[Fault]) -> Config:
+    """The configuration with what its files of lights hold in the place of their names."""
+    return msgspec.structs.replace(
+        config,
+        projector=with_lut(config.projector, "projector", folder, faults),
+        mask=with_lut(config.mask, "mask", folder, faults),
+    )
 
 
 def _placed_by(config: Config, device: str, map_: str | Map | None) -> Config:

@@ -79,6 +79,9 @@ class CameraInfo:
     """Apertures that can be set from here; empty for a manual lens."""
     frame_quads: tuple[int, int] | None = None
     """Width and height of its photos in Bayer quads, where that is known before the first one."""
+    readout_s: float | None = None
+    """Seconds that a photo costs beside its exposure: getting ready, and until its file is stored.
+    None where that is not known; the rig then learns it from the first photos."""
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,20 @@ import msgspec
 from msgspec import Meta, field
 
 from pdcd.maps.placing import Placing
-from pdcd.words import BlackLevel, FamilyName, GuardsName, NormaliseName, WindowName
+from pdcd.words import (
+    ArrangementName,
+    BlackLevelName,
+    FamilyName,
+    GuardsName,
+    NormaliseName,
+    WindowName,
+)
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Quads = Annotated[int, Meta(ge=1, le=16384)]
+Gamma = Annotated[float, Meta(ge=0.1, le=10.0)]
+Lut = str | Annotated[tuple[Annotated[float, Meta(ge=0.0, le=1.0)], ...], Meta(max_length=256)]
 
 DEFAULT_GRID = (48, 64)
 """Rows and columns of cells when neither the file nor a matrix says otherwise."""
@@ -38,6 +47,12 @@ class RigConfig(_Table, frozen=True):
     """How often an exposure is taken again, and how many passes' time one may take longer."""
     settle_s: NonNegative = 0.05
     """Time on black between the shutter being open and the first code, and after the last."""
+    arrangement: ArrangementName = "coaxial"
+    """"off-axis": projector and camera look from two places, so that direct light does not come
+    back where it fell, but where depth and `plane` say; only then there are goals of depths."""
+    plane: Homography | None = None
+    """Off-axis: homography from the camera's field to the projector's of the plane that disparities
+    count from; None: the field itself, as calibrated with a card in that plane."""
     misregistration_px: NonNegative = 0.0
     """Largest remaining offset between projector and mask, in projector pixels."""
     clock: Literal["virtual", "real"] = "virtual"
@@ -65,6 +80,12 @@ class PanelConfig(_Table, frozen=True):
     """First-order time constants towards white and towards black."""
     contrast: Positive | None = None
     """White over black; None is a perfect black."""
+    gamma: Gamma | None = None
+    """Light of a grey level over full light: (level / 255) to this power. None: nobody said, and
+    what is sent is taken as light, to the last digit."""
+    lut: Lut | None = None
+    """The same as a table, in the place of `gamma`: light of evenly spaced levels from 0 to 255,
+    the first 0, the last 1; or the path of a text file with them."""
     offset_px: tuple[float, float] = (0.0, 0.0)
     """Mask only: its image against the projector's (right, down), in projector pixels, as it is
     left over: known, but not corrected. `place` corrects."""
@@ -133,6 +154,9 @@ class CameraConfig(_Table, frozen=True):
     """Standard deviation of the blur between the mask's image and the sensor, in quads."""
     seed: Annotated[int, Meta(ge=0)] = 0
     fetch_timeout_s: Positive = 60.0
+    readout_s: NonNegative | None = None
+    """Seconds that a photo costs beside its exposure, until its file is stored; None: as the camera
+    was seen to take. Says in how many exposures a plain request is taken."""
     options: dict[str, Any] = field(default_factory=dict)
 
 
@@ -177,7 +201,7 @@ class ScheduleConfig(_Table, frozen=True):
     family: FamilyName = "hadamard"
     window: WindowName = "auto"
     guards: bool | GuardsName = True
-    black_level: BlackLevel = "none"
+    black_level: BlackLevelName = "auto"
     normalise: NormaliseName = "auto"
 
     @property

@@ -14,8 +14,9 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, field
 
+from pdcd.bench.grey import curve_fault, with_lut
 from pdcd.bench.reading import Fault, faults_error, number_faults, overlay, toml_table
-from pdcd.bench.tables import Config, NonNegative, PanelConfig, Positive
+from pdcd.bench.tables import Config, Gamma, Lut, NonNegative, PanelConfig, Positive
 from pdcd.errors import ConfigError
 from pdcd.maps.placing import Placing, placed
 
@@ -41,8 +42,9 @@ class TruePanel(_Table, frozen=True):
     contrast: Positive | None = None
     offset_px: tuple[float, float] | None = None
     place: Placing | None = None
-    gamma: Positive = 1.0
-    """Light of a grey level, over full light: (level / 255) to this power."""
+    gamma: Gamma | None = None
+    lut: Lut | None = None
+    """In the place of `gamma`. Where neither is said and nothing is believed, panels are linear."""
     scan_s: float | None = None
     """Time from the first row of pixels until the last one is set; negative: from the last row."""
     scan_bands: Annotated[int, Meta(ge=1, le=16384)] | None = None
@@ -140,6 +142,8 @@ def _panel(believed: PanelConfig, true: TruePanel) -> PanelConfig:
         for name, value in msgspec.structs.asdict(true).items()
         if name in names and value is not None
     }
+    if true.gamma is not None and true.lut is None:
+        said["lut"] = None  # it would take the place of gamma
     return msgspec.structs.replace(believed, **said)
 
 
@@ -165,6 +169,11 @@ def read_truth(source: Path, config: Config) -> tuple[Truth, list[Fault]]:
     table = toml_table(source, "the bench's truth", "mend bench.truth, or remove it")
     faults: list[Fault] = []
     truth = overlay(Truth(), table, "", faults)
+    truth = msgspec.structs.replace(
+        truth,
+        projector=with_lut(truth.projector, "projector", source.absolute().parent, faults),
+        mask=with_lut(truth.mask, "mask", source.absolute().parent, faults),
+    )
     known = {key for fault in faults for key in fault.keys}
     faults += [fault for fault in _faults(truth, config) if known.isdisjoint(fault.keys)]
     return truth, faults
@@ -200,6 +209,8 @@ def _panel_faults(
     ):
         if any(line >= end for line in lines):
             yield Fault((f"{name}.{key}",), f"{name}.{key}: lines are counted 0 to {end - 1}")
+    if (fault := curve_fault(name, said.lut)) is not None:
+        yield fault
     if said.contrast is not None and said.contrast <= 1.0:
         yield Fault((f"{name}.contrast",), f"{name}.contrast: white over black exceeds 1")
     if abs(panel.phase_s) > 1.0 / panel.refresh_hz:

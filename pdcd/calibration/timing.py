@@ -37,6 +37,10 @@ CHI2 = 2.0
 MOST_CHI2 = 20.0
 """The same of a fit that is believed at all: rows that are set in steps, where a straight line is
 fitted to them, come between. A tail of a tenth gives 90."""
+MENDS = 0.7
+"""Share of chi^2 that a second answer must leave at most, to be one."""
+KNOWN_S = 1e-6
+"""Floor of what is known of the lag of a band."""
 STRAY = 0.1
 """Most light beside the panels' own, over white."""
 STEEP_S = 2e-4
@@ -232,7 +236,7 @@ def _with_tail(model: Model, found: Fitted) -> tuple[Model, Fitted]:
     best = found
     for mask in (True, False):
         fitted = Fit(model).solve(found.times, tail=mask)
-        if fitted.chi2 < best.chi2:
+        if fitted.chi2 < min(MENDS * found.chi2, best.chi2):
             best = fitted
     if best is found:
         return model, found
@@ -314,24 +318,31 @@ def _room_light(share: float) -> CalibrationError:
 
 
 def _line(model: Model, found: Fitted) -> tuple[tuple[float, float], Floats, float]:
-    """Lag over y as a straight line: value at 0 and slope, their covariance, reduced chi^2."""
+    """`straight`, of a fit."""
     bands = model.readings[0].bands
-    lags = found.times.lags_s
     part = slice(COMMON, COMMON + bands.size)
-    if bands.size == 1:
-        return (
-            (float(lags[0]), 0.0),
-            np.array([[found.covariance[part, part][0, 0] * model.refresh_s**2, 0.0], [0.0, 0.0]]),
-            0.0,
-        )
     covariance = found.covariance[part, part] * model.refresh_s**2
-    # What all bands share (times that trade with the lag) says nothing of the slope; a floor keeps
-    # bands apart that are known too well to be true.
-    inverse = np.linalg.pinv(covariance + np.eye(bands.size) * 1e-12, hermitian=True)
+    return straight(bands, found.times.lags_s, covariance)
+
+
+def straight(
+    bands: Floats, lags_s: Floats, covariance: Floats
+) -> tuple[tuple[float, float], Floats, float]:
+    """Lag over y as a straight line: value at 0 and slope, their covariance, reduced chi^2.
+
+    bands, lags_s : (B,). covariance : (B, B), of the lags.
+    """
+    if bands.size == 1:
+        return (float(lags_s[0]), 0.0), np.diag([float(covariance[0, 0]), 0.0]), 0.0
+    # All bands count alike. Weights by the covariance would put the line outside of all lags where
+    # these share most of their error (times that trade with the lag) and lie on no straight line.
     design = np.stack([np.ones(bands.size), bands], axis=1)
-    spread = np.linalg.inv(design.T @ inverse @ design)
-    line = spread @ design.T @ inverse @ lags
-    left = lags - design @ line
+    solve = np.linalg.pinv(design)
+    line, spread = solve @ lags_s, solve @ covariance @ solve.T
+    rest = np.eye(bands.size) - design @ solve
+    # A floor keeps bands apart that are known too well to be true.
+    inverse = np.linalg.pinv(rest @ covariance @ rest.T + KNOWN_S**2 * rest, hermitian=True)
+    left = rest @ lags_s
     chi2 = float(left @ inverse @ left) / max(bands.size - 2, 1)
     return (float(line[0]), float(line[1])), spread, chi2
 

@@ -28,6 +28,7 @@ from pdcd.offload.keeper import Child
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
 from pdcd.planning.measured import with_grid
+from pdcd.planning.unasked import asks_for_camera
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.events import Emit, Event
@@ -168,7 +169,10 @@ class Engine:
 
         look_for_cancel()
         choice = wants_choice(request)
-        camera = self._rig.look_at_camera() if choice else None
+        camera = self._rig.camera
+        # A plain plan does without a real camera that is not open.
+        if camera is None and (choice or (self._rig.mock and asks_for_camera(request))):
+            camera = self._rig.look_at_camera()
         asked = choice or asks_for_lag(request, self._config)
         lag_s = self._rig.mask_lag_s() if asked else None
         watch = planning(emit, look_for_cancel)
@@ -199,7 +203,9 @@ class Engine:
 
         `emit` and `cancelled` are those of `capture`. Raises the error that the photo ended by.
         """
-        request = CaptureRequest(goal="white", codes=4, window="whole", guards=False)
+        request = CaptureRequest(
+            goal="white", codes=4, window="whole", guards=False, black_level="none"
+        )
         with Place.at(state_dir(self._config) / "preview") as parent:
             result = self.capture(
                 request, job=job, owner=owner, emit=emit, cancelled=cancelled, parent=parent

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
 
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import (
@@ -34,6 +36,8 @@ logger = logging.getLogger(__name__)
 
 SAFE_TRIES = 3
 """How often a device that fails is asked to go black or to close before it is given up."""
+LAST_PHOTOS = 9
+"""Photos by whose median it is known what a photo costs."""
 
 Progress = Callable[[int, int, int], None]
 
@@ -86,6 +90,16 @@ class Rig:
         self.display_info: DisplayInfo | None = None
         self.shutter_info: dict[str, str] = {}
         self.camera_info: CameraInfo | None = None
+        self._arming_ns = 0
+        self._readouts_ns: deque[int] = deque(maxlen=LAST_PHOTOS)
+
+    @property
+    def camera(self) -> CameraInfo | None:
+        """What is known of an open camera, what its photos were seen to cost included."""
+        info = self.camera_info
+        if info is None or not self._readouts_ns:
+            return info
+        return replace(info, readout_s=1e-9 * median(self._readouts_ns))
 
     @property
     def scene(self) -> Scene | None:
@@ -219,6 +233,7 @@ class Rig:
         self.display.black()
         black_ns = self.clock.now_ns()
         self.readout.arm(settings)
+        self._arming_ns = self.clock.now_ns() - black_ns
         notify(Armed(shot=name, frames=len(frames)))
         self.clock.sleep_until_ns(black_ns + settle_ns)
         shared = self._context.shared
@@ -277,5 +292,8 @@ class Rig:
         self._fetched(folder, name)
 
     def _fetched(self, folder: Path, name: str) -> RawFile:
+        closed_ns = self.clock.now_ns()
         with disk_errors("camera"):
-            return self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
+            raw = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
+        self._readouts_ns.append(self._arming_ns + self.clock.now_ns() - closed_ns)
+        return raw

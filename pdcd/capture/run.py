@@ -18,6 +18,7 @@ from pdcd.capture.account import (
 )
 from pdcd.capture.convergence import Convergence
 from pdcd.capture.job import Job, Journal
+from pdcd.capture.lookout import Lookout, next_shot
 from pdcd.capture.rig import Rig
 from pdcd.capture.same_bench import doubts
 from pdcd.capture.shots import ShotTaker
@@ -27,6 +28,7 @@ from pdcd.offload.answers import Planned, record_of
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
 from pdcd.pilot.codes import SCOUTS
+from pdcd.planning.grey import grey_warnings
 from pdcd.planning.guided import piloted, scouted
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
@@ -68,6 +70,7 @@ class Run:
         self._taker = ShotTaker(
             config, rig, self._camera, profile, hands, self._journal, self._sight
         )
+        self._lookout = Lookout(self._taker, hands, self._journal)
         self._planned: Planned | None = None
 
     @property
@@ -95,7 +98,7 @@ class Run:
         )
         self._ledger.begin(begun)
         self._goes_by(planned)
-        for text in doubtful:
+        for text in (*doubtful, *grey_warnings(planned.plan, self._config)):
             self._journal.warn(text)
         if self._rig.mixed is not None:
             self._journal.warn(self._rig.mixed)
@@ -134,7 +137,8 @@ class Run:
         if self._planned is None:
             return None
         shots = self._planned.plan.recipe.shots
-        missing = [shot.name for shot in shots[len(self._shots) :]]
+        taken = {shot.name for shot in self._shots}
+        missing = [shot.name for shot in shots if shot.name not in taken]
         return taken_words(len(self._shots), len(shots), missing)
 
     def _goes_by(self, planned: Planned) -> None:
@@ -153,7 +157,7 @@ class Run:
             Desk.plan,
             job.request,
             dict(job.given),
-            self._camera,
+            self._rig.camera,
             self._rig.mask_lag_s(),
         )
 
@@ -161,10 +165,11 @@ class Run:
         """Take shot after shot, as far as need be; returns the plan as it came to be."""
         until = self._job.request.until_error
         convergence = None if until is None else Convergence(until)
-        while len(self._shots) < len(planned.plan.recipe.shots):
-            planned = self._learn(planned)
-            plan = planned.plan
-            shot = plan.recipe.shots[len(self._shots)]
+        while True:
+            planned = self._look(self._learn(planned))
+            plan, shot = planned.plan, next_shot(planned, self._shots)
+            if shot is None:
+                break
             self._shots.append(self._taker.take(plan, shot))
             if convergence is not None and self._good_enough(plan, convergence, shot):
                 break
@@ -174,6 +179,8 @@ class Run:
         """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
         linked cells apart in the codes that follow."""
         plan, taken = planned.plan, len(self._shots)
+        if self._lookout.done:  # which comes after all that a pilot may change
+            return planned
         scouts = scouted(plan, taken)
         if not scouts and not piloted(plan, taken):
             return planned
@@ -190,6 +197,14 @@ class Run:
         elif learnt.outcome == "no use":
             self._journal.warn("the pilot found nothing that better codes could avoid")
         return planned
+
+    def _look(self, planned: Planned) -> Planned:
+        """Take a dark photo where one is due, and black exposures where it calls for them."""
+        after = self._lookout.look(planned, self._shots)
+        if after is None:
+            return planned
+        self._goes_by(after)
+        return after
 
     def _good_enough(self, plan: Plan, convergence: Convergence, shot: Shot) -> bool:
         """Whether the parts taken so far reach the error asked for; tells how far they are."""

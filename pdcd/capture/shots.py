@@ -14,8 +14,10 @@ from pdcd.capture.sight import Sight
 from pdcd.errors import ConfigError, SyncError
 from pdcd.frames.balance import lit_weights
 from pdcd.frames.frames import FrameLog, Frames
+from pdcd.offload.answers import DarkPhoto
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
+from pdcd.planning.look import dark_frames, phase_rows
 from pdcd.planning.metering import MAX_TESTS, next_aperture
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
@@ -76,6 +78,29 @@ class ShotTaker:
         )
         self.journal.ledger.take(record)
         return record
+
+    def dark(self, plan: Plan, name: str, *, lit: bool) -> DarkPhoto:
+        """Take a dark photo as `pdcd.planning.look` has it, at the aperture of the answer's light.
+
+        Raises SyncError, and what the devices raise.
+        """
+        coded = plan.recipe.shots[-1]
+        settings = CameraSettings(
+            self._iso(plan), self._aperture(plan, coded) if self.camera.f_numbers else None
+        )
+        done = self._expose(dark_frames(plan, lit=lit), name, settings)
+        file = self._file(done)
+        found = DarkPhoto(
+            raw=file,
+            sha256=done.raw.sha256,
+            iso=settings.iso,
+            f_number=self._aperture(plan, coded),
+            exposure_s=(done.close_ns - done.open_ns) * 1e-9,
+            phase_s=phase_rows(plan) / plan.row_hz,
+        )
+        self.meter.append(MeterRecord(raw=file, f_number=found.f_number, peak=None))
+        self.journal.ledger.meter(self.meter[-1])
+        return found
 
     def _warn(self, shot: Shot, log: FrameLog, level: float | None, harm: str) -> None:
         lost = int(log.missed.sum())

@@ -15,7 +15,7 @@ from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import Patterns, compact, none, pack
 from pdcd.frames.schedule import build_frames
-from pdcd.planning.guards import choose_window, shares_of_cell
+from pdcd.planning.measured import window_for
 
 CELL_PATTERNS = ("white", "checker", "grid", "code")
 """Patterns over the cells of the codes: they lie where the panels are placed."""
@@ -124,7 +124,7 @@ def loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames
     """
     schedule, (width, height) = config.schedule, config.projector.size_px
     cell_px = min(width / grid[1], height / grid[0])
-    window = choose_window(schedule.window, *shares_of_cell(config, cell_px))
+    window = window_for(schedule.window, config, cell_px)
     codes = make_codes(
         schedule.family, Lattice(grid, window).shape, schedule.codes, dual="complement"
     )

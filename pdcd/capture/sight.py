@@ -85,8 +85,8 @@ def hold_against(plan: Plan, config: Config, frame: tuple[int, int]) -> None:
 
     Raises ConfigError when the camera's place is no sound map, or the frame does not fit.
     """
-    quarter = any(plan.window_of(shot) == "quarter" for shot in plan.recipe.shots)
-    check_fit(fit_of(camera_map(config, frame), plan.grid), "quarter" if quarter else "whole")
+    cut = any(plan.window_of(shot) != "whole" for shot in plan.recipe.shots)
+    check_fit(fit_of(camera_map(config, frame), plan.grid), "quarter" if cut else "whole")
 
 
 def examine(config: Config, raw: Path | None) -> Iterator[Finding]:

@@ -154,6 +154,9 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "radius": args.radius,
         "mix": args.mix,
         "period": args.period,
+        "disparity": _range(args.disparity),
+        "plane": args.plane,
+        "keep": args.keep,
         "codes": args.codes,
         "family": args.family,
         "p": args.p,
@@ -174,6 +177,11 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     except msgspec.ValidationError as err:
         what, _, place = str(err).replace("`", "").partition(" - at $.")
         raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
+
+
+def _range(disparity: list[int] | None) -> list[int] | None:
+    """Lowest and highest of what was typed; one number is both."""
+    return disparity * 2 if disparity is not None and len(disparity) == 1 else disparity
 
 
 def arrays_of(args: argparse.Namespace) -> dict[str, Path]:

@@ -45,6 +45,12 @@ def percent(share: Value) -> str:
     return f"{100.0 * float(share):.3g} %"
 
 
+KINDS = {
+    "measured": "measured by the spread of parts",
+    "modelled": "modelled, not measured",
+}
+"""How the part of sigma that is not noise was found, for people."""
+
 SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("taken", "taken", str),
     ("codes", "codes", str),
@@ -52,6 +58,7 @@ SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
     ("missed_refreshes", "missed refreshes", str),
     ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
+    ("sigma_kind", "error bars", lambda kind: KINDS.get(str(kind), str(kind))),
     ("rms_error", "RMS error", lambda e: f"{percent(e)} against the scene's known truth"),
     ("predicted_error", "predicted", percent),
     ("wall_s", "wall time", lambda s: f"{float(s):.2f} s"),

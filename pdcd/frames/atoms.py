@@ -28,18 +28,20 @@ NEAR = 1e-9
 """A centre so few atoms before an edge lies on it: only rounding has kept it away."""
 BLOCK_PX = 1 << 17
 """Pixels whose places are worked out at a time, to bound the memory."""
-KEPT = 4
-"""Geometries that are remembered: two panels, each with two grids."""
+KEPT = 6
+"""Geometries that are remembered: two panels, each with two grids, and the mask in fine atoms."""
 
 
 @lru_cache(maxsize=KEPT)
-def atoms(panel: PanelView, grid: tuple[int, int]) -> Atoms:
+def atoms(panel: PanelView, grid: tuple[int, int], per_cell: int = PER_CELL) -> Atoms:
     """Return the atom that the centre of each pixel lies in, (height, width, 2) int32, read-only.
 
     Parameters
     ----------
     panel : the panel; its map places the pixels.
     grid : (rows, cols) of cells that divide the field.
+    per_cell : atoms of a cell along an axis; `pdcd.frames.windows.ATOMS` for windows larger than
+        half a cell.
 
     The last axis is (across, down). Inside the field a number is ``floor(4 * x * cells)`` with x
     the place on the field, 0 to 4 cells - 1; both are `OUTSIDE` where the centre lies beside the
@@ -51,7 +53,7 @@ def atoms(panel: PanelView, grid: tuple[int, int]) -> Atoms:
     """
     width, height = panel.size_px
     found = np.empty((height, width, 2), dtype=np.int32)
-    axes = _axes(panel.map, grid)
+    axes = _axes(panel.map, grid, per_cell)
     if axes is not None:
         found[..., 0], found[..., 1] = axes[0], axes[1][:, None]
     else:
@@ -62,7 +64,7 @@ def atoms(panel: PanelView, grid: tuple[int, int]) -> Atoms:
             points = np.stack(np.meshgrid(x, y), axis=-1)
             places = panel.map.to_field(points)
             for axis, cells in enumerate(grid[::-1]):
-                found[first : first + y.size, :, axis] = _floor(places[..., axis], cells)
+                found[first : first + y.size, :, axis] = _floor(places[..., axis], cells, per_cell)
     found[(found < 0).any(axis=-1)] = OUTSIDE
     found.flags.writeable = False
     return found
@@ -97,7 +99,7 @@ def check_cells(panel: PanelView, grid: tuple[int, int]) -> None:
     )
 
 
-def _axes(map_: Map, grid: tuple[int, int]) -> tuple[Atoms, Atoms] | None:
+def _axes(map_: Map, grid: tuple[int, int], per_cell: int = PER_CELL) -> tuple[Atoms, Atoms] | None:
     """Atoms of the columns (w,) and of the rows (h,); None where they depend on each other."""
     _, skew, _, slant, _, _, *tilt, _ = map_.homography
     if any((skew, slant, *tilt, *map_.radial, *map_.tangential)) or map_.residual:
@@ -106,13 +108,13 @@ def _axes(map_: Map, grid: tuple[int, int]) -> tuple[Atoms, Atoms] | None:
     for axis, (size, cells) in enumerate(zip(map_.size_px, grid[::-1], strict=True)):
         points = np.zeros((size, 2))
         points[:, axis] = np.arange(size) + 0.5
-        found.append(_floor(map_.to_field(points)[:, axis], cells))
+        found.append(_floor(map_.to_field(points)[:, axis], cells, per_cell))
     return found[0], found[1]
 
 
-def _floor(places: NDArray[np.float64], cells: int) -> Atoms:
+def _floor(places: NDArray[np.float64], cells: int, per_cell: int) -> Atoms:
     """Places along an axis of the field -> atoms; `OUTSIDE` beside the field, and for NaN."""
-    count = PER_CELL * cells
+    count = per_cell * cells
     atom = np.floor(places * count + NEAR)
     inside = (atom >= 0) & (atom < count)
     return np.where(inside, atom, OUTSIDE).astype(np.int32)

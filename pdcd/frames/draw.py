@@ -18,6 +18,7 @@ from pdcd.frames.bitplanes import check_binary, pack_planes
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import bytes_of, fit
+from pdcd.frames.windows import ATOMS, GUARDS, windows
 
 FULL = 255
 """A pixel at full light."""
@@ -53,13 +54,14 @@ def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
     lit = atom[..., 0] >= 0
     if index == WHITE:
         return np.where(lit, np.uint8(FULL), np.uint8(0))
-    quarter = frames.window == "quarter"
-    shift = int(frames.shift[row]) if quarter else 0
+    opening = windows(frames.window)
+    shift = int(frames.shift[row]) if opening.shifted else 0
     moved = np.array([shift & 1, shift >> 1], dtype=np.int32)  # across, down
-    if panel.mask and quarter:
-        window = (atom + 1) >> 1
-        lit &= ((window & 1) != moved).all(axis=-1)
-        cell = window >> 1
+    if panel.mask and opening.shifted:
+        at = atoms(panel, frames.grid, ATOMS) + ATOMS // 2 * moved
+        guard = GUARDS[frames.window]
+        lit &= ((at % ATOMS >= guard) & (at % ATOMS < ATOMS - guard)).all(axis=-1)
+        cell = at // ATOMS
     else:
         cell = (atom + 2 * moved) >> 2
     rows, cols = frames.lattice

@@ -27,7 +27,7 @@ class Frames:
 
     primal_patterns, dual_patterns : (P, ceil(L/8)) uint8 or (P, L) float32
         Patterns over the L lattice cells (row-major), as `pdcd.frames.patterns` describes: packed
-        bits or grey levels.
+        bits or grey levels, as they are sent (`pdcd.frames.curve` says what light they give).
     primal_index, dual_index : (F,) int32
         Which pattern each panel shows at each refresh; `BLACK` and `WHITE` are negative.
     shift : (F,) uint8

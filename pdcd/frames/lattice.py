@@ -2,10 +2,10 @@
 
 Positions are measured in cells of the scene's grid. Under sub-shift `l` the whole code lattice is
 moved towards the origin by half a cell along columns (bit 0) and rows (bit 1); a mask cell opens
-either as a whole or only in its central half by half ("quarter" window, the paper's robust
-coding). Everything is a product of two axes, and within a cell each axis falls into a few pieces
-("atoms") on which nothing changes. So the optics never need more than 4 fields per panel, however
-fine the panels' pixels are.
+either as a whole or only in its middle (`pdcd.frames.windows`; by half and half: "quarter" window,
+the paper's robust coding). Everything is a product of two axes, and within a cell each axis falls
+into a few pieces ("atoms") on which nothing changes. So the optics never need more than 4 fields of
+the projector and 4 or 16 of the mask, however fine the panels' pixels are.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+
+from pdcd.frames.windows import MOVED, Windows, windows
 
 Floats = NDArray[np.float64]
 
@@ -45,12 +47,12 @@ class Overlap:
 class Piece:
     """A part of every cell along one axis, from `low` to `high`, that lies in one window.
 
-    shift : whether that window opens under the shifted code. step : as of `Overlap`.
+    strip : which part of a cell it is to the windows. step : as of `Overlap`.
     """
 
     low: float
     high: float
-    shift: int
+    strip: int
     step: int
 
 
@@ -59,7 +61,8 @@ class Lattice:
     """Geometry of the cells of both panels over a grid of N = rows x cols scene cells.
 
     A *primal field* is one of the parts of each cell (1, or 2 x 2 halves) that always shows one
-    projector value; a *dual field* is one set of windows (1, or one for each sub-shift).
+    projector value; a *dual field* is one of the parts of each mask cell (1, or 2 x 2 or 4 x 4
+    strips) that opens under the same sub-shifts.
 
     offset_cells : (rows, cols)
         A scene point at x is seen through the mask at x + offset.
@@ -71,13 +74,31 @@ class Lattice:
 
     @cached_property
     def fields(self) -> int:
-        """Number of primal fields, and of dual fields: 1 or 4."""
-        return SHIFTS if self.window == "quarter" else 1
+        """Number of primal fields, and of sub-shifts: 1 or 4."""
+        return SHIFTS if self.opening.shifted else 1
+
+    @cached_property
+    def opening(self) -> Windows:
+        """What of a mask cell opens."""
+        return windows(self.window)
+
+    @cached_property
+    def dual_fields(self) -> int:
+        """Number of dual fields: 1, 4 or 16."""
+        return self.opening.kinds**2
+
+    def dual_field(self, down: int, right: int) -> int:
+        """Number of the dual field of a strip along rows and one along columns."""
+        return self.opening.kinds * down + right
+
+    def strips(self, dual_field: int) -> tuple[int, int]:
+        """Strips along rows and columns of a dual field."""
+        return divmod(dual_field, self.opening.kinds)
 
     @cached_property
     def shape(self) -> tuple[int, int]:
         """Cells of a code pattern: one more each way when shifts must cover the borders."""
-        more = 1 if self.window == "quarter" else 0
+        more = 1 if self.opening.shifted else 0
         return self.grid[0] + more, self.grid[1] + more
 
     @cached_property
@@ -103,14 +124,22 @@ class Lattice:
         return values.reshape(self.fields, -1)
 
     def dual_field_values(self, pattern: Floats, shift: int) -> Floats:
-        """What a pattern (L,) shown under a sub-shift opens on the dual fields, (fields, L + 1)."""
-        values = np.zeros((self.fields, self.lattice_cells + 1))
-        values[shift, :-1] = pattern
+        """What a pattern (L,) shown under a sub-shift opens on the dual fields,
+        (dual_fields, L + 1)."""
+        values = np.zeros((self.dual_fields, self.lattice_cells + 1))
+        full, (rows, cols) = pattern.reshape(self.shape), self.shape
+        moved = shift >> 1, shift & 1
+        for field in range(self.dual_fields):
+            strips = list(zip(self.strips(field), moved, strict=True))
+            if all(self.opening.opens(strip, m) for strip, m in strips):
+                down, right = (self.opening.further(strip, m) for strip, m in strips)
+                table = values[field, :-1].reshape(self.shape)
+                table[: rows - down, : cols - right] = full[down:, right:]
         return values
 
     def dual_field_uniform(self, level: float) -> Floats:
-        """Dual fields of a black or fully open mask, (fields, L + 1); the rest stays black."""
-        values = np.full((self.fields, self.lattice_cells + 1), level)
+        """Dual fields of a black or fully open mask, (dual_fields, L + 1); the rest stays black."""
+        values = np.full((self.dual_fields, self.lattice_cells + 1), level)
         values[:, -1] = 0.0
         return values
 
@@ -119,9 +148,9 @@ class Lattice:
         """All parts of a cell with their area (they sum to 1)."""
         areas: dict[tuple[int, int, int, int], float] = {}
         for (wr, pr, dr, sr), (wc, pc, dc, sc) in itertools.product(
-            _atoms(self.window, self.offset_cells[0]), _atoms(self.window, self.offset_cells[1])
+            _atoms(self.opening, self.offset_cells[0]), _atoms(self.opening, self.offset_cells[1])
         ):
-            key = (2 * dr + dc, 2 * pr + pc, sr, sc)
+            key = (self.dual_field(dr, dc), 2 * pr + pc, sr, sc)
             areas[key] = areas.get(key, 0.0) + wr * wc
         return tuple(
             Overlap(dual, primal, (sr, sc), self._further((sr, sc)), area)
@@ -130,11 +159,11 @@ class Lattice:
 
     @cached_property
     def windows(self) -> tuple[Overlap, ...]:
-        """All parts of a cell that lie in one window of the mask, whatever the projector does
+        """All parts of a cell that lie in one strip of the mask, whatever the projector does
         there: piece by piece of `pieces`, columns fastest. Their `primal_field` is 0."""
         return tuple(
             Overlap(
-                2 * down.shift + right.shift,
+                self.dual_field(down.strip, right.strip),
                 0,
                 (down.step, right.step),
                 self._further((down.step, right.step)),
@@ -166,50 +195,51 @@ class Lattice:
     def pieces(self) -> tuple[tuple[Piece, ...], tuple[Piece, ...]]:
         """Where each cell is cut by the edges of windows, along rows and columns."""
         down, right = self.offset_cells
-        return _pieces(self.window, down), _pieces(self.window, right)
+        return _pieces(self.opening, down), _pieces(self.opening, right)
 
     @cached_property
     def spread(self) -> sparse.csr_array:
-        """(fields * (L + 1), N): mean of the dual fields over each scene cell, `x @ spread`."""
+        """(dual_fields * (L + 1), N): mean of the dual fields over each cell, `x @ spread`."""
         width = self.lattice_cells + 1
         rows = np.concatenate([o.dual_field * width + o.dual_cell for o in self.overlaps])
         columns = np.tile(np.arange(self.cells), len(self.overlaps))
         areas = np.repeat([o.area for o in self.overlaps], self.cells)
-        shape = (self.fields * width, self.cells)
+        shape = (self.dual_fields * width, self.cells)
         return sparse.csr_array((areas, (rows, columns)), shape=shape)
 
 
-def _atoms(window: str, offset: float) -> list[tuple[float, int, int, int]]:
-    """Pieces of one axis of a cell: (width, primal half, dual shift bit, lattice step).
+def _atoms(kind: Windows, offset: float) -> list[tuple[float, int, int, int]]:
+    """Pieces of one axis of a cell: (width, primal half, strip of the mask, lattice step).
 
     The lattice step is how many cells further the mask's code cell lies than the scene's.
     """
     edges = {0.0, -offset % 1.0}
-    if window == "quarter":
-        edges = {0.0, 0.5, (0.25 - offset) % 1.0, (0.75 - offset) % 1.0}
+    if kind.shifted:
+        inner = {kind.guard, 0.5 * kind.side, 1.0 - 0.5 * kind.side, 1.0 - kind.guard}
+        edges = {0.0, 0.5, *((edge - offset) % 1.0 for edge in inner)}
     cuts = [*sorted(edges), 1.0]
     pieces = []
     for lo, hi in itertools.pairwise(cuts):
         if hi - lo < 1e-14:  # two edges that differ by rounding only
             continue
-        mid = 0.5 * (lo + hi)
-        if window == "quarter":
-            # Exactly one of the two shifts opens its window over any point.
-            bit = 0 if 0.25 <= (mid + offset) % 1.0 < 0.75 else 1
-            pieces.append((hi - lo, int(mid >= 0.5), bit, math.floor(mid + offset + 0.5 * bit)))
+        at = 0.5 * (lo + hi) + offset
+        if kind.shifted:
+            strip = kind.strip(at % 1.0)
+            own = 0.5 * (strip == MOVED)
+            pieces.append((hi - lo, int(0.5 * (lo + hi) >= 0.5), strip, math.floor(at + own)))
         else:
-            pieces.append((hi - lo, 0, 0, math.floor(mid + offset)))
+            pieces.append((hi - lo, 0, 0, math.floor(at)))
     return pieces
 
 
-def _pieces(window: str, offset: float) -> tuple[Piece, ...]:
-    """The same pieces of one axis, those in one window put together."""
+def _pieces(kind: Windows, offset: float) -> tuple[Piece, ...]:
+    """The same pieces of one axis, those in one strip put together."""
     found: list[Piece] = []
     low = 0.0
-    for width, _, shift, step in _atoms(window, offset):
-        if found and (found[-1].shift, found[-1].step) == (shift, step):
-            found[-1] = Piece(found[-1].low, low + width, shift, step)
+    for width, _, strip, step in _atoms(kind, offset):
+        if found and (found[-1].strip, found[-1].step) == (strip, step):
+            found[-1] = Piece(found[-1].low, low + width, strip, step)
         else:
-            found.append(Piece(low, low + width, shift, step))
+            found.append(Piece(low, low + width, strip, step))
         low += width
     return tuple(found)

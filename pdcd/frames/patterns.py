@@ -1,8 +1,8 @@
 """Patterns of one panel over L lattice cells: packed bits, or grey levels where bits do not do.
 
 An array of patterns is either (P, ceil(L/8)) uint8, packed by `numpy.packbits` along axis 1, or
-(P, L) float32, the share of full light that each cell is to show, 0..1. Grey levels ask for panels
-with a calibrated response; binary ones need none.
+(P, L) float32, the level that each cell is sent, over the highest, 0..1. What light that is,
+`pdcd.frames.curve` knows; binary patterns need none of it.
 """
 
 from __future__ import annotations

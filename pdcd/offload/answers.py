@@ -20,7 +20,7 @@ from pdcd.planning.truth import answer
 from pdcd.probing.deviation import Deviation
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Extremes
-from pdcd.request import CaptureRequest, PlanSummary, Quality
+from pdcd.request import CaptureRequest, Leaks, PlanSummary, Quality
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
@@ -55,6 +55,34 @@ class Learnt:
 
     outcome: Literal["go on", "stopped", "guided", "no use"]
     planned: Planned | None
+
+
+@dataclass(frozen=True)
+class DarkPhoto:
+    """A dark photo as it was taken. raw : path below the run folder. phase_s : for how long it
+    shows each of its two states."""
+
+    raw: str
+    sha256: str
+    iso: int
+    f_number: float
+    exposure_s: float
+    phase_s: float
+
+
+@dataclass(frozen=True)
+class Stray:
+    """What follows from dark photos.
+
+    "quiet": nothing gets in that matters. "unsure": another one is wanted, with both panels black
+    in its second half. "added": black exposures are, by a new plan. "warn": they are needed, and
+    `why` they cannot be had.
+    """
+
+    outcome: Literal["quiet", "unsure", "added", "warn"]
+    leaks: Leaks
+    planned: Planned
+    why: str = ""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ What it needs between two calls stays here, and only what the caller must know g
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -19,19 +19,22 @@ from pdcd.bench.calibration import Entry, PhotoRecord
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import Config
-from pdcd.errors import PdcdError, disk_errors
+from pdcd.errors import PdcdError, RequestError, disk_errors
 from pdcd.offload.answers import (
+    DarkPhoto,
     Developed,
     Learnt,
     Metered,
     Planned,
     Seen,
+    Stray,
     developed_of,
     record_of,
     rms_error,
     rms_sigma,
 )
 from pdcd.offload.calibrating import Begin, Next, Study
+from pdcd.offload.stray import leaks_in
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.develop import write_png
@@ -39,9 +42,11 @@ from pdcd.pictures.previews import Previews
 from pdcd.pictures.watch import Watch
 from pdcd.planning.choose import choose, wants_choice
 from pdcd.planning.guided import plan_for, scouted, stopped, summary, with_links
+from pdcd.planning.look import quiet, with_blacks
 from pdcd.planning.metering import expected_share, metered_pairs, peak_share
 from pdcd.planning.outlook import Setting
 from pdcd.planning.plan import Plan
+from pdcd.planning.unasked import settled
 from pdcd.recipes.arrays import Given
 from pdcd.recipes.parts import part_numbers
 from pdcd.request import CaptureRequest
@@ -137,8 +142,10 @@ class Desk:
         self._job = self._study = None
         facts = self._facts
         watch.stage = "codes"
+        request, reasons = settled(request, facts.config, facts.grid, camera, mask_lag_s)
         if not wants_choice(request):
             plan = plan_for(request, facts.config, facts.grid, mask_lag_s, given, watch)
+            plan = replace(plan, reasons=(*plan.reasons, *reasons))
         elif camera is None:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
@@ -217,6 +224,28 @@ class Desk:
         self._write_patterns(job)
         darkroom.replan(self._record(job, darkroom.record.shots, darkroom.record.cells))
         return Learnt(outcome, self._planned(plan))
+
+    def stray(self, watch: Watch, shots: Sequence[ShotRecord], darks: Sequence[DarkPhoto]) -> Stray:
+        """Look at one dark photo, or at two (`pdcd.planning.look`); where they call for it, the job
+        goes on by a plan with black exposures.
+
+        shots : all that were taken so far. Raises DecodeError.
+        """
+        job, darkroom, config = self._of_job(), self._darkroom(shots), self._facts.config
+        plan = job.plan
+        leaks = leaks_in(plan, darkroom, darks, watch)
+        if leaks.both > leaks.limit and len(darks) == 1:
+            return Stray("unsure", leaks, self._planned(plan))
+        job.plan = quiet(plan, leaks)
+        if leaks.both <= leaks.limit:
+            return Stray("quiet", leaks, self._planned(job.plan))
+        try:
+            more = with_blacks(plan, leaks, config, all(shot.level == 1.0 for shot in shots))
+        except RequestError as err:
+            return Stray("warn", leaks, self._planned(job.plan), err.message)
+        job.plan = more
+        darkroom.replan(self._record(job, darkroom.record.shots, darkroom.record.cells))
+        return Stray("added", leaks, self._planned(more))
 
     def see(self, watch: Watch, shots: Sequence[ShotRecord]) -> Seen:
         """Look at the pictures so far; the answer is written as `RUNNING`. Raises DecodeError."""

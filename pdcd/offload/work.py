@@ -20,6 +20,7 @@ WORK: Mapping[str, Task] = MappingProxyType(
         "metered": Desk.metered,
         "look": Desk.look,
         "learn": Desk.learn,
+        "stray": Desk.stray,
         "see": Desk.see,
         "develop": Desk.develop,
         "calibrate": Desk.calibrate,

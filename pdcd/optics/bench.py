@@ -30,8 +30,9 @@ from pdcd.optics.products import Exposure, Products, Tables, distinct
 from pdcd.optics.raster import Raster
 from pdcd.optics.render import Detail, Picture, Renderer
 from pdcd.optics.setting import Setting, falloff
-from pdcd.optics.sights import NOWHERE, CellGrid, Looks, look, pixels
+from pdcd.optics.sights import NOWHERE, Away, CellGrid, Looks, look, pixels
 from pdcd.optics.sites import Kind, PanelSites
+from pdcd.scene.displaced import Displaced
 from pdcd.scene.effects import Array, Effect
 from pdcd.scene.scene import Scene
 from pdcd.scene.texture import cell_means
@@ -125,7 +126,7 @@ class OpticalBench:
         if max(count * len(primal), count * cells * bool(effects)) > MOST_PAIRS:
             return None
         light = primal.spread(spread)
-        products = Products(true, truth, primal, dual, exposure, light, effects)
+        products = Products(true, primal, dual, exposure, light, effects)
         indirect = every(count, cells if effects else 0)
         tables = products.tables(every(count, len(primal)), indirect)
         return Whole(
@@ -144,7 +145,6 @@ class OpticalBench:
         if not frames.of_pixels:
             products = Products(
                 self.true,
-                self.truth,
                 driven.lit,
                 driven.opened,
                 exposure,
@@ -156,7 +156,6 @@ class OpticalBench:
         opened = Histories(driven.opened, frames, mask=True)
         products = Products(
             self.true,
-            self.truth,
             lit,
             opened,
             exposure,
@@ -177,7 +176,7 @@ class OpticalBench:
         scene, driven = self._scene, self._driven(Kind(self._scene.grid, "whole", False), None)
         lit = np.asarray(driven.spread[1:].sum(axis=0)).ravel()
         indirect = tuple(Lit(effect, lit) for effect in self._indirect)
-        direct = tuple(effect for effect in scene.effects if effect.coaxial)
+        direct = tuple(effect for effect in scene.effects if _at_once(effect))
         reflected, sent = (
             answer(Scene(scene.name, scene.grid, effects)) for effects in (direct, indirect)
         )
@@ -198,14 +197,16 @@ class OpticalBench:
 
     @property
     def _indirect(self) -> tuple[Effect, ...]:
-        return tuple(effect for effect in self._scene.effects if not effect.coaxial)
+        return tuple(effect for effect in self._scene.effects if not _at_once(effect))
 
     @property
     def _direct(self) -> Array:
         """Direct reflection of the cells, (N, 3)."""
         found = np.zeros((self._scene.cells, 3))
         for effect in self._scene.effects:
-            if effect.coaxial:
+            if isinstance(effect, Displaced):
+                found += effect.albedo[:, None] * effect.tint
+            elif effect.coaxial:
                 found += effect.diagonal()[:, None] * effect.tint
         return found
 
@@ -229,7 +230,8 @@ class OpticalBench:
 
     @cached_property
     def _looks(self) -> Looks:
-        return Looks(self._setting)
+        moved = self._scene.displacement
+        return Looks(self._setting, None if moved is None else Away(self._scene.grid, moved))
 
     @cached_property
     def _uneven(self) -> Floats | None:
@@ -324,6 +326,11 @@ class OpticalBench:
             pair = np.divmod(key[first][on], cells)
             whole += sparse.csr_array((light[on] / points**2, pair), shape=whole.shape)
         return sparse.csr_array(whole)
+
+
+def _at_once(effect: Effect) -> bool:
+    """Whether light comes straight back from the surface that it fell on."""
+    return effect.coaxial or isinstance(effect, Displaced)
 
 
 def _kind(frames: Frames, patterned: bool) -> Kind:

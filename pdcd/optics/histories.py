@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from pdcd.frames.curve import Curve
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.patterns import bytes_of
 from pdcd.optics.sites import PanelSites
@@ -59,7 +60,7 @@ class Histories:
         self.delay_ns = sites.delay_ns
         self.tile: Numbers = self.band.astype(np.int64)
         self._on = pixels[first] >= 0
-        self._levels = [level[first] / 255.0 for level in levels]
+        self._levels = [level[first] for level in levels]
 
     def __len__(self) -> int:
         return int(self.band.size)
@@ -69,14 +70,13 @@ class Histories:
         first, end = np.searchsorted(self.band, [band, band + 1])
         return slice(int(first), int(end))
 
-    def levels(self, frames: Frames, row: int, gamma: float, part: slice) -> Floats:
+    def levels(self, frames: Frames, row: int, curve: Curve, part: slice) -> Floats:
         """Light that a row of the frames asks of some histories, 0..1, float64."""
         asked = frames.dual_index if self._mask else frames.primal_index
         index = BLACK if row < 0 else int(asked[row])
         if index in (BLACK, WHITE):
             return np.where(self._on[part], float(index == WHITE), 0.0)
-        sent: Floats = self._levels[index][part] ** gamma
-        return sent
+        return curve.of(self._levels[index][part])
 
     def spread(self, sites: sparse.csr_array) -> sparse.csr_array:
         """What the histories light, (len, N), of what the sites do, (S, N)."""

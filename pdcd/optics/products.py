@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from pdcd.bench.tables import Config
-from pdcd.bench.truth import Truth
+from pdcd.frames.curve import power
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.optics.histories import Histories
 from pdcd.optics.sites import PanelSites
@@ -30,6 +30,8 @@ Numbers = NDArray[np.int64]
 CHUNK_BYTES = 48 * 2**20
 """Largest array of spans that is worked on at a time."""
 COLOURS = 3
+LINEAR = 1.0
+"""Gamma of a panel of which nothing else is said."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,6 @@ class Products:
     def __init__(
         self,
         config: Config,
-        truth: Truth,
         lit: PanelSites | Histories,
         opened: PanelSites | Histories,
         exposure: Exposure,
@@ -100,7 +101,8 @@ class Products:
         self._primal, self._dual = (
             Panel.from_config(panel) for panel in (config.projector, config.mask)
         )
-        self._gammas = truth.projector.gamma, truth.mask.gamma
+        # A panel of pixels is sent bytes, whatever is known of it.
+        self._curves = [panel.curve or power(LINEAR) for panel in (self._primal, self._dual)]
         self._p_sites, self._d_sites = lit, opened
         self._exposure, self._spread, self._effects = exposure, spread, effects
 
@@ -190,7 +192,7 @@ class Products:
         frames, log = self._exposure.frames, self._exposure.log
         sites = self._d_sites if mask else self._p_sites
         panel = (self._dual if mask else self._primal).later(int(sites.delay_ns[band]))
-        gamma, part = self._gammas[int(mask)], sites.in_band(band)
+        curve, part = self._curves[int(mask)], sites.in_band(band)
         rows, starts = frame_spans(
             frames,
             log.dual_shown if mask else log.primal_shown,
@@ -204,7 +206,7 @@ class Products:
             panel,
             starts,
             part.stop - part.start,
-            lambda span: sites.levels(frames, rows[span], gamma, part),
+            lambda span: sites.levels(frames, rows[span], curve, part),
         )
         return rows, starts, track
 

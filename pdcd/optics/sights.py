@@ -112,11 +112,30 @@ class Sights:
     runs: list[list[Runs]] = field(repr=False)
 
 
-class Looks:
-    """The camera's samples on the field and on both panels, chunk by chunk."""
+@dataclass(frozen=True, eq=False)
+class Away:
+    """Where on the field the light at points comes from, on an off-axis bench.
 
-    def __init__(self, setting: Setting) -> None:
-        self._setting = setting
+    grid : (rows, cols). displacement : (N, 2) cells down and right; NaN where there is no light.
+    """
+
+    grid: tuple[int, int]
+    displacement: Floats
+
+    def of(self, points: Floats) -> Floats:
+        """The places that light points of the field (n, 2), NaN for those that none does."""
+        rows, cols = self.grid
+        cell = CellGrid(self.grid, smooth=False).at(points[:, 0], points[:, 1])
+        moved = self.displacement[np.maximum(cell, 0)][:, ::-1] / np.array([cols, rows])
+        return np.where((cell >= 0)[:, None], points + moved, np.nan)
+
+
+class Looks:
+    """The camera's samples on the field and on both panels, chunk by chunk; with `away`, those on
+    the projector are where the light comes from."""
+
+    def __init__(self, setting: Setting, away: Away | None = None) -> None:
+        self._setting, self._away = setting, away
         rows, cols = setting.frame
         per_quad = setting.samples
         x = (np.arange(cols * per_quad) + 0.5) / per_quad
@@ -146,7 +165,12 @@ class Looks:
 
     def on_projector(self, chunk: tuple[int, int], tap: int) -> tuple[Floats, Floats]:
         """The same on the projector, of the point that a tap takes."""
-        return self._flat(self._lit[tap], chunk)
+        if self._away is None:
+            return self._flat(self._lit[tap], chunk)
+        # Displacements jump from cell to cell, so that a raster would not do.
+        points = np.stack(self.on_field(chunk), axis=-1) + self._setting.taps[tap].offset
+        across, down = self._setting.on_projector(self._away.of(points)).T
+        return across, down
 
     def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
         first, end = (row * self._setting.samples for row in chunk)

@@ -1,7 +1,7 @@
 """Pixels of a panel that share one history: they show the same part of a code at the same time.
 
 A pixel shows what its centre under the believed map falls in: a projector the half of a code cell
-(under sub-shifts) or the whole one, a mask the quarter window. Those are some thousand *sites*,
+(under sub-shifts) or the whole one, a mask the strip of a window. Those are some thousand *sites*,
 whatever the panel's size; rows that are set later than others have sites of their own. Site 0 is
 black whatever is asked: pixels beside the field, dead lines, and all that is no pixel at all.
 """
@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.bench.truth import TruePanel
 from pdcd.frames.atoms import atoms
+from pdcd.frames.curve import Curve
 from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.frames.lattice import SHIFTS
 from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import bytes_of
+from pdcd.frames.windows import ATOMS, MOVED, PLACED, UPPER, strip_numbers, strip_of, windows
 from pdcd.probing.late_rows import band_delays_ns
 
 Floats = NDArray[np.float64]
@@ -94,7 +96,7 @@ class PanelSites:
         first, end = np.searchsorted(self.band, [band, band + 1])
         return slice(int(first), int(end))
 
-    def levels(self, frames: Frames, row: int, gamma: float, part: slice) -> Floats:
+    def levels(self, frames: Frames, row: int, curve: Curve, part: slice) -> Floats:
         """Light that a row of the frames asks of some sites, 0..1, float64."""
         asked = frames.dual_index if self._mask else frames.primal_index
         index = BLACK if row < 0 else int(asked[row])
@@ -102,10 +104,8 @@ class PanelSites:
             return np.where(self._base[part] > 0, float(index == WHITE), 0.0)
         patterns = frames.dual_patterns if self._mask else frames.primal_patterns
         rows, cols = frames.lattice
-        sent = np.append(bytes_of(patterns, index, rows * cols), np.uint8(0)) / 255.0
-        if gamma != 1.0:
-            sent = sent**gamma
-        return np.asarray(sent[self._cell[int(frames.shift[row]), part]])
+        light = curve.of(np.append(bytes_of(patterns, index, rows * cols), np.uint8(0)))
+        return np.asarray(light[self._cell[int(frames.shift[row]), part]])
 
     @property
     def pixels(self) -> NDArray[np.int64]:
@@ -126,9 +126,10 @@ class PanelSites:
             return 1, 1
         if self._kind.window == PIXELS:
             return self._size_px[1], self._size_px[0]
-        if self._kind.window == "whole":
+        kinds = windows(self._kind.window).kinds
+        if kinds == 1:
             return rows, cols
-        return (2 * rows + 1, 2 * cols + 1) if self._mask else (2 * rows, 2 * cols)
+        return (kinds * rows + 1, kinds * cols + 1) if self._mask else (2 * rows, 2 * cols)
 
     @property
     def _count(self) -> int:
@@ -147,8 +148,11 @@ class PanelSites:
             return np.where(outside, 0, 1)
         if self._kind.window == "whole":
             place = atom >> 2
+        elif self._mask:
+            fine = atoms(panel, self._kind.grid, ATOMS)
+            place = strip_numbers(self._kind.window, fine).astype(np.int64)
         else:
-            place = (atom + 1) >> 1 if self._mask else atom >> 1
+            place = atom >> 1
         return np.where(outside, 0, 1 + place[..., 1] * self._shape[1] + place[..., 0])
 
     @cached_property
@@ -156,7 +160,8 @@ class PanelSites:
         """Cell of the pattern that each site shows under each sub-shift, (4, S); the number behind
         the last cell where it is shut."""
         rows, cols = self._kind.grid
-        more = 1 if self._kind.window == "quarter" else 0
+        opening = windows(self._kind.window)
+        more = int(opening.shifted)
         closed = (rows + more) * (cols + more)
         place = np.divmod(np.maximum(self._base - 1, 0), self._shape[1])
         found = np.full((SHIFTS, len(self)), closed, dtype=np.int64)
@@ -165,9 +170,10 @@ class PanelSites:
             for at, moved in zip(place, (shift >> 1, shift & 1), strict=True):
                 if not more:
                     cell.append(at)
-                elif self._mask:  # odd windows open in place, even ones moved by half a cell
-                    opened = opened & (at % 2 == 1 - moved)
-                    cell.append(at >> 1)
+                elif self._mask:
+                    strip, number = strip_of(self._kind.window, at)
+                    opened = opened & (strip != (PLACED if moved else MOVED))
+                    cell.append(number + moved * (strip == UPPER))
                 else:
                     cell.append((at + moved) >> 1)
             found[shift] = np.where(opened, cell[0] * (cols + more) + cell[1], closed)

@@ -176,6 +176,34 @@ class Darkroom:
         view = View.of(self._record, cells)
         return Decoded(recipe, shots, pictures, cells, view, sums)
 
+    def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed], CellMap]:
+        """Shots and sums so far, and the recipe of the photos that they suffice for."""
+        shots = self._shots(watch)
+        cells = self._cells()
+        recipe = possible(self._recipe, shots)
+        sums: dict[str, Exposed] = {}
+        if self._sums_up(shots):
+            sums = software_sums(recipe, shots, self._stack_bits(), cells)
+        return recipe, {**shots, **sums}, cells
+
+    def light_of(
+        self, raw: str, sha256: str, iso: int, f_number: float, exposure_s: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
+        """Light of a photo that is no shot, in scene units times seconds, and its variance:
+        (h, w, 3) each. raw : path below the run folder."""
+        profile = self._record.profile
+        frame = read_raw(
+            self._folder / raw, sha256=sha256, saturation_dn=profile.saturation_dn(iso)
+        )
+        factors = self._to_units(iso, f_number)
+        variance = rgb_variance(frame.planes, profile, iso, exposure_s, factors, np.float64)
+        return to_rgb(frame.planes, factors), variance
+
+    def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
+        """From DN to scene units times seconds: electrons, then the camera's responsivity."""
+        gain = self._record.profile.row(iso).gain_e_per_dn
+        return np.asarray(gain * f_number**2 / np.array(self._record.responsivity_e))
+
     def _barred(
         self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap, alive: Alive
     ) -> dict[str, Barred]:
@@ -286,11 +314,8 @@ class Darkroom:
             shown = self._matrix(shot, alive)
             raw = reading.result()
         self._check(shot, raw)
-        gain = profile.row(shot.iso).gain_e_per_dn
-        # From DN to scene units times seconds: electrons, then the camera's responsivity.
-        to_units = gain * shot.f_number**2 / np.array(self._record.responsivity_e)
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
-        factors = to_units / _level(shot)
+        factors = self._to_units(shot.iso, shot.f_number) / _level(shot)
         large = raw.saturated.size >= LARGE_QUADS
         single = np.float32 if large else np.float64
         shape, planes = (*raw.frame, 3), raw.planes

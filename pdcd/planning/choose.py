@@ -27,6 +27,7 @@ from pdcd.pilot.matching import MOST_CELLS
 from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
 from pdcd.planning.guess import GOALS, Prior, guess
 from pdcd.planning.guided import by_prior, guidable
+from pdcd.planning.look import looking, settled
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import MemoryLimitError
 from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
@@ -150,7 +151,10 @@ def choose(
         iso=best.iso,
         prior=search.prior_name,
     )
-    return replace(best, plan=replace(best.plan, iso=best.iso, prediction=prediction))
+    plan = replace(best.plan, iso=best.iso, prediction=prediction)
+    if plan.how.black_level == "none":
+        plan = looking(plan, settled(request, setting.config).look)
+    return replace(best, plan=plan)
 
 
 def _known(request: CaptureRequest, given: GivenPrior | None, scene: Scene | None) -> Scene | Prior:
@@ -242,9 +246,9 @@ class _Search:
         """Which leaks to measure: what is asked for, or all choices that the panels may call for.
         Before a scene that is not known the leak's error is not known, either."""
         config = self.setting.config
-        usual = self.request.black_level or config.schedule.black_level
-        if self.request.black_level or usual != "none" or isinstance(self.prior, Prior):
-            return (usual,)
+        blacks = settled(self.request, config)
+        if blacks.look is None or isinstance(self.prior, Prior):
+            return (blacks.level,)
         ambient = config.projector.contrast is not None or self.prior.ambient is not None
         if config.mask.contrast is None:
             return ("none", "ambient") if ambient else ("none",)

@@ -9,6 +9,7 @@ import numpy as np
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
+from pdcd.frames.windows import GUARDS, windows
 from pdcd.request import CaptureRequest
 from pdcd.words import GuardsName, ScheduleName
 
@@ -64,10 +65,6 @@ about that share of the direct light into an indirect photo, whose own light is 
 weaker."""
 
 
-QUARTER_LIMIT = 0.25
-"""Misregistration in cells that quarter windows tolerate without any leak."""
-
-
 BLUR_LEAK = 1.6
 """Share of the direct light that blur brings into an indirect photo under whole cells, over its
 standard deviation in cells (`pdcd.calibration.cell_size`)."""
@@ -78,20 +75,32 @@ def shares_of_cell(config: Config, cell_px: float) -> tuple[float, float]:
     return config.rig.misregistration_px / cell_px, config.mask.blur_px / cell_px
 
 
-def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 0.0) -> str:
-    """ "whole" or "quarter": what "auto" means on a rig with that misregistration and blur.
+def choose_window(
+    asked: str, misregistration_cells: float, blur_cells: float = 0.0, widest: float = 0.5
+) -> str:
+    """What "auto" means on a rig with that misregistration and blur, or what was asked for.
 
-    Raises ConfigError when quarter windows cannot cover the misregistration.
+    widest : the largest share of a cell's side that keeps off its neighbours on this rig
+        (`pdcd.calibration.cell_size.largest_window`); "auto" takes the largest window up to that,
+        at least the half of "quarter".
+
+    Raises ConfigError when the window cannot cover the misregistration.
     """
     window = asked
     if asked == "auto":
         leak = misregistration_cells + BLUR_LEAK * blur_cells
-        window = "whole" if leak <= WHOLE_CELL_LIMIT else "quarter"
-    if window == "quarter" and misregistration_cells > QUARTER_LIMIT:
+        fitting = [name for name in GUARDS if windows(name).side <= widest]
+        window = fitting[-1] if fitting else "quarter"
+        if leak <= WHOLE_CELL_LIMIT:
+            window = "whole"
+    guard = windows(window).guard
+    if guard and misregistration_cells > guard:
         raise ConfigError(
-            f"misregistration of {misregistration_cells:.2f} cells is more than quarter windows "
-            f"tolerate ({QUARTER_LIMIT})",
-            hint="use fewer, larger cells or align the panels",
+            f"misregistration of {misregistration_cells:.2f} cells is more than {window} windows "
+            f"tolerate ({guard:g})",
+            hint="use fewer, larger cells or align the panels"
+            if window == "quarter"
+            else "take a smaller window, or auto",
         )
     return window
 

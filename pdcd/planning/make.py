@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import msgspec
 
+from pdcd.bench.grey import curves_of
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, RequestError
 from pdcd.frames.bitplanes import check_binary
@@ -14,9 +15,12 @@ from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.brightness import as_bright
-from pdcd.planning.guards import choose_schedule, choose_window, lag_rows, shares_of_cell
-from pdcd.planning.measured import quietest, reasons_for, times_measured
+from pdcd.planning.grey import grey_reasons
+from pdcd.planning.guards import choose_schedule, lag_rows
+from pdcd.planning.look import looking, settled
+from pdcd.planning.measured import quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.off_axis import on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -26,7 +30,7 @@ from pdcd.recipes.make import draft_of, finished
 from pdcd.recipes.parts import check_parts, part_codes
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import CaptureRequest, How
-from pdcd.words import FamilyName, ScheduleName
+from pdcd.words import BlackLevel, FamilyName, ScheduleName
 
 
 def make_plan(
@@ -44,11 +48,13 @@ def make_plan(
     may end the work. Raises RequestError when the request contradicts itself, the rig, or the
     limits.
     """
-    how = _how(request, config)
+    request = on_bench(request, config)
+    blacks = settled(request, config)
+    how = _how(request, config, blacks.level)
     draft = draft_of(target_of(request, given, grid), how)
     smoothable = _smoothable(draft, request)
-    lattice = Lattice(grid, _window(request, config, grid))
-    schedule = _schedule(request, config, mask_lag_s)
+    lattice = Lattice(grid, window_of(request, config, grid))
+    schedule = schedule_of(request, config, mask_lag_s)
     family = settled_family(request.family, config.schedule.family, draft, how)
     _check_family(family, how, draft)
     coded = any(program.coded for program in draft.programs.values())
@@ -60,8 +66,17 @@ def make_plan(
     passes = _passes(request, config, recipe, how, lattice, slot_s)
     needed = memory_bytes(recipe, how, family, lattice, passes, config)
     check_memory(needed, config, grid)
+    curves = curves_of(config)
     patterns = pairs_of(
-        recipe, how, family, lattice, p=request.p, seed=request.seed, watch=watch or Watch()
+        recipe,
+        how,
+        family,
+        lattice,
+        p=request.p,
+        seed=request.seed,
+        watch=watch or Watch(),
+        curves=curves,
+        passes=passes,
     )
     if config.display.planes_per_refresh > 1:
         for pair in patterns.values():
@@ -75,7 +90,7 @@ def make_plan(
         window=lattice.window,
         schedule=schedule,
         passes=passes,
-        white_slots=white_slots(recipe, patterns, lattice, slots),
+        white_slots=white_slots(recipe, patterns, lattice, slots, curves),
         row_hz=config.row_hz,
         settle_s=config.rig.settle_s,
         delay_s=abs(config.mask_delay_rows) / config.row_hz,
@@ -84,10 +99,13 @@ def make_plan(
         reasons=(
             *_brightness(request, how),
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+            *grey_reasons(patterns.values(), config),
         ),
+        curves=curves,
         smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
+    plan = looking(plan, blacks.look)
     if how.coded:
         return plan
     scouts_first = msgspec.structs.replace(request, pilot=SCOUTS)
@@ -95,7 +113,7 @@ def make_plan(
     return replace(plan, otherwise=otherwise)
 
 
-def _how(request: CaptureRequest, config: Config) -> How:
+def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> How:
     """How to photograph, before the family is settled. Raises RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
     if request.equal_brightness:
@@ -107,7 +125,7 @@ def _how(request: CaptureRequest, config: Config) -> How:
         repeat=request.repeat,
         method=request.method,
         family=None,
-        black_level=request.black_level or config.schedule.black_level,
+        black_level=black_level,
         white=request.white,
         structure=request.goal == "relit",
     )
@@ -141,7 +159,7 @@ def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
     return found
 
 
-def _window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
+def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> str:
     """Part of a mask cell that opens. Raises ConfigError for cells that the panels cannot show."""
     width_px, height_px = config.projector.size_px
     cell_px = min(height_px / grid[0], width_px / grid[1])
@@ -152,10 +170,11 @@ def _window(request: CaptureRequest, config: Config, grid: tuple[int, int]) -> s
             hint="use a coarser scene grid",
         )
     asked = request.window or config.schedule.window
-    return choose_window(asked, *shares_of_cell(config, cell_px))
+    return window_for(asked, config, cell_px)
 
 
-def _schedule(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
+def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:
+    """Refreshes of a code, as asked for or as the rig has them."""
     asked = config.schedule.guards if request.guards is None else request.guards
     if asked == "auto" and times_measured(config):
         return quietest(config, mask_lag_s)

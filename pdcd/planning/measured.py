@@ -10,10 +10,18 @@ import numpy as np
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
-from pdcd.calibration.cell_size import HALF, WHOLE, Meeting, leak_of, smallest_cell_for
+from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
 from pdcd.calibration.pulses import Answer, kept_apart
+from pdcd.frames.windows import GUARDS, windows
 from pdcd.maps.scale import fewest_pixels
-from pdcd.planning.guards import choose_schedule, lag_by_rows_s, lag_rows
+from pdcd.planning.guards import (
+    WHOLE_CELL_LIMIT,
+    choose_schedule,
+    choose_window,
+    lag_by_rows_s,
+    lag_rows,
+    shares_of_cell,
+)
 from pdcd.words import ScheduleName
 
 MOST_LEAK = 0.005
@@ -44,6 +52,21 @@ def meeting_of(config: Config) -> Meeting | None:
         return None
     across = fewest_pixels(panels_of(config).mask.map, config.projector.size_px[::-1])
     return Meeting(e95_px, blur_px, 1.0 / across if across else 0.0)
+
+
+def window_for(asked: str, config: Config, cell_px: float) -> str:
+    """Window of cells of so many projector pixels: as asked for, or the largest that neither
+    touches another cell's light nor leaks for blur. Raises ConfigError."""
+    meeting, widest = meeting_of(config), 0.0
+    if meeting is not None:
+        fitting = (
+            windows(name).side
+            for name in GUARDS
+            if windows(name).side <= largest_window(meeting, cell_px)
+            and float(leak_of(meeting, cell_px, windows(name).side)) <= WHOLE_CELL_LIMIT
+        )
+        widest = max(fitting, default=0.0)
+    return choose_window(asked, *shares_of_cell(config, cell_px), widest)
 
 
 def times_measured(config: Config) -> bool:
@@ -86,8 +109,7 @@ def reasons_for(
     if meeting is not None:
         width, height = config.projector.size_px
         cell_px = min(width / grid[1], height / grid[0])
-        share = HALF if window == "quarter" else WHOLE
-        leak = float(leak_of(meeting, cell_px, share))
+        leak = float(leak_of(meeting, cell_px, windows(window).side))
         told.append(
             f"cells of {cell_px:.3g} projector pixels: the panels meet within "
             f"{meeting.e95_px:.2g} px (95 % of the field), blur is {meeting.blur_px:.2g} px"

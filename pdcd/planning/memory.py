@@ -13,9 +13,12 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from pdcd.bench.grey import curves_of
 from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
+from pdcd.frames.curve import UNKNOWN
+from pdcd.frames.dither import COPIES
 from pdcd.frames.lattice import Lattice
 from pdcd.maps.map import Map
 from pdcd.pictures.combine import LARGE_QUADS
@@ -23,6 +26,7 @@ from pdcd.planning.plan import windowed
 from pdcd.probing.deviation import BLOCK, EXACT_CELLS
 from pdcd.probing.panel import Panel
 from pdcd.recipes.isolation import Isolation
+from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.parts import part_codes
 from pdcd.recipes.programs import (
     Blocks,
@@ -77,19 +81,23 @@ def memory_bytes(
     """Peak of planning, taking and decoding, in bytes beside the program itself and the scene."""
     target = recipe.target
     given = sum(a.nbytes for a in (*target.planes.values(), *target.matrices.values()))
-    planning, kept = planning_bytes(recipe, how, family, lattice)
+    grey = UNKNOWN != curves_of(config)
+    planning, kept = planning_bytes(recipe, how, family, lattice, COPIES if grey else 1)
     decoding = kept + decoding_bytes(recipe, how, lattice, passes, config)
     return BASE + 3 * given + max(planning, decoding)
 
 
 def planning_bytes(
-    recipe: Recipe, how: How, family: FamilyName, lattice: Lattice
+    recipe: Recipe, how: How, family: FamilyName, lattice: Lattice, copies: int
 ) -> tuple[int, int]:
-    """Peak while all patterns are made, and what they take then."""
+    """Peak while all patterns are made, and what they take then, with so many copies of exact ones
+    at most."""
     planning = kept = 0
     for name, program in recipe.programs.items():
         codes = how.pilot if name == "pilot" else part_codes(how.coded, how.parts)
-        making, compiling, left = _of_program(program, recipe, family, codes or how.codes, lattice)
+        making, compiling, left = _of_program(
+            program, recipe, family, codes or how.codes, lattice, copies
+        )
         planning = max(planning, kept + max(making, compiling))
         kept += left
     return planning, kept
@@ -118,7 +126,12 @@ def memory_limit(config: Config) -> int:
 
 
 def _of_program(
-    program: Program, recipe: Recipe, family: FamilyName, codes: int, lattice: Lattice
+    program: Program,
+    recipe: Recipe,
+    family: FamilyName,
+    codes: int,
+    lattice: Lattice,
+    copies: int,
 ) -> tuple[int, int, int]:
     """Bytes while the codes of a program are made, while its patterns are, and of those left."""
     own = lattice if windowed(program) else Lattice(lattice.grid)
@@ -127,7 +140,7 @@ def _of_program(
         pairs = program.count()
         return 0, pairs * (16 * cells + 32), pairs * 5 * cells
     if not program.coded:
-        blocks = _exact_pairs(program)
+        blocks = copies * exact_pairs(program)
         return 0, blocks * 80 * cells, blocks * 16 * cells
     inner = within(program)
     made = codes * cells
@@ -136,7 +149,9 @@ def _of_program(
     if isinstance(inner, Signed | SignedMatrix | Convolved):
         dense = 3 * 8 * square if isinstance(inner, SignedMatrix) else 0
         return bits, made * (56 + 40 * lit) + dense, made * (9 + 8 * lit)
-    several = 8 if isinstance(inner, Coded | Far) else 4
+    if isinstance(inner, Rows):
+        return bits, made * (8 + 60 * lit), made * (2 + 8 * lit)
+    several = 8 if isinstance(inner, Coded | Far | Keyed | KeyedRange) else 4
     return bits, made * (several + 30 * lit), made * (1 + 4 * lit)
 
 
@@ -207,13 +222,14 @@ def _spans(program: Program | None, how: How, single: bool) -> int:
     if isinstance(program, Isolation):
         return max(program.count(), how.coded)
     if not program.coded:
-        return max(_exact_pairs(program), how.coded)  # repeated to fill as many
+        return max(exact_pairs(program), how.coded)  # repeated to fill as many
     codes = part_codes(how.coded, how.parts) or how.codes
     inner = within(program)
-    return 2 * codes if isinstance(inner, Signed | SignedMatrix | Convolved) else codes
+    twice = isinstance(inner, Signed | SignedMatrix | Convolved | Rows)
+    return 2 * codes if twice else codes
 
 
-def _exact_pairs(program: Program) -> int:
+def exact_pairs(program: Program) -> int:
     """Pairs of a program without codes."""
     signed = isinstance(program, SignedBlocks)
     return len(program.camera) * (1 + signed) if isinstance(program, Blocks | SignedBlocks) else 1

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.frames.curve import light_of
 from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import levels_of
+from pdcd.planning.memory import exact_pairs
 from pdcd.planning.plan import Plan
+from pdcd.recipes.programs import Blocks, SignedBlocks
 from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
 
@@ -42,11 +44,22 @@ def metered_pairs(plan: Plan, shot: Shot) -> tuple[int, Floats]:
     of_shot = plan.pairs_of(shot)
     pairs = of_shot if exact else min(METER_PAIRS, of_shot)
     same = np.full(plan.grid, float(plan.passes_of(shot)))
+    if exact and shot.only is None and of_shot > (once := _sequence(plan, shot)):
+        # Copies of a sequence differ by no more than the rounding of their levels.
+        return once, same * (of_shot // once)
     if pairs == of_shot:
         return pairs, same
     whole, test = _open(plan, shot, of_shot), _open(plan, shot, pairs)
     least = np.maximum(test, SEEN * whole * pairs / of_shot)
     return pairs, same * np.divide(whole, least, out=np.zeros_like(whole), where=whole > 0.0)
+
+
+def _sequence(plan: Plan, shot: Shot) -> int:
+    """Pairs of an exact sequence, shown in one copy or several (`pdcd.frames.dither`)."""
+    program = plan.recipe.programs[shot.program]
+    return (
+        exact_pairs(program) if isinstance(program, Blocks | SignedBlocks) else plan.pairs_of(shot)
+    )
 
 
 def _open(plan: Plan, shot: Shot, pairs: int) -> Floats:
@@ -55,8 +68,8 @@ def _open(plan: Plan, shot: Shot, pairs: int) -> Floats:
     primal, dual = plan.patterns[shot.program]
     total = np.zeros(lattice.lattice_cells)
     for k in range(pairs):
-        lit = float(levels_of(primal, k, total.size).mean())
-        total += lit * levels_of(dual, k, total.size)
+        lit = float(light_of(primal, k, total.size, plan.curves[0]).mean())
+        total += lit * light_of(dual, k, total.size, plan.curves[1])
     table = total.reshape(lattice.shape)
     if lattice.fields == 1:
         return table

@@ -7,13 +7,17 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from pdcd.codes.hadamard import hadamard, hadamard_fits
+from pdcd.codes.lines import comb_codes, matched_codes, row_codes
 from pdcd.codes.linked import prior_codes
 from pdcd.codes.make import make_codes
+from pdcd.errors import RequestError
+from pdcd.frames.curve import UNKNOWN, Curves
+from pdcd.frames.dither import code_to_send, sequence_to_send
 from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import compact
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_codes
 from pdcd.planning.plan import Pair, Plan, mean_light, windowed
+from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
 from pdcd.recipes.programs import Coded, Program, extended, within
@@ -32,7 +36,8 @@ def settled_family(
     and in parts, whose spread tells of errors only where phases are left to chance."""
     family = asked or default
     main = next((p.p for p in draft.programs.values() if p.coded), 0.5)
-    if family != "hadamard" or main == 0.5 or asked is not None:
+    lines = any(isinstance(p, KeyedRange) for p in draft.programs.values())
+    if family != "hadamard" or main == 0.5 or asked is not None or lines:
         return family
     fits = how.parts == 1 and hadamard_fits(how.coded, main)
     return family if fits else "balanced"
@@ -47,14 +52,17 @@ def pairs_of(
     p: float | None,
     seed: int,
     watch: Watch,
+    curves: Curves = UNKNOWN,
+    passes: int = 1,
 ) -> dict[str, Pair]:
-    """Patterns of every program; each part of a split photo has codes of its own.
+    """Patterns of every program, as they are sent to panels with these curves; each part of a split
+    photo has codes of its own.
 
     `p` is the share of lit cells that the request names, None where it leaves that open. `watch`
     is told of every program that is done.
     """
     part_of = {shot.program: shot.part for shot in recipe.shots}
-    patterns = {}
+    patterns, slots = {}, how.coded * passes
     watch.expect(float(len(recipe.programs)))
     for name, program in recipe.programs.items():
         part = part_of.get(name, 0)
@@ -67,7 +75,7 @@ def pairs_of(
             bits = _bits(program, lattice, family, part_codes(how.coded, how.parts), p, own_seed)
         if part and family == "hadamard" and program.p == 0.5:
             bits = coin_signs(bits, own_seed)
-        patterns[name] = _compiled(program, recipe, lattice, bits)
+        patterns[name] = _compiled(program, recipe, lattice, bits, curves, slots)
         watch.did(1.0)
     return patterns
 
@@ -90,16 +98,22 @@ def linked_pairs(plan: Plan, links: csr_array, seed: int) -> dict[str, Pair]:
             bits = prior_codes(lattice.shape, count, between, rng)
             if part:
                 bits = coin_signs(bits, own_seed)
-            found[name] = _compiled(program, plan.recipe, lattice, bits)
+            found[name] = _compiled(program, plan.recipe, lattice, bits, plan.curves, 1)
     return found
 
 
-def white_slots(recipe: Recipe, patterns: dict[str, Pair], lattice: Lattice, slots: int) -> int:
+def white_slots(
+    recipe: Recipe,
+    patterns: dict[str, Pair],
+    lattice: Lattice,
+    slots: int,
+    curves: Curves = UNKNOWN,
+) -> int:
     """Slots of a white shot: as the goal itself, all; beside a coded one, as many as gather about
     its light, which keeps the camera at one setting."""
     for name, program in recipe.programs.items():
         if windowed(program):
-            slots = round(slots * mean_light(patterns[name], lattice.lattice_cells))
+            slots = round(slots * mean_light(patterns[name], lattice.lattice_cells, curves))
             break
     return max(1, slots)
 
@@ -108,6 +122,9 @@ def _bits(
     program: Program, lattice: Lattice, family: FamilyName, count: int, p: float | None, seed: int
 ) -> Bools:
     """Code bits (K, L) of a coded program."""
+    lines = _line_codes(program, lattice, family, count, seed)
+    if lines is not None:
+        return lines
     share, inner = program.p, within(program)
     if share != 0.5 and p is None and not isinstance(inner, Coded):
         # The best share of lit cells, rounded to what balanced codes can do.
@@ -122,14 +139,40 @@ def _bits(
     return make_codes(family, shape, count, dual="same", p=share, seed=seed).primal
 
 
-def _compiled(program: Program, recipe: Recipe, lattice: Lattice, bits: Bools) -> Pair:
+def _line_codes(
+    program: Program, lattice: Lattice, family: FamilyName, count: int, seed: int
+) -> Bools | None:
+    """Code bits (K, L) of goals of off-axis benches; None for other programs and families.
+
+    Raises RequestError for a family that cannot do what the program needs.
+    """
+    rng = np.random.Generator(np.random.PCG64(seed))
+    if isinstance(program, KeyedRange):
+        if family != "hadamard":
+            raise RequestError(
+                f"{family} codes cannot key a range of depths", hint="leave out the family"
+            )
+        return comb_codes(lattice.shape, count, program.period, rng)
+    if family == "hadamard" and isinstance(program, Keyed):
+        return matched_codes(lattice.shape, count, rng)
+    if family == "hadamard" and isinstance(program, Rows):
+        return row_codes(lattice.shape, count, rng)
+    return None
+
+
+def _compiled(
+    program: Program, recipe: Recipe, lattice: Lattice, bits: Bools, curves: Curves, slots: int
+) -> Pair:
     """Patterns of a program over its own lattice, coded ones under the goal's illumination."""
     own = lattice if windowed(program) else Lattice(lattice.grid)
     primal, dual = program.pairs(bits, own)
     # A pilot looks at the whole scene: it learns paths, not the picture.
     if recipe.target.light is not None and windowed(program):
         primal = primal * extended(recipe.target.light, own)
-    return compact(primal), compact(dual)
+    if program.coded:
+        return code_to_send(primal, dual, curves)
+    # Exact sequences are shown over and over, for as long as codes would take.
+    return sequence_to_send(primal, dual, curves, slots // len(primal))
 
 
 def _onto_lattice(lattice: Lattice, links: csr_array) -> csr_array:

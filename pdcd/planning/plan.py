@@ -7,18 +7,31 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from pdcd.frames.curve import UNKNOWN, Curves, light_of
 from pdcd.frames.frames import Frames
 from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import Patterns, levels_of
+from pdcd.frames.patterns import Patterns
 from pdcd.frames.schedule import build_frames, slot_rows
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Floodlit, Program
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.recipes.repeat import repeated
-from pdcd.request import How, PlanSummary, Prediction, ShotSummary
+from pdcd.request import How, Leaks, PlanSummary, Prediction, ShotSummary
 from pdcd.words import ScheduleName
 
 Pair = tuple[Patterns, Patterns]
+
+
+@dataclass(frozen=True)
+class Look:
+    """A dark photo that decides on black exposures (`pdcd.planning.look`).
+
+    limit : RMS error by leaks, relative to the answer, from which they are wanted. may_add : else a
+        warning is all.
+    """
+
+    limit: float
+    may_add: bool
 
 
 @dataclass(frozen=True)
@@ -29,7 +42,7 @@ class Plan:
     how: How
     """What the recipe was made by, beside its target."""
     patterns: dict[str, Pair]
-    """Projector and mask patterns of each program."""
+    """Projector and mask patterns of each program, as they are sent."""
     p: float
     window: str
     schedule: ScheduleName
@@ -51,7 +64,13 @@ class Plan:
     prior: str | None = None
     """What guided the codes, in words."""
     reasons: tuple[str, ...] = ()
-    """Why cells, window and schedule are what they are, a line each."""
+    """Why cells, window, schedule and parts are what they are, a line each."""
+    curves: Curves = UNKNOWN
+    """What light both panels make of what they are sent."""
+    look: Look | None = None
+    """Which leaks to look for; None where black exposures are settled."""
+    leaks: Leaks | None = None
+    """What was found."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 
@@ -133,8 +152,8 @@ class Plan:
         if shot.white:
             return duty
         lattice = Lattice(self.grid, self.window_of(shot))
-        kept = mean_light(self.patterns[shot.program], lattice.lattice_cells)
-        return duty * kept / lattice.fields
+        kept = mean_light(self.patterns[shot.program], lattice.lattice_cells, self.curves)
+        return duty * kept * lattice.opening.area
 
     def exposure_s(self, shot: Shot) -> float:
         """Planned time between opening and closing the shutter."""
@@ -184,6 +203,8 @@ class Plan:
             prior=self.prior,
             reasons=self.reasons,
             split=self.recipe.split,
+            black_level=self.how.black_level if self.look is None else "auto",
+            leaks=self.leaks,
         )
 
 
@@ -192,10 +213,10 @@ def windowed(program: Program) -> bool:
     return program.coded and not isinstance(program, Floodlit)
 
 
-def mean_light(pair: Pair, cells: int) -> float:
-    """Mean over pairs and paths of the product of both panels' levels."""
+def mean_light(pair: Pair, cells: int, curves: Curves = UNKNOWN) -> float:
+    """Mean over pairs and paths of the product of both panels' light."""
     primal, dual = (
-        np.array([levels_of(patterns, k, cells).mean() for k in range(len(patterns))])
-        for patterns in pair
+        np.array([light_of(patterns, k, cells, curve).mean() for k in range(len(patterns))])
+        for patterns, curve in zip(pair, curves, strict=True)
     )
     return float(np.mean(primal * dual))

@@ -22,7 +22,7 @@ from pdcd.errors import RequestError
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import Sent
 from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.presets import PRESETS
+from pdcd.scene.presets import OFF_AXIS, PRESETS, builder_of
 from pdcd.scene.scene import Scene
 
 MOST_CELLS = 6144
@@ -107,12 +107,13 @@ def _decay(text: str, grid: tuple[int, int]) -> GivenPrior:
 
 
 def _preset(name: str, grid: tuple[int, int]) -> Scene:
-    if name not in PRESETS:
+    build = builder_of(name)
+    if build is None:
         raise RequestError(
             f"the prior scene:{name} is no preset scene",
-            hint=f"one of {', '.join(sorted(PRESETS))}",
+            hint=f"one of {', '.join(sorted([*PRESETS, *OFF_AXIS]))}",
         )
-    return PRESETS[name](grid, {})
+    return build(grid, {})
 
 
 def _file(name: str, given: Given, grid: tuple[int, int]) -> Scene:

@@ -177,10 +177,17 @@ def _bare(recipe: Recipe) -> Recipe:
     return replace(recipe, photos=photos, shots=shots, pictures={recipe.answer_name: rule})
 
 
-def foreseen(plan: Plan, shot: Shot, config: Config, pairs: int | None = None) -> Factors:
+def foreseen(
+    plan: Plan,
+    shot: Shot,
+    config: Config,
+    pairs: int | None = None,
+    displacement: Floats | None = None,
+) -> Factors:
     """Probing matrix of a shot on panels that behave as configured and miss nothing.
 
-    `pairs` limits it to that many pairs of patterns, as in a test exposure.
+    `pairs` limits it to that many pairs of patterns, as in a test exposure; `displacement` is that
+    of an off-axis scene.
     """
     frames = plan.frames(shot, pairs=pairs)
     settle_ns = round(plan.settle_s * 1e9)
@@ -193,6 +200,7 @@ def foreseen(plan: Plan, shot: Shot, config: Config, pairs: int | None = None) -
             config.mask,
             open_ns=0,
             close_ns=int(log.end_ns.max()) + settle_ns,
+            displacement=displacement,
         )
     )
 
@@ -201,8 +209,8 @@ def _photo(
     plan: Plan, shot: Shot, config: Config, scene: Scene, pairs: int | None = None
 ) -> tuple[Floats, Factors]:
     """Light of a shot, (rows, cols, 3) in scene units times seconds, and its probing matrix."""
-    matrix = foreseen(plan, shot, config, pairs)
-    light = scene.photo(matrix.left, matrix.right, matrix.coaxial, matrix.open_s)
+    matrix = foreseen(plan, shot, config, pairs, scene.displacement)
+    light = scene.photo(matrix.left, matrix.right, matrix.coaxial, matrix.open_s, matrix.displaced)
     return light.reshape(*plan.grid, 3), matrix
 
 

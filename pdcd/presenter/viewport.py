@@ -26,6 +26,7 @@ from pdcd.frames.draw import check_fit
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.panels import PanelView
 from pdcd.frames.patterns import grey_bytes
+from pdcd.frames.windows import ATOMS, strip_numbers, windows
 
 COVER = """#version 330 core
 void main() {  // one triangle over the whole viewport
@@ -35,7 +36,7 @@ void main() {  // one triangle over the whole viewport
 
 PIECES = """
 // What each piece shows. Pixel (x, y) is piece (x - 1, y - 1); the first ones are beside the field.
-const int CELLS = 0, HALVES = 1, WINDOWS = 2, NONE = -1, WHITE = -2;
+const int CELLS = 0, HALVES = 1, WINDOWS = 2, STRIPS = 4, NONE = -1, WHITE = -2;
 uniform usampler2D patterns;  // four bytes a texel, first byte lowest
 uniform int kind;             // of the pieces: cells, pixels, halves (projector), windows (mask)
 uniform int cols;
@@ -58,6 +59,13 @@ int level(int first, int shift, ivec2 piece) {
     if (kind == WINDOWS) {
         if ((piece.x & 1) == moved.x || (piece.y & 1) == moved.y) return 0;
         place = piece >> 1;
+    }
+    if (kind == STRIPS) {  // along an axis: open when moved, always, in place, always
+        ivec2 strip = piece & 3;
+        place = piece >> 2;
+        if (moved.x == 0 ? strip.x == 0 : strip.x == 2) return 0;
+        if (moved.y == 0 ? strip.y == 0 : strip.y == 2) return 0;
+        place += moved * ivec2(strip.x == 3, strip.y == 3);
     }
     int cell = place.y * cols + place.x;
     if (grey) return byte_at(first + cell);
@@ -89,7 +97,7 @@ void main() {
 }
 """
 
-CELLS, HALVES, WINDOWS, PIXELS = range(4)
+CELLS, HALVES, WINDOWS, PIXELS, STRIPS = range(5)
 UNITS = 3
 """Texture units of a panel."""
 TEXTURE_WIDTH = 4096
@@ -131,7 +139,7 @@ class Viewport:
         self._draw_panel = context.vertex_array(self._second, [])
         self._uniform: Any = self._first["frame"]
         self._canvas: moderngl.Framebuffer | None = None
-        self._geometry: tuple[tuple[int, int], int] | None = None
+        self._geometry: tuple[tuple[int, int], int, str] | None = None
         self._first_byte = np.full(1, BLACK, dtype=np.int32)
         self._shift = np.zeros(1, dtype=np.int32)
         self._commands: list[bytes | None] = []
@@ -151,10 +159,12 @@ class Viewport:
         grid, cols, kind = frames.grid, frames.lattice[1], CELLS
         if frames.of_pixels:  # every pixel is a cell, wherever the panel lies
             grid, cols, kind = (height, width), width, PIXELS
-        elif frames.window == "quarter":
-            kind = WINDOWS if mask else HALVES
-        if self._geometry != (grid, kind):
-            self._place(grid, kind)
+        elif windows(frames.window).shifted:
+            kind = HALVES
+            if mask:
+                kind = WINDOWS if frames.window == "quarter" else STRIPS
+        if self._geometry != (grid, kind, frames.window):
+            self._place(grid, kind, frames.window)
         self._first["kind"], self._first["cols"] = kind, cols
         self._first["grey"] = grey
         # One more, black, so that row -1 is black.
@@ -218,7 +228,7 @@ class Viewport:
         stream[: levels.size] = levels.reshape(-1)
         self._texture("patterns", stream.view(np.uint32).reshape(rows, TEXTURE_WIDTH, 1))
 
-    def _place(self, grid: tuple[int, int], kind: int) -> None:
+    def _place(self, grid: tuple[int, int], kind: int, window: str) -> None:
         """Make the table of a geometry, and the small picture that it copies from."""
         self._geometry = None
         rows, cols = (1 + pieces_along(cells, kind) for cells in grid)
@@ -230,12 +240,12 @@ class Viewport:
                 device=self._panel.role,
                 hint="use a coarser grid",
             )
-        self._texture("table", table_of(self._panel, grid, kind)[::-1])
+        self._texture("table", table_of(self._panel, grid, kind, window)[::-1])
         pieces = self._texture("pieces", np.zeros((rows, cols, 4), dtype=np.uint8), "f1")
         if self._canvas is not None:
             self._canvas.release()
         self._canvas = self._context.framebuffer([pieces])
-        self._geometry = grid, kind
+        self._geometry = grid, kind, window
 
     def _texture(self, name: str, data: NDArray[Any], dtype: str = "") -> moderngl.Texture:
         """Put data (h, w, channels) on a panel's unit, in place of those before: whole numbers,
@@ -259,14 +269,18 @@ class Viewport:
 
 def pieces_along(cells: int, kind: int) -> int:
     """How many pieces there are along an axis."""
-    return {CELLS: cells, HALVES: 2 * cells, WINDOWS: 2 * cells + 1, PIXELS: cells}[kind]
+    windows_ = {WINDOWS: 2 * cells + 1, STRIPS: 4 * cells + 1}
+    return {CELLS: cells, HALVES: 2 * cells, PIXELS: cells, **windows_}[kind]
 
 
-def table_of(panel: PanelView, grid: tuple[int, int], kind: int) -> NDArray[Any]:
+def table_of(panel: PanelView, grid: tuple[int, int], kind: int, window: str) -> NDArray[Any]:
     """Which pixel of the small picture each pixel of a panel copies, (height, width, 2): across and
     down, 0 beside the field; uint8 where that is enough, else uint16."""
     if kind == PIXELS:
         number = np.stack(np.meshgrid(*(np.arange(1, n + 1) for n in panel.size_px)), axis=-1)
+    elif kind == STRIPS:
+        atom = atoms(panel, grid, ATOMS)
+        number = np.where(atom < 0, 0, strip_numbers(window, atom) + 1)
     else:
         atom = atoms(panel, grid)
         piece = {CELLS: atom >> 2, HALVES: atom >> 1, WINDOWS: (atom + 1) >> 1}[kind]

@@ -83,18 +83,19 @@ class FineSums:
     def add_coaxial(self, part: Overlap, time_s: Floats) -> None:
         """Mean time (rows, cols) over a part of every cell, which lies in one piece."""
         down, right = part.step
-        at = self._place(0, part.dual_field >> 1, down), self._place(1, part.dual_field & 1, right)
+        strips = self._lattice.strips(part.dual_field)
+        at = self._place(0, strips[0], down), self._place(1, strips[1], right)
         self._coaxial[at] += part.area / self._area[at] * time_s
 
     def add_rows(self, masks: Floats, right: Floats) -> None:
-        """Rows of the realised matrix: masks (R, fields, L + 1), right (R, N)."""
+        """Rows of the realised matrix: masks (R, dual_fields, L + 1), right (R, N)."""
         lattice = self._lattice
         lights = right.reshape(-1, *lattice.grid)
-        level = np.tensordot(right.sum(axis=1), masks, 1)  # (fields, L + 1)
+        level = np.tensordot(right.sum(axis=1), masks, 1)  # (dual_fields, L + 1)
         live = np.asarray(masks.any(axis=2))  # a window is shut under the other sub-shifts
         for i, row in enumerate(self._pieces[0]):
             for j, col in enumerate(self._pieces[1]):
-                field, step = 2 * row.shift + col.shift, (row.step, col.step)
+                field, step = lattice.dual_field(row.strip, col.strip), (row.step, col.step)
                 self._light[i, j] += lattice.stepped(level[field, None], step)[0]
                 seen = lattice.stepped(masks[live[:, field], field], step)
                 self._own[i, j] += np.einsum("rij,rij->ij", seen, lights[live[:, field]])
@@ -104,7 +105,7 @@ class FineSums:
         cuts = tuple((0.0, *(p.high for p in axis[:-1]), 1.0) for axis in self._pieces)
         return Fine(
             (cuts[0], cuts[1]),
-            self._lattice.window == "quarter",
+            self._lattice.opening.shifted,
             *(self._image(table) for table in (self._light, self._own, self._coaxial)),
         )
 
@@ -113,9 +114,9 @@ class FineSums:
         p, q, rows, cols = table.shape
         return table.transpose(2, 0, 3, 1).reshape(rows * p, cols * q)
 
-    def _place(self, axis: int, shift: int, step: int) -> int:
-        keys = [(p.shift, p.step) for p in self._pieces[axis]]
-        return keys.index((shift, step))
+    def _place(self, axis: int, strip: int, step: int) -> int:
+        keys = [(p.strip, p.step) for p in self._pieces[axis]]
+        return keys.index((strip, step))
 
 
 def cut_by_windows(lattice: Lattice) -> bool:

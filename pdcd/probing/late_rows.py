@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.frames.lattice import Lattice
+from pdcd.frames.windows import LOWER, MOVED, PLACED, UPPER
 from pdcd.maps.map import Map
 from pdcd.maps.placing import placed
 
@@ -35,6 +36,9 @@ class Band:
 
 
 ALL_AT_ONCE = (Band(0, slice(None)),)
+
+STRIP_CENTRES = {PLACED: 0.5, MOVED: 0.0, LOWER: 0.25, UPPER: 0.75}
+"""Centre of a strip from the edge of the code cell that it is numbered by."""
 
 
 def band_delays_ns(scan_s: float, bands: int) -> Times:
@@ -87,11 +91,11 @@ def _lit_centres(lattice: Lattice) -> NDArray[np.float64]:
 
 
 def _mask_centres(lattice: Lattice) -> NDArray[np.float64]:
-    """Centres of the mask's windows, (fields, L, 2), as x, y of the field."""
+    """Centres of the mask's strips, (dual_fields, L, 2), as x, y of the field."""
     places = []
-    for field in range(lattice.fields):
-        down = np.arange(lattice.shape[0]) + 0.5 - 0.5 * (field >> 1)
-        right = np.arange(lattice.shape[1]) + 0.5 - 0.5 * (field & 1)
+    for field in range(lattice.dual_fields):
+        strips = (STRIP_CENTRES[strip] for strip in lattice.strips(field))
+        down, right = (np.arange(n) + at for n, at in zip(lattice.shape, strips, strict=True))
         places.append(_grid(down, right, lattice.grid))
     return np.stack(places)
 

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.grey import curve_of
 from pdcd.bench.tables import PanelConfig
+from pdcd.frames.curve import Curve
 
 Floats = NDArray[np.float64]
 
@@ -24,18 +26,21 @@ SHORTEST_S = 1e-300
 
 @dataclass(frozen=True)
 class Panel:
-    """Optics of one panel: time constants in s, black over white, delay of the light in ns."""
+    """Optics of one panel: time constants in s, black over white, delay of the light in ns, and the
+    light of what is sent; None: it is taken as light."""
 
     rise_s: float = 0.0
     fall_s: float = 0.0
     leak: float = 0.0
     skew_ns: int = 0
+    curve: Curve | None = None
 
     @classmethod
     def from_config(cls, config: PanelConfig) -> Panel:
         """The panel that [projector] or [mask] describes."""
         leak = 0.0 if config.contrast is None else 1.0 / config.contrast
-        return cls(config.rise_s, config.fall_s, leak, round(config.skew_s * 1e9))
+        skew_ns = round(config.skew_s * 1e9)
+        return cls(config.rise_s, config.fall_s, leak, skew_ns, curve_of(config))
 
     def later(self, delay_ns: int) -> Panel:
         """The panel as those of its rows behave that come so much later."""

@@ -19,6 +19,7 @@ from scipy import sparse
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
+from pdcd.frames.curve import Curve
 from pdcd.frames.frames import FrameLog
 from pdcd.frames.pixels import BLACK_PICTURE, PanelPictures, Shown
 from pdcd.probing.panel import Panel, Trajectory, offset_cells
@@ -128,7 +129,7 @@ def pixel_factors(
     shown : one picture of each panel for every row of `log`.
     log : when each row began on each panel; its row numbers are not looked at.
     projector, mask : optics of the panels, misregistration included; both rest on black when the
-        shutter opens. Levels are taken as shares of full light: panels without gamma.
+        shutter opens. Levels become light by `gamma` or `lut`, the same for all colours.
     grid : (rows, cols) of the scene's cells; both panels spread over all of them.
     open_ns, close_ns : the exposure, on the clock of the log.
 
@@ -146,14 +147,14 @@ def pixel_factors(
         primal,
         p_start_ns,
         projector.size_px[0] * projector.size_px[1],
-        lambda s: _levels(shown.projector, p_rows[s]).ravel(),
+        lambda s: _light(shown.projector, p_rows[s], primal.curve).ravel(),
     )
     height, width = places.dual_shape
     d_track = Trajectory(
         dual,
         d_start_ns,
         height * width,
-        lambda s: np.pad(_levels(shown.mask, d_rows[s]), (0, 1)).ravel(),
+        lambda s: np.pad(_light(shown.mask, d_rows[s], dual.curve), (0, 1)).ravel(),
     )
     weights, opens = span_weights(
         primal, dual, p_start_ns, d_start_ns, exposure_ns=close_ns - open_ns
@@ -213,6 +214,7 @@ def _reduce(places: _Places, lights: Floats, masks: Floats, open_fine: Floats) -
     return Factors(left, right, coaxial, places.dual_mean(open_fine))
 
 
-def _levels(pictures: PanelPictures, row: int) -> Floats:
-    """Levels of one row, or of the black before and after all of them (-1)."""
-    return pictures.levels(BLACK_PICTURE if row < 0 else int(pictures.index[row]))
+def _light(pictures: PanelPictures, row: int, curve: Curve | None) -> Floats:
+    """Light of one row, or of the black before and after all of them (-1)."""
+    sent = pictures.levels(BLACK_PICTURE if row < 0 else int(pictures.index[row]))
+    return sent if curve is None else curve.given(sent)

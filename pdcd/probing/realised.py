@@ -25,6 +25,7 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.lattice import Lattice, Overlap
 from pdcd.probing.blurred import Blur
+from pdcd.probing.displaced import Beams
 from pdcd.probing.fine import Fine, FineSums, cut_by_windows, summed
 from pdcd.probing.late_rows import ALL_AT_ONCE, Band, bands_of
 from pdcd.probing.panel import Panel, Trajectory, blur_cells, offset_cells
@@ -49,6 +50,8 @@ class Factors:
         Mean over each cell of the time for which the mask is open (what ambient light gets).
     fine : sums over rows for parts of cells; None where windows do not cut the cells, or where
         nobody asked.
+    displaced : (N,) float64
+        As `coaxial`, of points whose light comes from another place; None where nobody asked.
     """
 
     left: Floats
@@ -56,6 +59,7 @@ class Factors:
     coaxial: Floats
     open_s: Floats
     fine: Fine | None = None
+    displaced: Floats | None = None
 
     @cached_property
     def total_s(self) -> float:
@@ -84,6 +88,7 @@ def factors(
     fine: bool = False,
     bands: tuple[Bands, Bands] = (ALL_AT_ONCE, ALL_AT_ONCE),
     blur_cells: tuple[float, float] = (0.0, 0.0),
+    displacement: Floats | None = None,
 ) -> Iterator[Factors]:
     """Realised probing matrix of one exposure, chunk by chunk.
 
@@ -97,15 +102,18 @@ def factors(
     bands : fields of projector and mask whose light comes later than that of others. Time and
         memory grow with the number of the projector's bands, hardly with the mask's.
     blur_cells : blur of the light on the mask, of direct light only, in cells (rows, cols).
+    displacement : (N, 2) of an off-axis scene, in cells down and right, for `Factors.displaced`;
+        this light is not blurred.
     """
     lattice = Lattice(frames.grid, frames.window, offset_cells)
     exposed = _Exposed(frames, lattice, log, primal, dual, open_ns, close_ns)
     blur = Blur(lattice, blur_cells) if any(blur_cells) else None
     finely = fine and cut_by_windows(lattice)
+    beams = None if displacement is None else Beams(lattice, displacement)
     for number, band in enumerate(bands[0]):
         p_rows, p_start_ns, p_track = exposed.track(band, primal_side=True)
         gates = [exposed.gate(dual_band, band, p_start_ns) for dual_band in bands[1]]
-        widest = lattice.fields * (lattice.lattice_cells + 1) * 8
+        widest = lattice.dual_fields * (lattice.lattice_cells + 1) * 8
         step = max(1, CHUNK_BYTES // (widest * p_track.fields))
         for start in range(0, len(p_rows), step):
             stop = min(start + step, len(p_rows))
@@ -115,7 +123,7 @@ def factors(
                 whole[:, band.pixels] = right
                 right = whole
             met_here = _through(right, gates, start, stop, p_track.fields)
-            yield _chunk(lattice, right, met_here, finely, blur, first=number == 0)
+            yield _chunk(lattice, right, met_here, finely, blur, beams, first=number == 0)
 
 
 @dataclass(frozen=True)
@@ -150,12 +158,16 @@ class _Exposed:
         panel = (self.primal if primal_side else self.dual).later(band.delay_ns)
         end_ns = int(log.end_ns[0 if primal_side else 1])
         rows, starts = frame_spans(self.frames, shown, at, end_ns, panel, self.open_ns, primal_side)
-        pixels = lattice.fields * (lattice.cells if primal_side else lattice.lattice_cells + 1)
+        pixels = lattice.fields * lattice.cells
+        if not primal_side:
+            pixels = lattice.dual_fields * (lattice.lattice_cells + 1)
         return rows, starts, Trajectory(
             panel,
             starts,
             band.count(pixels),
-            lambda s: target(self.frames, lattice, rows[s], primal_side=primal_side)[band.pixels],
+            lambda s: target(
+                self.frames, lattice, rows[s], panel.curve, primal_side=primal_side
+            )[band.pixels],
         )  # fmt: skip
 
     def gate(self, band: Band, primal_band: Band, p_start_ns: Times) -> _Gate:
@@ -198,6 +210,7 @@ def bench_factors(
     open_ns: int,
     close_ns: int,
     fine: bool = False,
+    displacement: Floats | None = None,
 ) -> Iterator[Factors]:
     """`factors` of panels as a configuration describes them: misregistration, rows that are set one
     after the other, and blur included."""
@@ -215,6 +228,7 @@ def bench_factors(
             bands_of(mask, projector.size_px, Lattice(frames.grid, frames.window), mask=True),
         ),
         blur_cells=blur_cells(projector, mask, frames.grid),
+        displacement=displacement,
     )
 
 
@@ -225,13 +239,15 @@ def collect(chunks: Iterable[Factors]) -> Factors:
     than a matrix of all pairs of cells.
     """
     parts: list[Factors] = []
-    coaxial, open_s = [], []
+    coaxial, open_s, displaced = [], [], []
     matrix: Floats | None = None
     fine: list[Fine | None] = []
     for chunk in chunks:
         fine = [summed((1.0, part) for part in (*fine, chunk.fine))]
         coaxial.append(chunk.coaxial)
         open_s.append(chunk.open_s)
+        if chunk.displaced is not None:
+            displaced.append(chunk.displaced)
         parts.append(chunk)
         cells = chunk.coaxial.size
         if matrix is None and sum(len(p.left) for p in parts) > cells:
@@ -245,7 +261,9 @@ def collect(chunks: Iterable[Factors]) -> Factors:
     else:
         left = np.concatenate([p.left for p in parts])
         right = np.concatenate([p.right for p in parts])
-    return Factors(left, right, sum_of(coaxial), sum_of(open_s), *fine)
+    moved = sum_of(displaced) if displaced else None
+    finely = fine[0] if fine else None
+    return Factors(left, right, sum_of(coaxial), sum_of(open_s), finely, moved)
 
 
 def sum_of(arrays: Iterable[Floats]) -> Floats:
@@ -281,16 +299,17 @@ def _chunk(
     through: tuple[Floats, NDArray[np.bool_], Floats],
     finely: bool,
     blur: Blur | None,
+    beams: Beams | None,
     *,
     first: bool,
 ) -> Factors:
     """Reduce the spans of one chunk to the cells of the scene. The mask's own open time is counted
     with the `first` band of the projector."""
-    cells, k = lattice.cells, lattice.fields
+    cells = lattice.cells
     left, alive, open_fine = through
     right = right[alive]
-    masks = left.reshape(-1, k, lattice.lattice_cells + 1)
-    lights = right.reshape(-1, k, cells)
+    masks = left.reshape(-1, lattice.dual_fields, lattice.lattice_cells + 1)
+    lights = right.reshape(-1, lattice.fields, cells)
     coaxial = np.zeros(lattice.grid)
     fine = FineSums(lattice) if finely else None
     for o, mask, light in _meetings(lattice, masks, lights, blur):
@@ -311,6 +330,7 @@ def _chunk(
         coaxial.ravel(),
         opened if first else np.zeros_like(opened),
         None if fine is None else fine.fine(),
+        None if beams is None else beams.seen_s(masks, lights),
     )
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from pdcd.frames.curve import Curve, light_of
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import levels_of
 from pdcd.probing.panel import Panel, Trajectory, decay_integral
 
 Floats = NDArray[np.float64]
@@ -90,8 +90,10 @@ def span_starts(
     return rows, np.maximum(starts, 0)
 
 
-def target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) -> Floats:
-    """Level that one span asks of every pixel of a panel, (P,)."""
+def target(
+    frames: Frames, lattice: Lattice, row: int, curve: Curve | None, *, primal_side: bool
+) -> Floats:
+    """Light that one span asks of every pixel of a panel with that curve, (P,)."""
     index = frames.primal_index if primal_side else frames.dual_index
     which = BLACK if row < 0 else int(index[row])
     if which in (BLACK, WHITE):
@@ -99,7 +101,7 @@ def target(frames: Frames, lattice: Lattice, row: int, *, primal_side: bool) -> 
             return np.full(lattice.fields * lattice.cells, float(which == WHITE))
         return lattice.dual_field_uniform(float(which == WHITE)).ravel()
     patterns = frames.primal_patterns if primal_side else frames.dual_patterns
-    pattern = levels_of(patterns, which, lattice.lattice_cells)
+    pattern = light_of(patterns, which, lattice.lattice_cells, curve)
     place = lattice.primal_field_values if primal_side else lattice.dual_field_values
     return place(pattern, int(frames.shift[row])).ravel()
 

@@ -79,6 +79,9 @@ def target_of(request: CaptureRequest, given: Given, grid: tuple[int, int]) -> T
         radius=request.radius,
         mix=request.mix,
         period=request.period,
+        disparity=request.disparity,
+        plane=request.plane,
+        keep=request.keep,
     )
     return check_target(target_with(goal, grid, arrays))
 

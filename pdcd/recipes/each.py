@@ -8,6 +8,7 @@ import numpy as np
 
 from pdcd.probing.convolved import Kernel
 from pdcd.probing.wanted import Full, Match, Near, Outer, Uniform, Wanted, shifted
+from pdcd.recipes import off_axis
 from pdcd.recipes.factored import distinct_rows, factors_of
 from pdcd.recipes.maker import Maker, itself
 from pdcd.recipes.partners import Partner, cells_of
@@ -244,4 +245,7 @@ RECIPES: dict[str, Callable[[Maker, bool, int], dict[str, Rule]]] = {
     "descattered": _descattered,
     "filtered": _filtered,
     "split": _split,
+    "keyed": off_axis.keyed,
+    "epipolar": off_axis.epipolar,
+    "stereo": off_axis.stereo,
 }

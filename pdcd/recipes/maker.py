@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdcd.probing.wanted import Match, Part, Rows, Uniform, Wanted
+from pdcd.probing.wanted import Gained, Match, Part, Uniform, Wanted
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import (
     Behind,
@@ -62,12 +62,14 @@ class Maker:
         light: Floats | None = None,
         gain: Floats | None = None,
         by_direct: bool = False,
+        rows: bool = False,
     ) -> None:
         """A photo of one coded shot, under `light` beside the goal's own, the mask's levels times
-        `gain`; (N,) each."""
+        `gain`; (N,) each. With `rows` each cell is divided by its own weight."""
         wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
         self.programs[name] = _seen(program, light, gain)
-        self.photo(name, wanted, [(1.0, Shot(name, name))], isinstance(program, Far))
+        rows = rows or isinstance(program, Far)
+        self.photo(name, wanted, [(1.0, Shot(name, name))], rows)
 
     def signed(
         self,
@@ -76,6 +78,7 @@ class Maker:
         *parts: tuple[float, Part],
         light: Floats | None = None,
         gain: Floats | None = None,
+        by_direct: bool = False,
     ) -> None:
         """A photo that is the difference of two shots; `light` and `gain` as of `coded`."""
         shots = []
@@ -83,7 +86,8 @@ class Maker:
             part = f"{name}-{'plus' if positive else 'minus'}"
             self.programs[part] = _seen(half(positive), light, gain)
             shots.append((sign, Shot(part, part)))
-        self.photo(name, self.wanted(*parts, light=light, gain=gain), shots)
+        wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
+        self.photo(name, wanted, shots)
 
     def exact(self, name: str, wanted: Wanted, camera: list, projector: list) -> None:  # type: ignore[type-arg]
         """A photo of few exact, non-negative blocks."""
@@ -98,7 +102,7 @@ class Maker:
     ) -> Wanted:
         """A wanted matrix under the goal's illumination, and under `light` and behind `gain`."""
         if gain is not None:
-            parts = tuple((weight, Rows(gain, part)) for weight, part in parts)
+            parts = tuple((weight, Gained(gain, part)) for weight, part in parts)
         return Wanted(self.target.grid, parts, self.lit(light))
 
     def lit(self, light: Floats | None) -> Floats | None:

@@ -58,13 +58,15 @@ def in_parts(recipe: Recipe, parts: int) -> Recipe:
 
 
 def check_parts(request: CaptureRequest) -> int:
-    """Number of parts asked for. Raises RequestError for a target that they cannot measure."""
-    if request.until_error is not None and request.parts < FEWEST_PARTS:
+    """Number of parts asked for, 1 where that is left open (`pdcd.planning.unasked` settles it
+    before). Raises RequestError for a target that they cannot measure."""
+    parts = request.parts if isinstance(request.parts, int) else 1
+    if request.until_error is not None and parts < FEWEST_PARTS:
         raise RequestError(
-            f"{request.parts} parts cannot tell when the error is low enough",
+            f"{parts} parts cannot tell when the error is low enough",
             hint=f"take at least {FEWEST_PARTS} parts: their spread measures the error",
         )
-    return request.parts
+    return parts
 
 
 def part_numbers(recipe: Recipe) -> tuple[int, ...]:

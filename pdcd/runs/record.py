@@ -35,7 +35,7 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One exposure as it was taken. Times are ns of the rig's clock."""
 
     name: str
-    window: Annotated[str, Meta(pattern="^(whole|quarter)$")]
+    window: Annotated[str, Meta(pattern="^(whole|quarter|side-5/8|side-3/4|side-7/8)$")]
     """Window mode of its frames."""
     raw: str
     """Path in the run folder."""
@@ -57,13 +57,13 @@ class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MeterRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """A test exposure that set an aperture."""
+    """A test exposure: one that set an aperture, or a dark photo that looked for leaks."""
 
     raw: str
     """Path in the run folder."""
     f_number: Positive
-    peak: float
-    """Its brightest sample, as a share of saturation."""
+    peak: float | None
+    """Its brightest sample, as a share of saturation; None for a dark photo."""
 
 
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -118,7 +118,7 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     drivers: dict[str, Any]
     config: dict[str, Any]
     meter: tuple[MeterRecord, ...]
-    """Test exposures that set the aperture."""
+    """Test exposures that set the aperture, and dark photos that looked for leaks."""
     files: dict[str, FileRecord]
     """Every other file of the folder, but the manifest's digest."""
     missing: tuple[str, ...] = ()

@@ -10,7 +10,7 @@ from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.scene.card import CARD, card
 from pdcd.scene.matrix import load_matrix
-from pdcd.scene.presets import PRESETS
+from pdcd.scene.presets import OFF_AXIS, PRESETS, builder_of
 from pdcd.scene.scene import Scene
 
 
@@ -25,18 +25,17 @@ def build_scene(config: SceneConfig) -> Scene:
     """
     if config.kind == "matrix":
         scene = _matrix_scene(config)
-    elif config.kind == CARD or config.kind in PRESETS:
+    elif make := card if config.kind == CARD else builder_of(config.kind):
         if config.path is not None:
             raise ConfigError(
                 f"[scene] path: the kind {config.kind!r} reads no file",
                 hint='remove `path`, or set kind = "matrix"',
             )
-        make = card if config.kind == CARD else PRESETS[config.kind]
         scene = make(config.grid or DEFAULT_GRID, config.options)
     else:
         raise ConfigError(
             f"[scene] kind: unknown kind {config.kind!r}",
-            hint=f"one of {', '.join(sorted([*PRESETS, CARD, 'matrix']))}",
+            hint=f"one of {', '.join(sorted([*PRESETS, *OFF_AXIS, CARD, 'matrix']))}",
         )
     if config.ambient == 0.0:
         return scene

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pdcd.scene.displaced import Displaced
 from pdcd.scene.effects import Array, Effect
 from pdcd.scene.texture import OnFirstUse
 
@@ -95,7 +96,21 @@ class Scene:
             whole += effect.tint[:, None, None] * effect.dense()
         return whole
 
-    def photo(self, left: Array, right: Array, coaxial: Array, open_s: Array) -> Array:
+    @property
+    def displacement(self) -> Array | None:
+        """Where direct light comes from, beside the cell that sees it, (N, 2) cells down and right;
+        None on a coaxial bench (`pdcd.scene.displaced`)."""
+        found = [e.displacement for e in self.effects if isinstance(e, Displaced)]
+        return found[0] if found else None
+
+    def photo(
+        self,
+        left: Array,
+        right: Array,
+        coaxial: Array,
+        open_s: Array,
+        displaced: Array | None = None,
+    ) -> Array:
         """Return what one exposure collects, (N, 3): ``(P o T) 1`` plus the ambient light.
 
         Parameters
@@ -108,6 +123,9 @@ class Scene:
             open parts of a cell treat such light differently from light that wandered.
         open_s : (N,) float64
             Time for which the mask let ambient light through, in seconds.
+        displaced : (N,) float64 or None
+            As `coaxial`, for direct light from `displacement`. None: by the matrix between cells,
+            which is the same where panels show whole cells.
 
         Notes
         -----
@@ -118,6 +136,8 @@ class Scene:
         for effect in self.effects:
             if effect.coaxial:
                 share = effect.diagonal() * coaxial
+            elif displaced is not None and isinstance(effect, Displaced):
+                share = effect.albedo * displaced
             else:
                 share = effect.probe(left, right)
             seen += share[:, None] * effect.tint

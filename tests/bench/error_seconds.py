@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Literal
 
 import msgspec
-import numpy as np
 
 from pdcd.capture.engine import Engine
 from pdcd.request import CaptureRequest
@@ -114,8 +113,8 @@ def _point(engine: Engine, request: CaptureRequest) -> tuple[Point, float]:
     with tempfile.TemporaryDirectory() as folder:
         result = capture_with(engine, request, Path(folder), "job")
         manifest = json.loads((Path(str(result.folder)) / "capture.json").read_text())
-    summary = msgspec.convert(result.summary, dict[str, float | str | None])
-    numbers = [float(summary[key] or np.nan) for key in ("rms_error", "exposure_s", "shots")]
+    figures = (result.summary[key] for key in ("rms_error", "exposure_s", "shots"))
+    numbers = [msgspec.convert(figure, float) for figure in figures]
     f_number = float(manifest["run"]["shots"][0]["f_number"])
     return Point(numbers[0], numbers[1], round(numbers[2])), f_number
 

@@ -132,6 +132,7 @@ def end_of(client: Client, job: str) -> Done | Failed | Cancelled:
     return next(e for e in client.events() if isinstance(e, ENDS) and e.job == job)
 
 
+@pytest.mark.long
 def test_a_killed_daemon_leaves_black_panels_and_a_closed_shutter(
     tmp_path: Path, x_quarter: XServer, box: Box
 ) -> None:
@@ -172,6 +173,7 @@ def test_a_killed_presenter_leaves_black_panels_a_closed_shutter_and_a_daemon(
     x11_rig.assert_dark_in_time(lit_s)
 
 
+@pytest.mark.long
 def test_the_next_capture_after_a_killed_presenter_works(
     tmp_path: Path, x_quarter: XServer
 ) -> None:
@@ -186,6 +188,7 @@ def test_the_next_capture_after_a_killed_presenter_works(
         assert process.poll() is None
 
 
+@pytest.mark.long
 def test_a_killed_x_server_fails_the_job_and_the_daemon_goes_on(tmp_path: Path, box: Box) -> None:
     with (
         run(*QUARTER) as server,

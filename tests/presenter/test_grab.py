@@ -253,6 +253,7 @@ def test_a_shifted_window(
     np.testing.assert_allclose(found, at(c20=code_s * kept), atol=1e-15)
 
 
+@pytest.mark.long
 def test_swapped_panels(tmp_path: Path) -> None:
     """Two panels of one size with their names exchanged: the mask's code lights the scene."""
     with run(PROJECTOR_PX, PROJECTOR_PX) as server:
@@ -273,6 +274,7 @@ def test_swapped_panels(tmp_path: Path) -> None:
             np.testing.assert_allclose(found, at(c12=code_s), atol=1e-15)
 
 
+@pytest.mark.long
 def test_pictures_of_several_passes_join_as_their_logs_do(
     tmp_path: Path, x_quarter: XServer
 ) -> None:

@@ -93,6 +93,7 @@ def check(log: FrameLog) -> None:
     np.testing.assert_allclose(lasted[:-1], counted, atol=0.8)
 
 
+@pytest.mark.long
 def test_every_stall_of_30_ms_costs_one_refresh_and_is_found(
     tmp_path: Path, x_quarter: XServer
 ) -> None:
@@ -103,6 +104,7 @@ def test_every_stall_of_30_ms_costs_one_refresh_and_is_found(
     np.testing.assert_array_equal(np.flatnonzero(log.missed), np.array(STALLS) + 1)
 
 
+@pytest.mark.long
 def test_no_false_alarms(tmp_path: Path, x_quarter: XServer) -> None:
     """Beside the 594 refreshes between the stalls."""
     with playing(tmp_path, x_quarter, 100) as play:
@@ -120,6 +122,7 @@ def busy() -> Iterator[None]:
         loop.wait()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.geteuid() != 0, reason="real-time priority needs root or LimitRTPRIO")
 def test_a_busy_core_costs_no_frame(tmp_path: Path, x_quarter: XServer) -> None:
     with playing(tmp_path, x_quarter, 60) as play, busy():

@@ -121,6 +121,7 @@ def only(frames: Frames, row: int) -> Frames:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("layout", "window", "places"),
     [("span", "whole", None), ("windows", "quarter", BENT)],
@@ -181,6 +182,7 @@ class TestManyCells:
         assert not x11_rig.root_pixels(screen.server).any()
 
 
+@pytest.mark.long
 def test_cells_of_two_pixels(tmp_path: Path, x_quarter: XServer) -> None:
     """128 x 96 cells, in windows of one pixel or two, under a map that bends.
 

@@ -178,6 +178,7 @@ def owner_killed(folder: Path, server: XServer, lit: Callable[[], bool]) -> floa
         owner.communicate()
 
 
+@pytest.mark.long
 def test_panels_go_black_when_their_idle_owner_is_killed(
     tmp_path: Path, x_quarter: XServer, lit: Callable[[], bool]
 ) -> None:
@@ -188,6 +189,7 @@ def test_panels_go_black_when_their_idle_owner_is_killed(
     x11_rig.assert_dark_in_time(lit_s)
 
 
+@pytest.mark.long
 def test_a_presenter_that_hangs_is_killed(tmp_path: Path, x_quarter: XServer) -> None:
     display = x11_rig.display(x11_rig.config(tmp_path, x_quarter, more={"hang_s": 0.5}))
     display.connect()
@@ -231,6 +233,7 @@ def test_a_stopped_presenter_is_waited_for_with_signs_of_life(
         rig.display.disconnect()
 
 
+@pytest.mark.long
 def test_a_server_that_dies_is_a_lost_device(tmp_path: Path) -> None:
     with run(*QUARTER) as server:
         display = x11_rig.display(x11_rig.config(tmp_path, server))

@@ -78,6 +78,7 @@ def test_a_mutant_changes_its_place_only() -> None:
     assert one.key in {m.key for m in mutants("pdcd/a.py", moved)}
 
 
+@pytest.mark.long
 def test_a_draw_goes_by_its_seed_and_leaves_known_ones_out() -> None:
     files = files_of("recipes", ROOT)
     first, second = (drawn(files, ROOT, 5, seed=3) for _ in range(2))
@@ -158,6 +159,7 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path, {})
 
 
+@pytest.mark.long
 @needs("git")
 def test_what_is_tested_is_noticed_and_nothing_else(
     bench: Bench, monkeypatch: pytest.MonkeyPatch

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration import sketch
+from pdcd.calibration.arrows import arrows
 from pdcd.calibration.cell_size import HALF, guard_px
+from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.check import GOOD_CLOSED, GOOD_LAMP, GOOD_PX, GOOD_S, Checked, Look, check
 from pdcd.calibration.correction import bent_to, nodes_of
 from pdcd.calibration.figures import Figure, Verdict
@@ -224,7 +225,7 @@ def _picture(
     session: Session, now: Look, then: Look, found: Checked, advice: list[str]
 ) -> NDArray[np.uint8]:
     """How the dots of both panels moved in the photo, and what to do."""
-    picture = sketch.blank()
+    picture = sheet()
     width, height = session.found("camera").size_px
     box_height = min(round(420 * height / width), 340)
     for number, panel in enumerate(PANELS):
@@ -232,8 +233,8 @@ def _picture(
         was, found_again, _ = common(before, after)
         box = (20 + 440 * number, 40, 420, box_height)
         title = f"how the {panel}'s dots moved in the photo"
-        sketch.arrows(picture, box, was / (width, height), found_again - was, title, unit="quads")
+        arrows(picture, box, was / (width, height), found_again - was, title, unit="quads")
     verdict = ("as it was", "a little changed: taken into account", "changed: calibrate anew")
     lines = [f"the bench is {verdict[found.verdict]}; lamp {found.lamp:.1%}"]
-    sketch.write(picture, [*lines, *(text[:118] for text in advice)], 20, box_height + 75)
+    write(picture, [*lines, *(text[:118] for text in advice)], (20, box_height + 75))
     return picture

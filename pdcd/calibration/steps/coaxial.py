@@ -7,7 +7,8 @@ from collections.abc import Generator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration import sketch
+from pdcd.calibration.arrows import arrows
+from pdcd.calibration.charts import sheet
 from pdcd.calibration.coaxial import Parallax, parallax
 from pdcd.calibration.compose import compose, one_field
 from pdcd.calibration.figures import Figure, Verdict
@@ -110,8 +111,8 @@ def _picture(near: tuple[Map, Map], far: tuple[Map, Map]) -> NDArray[np.uint8]:
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     points = places * (width, height)
     one, two = (between(mask, projector, points) for mask, projector in (near, far))
-    picture = sketch.blank()
+    picture = sheet()
     title = "how the mask's pixels move over the projector, from the near card to the far one"
-    sketch.arrows(picture, (20, 40, 680, min(510, round(680 * height / width))), places, two - one,
+    arrows(picture, (20, 40, 680, min(510, round(680 * height / width))), places, two - one,
                   title)  # fmt: skip
     return picture

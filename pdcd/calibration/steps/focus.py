@@ -8,7 +8,7 @@ from collections.abc import Generator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration import sketch
+from pdcd.calibration.charts import BLUE, GREY, Chart, sheet
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.focus import LEAST_PERIODS, PARTS, Best, Depth, depth
 from pdcd.calibration.photo import Photo
@@ -141,10 +141,12 @@ def _stripes(session: Session, panel: str, period_px: int) -> NDArray[np.bool_]:
 
 def _picture(depths: dict[str, list[Depth]]) -> NDArray[np.uint8]:
     """Depth over the photos, of both panels."""
-    picture = sketch.blank()
+    drawn = sheet()
     for number, (panel, seen) in enumerate(depths.items()):
+        photo = np.arange(1.0, len(seen) + 1.0)
         values = np.array([each.number for each in seen])
-        title = f"depth of the {panel}'s stripes, photo by photo"
-        box = (20, 40 + 280 * number, 860, 210)
-        sketch.curve(picture, box, np.arange(1.0, len(seen) + 1.0), values, title, fit=values)
-    return picture
+        chart = Chart(drawn, (0, 300 * number, 900, 290), (0.5, len(seen) + 0.5), (0.0, 1.3))
+        chart.frame(f"Depth of the {panel}'s stripes, photo by photo", "photo", "depth")
+        chart.line(photo, values, GREY)
+        chart.points(photo, values, BLUE)
+    return drawn

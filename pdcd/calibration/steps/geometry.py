@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map, panels_of
-from pdcd.calibration import sketch
+from pdcd.calibration.arrows import arrows
+from pdcd.calibration.charts import sheet
 from pdcd.calibration.compose import Composed, compose, one_field
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.finding import Dots, find_dots
@@ -132,13 +133,13 @@ def _refuse_unlike(session: Session, composed: Composed) -> None:
 
 def _picture(*panels: tuple[Dots, Fitted]) -> NDArray[np.uint8]:
     """What the maps of projector and mask leave of each dot."""
-    picture = sketch.blank((900, 420))
+    picture = sheet(900, 420)
     for number, (dots, fitted) in enumerate(panels):
         size = np.array(dots.grid.size_px, dtype=np.float64)
         height = round(420 * size[1] / size[0])
         box = (20 + 440 * number, 60, 420, min(height, 480))
         title = f"{dots.grid.panel}: what the map leaves of {len(dots.index)} dots"
-        sketch.arrows(picture, box, dots.panel_px / size, fitted.residual_px, title)
+        arrows(picture, box, dots.panel_px / size, fitted.residual_px, title)
     return picture
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import DEFAULT_GRID, Config
-from pdcd.calibration import sketch
+from pdcd.calibration.arrows import arrows
 from pdcd.calibration.cell_size import (
     HALF,
     Meeting,
@@ -17,6 +17,7 @@ from pdcd.calibration.cell_size import (
     smallest_cell_px,
     table,
 )
+from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.correction import Correction, corrected, fitted
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.mask_blur import MaskBlur, blur
@@ -207,12 +208,12 @@ def _picture(
     before: Offsets, after: Offsets, meeting: Meeting, size_px: tuple[int, int]
 ) -> NDArray[np.uint8]:
     """Offsets before and after the correction, and what cells leak."""
-    picture = sketch.blank()
+    picture = sheet()
     size = np.array(size_px, dtype=np.float64)
     height = min(round(420 * size[1] / size[0]), 330)
     for number, (title, found) in enumerate((("by geometry", before), ("corrected", after))):
         box = (20 + 440 * number, 30, 420, height)
         title = f"offset of the mask's map, {title}"
-        sketch.arrows(picture, box, found.points_px / size, found.offset_px, title)
-    sketch.write(picture, printed(meeting), 20, height + 65)
+        arrows(picture, box, found.points_px / size, found.offset_px, title)
+    write(picture, printed(meeting), (20, height + 65))
     return picture

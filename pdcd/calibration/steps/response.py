@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map
-from pdcd.calibration.chart import COLOURS, Chart
+from pdcd.calibration.charts import BLUE, RED, Chart, sheet
 from pdcd.calibration.metering import opened
 from pdcd.calibration.photo import Photo, Seen, refuse_settings
 from pdcd.calibration.response import (
@@ -18,13 +18,15 @@ from pdcd.calibration.response import (
     steps_photos,
     strips_seen,
 )
-from pdcd.calibration.script import Outcome, Script, Session, Wanted, take
+from pdcd.calibration.script import Measured, Outcome, Script, Session, Wanted, take
 from pdcd.calibration.shown import Shown, still
 from pdcd.frames.frames import WHITE
 
 HELD = 128
 """Refreshes for which a picture is held, at least: ways from grey to grey are slow."""
 PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")
+LAW = 0.004
+"""Misfit up to which a power law is taken: about half a step of 8 bits near white, at gamma 2.2."""
 BENT, COLOURED = 0.01, 0.1
 """Misfit of a power law, and difference of the colours' gammas, worth a word."""
 
@@ -49,7 +51,11 @@ def response(session: Session) -> Script:
         arrays[f"{one.panel}.grey.levels"] = one.levels
         arrays[f"{one.panel}.grey.light"] = np.stack([one.light, one.sigma])
         arrays[f"{one.panel}.grey.level_for"] = one.level_for()
+    words: dict[str, Measured] = {}
+    for one in found:
+        words |= _words(one)
     return Outcome(
+        words=words,
         figures=tuple(figure for one in found for figure in one.figures()),
         arrays=arrays,
         advice=tuple(text for one in found for text in _advice(one)),
@@ -65,13 +71,24 @@ def shown_of(steps: Steps) -> Shown:
     return still(name, steps.refreshes, WHITE, steps.levels)
 
 
+def _words(found: Response) -> dict[str, Measured]:
+    """What captures go by from now on: gamma where the panel follows it, else the table."""
+    law = found.misfit <= LAW
+    gamma = Measured(found.gamma, found.gamma_sigma) if law else Measured(None)
+    lights = found.light_of()
+    lights[[0, -1]] = 0.0, 1.0
+    lut = None if law else tuple(np.round(lights, 6).tolist())
+    table = Measured(lut, None if law else float(found.sigma.max()))
+    return {f"{found.panel}.gamma": gamma, f"{found.panel}.lut": table}
+
+
 def _advice(found: Response) -> tuple[str, ...]:
     """What to do about it."""
     told = []
     if found.misfit > BENT:
         told.append(
-            f"grey of the {found.panel} follows no power law: switch picture modes off, or send "
-            "levels by the measured table; codes of black and white need none of it"
+            f"grey of the {found.panel} follows no power law: it is sent by the measured table; "
+            "see that picture modes are off"
         )
     if max(found.channel_gammas) - min(found.channel_gammas) > COLOURED:
         told.append(f"grey of the {found.panel} is coloured: take its colour temperature as native")
@@ -80,11 +97,13 @@ def _advice(found: Response) -> tuple[str, ...]:
 
 def _picture(found: list[Response]) -> NDArray[np.uint8]:
     """Light over level of both panels, beside their power laws."""
-    chart = Chart("Light of grey levels", "level", "light", (0.0, 255.0), (0.0, 1.0))
+    drawn = sheet()
+    chart = Chart(drawn, (0, 0, 900, 600), (0.0, 255.0), (0.0, 1.0))
+    chart.frame("Light of grey levels", "level", "light")
     grey = np.arange(256.0)
-    for number, (one, colour) in enumerate(zip(found, (COLOURS[0], COLOURS[3]), strict=True)):
+    for number, (one, colour) in enumerate(zip(found, (RED, BLUE), strict=True)):
         chart.line(grey, (grey / 255.0) ** one.gamma, colour)
-        chart.points(one.levels, one.light, colour, 5)
+        chart.points(one.levels, one.light, colour, radius_px=5)
         text = f"{one.panel}: gamma {one.gamma:.3f} +- {one.gamma_sigma:.3f}"
         chart.note(number, f"{text}, off the law by {100.0 * one.misfit:.2g} %", colour)
-    return chart.picture
+    return drawn

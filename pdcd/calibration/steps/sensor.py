@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.body import NAMES, Body, BodyPlan, measure_body, profile_of
-from pdcd.calibration.chart import COLOURS, GREY, Chart
+from pdcd.calibration.charts import CHANNELS, GREY, Chart, sheet
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.metering import FULL, LEAST, opened
 from pdcd.calibration.photo import Seen, refuse_settings
@@ -152,21 +152,19 @@ def _picture(body: Body, plan: BodyPlan, film: Film) -> NDArray[np.uint8]:
     """How far each dose is off its line, plane by plane."""
     doses = np.sort(np.array(list(plan.doses.values()), np.float64))
     gain, read = body.gain, body.read_noise
-    chart = Chart(
-        "Linearity: light over the line through all doses, less 1",
-        "white refreshes",
-        "deviation",
-        (0.0, float(doses.max()) * 1.05),
-        (-0.02, 0.02),
+    drawn = sheet()
+    chart = Chart(drawn, (0, 0, 900, 600), (0.0, float(doses.max()) * 1.05), (-0.02, 0.02))
+    chart.frame(
+        "Linearity: light over the line through all doses, less 1", "white refreshes", "deviation"
     )
     for limit in (-0.01, 0.01):
         chart.line([0.0, float(doses.max())], [limit, limit], GREY)
-    for line, colour in zip(body.lines, COLOURS, strict=True):
-        chart.points(doses, line.deviations, colour, 4)
+    for line, colour in zip(body.lines, CHANNELS, strict=True):
+        chart.points(doses, line.deviations, colour, radius_px=4)
         chart.line(doses, line.deviations, colour)
     chart.note(0, f"gain {gain[0]:.4g} +- {gain[1]:.2g} e-/DN, read noise {read[0]:.3g} e-")
-    for number, (name, colour) in enumerate(zip(NAMES, COLOURS, strict=True)):
+    for number, (name, colour) in enumerate(zip(NAMES, CHANNELS, strict=True)):
         stop = body.lines[number].saturation_dn
         text = "not reached" if stop is None else f"{stop:.0f} DN above black"
         chart.note(number + 1, f"{name}: upper end {text}", colour)
-    return chart.picture
+    return drawn

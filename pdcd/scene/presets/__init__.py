@@ -6,7 +6,7 @@ from typing import Any
 
 from pdcd.scene.scene import Scene
 
-__all__ = ["PRESETS"]
+__all__ = ["OFF_AXIS", "PRESETS", "builder_of"]
 
 Builder = Callable[[tuple[int, int], Mapping[str, Any]], Scene]
 
@@ -30,3 +30,16 @@ PRESETS: dict[str, Builder] = {
 }
 """Each builder takes a grid (rows, cols), both at least 1, and the options of the [scene] table;
 it raises ConfigError for options it does not know."""
+
+OFF_AXIS: dict[str, Builder] = {
+    "off-axis-box": _later("off_axis", "box_before_wall"),
+    "off-axis-wedge": _later("off_axis", "wedge"),
+    "off-axis-shelf": _later("off_axis", "shelf"),
+}
+"""The same, of scenes with depth before a camera that is off the projector's axis: their direct
+light does not come back where it fell."""
+
+
+def builder_of(kind: str) -> Builder | None:
+    """Return the builder of a preset by its name, of either kind; None where there is none."""
+    return PRESETS.get(kind) or OFF_AXIS.get(kind)

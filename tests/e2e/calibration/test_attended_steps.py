@@ -45,6 +45,7 @@ def bench(
     )
 
 
+@pytest.mark.long
 def test_parallax_of_two_cards_is_told(tmp_path: Path) -> None:
     near = bench(tmp_path, "near")
     one = Hands(near, tmp_path, full=80, f_number=22.0)
@@ -58,6 +59,7 @@ def test_parallax_of_two_cards_is_told(tmp_path: Path) -> None:
     assert [("move the card" in text) for text in one.asked] == [False, True]
 
 
+@pytest.mark.long
 def test_a_card_that_nobody_moved_is_named(tmp_path: Path) -> None:
     one = Hands(bench(tmp_path, "near"), tmp_path, full=80, f_number=22.0)
     with pytest.raises(CalibrationError, match="100% as bright"):

@@ -148,6 +148,7 @@ def test_it_is_whole_and_every_change_is_found(
     assert [finding.what for finding in verify_calibration(copy).findings] == ["unknown"]
 
 
+@pytest.mark.long
 def test_it_is_computed_again_bit_for_bit(
     done: tuple[Path, CaptureResult], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.mock.camera import MockReadout
 from pdcd.bench.calibration import ARRAYS, PROFILE
+from pdcd.bench.measured import calibrated
 from pdcd.capture.again import again
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
@@ -60,6 +61,7 @@ def done(engine: Engine) -> Calibrated:
     return calibrate(engine, "sensor", "light")
 
 
+@pytest.mark.long
 def test_the_sensor_is_found(done: Calibrated) -> None:
     assert done.value("sensor.gain_e_per_dn") == pytest.approx(GAIN, rel=0.005)
     assert done.value("sensor.read_noise_e") == pytest.approx(READ_E, rel=0.01)
@@ -122,7 +124,8 @@ def once(bench: SmallBench, *steps: str) -> Calibrated:
 
 
 def test_grey_levels_of_both_panels_are_found(tmp_path: Path) -> None:
-    done = once(SmallBench(tmp_path / "bench", TRUTH, placed=True, quads=SMALL), "response")
+    bench = SmallBench(tmp_path / "bench", TRUTH, placed=True, quads=SMALL)
+    done = once(bench, "response")
     for panel, gamma in (("projector", 2.1), ("mask", 1.6)):
         assert done.value(f"{panel}.gamma") == pytest.approx(gamma, abs=0.01)
         arrays = read_arrays(done.folder / ARRAYS)
@@ -131,6 +134,9 @@ def test_grey_levels_of_both_panels_are_found(tmp_path: Path) -> None:
         half = int(arrays[f"{panel}.grey.level_for"][128])
         assert half == pytest.approx(255.0 * (128 / 255) ** (1.0 / gamma), abs=2)
     assert done.step("response").verdict == "good"
+    used = calibrated(bench.config)
+    assert (used.projector.gamma, used.mask.gamma) == pytest.approx((2.1, 1.6), abs=0.01)
+    assert used.projector.lut is used.mask.lut is None
 
 
 def test_grey_levels_need_the_geometry(tmp_path: Path) -> None:
@@ -138,6 +144,7 @@ def test_grey_levels_need_the_geometry(tmp_path: Path) -> None:
     assert "not measured yet" in done.error
 
 
+@pytest.mark.long
 def test_nobody_covers_the_projector_and_something_covers_half_of_the_field(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -88,6 +88,7 @@ def apart_px(one: Hands, mask: Map) -> np.ndarray:
     return np.asarray(np.hypot(*(found - where)[inside].T))
 
 
+@pytest.mark.long
 def test_the_mask_is_found_where_it_is(tmp_path: Path) -> None:
     one = hands(tmp_path)
     misplace(one.session, 1.5)

@@ -164,7 +164,7 @@ def test_a4_patterns_are_there_before_the_shutter_opens(
         return opens()
 
     monkeypatch.setattr(rig.shutter, "open", watched)
-    request = CaptureRequest(goal="indirect", codes=8, white=False)
+    request = CaptureRequest(goal="indirect", codes=8, white=False, black_level="none")
     result = bench_rig.capture(engine, request)
     assert result.error is None and result.folder is not None
     assert seen and all({"coded.primal", "coded.dual"} <= set(names) for _, names in seen)

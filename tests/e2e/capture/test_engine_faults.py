@@ -88,6 +88,7 @@ def calls_of_a_good_run(folder: Path) -> list[str]:
     return wire.calls[started:]
 
 
+@pytest.mark.long
 def test_a_driver_that_raises_at_every_single_call(tmp_path: Path) -> None:
     good = tmp_path / "good"
     good.mkdir()
@@ -161,6 +162,7 @@ def stops_after(polls: int) -> Callable[[], bool]:
     return lambda: next(left, None) is None
 
 
+@pytest.mark.long
 def test_cancel_at_every_stage(tmp_path: Path) -> None:
     states: list[str] = []
     for polls in range(200):

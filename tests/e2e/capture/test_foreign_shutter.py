@@ -17,7 +17,7 @@ from tests import bench_rig, whole_rig
 from tests.e2e.capture.test_whole_rig import images
 from tests.fake_serial import FakeLine, fake_line
 
-REQUEST = CaptureRequest(goal="indirect", codes=16)
+REQUEST = CaptureRequest(goal="indirect", codes=16, black_level="none")
 CAMERA = CameraConfig(noise="none", f_number=8.0)
 
 

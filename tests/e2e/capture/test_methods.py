@@ -48,6 +48,7 @@ def relative(image: Floats, truth: Floats) -> float:
     return float(np.sqrt(np.mean(error**2) / np.mean(truth**2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("goal", ["indirect", "direct", "fraction"])
 def test_multi_image_is_exact_with_more_codes_than_cells(goal: str, tmp_path: Path) -> None:
     t = bench_rig.transport(GRID)
@@ -65,6 +66,7 @@ def test_multi_image_is_exact_with_more_codes_than_cells(goal: str, tmp_path: Pa
         assert deviation["off_rms"] < 1e-6, name
 
 
+@pytest.mark.long
 def test_multi_image_survives_leaking_and_drifting_panels(tmp_path: Path) -> None:
     """Photos of one refresh each differ in time; each is scaled by what its panels really did."""
     t = bench_rig.transport(GRID)
@@ -75,6 +77,7 @@ def test_multi_image_survives_leaking_and_drifting_panels(tmp_path: Path) -> Non
     assert result.folder is not None and decode_folder(Path(result.folder)).identical
 
 
+@pytest.mark.long
 def test_sigma_of_multi_image_is_what_noise_does(tmp_path: Path) -> None:
     t = bench_rig.transport(GRID)
     clean = engine_on(tmp_path, t)
@@ -87,6 +90,7 @@ def test_sigma_of_multi_image_is_what_noise_does(tmp_path: Path) -> None:
     assert np.std(z) == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.long
 def test_the_papers_masked_sum_is_a_further_picture(tmp_path: Path) -> None:
     t = bench_rig.transport(GRID)
     engine = engine_on(tmp_path, t)
@@ -120,6 +124,7 @@ def test_nayar_is_exact_for_constant_indirect_light(tmp_path: Path) -> None:
     assert decode_folder(Path(result.folder)).identical
 
 
+@pytest.mark.long
 def test_nayar_loses_all_of_the_light_of_a_mirror(tmp_path: Path) -> None:
     """A mirror that lights every cell from one other: the error is all of that light (100 %),
     where codes on both panels and multi-image have none."""

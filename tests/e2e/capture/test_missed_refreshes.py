@@ -129,7 +129,9 @@ def test_abort_takes_the_exposure_again(tmp_path: Path) -> None:
     np.testing.assert_allclose(image(result), sound, rtol=1e-6)
     folder = Path(str(result.folder))
     raws = sorted(p.name for p in (folder / "raw").iterdir())
-    assert raws == ["coded-discarded-1.dng", "coded-discarded-2.dng", "coded.dng"]
+    assert raws == [
+        "coded-discarded-1.dng", "coded-discarded-2.dng", "coded.dng", "look-dark.dng"
+    ]  # fmt: skip
     manifest = read_manifest(folder)
     assert [shot.level for shot in manifest.run.shots] == [1.0]
     assert sum("discarded" in warning for warning in manifest.warnings) == 2

@@ -121,6 +121,7 @@ def test_a_run_that_is_cut_says_which_shots_it_lacks(tmp_path: Path) -> None:
     assert taken(Path(cut.folder)) == names[:2]
 
 
+@pytest.mark.long
 def test_after_a_kill_the_run_is_finished_as_if_nothing_had_been(tmp_path: Path) -> None:
     """The daemon is killed when all photos are there, then the first attempt to decode them."""
     killed = tmp_path / "killed"

@@ -66,6 +66,7 @@ def error(folder: Path, faults: str, *, ambient: float = 0.0, **fields: Any) -> 
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("faults", ["stale", "late, dropped and stale"])
 def test_lost_codes_are_repaired_by_weights_of_each_cell(faults: str, tmp_path: Path) -> None:
     plain = error(tmp_path / "scalar", faults, normalise="scalar", smooth=False)

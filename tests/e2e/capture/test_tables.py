@@ -204,6 +204,7 @@ def test_a_blocking_matrix_is_found_to_need_two_codes(tmp_path: Path) -> None:
     assert np.load(folder / "codes.npz")["relit.primal"].shape[0] == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("window", ["whole", "quarter"])
 @pytest.mark.parametrize("goal", ["diagonal", "off-diagonal", "filtered"])
 def test_signed_goals_have_no_bias_with_few_codes(goal: str, window: str, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig, whole_rig
 
-REQUEST = CaptureRequest(goal="indirect", codes=16)
+REQUEST = CaptureRequest(goal="indirect", codes=16, black_level="none")
 
 
 def images(result: CaptureResult) -> dict[str, NDArray[Any]]:

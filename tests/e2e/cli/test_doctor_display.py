@@ -50,6 +50,7 @@ def ask(capfd: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, 
     return code, {f["what"]: f for f in answer["findings"]}
 
 
+@pytest.mark.long
 def test_two_panels_that_can_be_driven(
     x_quarter: XServer, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -60,6 +60,7 @@ def run(environ: dict[str, str], *command: str) -> subprocess.CompletedProcess[s
     )
 
 
+@pytest.mark.long
 def test_the_examples_and_a_daemon_that_starts_anew(environ: dict[str, str]) -> None:
     photo, follow = EXAMPLES
     with daemon(environ) as socket:

@@ -126,6 +126,7 @@ def test_a_fault_ends_the_job_by_its_kind_and_leaves_no_photo(
     assert not list(tmp_path.rglob("capture.json"))
 
 
+@pytest.mark.long
 def test_a_signal_in_mid_exposure_lets_go_of_the_shutter(tmp_path: Path) -> None:
     path, socket, said = tmp_path / "pdcd.toml", tmp_path / "s", tmp_path / "stderr"
     path.write_text(settings.show(ptp(tmp_path, rig=RigConfig(clock="real"))))

@@ -114,6 +114,7 @@ def test_the_command_takes_a_bulb_photo_to_memory(camera: Camera, tmp_path: Path
     assert 1.0 <= seconds < 3.0  # it waits for a second at least; this machine may be slow
 
 
+@pytest.mark.long
 @cli
 def test_the_command_takes_a_bulb_photo_to_the_card(camera: Camera, tmp_path: Path) -> None:
     out = gphoto2(
@@ -163,6 +164,7 @@ camera.exit()
 """
 
 
+@pytest.mark.long
 @wheel
 def test_the_wheel_takes_a_bulb_photo(camera: Camera, tmp_path: Path) -> None:
     done = subprocess.run(
@@ -182,6 +184,7 @@ def test_the_wheel_takes_a_bulb_photo(camera: Camera, tmp_path: Path) -> None:
     assert 0.7 <= seconds < 2.5
 
 
+@pytest.mark.long
 def test_the_command_line_serves_until_it_is_interrupted() -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "pdcd", "virtual-camera", "--port", "0", "--small"],

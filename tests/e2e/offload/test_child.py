@@ -120,6 +120,7 @@ def test_a_killed_process_fails_its_job_and_the_next_one_works(
     assert run("next").state == "done"
 
 
+@pytest.mark.long
 def test_a_process_killed_while_it_is_asked_for_pictures(
     engine: Engine, run: Callable[..., CaptureResult], tmp_path: Path
 ) -> None:
@@ -136,6 +137,7 @@ def test_a_process_killed_while_it_is_asked_for_pictures(
     assert result.error is not None and "signal 9" in str(result.error["message"])
 
 
+@pytest.mark.long
 def test_a_process_killed_while_idle_is_replaced_without_a_word_to_the_user(
     engine: Engine, run: Callable[..., CaptureResult]
 ) -> None:
@@ -147,6 +149,7 @@ def test_a_process_killed_while_idle_is_replaced_without_a_word_to_the_user(
     assert run("after").state == "done"
 
 
+@pytest.mark.long
 def test_a_frozen_process_is_cancelled_by_force(
     engine: Engine, run: Callable[..., CaptureResult]
 ) -> None:
@@ -161,6 +164,7 @@ def test_a_frozen_process_is_cancelled_by_force(
     assert run("next").state == "done"
 
 
+@pytest.mark.long
 def test_planning_beats_while_the_process_does_not_and_ends_by_its_death(engine: Engine) -> None:
     send(engine, signal.SIGSTOP)
     beats = Beats(20, lambda: send(engine, signal.SIGKILL))
@@ -198,6 +202,7 @@ def test_errors_keep_their_kind_and_hint_on_the_way(engine: Engine) -> None:
     assert raised.value.kind == "request" and "take one of" in str(raised.value.hint)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
@@ -238,6 +243,7 @@ def test_a_process_that_was_started_before_is_taken(tmp_path: Path) -> None:
         newborn.end()
 
 
+@pytest.mark.long
 def test_a_raw_library_that_hangs_is_ended(tmp_path: Path) -> None:
     command = (sys.executable, str(FAULTY), "hang")
     engine = started(tmp_path, lambda facts: Child(facts, command))
@@ -253,6 +259,7 @@ def test_a_raw_library_that_hangs_is_ended(tmp_path: Path) -> None:
         engine.stop()
 
 
+@pytest.mark.long
 def test_a_job_that_wants_too_much_memory_fails_and_the_next_one_works(tmp_path: Path) -> None:
     limits = LimitsConfig(min_free_bytes=0, work_bytes=2**28, max_exposure_s=1e5)
     engine = started(tmp_path, limits=limits, grid=(24, 32))

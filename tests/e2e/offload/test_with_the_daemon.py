@@ -40,6 +40,7 @@ def wait_until_gone(pid: int, limit_s: float) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.long
 def test_a_killed_daemon_takes_its_work_process_along_even_a_frozen_one(tmp_path: Path) -> None:
     with daemon(tmp_path) as (process, path), connect(path) as client:
         assert client.plan(REQUEST).codes == 8
@@ -49,6 +50,7 @@ def test_a_killed_daemon_takes_its_work_process_along_even_a_frozen_one(tmp_path
         wait_until_gone(pid, 60.0)  # by design at once
 
 
+@pytest.mark.long
 def test_the_loop_goes_on_beside_a_plan_that_does_not_and_only_the_daemon_ends_its_child(
     tmp_path: Path,
 ) -> None:

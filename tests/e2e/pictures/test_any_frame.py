@@ -25,6 +25,7 @@ from pdcd.runs.folder import read_manifest
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw
 from tests import bench_rig
+from tests.sampled import sampled
 from tests.soak import wanted
 
 Floats = NDArray[np.float64]
@@ -80,7 +81,7 @@ def probe(folder: Path) -> dict[str, NDArray[Any]]:
         return dict(data)
 
 
-@pytest.mark.parametrize("request_", REQUESTS, ids=named)
+@pytest.mark.parametrize("request_", sampled(REQUESTS, 5), ids=named)
 def test_every_goal_is_the_same_on_a_turned_camera(
     engines: tuple[Engine, Engine],
     request_: CaptureRequest,
@@ -122,6 +123,7 @@ def test_shots_of_another_camera_or_orientation_are_refused(
             Darkroom(folder, record).decoded()
 
 
+@pytest.mark.long
 def test_runs_decode_the_same_again(engines: tuple[Engine, Engine]) -> None:
     request = CaptureRequest(goal="indirect", codes=16, parts=4, window="quarter")
     folder = taken(engines[1], request, "again")

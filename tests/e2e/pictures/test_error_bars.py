@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.bench.tables import CameraConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, SceneConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.request import CaptureRequest, CaptureResult, Quality
 from pdcd.runs.events import Converging, Event
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
@@ -35,13 +35,20 @@ def scene(name: str) -> SceneConfig:
 
 
 def capture(
-    folder: Path, name: str, seed: int = 0, noise: str = "full", **fields: Any
+    folder: Path,
+    name: str,
+    seed: int = 0,
+    noise: str = "full",
+    schedule: ScheduleConfig | None = None,
+    readout_s: float | None = None,
+    **fields: Any,
 ) -> tuple[Engine, CaptureResult, Events]:
     """One indirect photo without the white one beside it; other goals by `fields`."""
     out = folder / f"{name}-{seed}"
     out.mkdir(exist_ok=True)
-    camera = CameraConfig(noise=noise, seed=seed)  # type: ignore[arg-type]
-    engine = Engine.from_config(bench_rig.config(out, scene=scene(name), camera=camera))
+    camera = CameraConfig(noise=noise, seed=seed, readout_s=readout_s)  # type: ignore[arg-type]
+    tables: dict[str, Any] = {} if schedule is None else {"schedule": schedule}
+    engine = Engine.from_config(bench_rig.config(out, scene=scene(name), camera=camera, **tables))
     engine.start()
     events: Events = []
     request = CaptureRequest(**{"goal": "indirect", "white": False, "seed": seed, **fields})
@@ -68,6 +75,7 @@ def coverage(engine: Engine, result: CaptureResult) -> float:
     return float(np.mean(np.abs(found["image"] - truth) <= 1.96 * found["sigma"]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "family"),
     [*((name, "hadamard") for name in SCENES), ("mirror", "balanced"), ("wax-disk", "bernoulli")],
@@ -99,10 +107,32 @@ def test_modelled_sigma_errs_to_the_safe_side(
     assert sigma < (20.0 if name == "wax-disk" else 10.0) * error
 
 
+@pytest.mark.parametrize("name", ["corner", "mirror", "mirror-and-vase"])
+def test_a_plain_capture_measures_its_error(name: str, tmp_path: Path) -> None:
+    """No option but the seed: smooth light, a mirror, and sharp paths from far."""
+    schedule = ScheduleConfig()
+    engine, result, _ = capture(tmp_path, name, white=True, schedule=schedule)
+    sigma, error = result.summary["rms_sigma"], result.summary["rms_error"]
+    assert isinstance(sigma, float) and isinstance(error, float)
+    assert result.summary["sigma_kind"] == "measured" and result.summary["parts"] == 8
+    assert 0.7 * error < sigma < 1.5 * error
+    assert 0.92 < coverage(engine, result) < 0.99
+    reasons = read_manifest(Path(str(result.folder))).plan["reasons"]
+    assert any(reason.startswith("parts: 8 exposures") for reason in reasons)
+
+
+def test_a_plain_capture_by_a_slow_camera_says_that_its_error_is_modelled(tmp_path: Path) -> None:
+    _, result, _ = capture(tmp_path, EASY, schedule=ScheduleConfig(), readout_s=2.0)
+    assert result.summary["sigma_kind"] == "modelled" and result.summary["parts"] == 1
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality)
+    assert any("modelled" in remark for remark in quality.remarks)
+
+
 def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
     _, result, _ = capture(tmp_path, EASY, noise="none", codes=64, parts=4)
     folder = Path(str(result.folder))
-    raw = sorted(p.name for p in (folder / "raw").iterdir() if not p.name.startswith("meter"))
+    raw = sorted(p.name for p in (folder / "raw").iterdir() if p.name.startswith("coded"))
     assert raw == [f"coded-{part}.dng" for part in range(1, 5)]
     assert decode_folder(folder).identical
     found = probe(result)
@@ -113,7 +143,8 @@ def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
     error = result.summary["rms_error"]
     assert isinstance(error, float) and error < 0.01
     meters = read_manifest(folder).meter
-    assert {m.raw.split("-")[2] for m in meters} == {"1"}, "all parts have one aperture"
+    apertures = [m.raw for m in meters if "look" not in m.raw]
+    assert {raw.split("-")[2] for raw in apertures} == {"1"}, "all parts have one aperture"
 
 
 @pytest.mark.parametrize(

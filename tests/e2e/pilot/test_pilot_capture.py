@@ -65,6 +65,7 @@ def test_a_pilot_makes_mirrors_sharp(tmp_path: Path) -> None:
     assert read_manifest(done).plan["raw_files"] == 65
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "noise"),
     [("corner", "full"), ("open-book", "none"), ("wax-disk", "full"), ("milky-bottle", "none")],
@@ -94,6 +95,7 @@ def test_a_pilot_ends_where_it_cannot_pay(tmp_path: Path, kind: str, noise: str)
     assert any("no sharp far paths" in warning for warning in manifest.warnings)
 
 
+@pytest.mark.long
 def test_48_codes_with_a_pilot_show_a_mirror_ball(tmp_path: Path) -> None:
     """Better than 128 coins, which leave 11.1 %."""
     request = CaptureRequest(goal="indirect", codes=48, pilot=32, white=False)
@@ -130,6 +132,7 @@ def read_shots(result: CaptureResult) -> tuple[ShotRecord, ...]:
     return read_manifest(Path(result.folder)).run.shots
 
 
+@pytest.mark.long
 def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
     """A pilot guides the codes that are lit half of the time; the others stay as they are."""
     errors = []
@@ -141,6 +144,7 @@ def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
     assert errors[1] < 1.2 * errors[0]
 
 
+@pytest.mark.long
 def test_noise_in_the_pilot_does_no_harm(tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", codes=128, pilot=64, white=False)
     noisy = CameraConfig(noise="full")
@@ -192,6 +196,7 @@ SMALL_PANELS: dict[str, Any] = {
 """8 pixels to a cell and more; where cells are seen in detail, work grows with the pixels."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("scene", "coins"), [(MIRROR, 0.097), (VASE, 0.127)])
 def test_8_codes_show_mirrors_as_well_as_128_coins(
     tmp_path: Path, scene: SceneConfig, coins: float
@@ -207,6 +212,7 @@ def test_8_codes_show_mirrors_as_well_as_128_coins(
     assert decode_folder(Path(result.folder)).identical
 
 
+@pytest.mark.long
 def test_a_short_pilot_and_16_codes_show_mirrors_well(tmp_path: Path) -> None:
     """Better than three times as many codes of a long pilot; without one 4 to 10 % are left."""
     request = CaptureRequest(goal="indirect", codes=32, pilot=16, white=False)
@@ -235,6 +241,7 @@ def test_a_pilot_of_all_codes_leaves_them_where_it_sees_nothing(
     assert decode_folder(Path(result.folder)).identical
 
 
+@pytest.mark.long
 def test_a_pilot_of_all_codes_gives_direct_light_too(tmp_path: Path) -> None:
     """In colour and with more quads than one to a cell, beside a white photo."""
     camera = CameraConfig(noise="none", quads_per_cell=2)

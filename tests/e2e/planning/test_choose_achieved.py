@@ -45,6 +45,7 @@ def number(result: CaptureResult, key: str) -> float:
     return value
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "target"), TARGETS)
 def test_achieved_error_is_the_foreseen_one(name: str, target: float, tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", error=target, white=False)
@@ -54,6 +55,7 @@ def test_achieved_error_is_the_foreseen_one(name: str, target: float, tmp_path: 
     assert number(result, "rms_error") == pytest.approx(foreseen, rel=AGREE)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("goal", ["direct", "fraction", "long-range", "filtered", "split", "white"])
 def test_other_goals_are_foreseen_too(goal: str, tmp_path: Path) -> None:
     kernel = tuple(map(tuple, np.outer([0.25, 0.5, 0.25], [0.25, 0.5, 0.25]).tolist()))
@@ -71,6 +73,7 @@ def test_other_goals_are_foreseen_too(goal: str, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.long
 def test_bad_panels_are_foreseen(tmp_path: Path) -> None:
     """Slow, leaking, skewed and misaligned panels: errors without sensor noise, to rounding."""
     tables: dict[str, Any] = {
@@ -89,6 +92,7 @@ def test_bad_panels_are_foreseen(tmp_path: Path) -> None:
     assert achieved == pytest.approx(foreseen, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("contrast", "black_level"), [(50.0, "mask"), (None, "none")])
 def test_dark_frames_are_foreseen_too(
     contrast: float | None, black_level: str, tmp_path: Path
@@ -144,6 +148,7 @@ LAGGING = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("panel", "goal"), [*((panel, "indirect") for panel in LAGGING), ("slow, lags", "direct")]
 )
@@ -171,6 +176,7 @@ def schedule_of(result: CaptureResult) -> str:
     return str(read_manifest(Path(result.folder)).plan["schedule"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mask", "schedule"),
     [

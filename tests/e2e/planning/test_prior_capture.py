@@ -75,6 +75,7 @@ def error(result: CaptureResult) -> float:
     return float(str(result.summary["rms_error"]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scene", "window"),
     [(MIRROR_FILE, "whole"), ("scene:disco-ball", "whole"), ("scene:mirror-and-vase", "quarter")],
@@ -96,6 +97,7 @@ def test_knowledge_of_sharp_paths_replaces_codes(scene: str, window: str, tmp_pa
     assert decode_folder(Path(known.folder)).identical
 
 
+@pytest.mark.long
 def test_parts_and_repeats_follow_a_prior_too(tmp_path: Path) -> None:
     scene = "scene:disco-ball"
     for fields in ({"codes": 128, "parts": 4}, {"repeat": 2}):
@@ -114,6 +116,7 @@ def photo_error(transport: Floats, codes: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)))
 
 
+@pytest.mark.long
 def test_a_wrong_prior_does_little_harm() -> None:
     """Every scene under the priors of all others, 32 codes. What errs more than 1 % without one
     errs at most 1.7 times as much with a wrong one (the mirror ball under the book's, 1.61); smooth
@@ -200,6 +203,7 @@ def test_foreseen_and_achieved_agree_with_a_prior(tmp_path: Path) -> None:
     assert float(str(result.summary["codes"])) < plain.codes / 4
 
 
+@pytest.mark.long
 def test_over_the_socket(tmp_path: Path) -> None:
     tables = {"scene": SceneConfig(kind="disco-ball", grid=(12, 16))}
     with daemon(tmp_path, **tables) as (_, socket), connect(socket) as client:

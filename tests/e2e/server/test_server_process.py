@@ -192,6 +192,7 @@ def test_a_passed_socket_is_served_and_left_in_place(tmp_path: Path) -> None:
     assert path.exists()
 
 
+@pytest.mark.long
 def test_of_daemons_on_one_state_folder_started_at_once_exactly_one_serves(tmp_path: Path) -> None:
     with contextlib.ExitStack() as stack:
         started = []

@@ -79,6 +79,12 @@ X11 = "\n[display]\ndriver = 'x11'"
         ("[mask]\nrefresh_hz = 59.94" + X11, "mask.refresh_hz: ", "one rate"),
         ("[mask]\nphase_s = 0.017", "mask.phase_s: ", "more than one refresh"),
         ("[mask]\ncontrast = 1.0", "mask.contrast: ", "exceeds 1"),
+        (
+            '[rig]\narrangement = "off-axis"\nplane = [1, 0, 0, 2, 0, 0, 0, 0, 1]',
+            "rig.plane: ",
+            "no inverse",
+        ),
+        ("[rig]\nplane = [1, 0, 0, 0, 1, 0, 0, 0, 1]", "rig.plane: ", "off-axis"),
         ("[projector]\noffset_px = [1, 0]", "projector.offset_px: ", "mask.offset_px"),
         ("[scene]\nkind = 'matrix'", "scene.path: ", "needed"),
         ("[scene]\npath = 'rig.toml'", "scene.path: ", "belongs to"),

@@ -156,6 +156,7 @@ def verdicts(found: Checked) -> dict[str, Verdict]:
     return {f.figure.name: f.figure.verdict for f in found.findings if f.figure.verdict}
 
 
+@pytest.mark.long
 def test_a_hundred_unchanged_benches_raise_no_alarm() -> None:
     worst = {"mask.place": 0.0, "camera.place": 0.0, "mask.skew_s": 0.0}
     for seed in range(100):

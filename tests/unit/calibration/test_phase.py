@@ -139,6 +139,7 @@ def test_photos_in_another_order_are_noticed() -> None:
         fit_decoded(decode(photos(wrong), CODE), SIZE, "projector")
 
 
+@pytest.mark.long
 def test_codes_survive_light_that_comes_again_mirrored() -> None:
     """A V-shaped groove: Gray codes are wrong nearly everywhere, XOR codes are not."""
     groove: dict[str, Any] = {"groove": (0.6, 12.0), "blur_quads": 0.7, "electrons": 30_000.0}

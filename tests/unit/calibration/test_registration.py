@@ -92,6 +92,7 @@ def lengths(bench: RulerBench, mask: Map) -> Floats:
     return np.asarray(np.hypot(*bench.offset_px(mask, bench.seen_points()).T))
 
 
+@pytest.mark.long
 def test_the_offset_is_found_and_taken_out() -> None:
     bench, (found, _, _, _) = one().bench, measured()
     assert np.median(lengths(bench, one().mask)) > 0.5

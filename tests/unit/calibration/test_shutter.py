@@ -114,6 +114,7 @@ def test_opening_and_closing_are_found() -> None:
     assert got.exposure_s == pytest.approx(0.42134, abs=0.3e-3)
 
 
+@pytest.mark.long
 def test_sigmas_are_honest() -> None:
     rows = []
     rng = np.random.default_rng(5)

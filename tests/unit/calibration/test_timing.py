@@ -14,7 +14,7 @@ from pdcd.calibration.programmes import ALL, COARSE, Strips, strip_photo, strips
 from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.strips import Readings, read_strips, read_whole
-from pdcd.calibration.timing import Timing, coarse_delay, fit_timing
+from pdcd.calibration.timing import Timing, coarse_delay, fit_timing, straight
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import WHITE
 from pdcd.frames.schedule import SLOTS
@@ -76,6 +76,19 @@ def found(on: Bench, *, bands: int = 3, seed: int = 0) -> Timing:
 def leaks(on: Bench, lag_s: float) -> dict[str, float]:
     light, opening = (Answer(p.rise_s, p.fall_s, p.tail, p.slower) for p in (on.projector, on.mask))
     return {name: kept_apart(name, light, opening, lag_s, REFRESH_S).leak for name in SLOTS}
+
+
+def test_a_line_goes_through_its_bands_whatever_they_have_in_common() -> None:
+    """Bands that are set in steps lie on no line by much more than what tells them apart, and share
+    an error that is larger still."""
+    bands = (np.arange(6, dtype=np.float64) + 0.5) / 6.0
+    lag_s = 5e-3 + 0.7e-3 * bands + 0.06e-3 * np.array([-1, 1, 0.2, -0.4, 0.5, -0.3])
+    common = np.outer(1.0 + 0.1 * bands, 1.0 + 0.1 * bands)
+    covariance = (1.8e-3) ** 2 * common + np.eye(6) * (2e-6) ** 2
+    (first, slope), spread, chi2 = straight(bands, lag_s, covariance)
+    assert np.abs(first + slope * bands - lag_s).max() < 0.1e-3
+    assert np.sqrt(spread[0, 0]) == pytest.approx(1.8e-3, rel=0.01)
+    assert chi2 > 100.0
 
 
 def test_lag_rise_and_fall_are_found() -> None:

@@ -9,6 +9,7 @@ from tests.hard_cases import captures
 from tests.hard_cases.case import Case, check
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", captures.CASES, ids=lambda c: c.name)
 def test_error_stays_below_its_bound(case: Case) -> None:
     check(case)

@@ -82,6 +82,7 @@ def test_without_links_the_codes_are_the_plain_ones() -> None:
     )
 
 
+@pytest.mark.long
 def test_known_transport_lowers_the_error_of_a_mirror_scene() -> None:
     """Eight codes with the whole transport known beat 128 without."""
     with np.load(DATA / "mirror_32x24.npz") as file:

@@ -75,6 +75,7 @@ def test_as_few_cells_as_products_make_the_probing_matrix_exact(t: int, count: i
     assert np.array_equal(probing(codes), p * (1.0 - p) * count * (1.0 - np.eye(cells)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("q", ORDERS)
 def test_every_difference_comes_once(q: int) -> None:
     lines = q * q + q + 1
@@ -146,6 +147,7 @@ def fraction_error(name: str, family: str, count: int, p: float, share: float, s
     return float(np.sqrt(np.mean((photo - truth) ** 2) / np.mean(truth**2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["open-book", "wax-disk", "milky-bottle"])
 @pytest.mark.parametrize(("p", "count"), [(0.25, 128), (0.125, 512), (0.0625, 512)])
 def test_hadamard_products_beat_balanced_codes_on_smooth_light(

@@ -308,6 +308,7 @@ def test_a_shutter_nobody_holds_any_more_is_closed() -> None:
     assert not body.shutter.is_open and not body.session_open
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("end", ["pass", "raise SystemExit(1)", "raise RuntimeError('x')"])
 def test_the_end_of_the_interpreter_closes_the_shutter(end: str, tmp_path: Path) -> None:
     said = tmp_path / "said"

@@ -24,6 +24,7 @@ from drivers.virtual_camera.faults import WireKind
 from pdcd.bench.devices import RawFile
 from pdcd.errors import DeviceLost, ExposureError, PdcdError
 from tests.ptp_rig import SETTINGS, PtpRig
+from tests.sampled import sampled
 
 OPERATIONS = (
     Operation.OPEN_SESSION,
@@ -95,7 +96,7 @@ def faults() -> Iterator[tuple[Operation, WireKind, int, int]]:
                 yield operation, kind, first, (1, 1000)[(n + m + first) % 2]
 
 
-@pytest.mark.parametrize(("operation", "kind", "first", "times"), list(faults()))
+@pytest.mark.parametrize(("operation", "kind", "first", "times"), sampled(list(faults()), 7))
 def test_any_fault_of_the_wire(
     operation: Operation, kind: WireKind, first: int, times: int, tmp_path: Path
 ) -> None:

@@ -92,6 +92,7 @@ def test_a_guardian_survives_every_signal_but_the_last(bench: Bench) -> None:
     assert soon(lambda: not bench.body.shutter.is_open)
 
 
+@pytest.mark.long
 def test_a_guardian_that_died_is_replaced(bench: Bench) -> None:
     bench.tell("close")
     first = int(bench.tell("pid"))
@@ -103,6 +104,7 @@ def test_a_guardian_that_died_is_replaced(bench: Bench) -> None:
     assert soon(lambda: not bench.body.shutter.is_open)
 
 
+@pytest.mark.long
 def test_a_guardian_lost_in_an_exposure_is_replaced(bench: Bench) -> None:
     bench.tell("open")
     first = int(bench.tell("pid"))
@@ -142,6 +144,7 @@ def test_a_camera_that_another_program_holds_is_waited_for(bench: Bench) -> None
     assert soon(lambda: not bench.body.shutter.is_open)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("last", ["close", "disconnect"])
 def test_a_closed_shutter_is_left_alone(bench: Bench, last: str) -> None:
     bench.tell("open")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -27,8 +28,11 @@ BENT = Placing(
 
 @pytest.mark.parametrize("mask", [False, True])
 @pytest.mark.parametrize("grey", [False, True])
-@pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("grid", [(10, 15), (7, 11), (23, 29), (1, 1), (70, 90)])
+@pytest.mark.parametrize(
+    ("window", "grid"),
+    [*product(["whole", "quarter"], [(10, 15), (7, 11), (23, 29), (1, 1), (70, 90)]),
+     ("side-5/8", (7, 11)), ("side-3/4", (7, 11)), ("side-7/8", (3, 5)), ("side-7/8", (7, 11))],
+)  # fmt: skip
 def test_every_pixel_by_exact_fractions(
     grid: tuple[int, int], window: str, grey: bool, mask: bool
 ) -> None:
@@ -42,7 +46,7 @@ def test_every_pixel_by_exact_fractions(
 
 @pytest.mark.parametrize("mask", [False, True])
 @pytest.mark.parametrize("grey", [False, True])
-@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8"])
 def test_every_pixel_under_a_map_that_bends(window: str, grey: bool, mask: bool) -> None:
     """Mirrored, turned, distorted, larger than the field; beside it even white is dark."""
     panel = PanelView("mask" if mask else "projector", placed(BENT, SIZE, SIZE, "panel"))

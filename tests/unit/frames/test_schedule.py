@@ -91,7 +91,7 @@ def test_misregistration_beyond_quarter_windows_is_refused() -> None:
         choose_window("auto", 0.3)
 
 
-@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize("window", ["whole", "quarter", "side-5/8", "side-7/8"])
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.1, -0.2), (0.5, 0.5), (-0.75, 0.25)])
 def test_overlaps_partition_every_cell(window: str, offset: tuple[float, float]) -> None:
     lattice = Lattice((3, 5), window, offset)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ blur_taps = 3
 
 def frames_of(window: str, rng: np.random.Generator, *, grey: bool) -> Frames:
     """Random patterns, some refreshes black, some white, under all sub-shifts."""
-    more = 1 if window == "quarter" else 0
+    more = int(window not in ("whole", PIXELS))
     lattice = (GRID[0] + more, GRID[1] + more)
     sizes = [lattice[0] * lattice[1]] * 2
     if window == PIXELS:
@@ -84,7 +85,7 @@ def frames_of(window: str, rng: np.random.Generator, *, grey: bool) -> Frames:
     primal = np.array([0, 0, 1, 1, WHITE, 2, 3, 3, BLACK, 2, 1], dtype=np.int32)
     dual = np.array([BLACK, 0, 1, BLACK, 2, WHITE, BLACK, 3, 1, 0, 2], dtype=np.int32)
     count = primal.size
-    shift = np.arange(count) % 4 if window == "quarter" else np.zeros(count)
+    shift = np.arange(count) % 4 if more else np.zeros(count)
     return Frames(
         patterns[0], patterns[1], primal, dual, shift.astype(np.uint8),
         np.arange(count, dtype=np.int32), dual == BLACK, GRID, lattice, window,
@@ -149,8 +150,8 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
             DensePanel(
                 mask, getattr(drawn, name).map, getattr(placed, name).map,
                 optics.rise_s, optics.fall_s, 1.0 / optics.contrast if optics.contrast else 0.0,
-                optics.skew_s, said.gamma, optics.scan_s, optics.scan_bands, said.falloff,
-                said.dead_rows, said.dead_columns,
+                optics.skew_s, said.gamma or 1.0, said.lut, optics.scan_s, optics.scan_bands,
+                said.falloff, said.dead_rows, said.dead_columns,
             )
         )  # fmt: skip
     direct = np.stack([e.albedo for e in scene.effects[:3]], axis=1)  # type: ignore[attr-defined]
@@ -176,8 +177,9 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
 
 @pytest.mark.parametrize(
     ("window", "textured"),
-    [("whole", False), ("quarter", False), ("quarter", True), (PIXELS, False), (PIXELS, True)],
-)
+    [("whole", False), ("quarter", False), ("quarter", True), ("side-3/4", False),
+     (PIXELS, False), (PIXELS, True)],
+)  # fmt: skip
 def test_everything_on_is_the_dense_bench_at_every_quad(
     tmp_path: Path, window: str, textured: bool
 ) -> None:
@@ -190,6 +192,27 @@ def test_everything_on_is_the_dense_bench_at_every_quad(
     found = OpticalBench(config, scene, FRAME).photo(Exposure(frames, log, 0, close_ns))
     wanted = dense_of(config, scene, transport).photo(frames, log, 0, close_ns)
     assert wanted.max() > 10.0 * wanted.min() >= 0.0
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * wanted.max())
+
+
+@pytest.mark.parametrize("window", ["quarter", PIXELS])
+def test_a_table_of_lights_is_the_dense_bench_too(tmp_path: Path, window: str) -> None:
+    """Grey levels of a projector with a file of lights, and of a mask that is believed to have
+    another curve than it has. G-LUT."""
+    (tmp_path / "lights.txt").write_text("# a bent panel\n0 0.02, 0.31\n0.8\n1.0\n")
+    truth = TRUTH.replace("gamma = 1.8", 'lut = "lights.txt"')
+    rng = np.random.default_rng(11)
+    frames = frames_of(window, rng, grey=True)
+    log = log_of(frames, rng)
+    scene, transport = scene_of(rng, textured=False)
+    config = config_of(tmp_path, truth)
+    mask = msgspec.structs.replace(config.mask, gamma=None, lut=(0.0, 0.5, 1.0, 1.0))
+    config = msgspec.structs.replace(config, mask=mask)
+    close_ns = int(log.end_ns.max()) + 50_000_000
+    found = OpticalBench(config, scene, FRAME).photo(Exposure(frames, log, 0, close_ns))
+    dense = dense_of(config, scene, transport)
+    assert dense.projector.lut == (0.0, 0.02, 0.31, 0.8, 1.0) and dense.mask.gamma == 2.3
+    wanted = dense.photo(frames, log, 0, close_ns)
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * wanted.max())
 
 

@@ -18,6 +18,7 @@ def best() -> Found:
     return judge(CONFIG, CODES)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [3, 8])
 def test_a_bench_that_lies_anywhere_is_as_good_as_an_aligned_one(seed: int, best: Found) -> None:
     found = judge(anywhere(CONFIG, seed), CODES)

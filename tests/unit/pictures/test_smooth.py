@@ -106,6 +106,7 @@ def preset_errors(name: str, family: str, count: int, seed: int) -> tuple[float,
     return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in found)  # type: ignore[return-value]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "count", "gain"),
     [
@@ -126,6 +127,7 @@ def test_corrected_codes_beat_bernoulli_by_the_promised_factor(
     assert better < plain / gain
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [8, 128, 512])
 @pytest.mark.parametrize("name", list(PRESETS))
 def test_no_preset_gets_worse(name: str, count: int) -> None:

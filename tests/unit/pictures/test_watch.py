@@ -53,9 +53,10 @@ def test_nothing_is_told_of_no_work_and_an_ear_may_end_it() -> None:
 @pytest.mark.parametrize(
     ("request_", "decodings"),
     [
-        (CaptureRequest(goal="indirect", codes=8), 1),
-        (CaptureRequest(goal="direct", method="multi-image", codes=8), 1),
-        (CaptureRequest(goal="indirect", codes=64, pilot=8), 2),
+        (CaptureRequest(goal="indirect", codes=8), 1 + 1),
+        (CaptureRequest(goal="indirect", codes=8, black_level="none"), 1),
+        (CaptureRequest(goal="direct", method="multi-image", codes=8), 1 + 1),
+        (CaptureRequest(goal="indirect", codes=64, pilot=8), 2 + 1),
         (CaptureRequest(goal="indirect", codes=48, parts=6, until_error=1e-6), 6 + 1),
     ],
 )

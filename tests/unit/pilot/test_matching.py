@@ -58,6 +58,7 @@ def indirect_errors(transport: Floats, codes: Bools, photos: Floats) -> tuple[fl
     return tuple(float(np.sqrt(np.mean((i - truth) ** 2)) / scale) for i in (image, better))  # type: ignore[return-value]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("slope", "count"), [(1.0, 8), (1.25, 8), (0.8, 8), (0.8, 12), (1.25, 12), (1.25, 16)]
 )
@@ -89,6 +90,7 @@ def test_a_map_that_is_not_smooth_is_not_made_up() -> None:
     assert mapped < 1.2 * plain
 
 
+@pytest.mark.long
 def test_noise_that_is_told_of_does_not_become_paths() -> None:
     """Nothing but noise between the photos: half of it, not all, may look like a partner's."""
     sigma = 0.05
@@ -103,6 +105,7 @@ def test_noise_that_is_told_of_does_not_become_paths() -> None:
     assert sums[1] < 0.7 * sums[0]
 
 
+@pytest.mark.long
 def test_channels_share_the_map_and_differ_in_light() -> None:
     transport = mirror(1.25)
     codes = pilot_codes(GRID, 12, seed=6)
@@ -118,6 +121,7 @@ def test_channels_share_the_map_and_differ_in_light() -> None:
     assert len(again) == 4 and all(one is again[0] for one in again)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scale", [1e-9, 1e6])
 def test_units_do_not_matter(scale: float) -> None:
     transport = mirror(1.25)

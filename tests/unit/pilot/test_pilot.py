@@ -155,6 +155,7 @@ def test_the_same_number_of_codes_errs_far_less_with_a_pilot(build: Any, count: 
     assert piloted_error(transport, count, 3) < plain_error(transport, "balanced", count, 3) / 3
 
 
+@pytest.mark.long
 def test_a_path_traced_mirror_errs_ten_times_less_than_coins() -> None:
     transport = matrix_scene("mirror_32x24")
     for count, gain in ((48, 8.0), (128, 40.0)):
@@ -177,6 +178,7 @@ def test_the_correction_is_exact_when_the_paths_are() -> None:
     assert shot_error(transport, codes, scipy.sparse.csr_array(rest)) < 1e-12
 
 
+@pytest.mark.long
 def test_a_pilot_pays_on_sharp_paths_and_not_on_smooth_light() -> None:
     smooth_scene = np.diag(np.linspace(0.5, 1.5, CELLS)) + smooth(0.3)
     scenes = (

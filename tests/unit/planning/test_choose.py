@@ -63,6 +63,7 @@ def test_explicit_requests_are_left_alone() -> None:
     assert not wants_choice(CaptureRequest(goal="indirect", codes=64, pilot=32))
 
 
+@pytest.mark.long
 def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) -> None:
     tables: dict[str, Any] = {
         "scene": SMALL,
@@ -76,6 +77,7 @@ def test_an_error_out_of_reach_is_refused_with_what_is_in_reach(tmp_path: Path) 
     assert summary.prediction is not None and summary.prediction.bound <= reachable
 
 
+@pytest.mark.long
 def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
     short = LimitsConfig(min_free_bytes=0, max_exposure_s=0.5)
     with pytest.raises(RequestError, match=r"cannot be had.*0\.5 s"):
@@ -84,6 +86,7 @@ def test_limits_refuse_what_they_must(tmp_path: Path) -> None:
         plan(tmp_path, CaptureRequest(goal="indirect", seconds=0.1))
 
 
+@pytest.mark.long
 def test_a_leak_is_measured_where_that_pays(tmp_path: Path) -> None:
     """Dark frames take half of the time, and a mask of 300 : 1 leaves 6 % without them."""
     leaking = PanelConfig(size_px=(1600, 1200), rise_s=0.001, fall_s=0.002, contrast=300.0)
@@ -120,6 +123,7 @@ def test_confidence_costs_time(tmp_path: Path) -> None:
     assert sums[1].prediction.error <= sums[0].prediction.error
 
 
+@pytest.mark.long
 def test_a_mirror_gets_a_pilot_where_nothing_else_will_do(tmp_path: Path) -> None:
     """Exposures of 2 s hold about 100 codes, too few without a pilot (see test_pilot)."""
     short = LimitsConfig(min_free_bytes=0, max_exposure_s=2.0)

@@ -102,6 +102,7 @@ def test_light_from_everywhere_is_metered_exactly(
     assert np.all((light[0] * ratio)[~seen] <= light[1][~seen] * (1.0 + 1e-9))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["corner_32x24", "disco-ball", "wax-disk"])
 def test_the_photo_fills_the_sensor_as_it_is_meant_to(name: str, tmp_path: Path) -> None:
     """Within the third of a stop that the lens steps by, and what 16 codes cannot tell of sharp

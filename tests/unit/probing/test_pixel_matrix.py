@@ -102,6 +102,7 @@ def same(found: Factors, wanted: Factors) -> None:
 SIDE = st.integers(1, 7)
 
 
+@pytest.mark.long
 @settings(deadline=None)
 @given(
     grid=st.tuples(SIDE, SIDE),

@@ -94,7 +94,7 @@ def test_closed_form_equals_matrix_exponentials(
 
 
 @pytest.mark.parametrize("offset", [(0.125, -0.25), (-0.5, 0.375)])
-@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize("window", ["whole", "quarter", "side-3/4"])
 def test_misregistration_equals_pixel_by_pixel(window: str, offset: tuple[float, float]) -> None:
     primal, dual = PANELS["uneven"]
     frames = frames_for(window, "full", count=2)
@@ -204,6 +204,45 @@ def test_windows_tile_the_mask() -> None:
     log = log_for(frames)
     got = collect(factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log)))
     np.testing.assert_allclose(got.open_s, 32 * REFRESH_NS * 1e-9, rtol=1e-12)
+
+
+@pytest.mark.parametrize("window", ["side-5/8", "side-7/8"])
+def test_windows_that_overlap_equal_pixel_by_pixel(window: str) -> None:
+    """Places that open under two sub-shifts of an axis remember both: panels are slow."""
+    primal, dual = PANELS["uneven"]
+    frames = frames_for(window, "full", count=2, grid=(1, 2))
+    log = log_for(frames, jitter_ns=400_000, phase_ns=1_234_567)
+    got, got_coaxial, want, coaxial = both(frames, log, primal, dual, fine=16)
+    assert np.abs(got - want).max() <= 1e-12 * want.max()
+    assert np.abs(got_coaxial - coaxial).max() <= 1e-12 * want.max()
+
+
+@pytest.mark.parametrize(
+    ("window", "guard", "light"),
+    [("side-5/8", 3 / 16, 1.5625), ("side-3/4", 1 / 8, 2.25), ("side-7/8", 1 / 16, 3.0625)],
+)
+def test_larger_windows_gain_light_and_keep_off_what_their_guard_covers(
+    window: str, guard: float, light: float
+) -> None:
+    """Improvements 5, 6 and 21 of the catalogue: (1 - 2 e / c)^2 of a cell opens, and no direct
+    light gets in up to a misregistration of e."""
+
+    def weight(window: str, offset: tuple[float, float]) -> tuple[float, float]:
+        frames = frames_for(window, "full", count=16, grid=(3, 3))
+        log = log_for(frames)
+        got = collect(
+            factors(
+                frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log),
+                offset_cells=offset,
+            )
+        )  # fmt: skip
+        return float(got.coaxial.max()), float(got.open_s.mean())
+
+    assert weight(window, (guard, -guard))[0] == 0.0
+    assert weight(window, (guard + 0.02, 0.0))[0] > 1e-9
+    # The mean over codes of the lattice differs a little: each cell shows more of its neighbours.
+    gain = weight(window, (0.0, 0.0))[1] / weight("quarter", (0.0, 0.0))[1]
+    assert gain == pytest.approx(light, rel=0.05)
 
 
 @pytest.mark.parametrize(("offset", "leaks"), [(0.24, False), (0.25, False), (0.27, True)])

@@ -118,6 +118,7 @@ def weight_of_near_neighbours(*, coins: bool, runs: int = 200) -> float:
     return float(np.mean(weights))
 
 
+@pytest.mark.long
 def test_coins_take_the_common_error_out_of_parts() -> None:
     """The mean over 200 seeds has a standard error of 0.007."""
     assert weight_of_near_neighbours(coins=False) > 1.05

@@ -101,6 +101,7 @@ def test_two_far_patches_exchange_by_the_cosine_law() -> None:
     assert kernel[0, 3] == pytest.approx(cosines / (np.pi * (way @ way) + quarter), rel=1e-12)
 
 
+@pytest.mark.long
 def test_groove_form_factor_is_that_of_two_strips() -> None:
     # Two long strips of equal width that meet at 90 degrees: F = 1 - sin(45 degrees) by crossed
     # strings; here of length 6, seen from the middle.
@@ -153,6 +154,7 @@ def groove_kernel(grid: tuple[int, int]) -> Array:
     return form_kernel(groove(grid), grid)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("albedo", [0.0, 0.5, 0.999, None])
 def test_light_is_absorbed_or_escapes_and_nothing_else(albedo: float | None) -> None:
     relief = groove((16, 24))

@@ -149,6 +149,7 @@ def cr2(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Mosaic]:
     return path, image
 
 
+@pytest.mark.long
 def test_cr2_is_read_like_dng(cr2: tuple[Path, Mosaic]) -> None:
     path, image = cr2
     frame = read_raw(path)
@@ -237,6 +238,7 @@ def test_a_damaged_cr2_is_refused_by_its_hash_if_not_by_libraw(small_cr2: Path) 
 # Damaged headers.
 
 
+@pytest.mark.long
 @settings(deadline=None, derandomize=True, max_examples=150)
 @given(
     canon=st.booleans(),

@@ -1,0 +1,80 @@
+"""Grey levels of a panel, as a configuration has them: gamma, or a table of lights."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import msgspec
+
+from pdcd.bench.reading import Fault
+from pdcd.bench.tables import Config, Lut, PanelConfig
+from pdcd.errors import ConfigError
+from pdcd.frames.curve import LEVELS, Curve, Curves, power, table, table_fault
+from pdcd.inputs.limits import Unsound
+from pdcd.inputs.opening import open_own
+
+MAX_BYTES = 2**16
+"""Longest file of lights."""
+
+
+class _Grey(Protocol):
+    """A table with these keys."""
+
+    @property
+    def lut(self) -> Lut | None: ...
+
+
+_G = TypeVar("_G", bound=_Grey)
+
+
+def curve_of(panel: PanelConfig) -> Curve | None:
+    """What light a panel's levels give; None where nobody said. Raises ConfigError."""
+    if panel.lut is None:
+        return None if panel.gamma is None else power(panel.gamma)
+    lights = read_lut(Path(panel.lut)) if isinstance(panel.lut, str) else panel.lut
+    if fault := table_fault(lights):
+        raise ConfigError(f"lut {fault}")
+    return table(lights)
+
+
+def curves_of(config: Config) -> Curves:
+    """Those of projector and mask. Raises ConfigError."""
+    return curve_of(config.projector), curve_of(config.mask)
+
+
+def curve_fault(name: str, lut: Lut | None) -> Fault | None:
+    """What to say of a table of lights that was read; None where it is sound, or there is none."""
+    if lut is None or isinstance(lut, str) or not (fault := table_fault(lut)):
+        return None
+    return Fault((f"{name}.lut",), f"{name}.lut: {fault}")
+
+
+def with_lut(panel: _G, name: str, folder: Path, faults: list[Fault]) -> _G:
+    """A panel with what its file of lights holds in the place of the path, meant from `folder`."""
+    if not isinstance(panel.lut, str):
+        return panel
+    lights = None
+    try:
+        lights = read_lut(folder / panel.lut)
+    except ConfigError as err:
+        faults.append(Fault((f"{name}.lut",), f"{name}.lut: {err.message}"))
+    return msgspec.structs.replace(panel, lut=lights)  # type: ignore[type-var]
+
+
+def read_lut(path: Path) -> tuple[float, ...]:
+    """Lights of a text file: numbers parted by white space or commas, # begins a comment.
+
+    Raises ConfigError in one line; whether they make a curve is not looked at.
+    """
+    try:
+        with os.fdopen(open_own(path), "rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        lines = data.decode("ascii").splitlines()
+        words = [w for line in lines for w in line.partition("#")[0].replace(",", " ").split()]
+        if len(data) > MAX_BYTES or len(words) > LEVELS:
+            raise ConfigError(f"{path} holds more than {LEVELS} lights")
+        return tuple(float(word) for word in words)
+    except (OSError, Unsound, ValueError) as err:
+        raise ConfigError(f"cannot read lights from {path}: {err}") from err

@@ -1,0 +1,173 @@
+"""How wrong an answer is by the light that got in while panels were black: out of dark photos.
+
+A photo is ``sum over time of m(t) (T i(t) + a)``. Ambient light `a`, and what a black projector
+lets out, get in for as long as the mask is open (limitations L2, L3). What a closed mask lets
+through gets in for as long as the projector is lit before it (L1). A dark photo shows both for a
+known time, so that their part in any photo follows by the times for which its panels were open and
+lit. These are bounds: what leaks from cells that are lit anyway is no error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pictures.combine import Exposed, realised_photo
+from pdcd.pictures.weights import cell_weights_s, divided_by_row
+from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule
+from pdcd.sensor.cells import CellMap
+from pdcd.words import NormaliseName
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SURE = 5.0
+"""Mean of a leak over its standard error from which it is there, and not the sensor's noise."""
+
+
+@dataclass(frozen=True)
+class Dark:
+    """Light of cells in scene units, (N, 3), and its variance."""
+
+    light: Floats
+    variance: Floats
+
+    def less(self, other: Dark) -> Dark:
+        """What is left without another."""
+        return Dark(self.light - other.light, self.variance + other.variance)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer of cells with leaks in it, its variance by the sensor, (N, 3) each; and what it
+    takes of a leak that shines through an open mask, and of one through a closed mask: (N, 1) each.
+    Only `seen` cells count."""
+
+    image: Floats
+    variance: Floats
+    open: Floats
+    closed: Floats
+    seen: Bools
+
+    def ambient(self, dark: Dark) -> float:
+        """RMS error by the light of an open mask before a black projector, over the RMS of the
+        answer without it; 0 where it does not stand above the noise."""
+        return self._error([(self.open, dark)])
+
+    def mask(self, dark: Dark) -> float:
+        """The same of a closed mask before a lit projector."""
+        return self._error([(self.closed, dark)])
+
+    def both(self, ambient: Dark, mask: Dark) -> float:
+        """The same of the two together, as far as each is there."""
+        parts = [(self.open, ambient), (self.closed, mask)]
+        return self._error([part for part in parts if self._error([part])])
+
+    def most(self, dark: Dark) -> float:
+        """The same of a dark photo of which nobody knows what is whose: at most."""
+        return self._error([(np.maximum(abs(self.open), abs(self.closed)), dark)])
+
+    def floor(self, *darks: Dark) -> float:
+        """The least error that such dark photos, seen through any panel, tell from noise."""
+        share = np.maximum(abs(self.open), abs(self.closed))
+        return self._figures([(share, dark) for dark in darks])[1]
+
+    def _error(self, parts: list[tuple[Floats, Dark]]) -> float:
+        if not parts:
+            return 0.0
+        error, floor, mean = self._figures(parts)
+        return error if mean > floor else 0.0
+
+    def _figures(self, parts: list[tuple[Floats, Dark]]) -> tuple[float, float, float]:
+        """RMS and least sure mean of a leak, and its mean, over the RMS of the answer without it.
+
+        The sensor's noise, whose square does not vanish in a mean, is taken off.
+        """
+        zero = np.zeros(())
+        leak = sum((share * dark.light for share, dark in parts), zero)[self.seen]
+        variance = sum((share**2 * dark.variance for share, dark in parts), zero)[self.seen]
+        noise = float(np.mean(self.variance[self.seen] + variance))
+        true = float(np.mean((self.image[self.seen] - leak) ** 2)) - noise
+        least = max(noise / leak.size, np.finfo(np.float64).tiny)
+        rms = np.sqrt(max(true, least))
+        power = max(float(np.mean(leak**2) - np.mean(variance)), 0.0)
+        sure = SURE * np.sqrt(variance.sum()) / leak.size
+        return float(np.sqrt(power) / rms), float(sure / rms), float(abs(leak.mean()) / rms)
+
+
+def answers_of(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    lit_s: Mapping[str, float],
+    cells: CellMap,
+    *,
+    normalise: NormaliseName,
+) -> list[Answer]:
+    """The answer of a recipe without corrections, on cells. Where it is made of the largest and
+    smallest of photos, which a leak hardly parts, the pictures beside it, too.
+
+    lit_s : of each shot, how long an average cell of the projector was lit; 0 of others. Raises
+    DecodeError when a photo gathered no light at all.
+    """
+    extremes = isinstance(recipe.answer, Extremes)
+    rules = list(recipe.pictures.values()) if extremes else [recipe.answer]
+    used = dict.fromkeys(name for rule in rules for name in _photos(rule))
+    photos = {photo.name: photo for photo in recipe.photos}
+    seen = cells.seen()
+    found = {}
+    for name in used:
+        by_row = divided_by_row(photos[name], shots, normalise)
+        found[name] = _of_photo(photos[name], shots, lit_s, cells, seen, by_row=by_row)
+    return [_of_rule(rule, found) for rule in rules]
+
+
+def _photos(rule: Rule) -> tuple[str, ...]:
+    return rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)
+
+
+def _of_photo(
+    photo: Photo,
+    shots: Mapping[str, Exposed],
+    lit_s: Mapping[str, float],
+    cells: CellMap,
+    seen: Bools,
+    *,
+    by_row: bool,
+) -> Answer:
+    realised = realised_photo(photo.shots, shots)
+    weight = cell_weights_s(photo, realised, by_row=by_row).reshape(-1, 1)
+    light, noise, dark_s = np.zeros(()), np.zeros(()), 0.0
+    for sign, name in photo.shots:
+        shot = shots[name]
+        light = light + sign * cells.mean(shot.light)
+        noise = noise + cells.error_of_mean(shot.variance) ** 2
+        dark_s += sign * max(0.0, lit_s.get(name, 0.0) - float(shot.realised.coaxial.mean()))
+    opened = realised.open_s.reshape(-1, 1)
+    closed = np.full_like(opened, dark_s)
+    return Answer(light / weight, noise / weight**2, opened / weight, closed / weight, seen)
+
+
+def _of_rule(rule: Rule, photos: Mapping[str, Answer]) -> Answer:
+    taken = [photos[name] for name in _photos(rule)]
+    seen = taken[0].seen
+    if isinstance(rule, Extremes):
+        images = np.stack([photo.image for photo in taken])
+        share, squares = rule.largest + rule.smallest, rule.largest**2 + rule.smallest**2
+        return Answer(
+            rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0),
+            squares * np.mean([photo.variance for photo in taken], axis=0),
+            share * np.mean([photo.open for photo in taken], axis=0),
+            share * np.mean([photo.closed for photo in taken], axis=0),
+            seen,
+        )
+    shares = np.array([share for share, _ in rule])
+    return Answer(
+        np.tensordot(shares, [photo.image for photo in taken], 1),
+        np.tensordot(shares**2, [photo.variance for photo in taken], 1),
+        np.tensordot(shares, [photo.open for photo in taken], 1),
+        np.tensordot(shares, [photo.closed for photo in taken], 1),
+        seen,
+    )

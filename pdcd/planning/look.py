@@ -1,0 +1,194 @@
+"""A look at what gets into a photo when panels are black, and the black exposures that follow.
+
+One short dark photo is taken once the first photo of the codes is there: it shows an open mask
+before a black projector, then, after a pause, a closed mask before a lit projector. It holds
+ambient light, what a black projector lets out and what a closed mask lets through, all at once.
+Where that would be too much (`pdcd.pictures.leaks`), a second one without the lit projector tells
+them apart, and the shots are joined by those that measure the leak.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+
+from pdcd.bench.tables import Config
+from pdcd.errors import RequestError
+from pdcd.frames.curve import light_of
+from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import none
+from pdcd.frames.schedule import SLOTS
+from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.plan import Look, Plan
+from pdcd.recipes.make import recipe_of
+from pdcd.recipes.recipe import Shot
+from pdcd.request import CaptureRequest, Leaks
+from pdcd.words import BlackLevel
+
+LIMIT = 0.01
+"""RMS error of the answer by leaks that is borne where no error was asked for."""
+LOOK_S = 0.25
+"""Time for which a dark photo shows each of its two states."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """What is asked of black exposures: those that are taken in any case, and a look or none."""
+
+    level: BlackLevel
+    look: Look | None
+
+
+def settled(request: CaptureRequest, config: Config) -> Settled:
+    """Black exposures of a request; "auto" begins without any, and looks."""
+    asked = request.black_level or config.schedule.black_level
+    if asked != "auto":
+        return Settled(asked, None)
+    wanted = request.error or request.until_error or LIMIT
+    return Settled("none", Look(wanted, may_add=request.seconds is None))
+
+
+def due(plan: Plan, taken: frozenset[str]) -> bool:
+    """Whether a plan wants a dark photo, and the shots that it is held against are there: all of
+    them, or those of the first part."""
+    if plan.look is None:
+        return False
+    return all(shot.name in taken for shot in plan.recipe.shots if shot.part <= 1)
+
+
+def dark_frames(plan: Plan, *, lit: bool) -> Frames:
+    """Refreshes of a dark photo: an open mask alone for `LOOK_S`; then a lit projector alone for as
+    long, or both panels black where it is not to be `lit`."""
+    rows = phase_rows(plan)
+    pause = max(2, math.ceil(plan.settle_s * plan.row_hz))
+    primal = np.full(2 * rows + pause, BLACK, dtype=np.int32)
+    dual = primal.copy()
+    dual[:rows] = WHITE
+    if lit:
+        primal[-rows:] = WHITE
+    return Frames(
+        primal_patterns=none(),
+        dual_patterns=none(),
+        primal_index=primal,
+        dual_index=dual,
+        shift=np.zeros(primal.size, dtype=np.uint8),
+        code=np.zeros(primal.size, dtype=np.int32),
+        guard=dual == BLACK,
+        grid=plan.grid,
+        lattice=plan.grid,
+        window="whole",
+    )
+
+
+def phase_rows(plan: Plan) -> int:
+    """Rows of each state of a dark photo: no more than the answer's shots have, whose aperture it
+    is taken at."""
+    return min(max(2, round(LOOK_S * plan.row_hz)), plan.refreshes(plan.recipe.shots[-1]))
+
+
+def dark_s(plan: Plan) -> float:
+    """Planned time between opening and closing the shutter for a dark photo."""
+    return len(dark_frames(plan, lit=True)) / plan.row_hz + plan.delay_s + 2.0 * plan.settle_s
+
+
+def lit_s(plan: Plan, shot: Shot) -> float:
+    """Time for which an average cell of the projector is lit in a shot."""
+    if shot.primal_black:
+        return 0.0
+    rows = sum(SLOTS[plan.schedule][0]) * plan.passes_of(shot)
+    if shot.white:
+        return rows / plan.row_hz
+    lattice = Lattice(plan.grid, plan.window_of(shot))
+    primal = plan.patterns[shot.program][0]
+    shown = range(len(primal)) if shot.only is None else (shot.only,)
+    curve = plan.curves[0]
+    levels = sum(float(light_of(primal, k, lattice.lattice_cells, curve).mean()) for k in shown)
+    return rows * lattice.fields * levels / plan.row_hz
+
+
+def needed(leaks: Leaks) -> BlackLevel:
+    """Which black exposures bring the error by leaks below its limit."""
+    ambient, mask = leaks.ambient or 0.0, leaks.mask or 0.0
+    if leaks.both <= leaks.limit:
+        return "none"
+    if mask <= leaks.limit:
+        return "ambient"
+    return "mask" if ambient <= leaks.limit else "both"
+
+
+def quiet(plan: Plan, leaks: Leaks) -> Plan:
+    """The same plan after a look that calls for nothing."""
+    text = f"black exposures: none, after a look at a dark photo: {_said(leaks)}"
+    return replace(plan, look=None, leaks=leaks, reasons=_reasons(plan, text))
+
+
+def with_blacks(plan: Plan, leaks: Leaks, config: Config, even: bool) -> Plan:
+    """The same plan with the black exposures that are `needed` for all its photos; codes stay.
+
+    even : whether all codes were shown as often as planned so far, as those of black exposures will
+    be. Raises RequestError where none can be added.
+    """
+    level = needed(leaks)
+    if plan.look is not None and not plan.look.may_add:
+        raise RequestError("the time asked for leaves no room for them")
+    if not even:
+        raise RequestError("codes were shown more often than planned, or unequally often")
+    how = msgspec.structs.replace(plan.how, black_level=level)
+    recipe = recipe_of(plan.recipe.target, how)
+    lattice = Lattice(plan.grid, plan.window)
+    family = how.family or config.schedule.family
+    bytes_ = memory_bytes(recipe, how, family, lattice, plan.passes, config)
+    check_memory(bytes_, config, plan.grid)
+    text = f"black exposures: {level}, decided after a look at dark photos: {_said(leaks)}"
+    return replace(
+        plan,
+        recipe=recipe,
+        how=how,
+        memory_bytes=bytes_,
+        look=None,
+        leaks=leaks,
+        reasons=_reasons(plan, text),
+    )
+
+
+def looking(plan: Plan, look: Look | None) -> Plan:
+    """The same plan with a look to come, and a line about it."""
+    bare = replace(plan, look=look)
+    return bare if look is None else replace(bare, reasons=_reasons(bare, _foretold(bare, look)))
+
+
+def _foretold(plan: Plan, look: Look) -> str:
+    then = "are added" if look.may_add else "would be needed, which a warning says"
+    return (
+        f"black exposures: decided after a look at one dark photo of {dark_s(plan):.2g} s; they "
+        f"{then} where ambient light or leaks are more than {100.0 * look.limit:.3g} % of the "
+        "picture"
+    )
+
+
+def _said(leaks: Leaks) -> str:
+    limit = f"(limit {_percent(leaks.limit)})"
+    if not leaks.both:
+        return (
+            f"no ambient light and no leak, of which {_percent(leaks.floor)} of the picture would "
+            f"have been seen {limit}"
+        )
+    if leaks.ambient is None or leaks.mask is None:
+        return f"ambient light and leaks make at most {_percent(leaks.both)} of the picture {limit}"
+    return (
+        f"ambient light and a leaking projector make {_percent(leaks.ambient)} of the picture, a "
+        f"leaking mask {_percent(leaks.mask)} {limit}"
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"
+
+
+def _reasons(plan: Plan, text: str) -> tuple[str, ...]:
+    kept = [reason for reason in plan.reasons if not reason.startswith("black exposures:")]
+    return (*kept, text)

@@ -1,0 +1,174 @@
+"""The goals of off-axis benches: light kept or blocked by the depth of what it fell on.
+
+`keyed` closes the mask at a camera cell whenever any of the projector cells is lit that would light
+it directly at the depths to block (Fig. 11 of the paper): of these nothing can arrive. `stereo` is
+white less that. `epipolar` tells paths within a row of cells, as all direct light is on a rectified
+bench, from those that change rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdcd.frames.lattice import Lattice
+from pdcd.probing.lines import SameRow
+from pdcd.probing.wanted import Indices, Match, Uniform
+from pdcd.recipes.maker import Maker
+from pdcd.recipes.matching import matches, on_lattice, places_of
+from pdcd.recipes.programs import Bools, Pairs
+from pdcd.recipes.recipe import Combination, Rule
+
+
+@dataclass(frozen=True, eq=False)
+class Keyed:
+    """Mask = complement of the code of each cell's match (0 there, p (1 - p) elsewhere).
+
+    A cell without a match gets the complement of the code that its row has to spare, where codes
+    bring one (`pdcd.codes.lines.matched_codes`), else it is open.
+
+    place : (N, 2) int64, of `pdcd.recipes.matching.places_of`.
+    """
+
+    place: Indices
+    disparity: int
+    coded: bool = True
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """K pairs."""
+        partner = matches(on_lattice(self.place, lattice), self.disparity, lattice.shape)
+        row = np.arange(partner.size) // lattice.shape[1]
+        cells, spare = bits[:, : partner.size], bits[:, partner.size :]
+        none = spare[:, row] if spare.shape[1] else np.zeros_like(cells)
+        return cells, ~np.where(partner >= 0, cells[:, partner], none)
+
+
+@dataclass(frozen=True, eq=False)
+class KeyedRange:
+    """Mask = closed while a match of any of W disparities is lit by a comb (0 there, 1 in the rest
+    of the row, 1 - W / period elsewhere).
+
+    A match beyond the grid closes it, too, when the comb would be there: so all cells are open
+    equally often, and see equally much of other rows.
+    """
+
+    place: Indices
+    low: int
+    high: int
+    period: int
+    coded: bool = True
+
+    @property
+    def p(self) -> float:
+        """Share of codes in which a cell is lit."""
+        return 1.0 / self.period
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """K pairs; `bits` of `pdcd.codes.lines.comb_codes`."""
+        place, (rows, cols) = on_lattice(self.place, lattice), lattice.shape
+        # Of a match far off, or none: beyond the row, where no real cell is lit at that time.
+        off = (place[:, 0] < 0) | (place[:, 0] >= rows)
+        row = np.where(off, 0, place[:, 0])
+        column = place[:, 1]
+        off |= (column + self.high < 0) | (column + self.low >= cols)
+        column = np.where(off, cols - self.low, column)
+        opened = np.ones_like(bits)
+        first = bits.reshape(-1, rows, cols)[:, :, 0]
+        cells = np.arange(len(place))
+        for start in range(0, len(bits) - self.period + 1, self.period):
+            phase = first[start : start + self.period].argmax(axis=0)[row]
+            for disparity in range(self.low, self.high + 1):
+                opened[start + (phase + column + disparity) % self.period, cells] = False
+        return bits, opened
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Codes h of rows, shown as they are and inverted: mask = the code of the row (K within it,
+    K / 2 (1 + h h' / K) elsewhere), or the other way around (0 within it, K / 2 elsewhere where
+    codes are orthogonal).
+
+    Their difference is K within rows and exactly 0 elsewhere.
+    """
+
+    same: bool
+    coded: bool = True
+    p: float = 0.5
+
+    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
+        """2 K pairs. The code of a row is that of its first cell."""
+        rows, cols = lattice.shape
+        first = bits.reshape(-1, rows, cols)[:, :, :1]
+        code = np.broadcast_to(first, (len(bits), rows, cols)).reshape(len(bits), -1)
+        lit = np.stack([code, ~code], axis=1).reshape(-1, rows * cols)
+        return lit, lit if self.same else ~lit
+
+
+def keyed(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    """All light but that which is direct at some depths."""
+    kept = _keyed(maker, codes)
+    if not white:
+        return {"keyed": kept}
+    maker.white()
+    return {"keyed": kept, "white": ((1.0, "white"),)}
+
+
+def stereo(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    """Light that is direct at some depths, and what else takes the same paths."""
+    maker.white()
+    kept = _keyed(maker, codes)
+    less = tuple((-share, name) for share, name in kept)
+    return {
+        "stereo": ((1.0, "white"), *less),
+        "white": ((1.0, "white"),),
+        "keyed": kept,
+    }
+
+
+def epipolar(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
+    """Paths within a row, by two shots; or all others, by one."""
+    target = maker.target
+    line = SameRow(target.grid)
+    if target.goal.keep == "out":
+        maker.coded("epipolar", Rows(False), (1.0, Uniform(target.cells)), (-1.0, line))
+    else:
+        # Windows that cut cells weigh points of one row otherwise than cells; direct light, which
+        # is nearly all there is in a row, goes from point to point.
+        maker.signed("epipolar", Rows, (1.0, line), by_direct=True)
+    if not white:
+        return {"epipolar": ((1.0, "epipolar"),)}
+    maker.white()
+    return {"epipolar": ((1.0, "epipolar"),), "white": ((1.0, "white"),)}
+
+
+def _keyed(maker: Maker, codes: int) -> Combination:
+    """The photos whose sum is all but some depths.
+
+    A comb sees a little less of other rows than of the cell's own; a photo of other rows alone,
+    which has no direct light either, brings that share.
+    """
+    target = maker.target
+    grid = target.grid
+    low, high = target.goal.disparity or (0, 0)
+    place = places_of(target.goal, grid, target.planes)
+    count = high - low + 1
+    everything, line = Uniform(target.cells), SameRow(grid)
+    blocked = [(-1.0, Match(matches(place, d, grid))) for d in range(low, high + 1)]
+    if count == 1:
+        maker.coded("keyed", Keyed(place, low), (1.0, everything), *blocked, rows=True)
+        return ((1.0, "keyed"),)
+    period = period_of(codes, grid[1], count)
+    lost = count / period
+    program = KeyedRange(place, low, high, period)
+    maker.coded("other-rows", Rows(False), (1.0, everything), (-1.0, line))
+    maker.coded("keyed", program, (1.0 - lost, everything), (lost, line), *blocked)
+    return ((lost, "other-rows"), (1.0, "keyed"))
+
+
+def period_of(codes: int, columns: int, disparities: int) -> int:
+    """Codes in which a comb passes a row: as few as keep all its cells apart from all matches, and
+    then as many as leave the fewest codes over; all of them where those are too few."""
+    least = columns + 1 + disparities
+    return codes // max(1, codes // least)

@@ -1,0 +1,120 @@
+"""Plain captures against the known truth: do error bars fit, with no option but the seed?
+
+    python -m tests.bench.error_bars --seeds 10
+
+Each capture runs through the mock bench with full sensor noise, default panels and a frame of one
+quad a cell, as `pdcd capture indirect --seed N` would take it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
+from pdcd.capture.engine import Engine
+from pdcd.request import CaptureRequest
+from tests.places import DATA
+
+MATRICES = ("corner", "mirror")
+SCENES = (
+    *MATRICES, "open-book", "wax-disk", "disco-ball", "milky-bottle", "mirror-and-vase",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Found:
+    """One capture: RMS of error, sigma and sensor noise over the RMS of the true picture, and the
+    share of values whose truth lies within 1.96 sigma."""
+
+    error: float
+    sigma: float
+    sensor: float
+    covered: float
+    kind: str
+    summary: dict[str, Any]
+
+
+def bench(name: str, grid: tuple[int, int], seed: int, folder: Path, **camera: Any) -> Config:
+    """The default mock bench before a scene; a path-traced one has its own 24 x 32 cells."""
+    scene = SceneConfig(kind=name, grid=grid)
+    if name in MATRICES:
+        scene = SceneConfig(kind="matrix", path=str(DATA / f"{name}_32x24.npz"))
+    return Config(
+        scene=scene,
+        camera=CameraConfig(seed=seed, **camera),
+        limits=LimitsConfig(min_free_bytes=0),
+        server=ServerConfig(state_dir=str(folder / "state")),
+    )
+
+
+def take(config: Config, **fields: Any) -> Found:
+    """Capture indirect light and hold it against the truth. Raises RuntimeError where it fails."""
+    engine = Engine.from_config(config)
+    engine.start()
+    try:
+        request = CaptureRequest(goal="indirect", **fields)
+        result = engine.capture(request, job="job", emit=lambda _: None, cancelled=lambda: False)
+    finally:
+        engine.stop()
+    scene = engine._rig.scene
+    if result.state != "done" or result.folder is None or scene is None:
+        raise RuntimeError(str(result.error))
+    with np.load(Path(result.folder) / "probe.npz", allow_pickle=False) as data:
+        image, sigma, sensor = (data[k] for k in ("image", "sigma", "sigma_sensor"))
+        kind = str(data["sigma_kind"])
+    truth = scene.split()[1].reshape(image.shape)
+    known = np.isfinite(sigma)
+    total = float(np.sqrt(np.mean(truth[known] ** 2)))
+    rms = [float(np.sqrt(np.mean(a[known] ** 2))) / total for a in (image - truth, sigma, sensor)]
+    covered = float(np.mean(np.abs(image - truth)[known] <= 1.96 * sigma[known]))
+    return Found(rms[0], rms[1], rms[2], covered, kind, dict(result.summary))
+
+
+def judge(name: str, grid: tuple[int, int], seeds: int, **camera: Any) -> str:
+    """A row of the table."""
+    found = []
+    for seed in range(seeds):
+        with tempfile.TemporaryDirectory() as folder:
+            found.append(take(bench(name, grid, seed, Path(folder), **camera), seed=seed))
+    error, sigma, sensor = (
+        float(np.sqrt(np.mean([getattr(f, k) ** 2 for f in found])))
+        for k in ("error", "sigma", "sensor")
+    )
+    ratios = [f.sigma / f.error for f in found]
+    covered = 100.0 * float(np.mean([f.covered for f in found]))
+    parts = "/".join(str(p) for p in sorted({f.summary["parts"] for f in found}))
+    kinds = "/".join(sorted({f.kind for f in found}))
+    return (
+        f"| {name} | {100 * error:.2f} % | {100 * sensor:.2f} % | {100 * sigma:.2f} % | "
+        f"{sigma / error:.2f} ({min(ratios):.2f} to {max(ratios):.2f}) | {covered:.1f} | "
+        f"{parts} | {kinds} |"
+    )
+
+
+def main() -> None:
+    """Print the table, row by row."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--cells", default="32x24", help="columns x rows of the presets")
+    parser.add_argument("--readout", type=float, help="seconds that a RAW file costs")
+    parser.add_argument("--scene", choices=SCENES, action="append")
+    args = parser.parse_args()
+    cols, rows = (int(n) for n in args.cells.split("x"))
+    camera = {} if args.readout is None else {"readout_s": args.readout}
+    say = sys.stdout.write
+    say("| scene | error | noise | sigma | sigma / error | covered | parts | error bars |\n")
+    say("|---|---|---|---|---|---|---|---|\n")
+    for name in args.scene or SCENES:
+        say(judge(name, (rows, cols), args.seeds, **camera) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Benches drawn by chance, with a truth the program does not know: calibrated and compared."""

@@ -1,0 +1,121 @@
+"""Black exposures that a capture adds by itself: what calls for them, what they bring and cost."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.bench.tables import CameraConfig, Config, PanelConfig
+from pdcd.capture.engine import Engine
+from pdcd.pictures.decode import decode_folder
+from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.record import Manifest
+from tests import bench_rig
+
+GRID = (6, 8)
+MASK = PanelConfig(size_px=(1600, 1200), contrast=300.0)
+PROJECTOR = PanelConfig(size_px=(1024, 768), contrast=50.0)
+
+
+def bench(folder: Path, *, ambient: float = 0.0, noise: str = "none", **tables: Any) -> Config:
+    return bench_rig.config(
+        folder,
+        grid=GRID,
+        scene=bench_rig.matrix_scene(folder, GRID, ambient=ambient),
+        camera=CameraConfig(noise=noise),  # type: ignore[arg-type]
+        **tables,
+    )
+
+
+def take(config: Config, **fields: object) -> tuple[CaptureResult, Manifest]:
+    engine = Engine.from_config(config)
+    engine.start()
+    assert config.server.state_dir is not None
+    out = tempfile.mkdtemp(dir=Path(config.server.state_dir).parent)
+    asked = {"goal": "indirect", "codes": 48, "out": out, **fields}
+    request = msgspec.convert(asked, CaptureRequest)
+    result = bench_rig.capture(engine, request)
+    engine.stop()
+    assert result.error is None and result.folder is not None, result.error
+    return result, read_manifest(Path(result.folder))
+
+
+def raws(result: CaptureResult) -> list[str]:
+    return [name for name in result.files if name.startswith("raw/") and "meter" not in name]
+
+
+def error(result: CaptureResult) -> float:
+    found = result.summary["rms_error"]
+    assert isinstance(found, float)
+    return found
+
+
+def test_ambient_light_is_found_and_taken_off(tmp_path: Path) -> None:
+    plain, _ = take(bench(tmp_path, ambient=0.3), black_level="none")
+    result, manifest = take(bench(tmp_path, ambient=0.3))
+    assert error(plain) > 0.5
+    assert error(result) < 0.02
+    assert manifest.run.how.black_level == manifest.plan["black_level"] == "ambient"
+    leaks = manifest.plan["leaks"]
+    assert leaks["both"] == pytest.approx(error(plain), rel=0.05)
+    assert leaks["raw"] == ["raw/look-dark.dng", "raw/look-ambient.dng"]
+    assert any("decided after a look at dark photos" in text for text in manifest.plan["reasons"])
+    assert any("black exposures were added (black level ambient)" in t for t in result.warnings)
+    assert result.folder is not None and decode_folder(Path(result.folder)).identical
+
+
+@pytest.mark.parametrize(
+    ("tables", "level"),
+    [({"mask": MASK}, "mask"), ({"projector": PROJECTOR}, "ambient"),
+     ({"mask": MASK, "projector": PROJECTOR}, "both")],
+)  # fmt: skip
+def test_leaking_panels_are_found(tables: dict[str, Any], level: str, tmp_path: Path) -> None:
+    plain, _ = take(bench(tmp_path, **tables), black_level="none")
+    result, manifest = take(bench(tmp_path, **tables))
+    assert manifest.run.how.black_level == level
+    assert error(result) < 0.2 * error(plain)
+
+
+def test_a_quiet_bench_pays_one_dark_photo_and_keeps_every_bit(tmp_path: Path) -> None:
+    config = bench(tmp_path, noise="full")
+    plain, before = take(config, black_level="none")
+    result, manifest = take(config)
+    assert set(raws(result)) == {*raws(plain), "raw/look-dark.dng"}
+    assert manifest.run.how == before.run.how
+    assert manifest.plan["leaks"]["both"] < 0.01
+    assert not any("black" in text for text in result.warnings)
+    for name in plain.files:
+        if name.startswith("linear/"):
+            assert manifest.files[name].sha256 == before.files[name].sha256
+    assert [m.peak for m in manifest.meter if "look" in m.raw] == [None]
+
+
+def test_what_cannot_be_added_is_said(tmp_path: Path) -> None:
+    result, manifest = take(bench(tmp_path, ambient=0.3), method="multi-image", codes=16)
+    assert manifest.run.how.black_level == "none"
+    assert any("black exposures are not added" in text for text in result.warnings)
+
+
+def test_parts_get_their_black_exposures_as_they_go(tmp_path: Path) -> None:
+    config = bench(tmp_path, ambient=0.3)
+    result, manifest = take(config, codes=192, parts=8, until_error=0.1)
+    names = [shot.name for shot in manifest.run.shots]
+    assert manifest.run.how.black_level == "ambient"
+    assert names[:4] == ["white", "coded-1", "white-black-primal", "coded-1-black-primal"]
+    assert error(result) < 0.1
+
+
+def test_a_wanted_error_is_the_limit(tmp_path: Path) -> None:
+    """The same leak is borne where nobody asked for a small error."""
+    mask = PanelConfig(size_px=(1600, 1200), contrast=20000.0)
+    fields = {"codes": 32, "parts": 4, "white": False}
+    _, strict = take(bench(tmp_path, mask=mask), **fields)
+    _, loose = take(bench(tmp_path, mask=mask), until_error=0.2, **fields)
+    assert strict.plan["leaks"]["limit"] == 0.01
+    assert loose.plan["leaks"]["limit"] == 0.2
+    assert loose.run.how.black_level == "none"

@@ -1,0 +1,136 @@
+"""Depths through the whole chain: a bench whose camera is off the projector's axis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import CameraConfig, RigConfig, SceneConfig, ScheduleConfig
+from pdcd.capture.engine import Engine
+from pdcd.pictures.decode import decode_folder
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from pdcd.scene.effects import Array
+from pdcd.scene.scene import Scene
+from pdcd.words import WindowName
+from tests import bench_rig
+
+GRID = (12, 16)
+N = 192
+
+
+def engine_of(folder: Path, kind: str, options: dict[str, Any], **tables: Any) -> Engine:
+    given = {
+        "rig": RigConfig(arrangement="off-axis"),
+        "scene": SceneConfig(kind=kind, grid=GRID, options=options),
+        **tables,
+    }
+    engine = Engine.from_config(bench_rig.config(folder, **given))
+    engine.start()
+    return engine
+
+
+def run(engine: Engine, job: str = "job", **fields: Any) -> tuple[Array, Path, dict[str, Any]]:
+    result = bench_rig.capture(engine, msgspec.convert(fields, CaptureRequest), job)
+    assert result.error is None and result.folder is not None, result.error
+    with np.load(Path(result.folder) / "probe.npz") as data:
+        return data["image"], Path(result.folder), dict(result.summary)
+
+
+def parts(scene: Scene) -> tuple[Array, Array, Array]:
+    """Direct and indirect pictures (rows, cols, 3), and the disparity of each cell, by the dense
+    transport of the scene."""
+    direct = sum(e.tint[:, None, None] * e.dense() for e in scene.effects[:3])
+    shape = (*GRID, 3)
+    one = np.asarray(direct).sum(axis=2).T.reshape(shape)
+    whole = scene.dense().sum(axis=2).T.reshape(shape)
+    assert scene.displacement is not None
+    return one, whole - one, scene.displacement[:, 1].reshape(GRID)
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_fig11_a_box_at_the_keyed_depth_is_gone_and_the_wall_stays(
+    window: WindowName, tmp_path: Path
+) -> None:
+    disparity = 1
+    engine = engine_of(
+        tmp_path, "off-axis-box", {"disparity": disparity}, schedule=ScheduleConfig(window=window)
+    )
+    image, folder, summary = run(
+        engine, goal="keyed", codes=128, disparity=[disparity, disparity], seed=1
+    )
+    direct, indirect, moved = parts(bench_rig.bench_of(engine).scene)
+    front = np.isclose(moved, disparity)
+    assert front.sum() > 8
+    left = np.abs((image - indirect)[front]).sum() / direct[front].sum()
+    assert left < 0.005
+    away = moved < disparity - 1
+    assert away.sum() > 60
+    kept = (image - direct - indirect)[away]
+    assert np.sqrt(np.mean(kept**2) / np.mean((direct + indirect)[away] ** 2)) < 0.02
+    assert decode_folder(folder).identical
+    goal = read_manifest(folder).run.goal
+    assert goal.name == "keyed" and goal.disparity == (disparity, disparity)
+    # Quarter windows keep a quarter cell dark where the floor passes through the depth.
+    assert summary["rms_error"] < (0.02 if window == "whole" else 0.08)
+
+
+def test_k5_the_rigs_plane_keys_a_wall_that_is_elsewhere(tmp_path: Path) -> None:
+    """The wall has a disparity of -2 cells here: the homography of its plane moves by as much."""
+    plane = (1.0, 0.0, -2.0 / 16.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    engine = engine_of(
+        tmp_path, "off-axis-box", {}, rig=RigConfig(arrangement="off-axis", plane=plane)
+    )
+    image, folder, _ = run(engine, goal="keyed", codes=128)
+    direct, indirect, moved = parts(bench_rig.bench_of(engine).scene)
+    wall = np.isclose(moved, -2.0)
+    assert wall.sum() > 30
+    assert np.abs((image - indirect)[wall]).sum() < 0.005 * direct[wall].sum()
+    box = np.isclose(moved, 0.0)
+    np.testing.assert_allclose(image[box], (direct + indirect)[box], rtol=0.03, atol=2e-3)
+    # The run knows its plane itself, and is decoded without the configuration.
+    assert read_manifest(folder).run.goal.plane == plane
+    assert decode_folder(folder).identical
+
+
+def test_stereo_and_epipolar_through_the_chain(tmp_path: Path) -> None:
+    engine = engine_of(tmp_path, "off-axis-shelf", {})
+    scene = bench_rig.bench_of(engine).scene
+    dense = scene.dense()
+    row = np.arange(N) // GRID[1]
+    same = row[:, None] == row[None]
+    for keep, mask in (("in", same), ("out", ~same)):
+        truth = (dense * mask).sum(axis=2).T.reshape(*GRID, 3)
+        image, folder, _ = run(engine, keep, goal="epipolar", keep=keep, codes=12)
+        # What is left is the rounding of two RAW files.
+        assert np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)) < 2e-3
+        assert decode_folder(folder).identical
+    near = np.zeros((N, N))
+    for n in range(N):
+        for d in (1, 2):
+            if n % GRID[1] + d < GRID[1]:
+                near[n, n + d] = 1.0
+    truth = (dense * near).sum(axis=2).T.reshape(*GRID, 3)
+    image, folder, summary = run(engine, goal="stereo", disparity=[1, 2], codes=128)
+    error = float(np.sqrt(np.mean((image - truth) ** 2)))
+    assert error < 0.01 * np.sqrt(np.mean(dense.sum(axis=2) ** 2))
+    own = summary["rms_error"] * np.sqrt(np.mean(truth**2))
+    assert own == pytest.approx(error, rel=1e-6)
+    assert decode_folder(folder).identical
+
+
+def test_error_bars_of_parts_cover_off_axis_goals(tmp_path: Path) -> None:
+    engine = engine_of(tmp_path, "off-axis-box", {}, camera=CameraConfig(noise="full"))
+    goals: tuple[dict[str, Any], ...] = (
+        {"goal": "keyed"},
+        {"goal": "stereo", "disparity": [-2, -2]},
+        {"goal": "epipolar"},
+    )
+    for number, fields in enumerate(goals):
+        _, _, summary = run(engine, f"job{number}", codes=96, parts=4, **fields)
+        assert summary["sigma_kind"] == "measured"
+        assert 0.7 < summary["rms_sigma"] / summary["rms_error"] < 1.5

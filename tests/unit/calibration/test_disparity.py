@@ -1,0 +1,92 @@
+"""Correspondences by stripes on a scene with depth, and planes by two cards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
+from pdcd.calibration.disparity import disparities, plane_between
+from pdcd.calibration.phase import Decoded, PhaseCode, decode
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.shown import frames_of
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import FrameLog
+from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing, placed
+from pdcd.optics.bench import OpticalBench
+from pdcd.optics.products import Exposure
+from pdcd.recipes.matching import matches, places_of
+from pdcd.request import Goal
+from pdcd.scene.build import build_scene
+
+GRID = (12, 16)
+SIZE = (256, 192)
+FRAME = (96, 128)
+
+
+def photos(bench: OpticalBench, code: PhaseCode) -> Iterator[Photo]:
+    for shown in code.shown():
+        frames = frames_of(shown)
+        count = len(frames)
+        rows = np.arange(count, dtype=np.int32)
+        at = 1_000_000 * np.arange(count + 1)
+        log = FrameLog(
+            rows, rows, at[:-1], at[:-1], np.array([at[-1]] * 2), np.zeros(count, np.int32),
+            "test", True,
+        )  # fmt: skip
+        light = bench.photo(Exposure(frames, log, 0, int(at[-1]))) * 2e5
+        yield Photo(light, np.full(light.shape, 1.0), np.zeros(light.shape[:2], np.bool_))
+
+
+def test_k5_stripes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
+    camera = CameraConfig(frame_quads=FRAME[::-1], place=Placing(turn_deg=1.0, scale=1.05))
+    config = Config(
+        projector=PanelConfig(size_px=SIZE),
+        mask=PanelConfig(size_px=SIZE),
+        camera=camera,
+        scene=SceneConfig(kind="off-axis-shelf", grid=GRID),
+    )
+    scene = build_scene(config.scene)
+    bench = OpticalBench(config, scene, FRAME)
+    decoded = decode(photos(bench, PhaseCode("projector", SIZE)), PhaseCode("projector", SIZE))
+    maps = camera_map(config, FRAME), panels_of(config).projector.map
+    found = disparities(decoded, *maps, GRID)
+    true = scene.displacement
+    assert true is not None
+    right = true[:, 1].reshape(GRID)
+    both = found.known & np.isfinite(right)
+    assert both.sum() > 0.5 * np.isfinite(right).sum()
+    off = np.abs(found.right - right)[both]
+    # A cell's displacement is one number, so inner quads see it to a part of a pixel of 16.
+    assert np.median(off) < 0.02
+    assert np.mean(off < 0.1) > 0.9
+    assert found.off_rows_cells < 0.05
+    place = places_of(Goal(name="keyed"), GRID, {"disparities": found.as_asked().ravel()})
+    partner = matches(place, 0, GRID)
+    assert (partner[~found.known.ravel()] == -1).all()
+    wall = np.isclose(right.ravel(), right[np.isfinite(right)].min()) & both.ravel()
+    column = np.arange(GRID[0] * GRID[1])
+    expected = column + round(float(np.nanmin(right)))
+    assert np.mean(partner[wall] == expected[wall]) > 0.9
+
+
+def test_cells_that_nobody_can_match_are_refused() -> None:
+    nothing = Decoded(np.zeros((*FRAME, 2)), np.ones((*FRAME, 2)), np.zeros(FRAME, np.bool_))
+    fills = placed(Placing(), FRAME[::-1], SIZE, "camera")
+    with pytest.raises(CalibrationError, match="no cell"):
+        disparities(nothing, fills, placed(Placing(), SIZE, SIZE, "projector"), GRID)
+
+
+def test_k5_a_card_at_another_depth_gives_its_plane() -> None:
+    """The same camera on two cards: the second map is the first, and then the plane."""
+    now = placed(Placing(turn_deg=-3.0, scale=1.1), (300, 200), SIZE, "camera")
+    plane = np.array([[1.02, 0.01, -0.05], [0.005, 0.99, 0.0], [0.03, 0.0, 1.0]])
+    then = now.then(plane)
+    assert isinstance(then, Map)
+    found, left = plane_between(now, then)
+    np.testing.assert_allclose(np.reshape(found, (3, 3)), plane, atol=1e-6)
+    assert left < 1e-7

@@ -1,0 +1,121 @@
+"""Leaks foreseen from dark photos, against a dense sum over a bench that leaks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.pictures.combine import Exposed
+from pdcd.pictures.leaks import Answer, Dark, answers_of
+from pdcd.planning.look import needed
+from pdcd.probing.realised import Factors
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
+from pdcd.request import Goal, How, Leaks
+from pdcd.sensor.cells import CellMap
+
+GRID = (6, 8)
+CELLS = CellMap.block(GRID, GRID)
+N = GRID[0] * GRID[1]
+CODES = 48
+REFRESH_S = 1.0 / 60.0
+LIT = 3
+"""Refreshes in which the projector is lit for each one that the mask is open in: guards."""
+
+
+def bench(
+    ambient: float, leak: float, black: float, seed: int = 0
+) -> tuple[dict[str, Exposed], dict[str, float], Dark, Dark, np.ndarray, np.ndarray]:
+    """White and coded photos summed refresh by refresh, without any of pdcd's optics; dark photos
+    of the same bench; and the indirect photo as it is and as it should be."""
+    rng = np.random.default_rng(seed)
+    transport = 0.02 * rng.random((N, N)) + np.diag(0.5 + rng.random(N))
+    around = ambient * (0.5 + rng.random((N, 1))) * np.ones(3)
+    lit = rng.random((CODES, N)) < 0.5
+    left, right, light = [], [], np.zeros((N, 3))
+    true_off = transport - np.diag(np.diag(transport))
+    for code in lit:
+        shown = np.where(code, 1.0, black)
+        for open_, refreshes in ((~code, 1), (np.zeros(N, bool), LIT - 1)):
+            gate = np.where(open_, 1.0, leak)
+            seconds = refreshes * REFRESH_S
+            light += seconds * gate[:, None] * ((transport @ shown)[:, None] + around)
+        left.append((~code) * REFRESH_S)
+        right.append(code * 1.0)
+    factors = Factors(np.array(left), np.array(right), np.zeros(N), np.sum(left, axis=0))
+    shots = {"coded": exposed(light, factors)}
+    weight = float(np.mean((factors.left.T @ factors.right)[~np.eye(N, dtype=bool)]))
+    lit_s = {"coded": LIT * REFRESH_S * float(lit.sum(axis=1).mean()) * CODES / N}
+    nothing = np.zeros((N, 3))
+    everything = transport.sum(axis=1)[:, None] * np.ones(3)
+    open_light = Dark(around + black * everything, nothing)
+    closed_light = Dark(leak * everything, nothing)
+    return shots, lit_s, open_light, closed_light, light / weight, true_off.sum(axis=1)
+
+
+def exposed(light: np.ndarray, factors: Factors) -> Exposed:
+    image = light.reshape(*GRID, 3)
+    none = np.zeros(GRID, np.bool_)
+    return Exposed(image, np.zeros_like(image), none, factors, {})
+
+
+def answer(shots: dict[str, Exposed], lit_s: dict[str, float]) -> Answer:
+    recipe = recipe_of(Target(Goal(name="indirect"), GRID), How(white=False))
+    (found,) = answers_of(recipe, shots, lit_s, CELLS, normalise="scalar")
+    return found
+
+
+def relative(image: np.ndarray, clean: np.ndarray) -> float:
+    return float(np.sqrt(np.mean((image - clean) ** 2) / np.mean(clean**2)))
+
+
+def test_ambient_light_is_foreseen_exactly() -> None:
+    """L2: its part of a photo is that of the time for which the mask was open."""
+    clean = bench(0.0, 0.0, 0.0)[4]
+    shots, lit_s, ambient, _, image, _ = bench(0.3, 0.0, 0.0)
+    foreseen = answer(shots, lit_s).ambient(ambient)
+    assert foreseen == pytest.approx(relative(image, clean), rel=1e-9)
+    assert foreseen > 0.5
+
+
+@pytest.mark.parametrize(("leak", "black"), [(1 / 300, 0.0), (0.0, 1 / 300)])
+def test_leaking_panels_are_foreseen_as_a_bound(leak: float, black: float) -> None:
+    """L1 and L3: never less than it is, and not much more."""
+    clean = bench(0.0, 0.0, 0.0)[4]
+    shots, lit_s, ambient, mask, image, _ = bench(0.0, leak, black)
+    found = answer(shots, lit_s)
+    foreseen = found.mask(mask) if leak else found.ambient(ambient)
+    other = found.ambient(ambient) if leak else found.mask(mask)
+    assert other == 0.0
+    assert 1.0 <= foreseen / relative(image, clean) < 1.5
+
+
+def test_one_dark_photo_of_both_is_a_bound_of_either() -> None:
+    shots, lit_s, ambient, mask, _, _ = bench(0.01, 1 / 300, 1 / 500)
+    found = answer(shots, lit_s)
+    whole = Dark(ambient.light + mask.light, ambient.variance + mask.variance)
+    assert found.most(whole) > found.both(ambient, mask) > found.mask(mask) > 0.0
+
+
+def test_noise_is_no_leak() -> None:
+    """The square of noise does not vanish in a mean: it is taken off, and no bench without leaks is
+    accused of one."""
+    shots, lit_s, _, _, _, _ = bench(0.0, 0.0, 0.0)
+    found = answer(shots, lit_s)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        noise = Dark(0.01 * rng.standard_normal((N, 3)), np.full((N, 3), 1e-4))
+        assert found.ambient(noise) == 0.0
+        assert found.floor(noise) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("ambient", "mask", "both", "level"),
+    [(0.001, 0.002, 0.003, "none"), (0.3, 0.002, 0.3, "ambient"), (0.0, 0.2, 0.2, "mask"),
+     (0.3, 0.2, 0.4, "both"), (0.008, 0.008, 0.012, "ambient")],
+)  # fmt: skip
+def test_as_few_black_exposures_as_will_do(
+    ambient: float, mask: float, both: float, level: str
+) -> None:
+    leaks = Leaks(ambient=ambient, mask=mask, both=both, floor=0.0, limit=0.01, raw=())
+    assert needed(leaks) == level

@@ -1,0 +1,110 @@
+"""What a plain request leaves to the program: parts where a RAW file costs little."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.devices import CameraInfo
+from pdcd.bench.tables import CameraConfig, Config, ScheduleConfig
+from pdcd.errors import RequestError
+from pdcd.planning.unasked import asks_for_camera, readout_s, settled
+from pdcd.request import CaptureRequest
+
+GRID = (48, 64)
+CODES_S = 6.4
+"""128 codes of three refreshes each."""
+
+
+def camera(seconds: float | None = 0.0) -> CameraInfo:
+    return CameraInfo("", "", "modern", np.ones(3), (100,), (), readout_s=seconds)
+
+
+def parts_of(
+    config: Config | None = None, file_s: float | None = 0.0, **fields: Any
+) -> tuple[Any, str]:
+    request = CaptureRequest(**{"goal": "indirect", **fields})
+    found, reasons = settled(request, config or Config(), GRID, camera(file_s))
+    return found.parts, " ".join(reasons)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "parts"), [(0.0, 8), (0.06, 8), (0.1, 4), (0.3, 4), (0.4, 1), (3.0, 1), (None, 1)]
+)
+def test_parts_are_as_many_as_their_files_are_worth(seconds: float | None, parts: int) -> None:
+    """Seven files, or three, may take a quarter of the time of the codes: 1.6 s. Each takes 0.16 s
+    beside the file: twice 50 ms on black, and the shutter's lag."""
+    found, reason = parts_of(file_s=seconds)
+    assert found == parts
+    assert ("measures the error bars" in reason) == (parts > 1)
+    assert ("modelled" in reason) == (parts == 1)
+
+
+def test_a_longer_exposure_bears_more_files() -> None:
+    slow = Config(schedule=ScheduleConfig(window="quarter"))
+    assert parts_of(file_s=0.5)[0] == 1
+    assert parts_of(slow, file_s=0.5)[0] == 8
+
+
+@pytest.mark.parametrize(
+    ("codes", "parts"), [(128, 8), (256, 8), (64, 4), (96, 4), (32, 1), (8, 1), (112, 4), (100, 1)]
+)
+def test_each_part_has_enough_codes_of_a_kind_that_there_is(codes: int, parts: int) -> None:
+    config = Config(schedule=ScheduleConfig(codes=codes))
+    found, reason = parts_of(config)
+    assert found == parts
+    assert (f"{codes} hadamard codes cannot be split" in reason) == (parts == 1)
+
+
+def test_without_noise_one_exposure_is_best() -> None:
+    """Nothing is gained from filling the sensor more often, and the codes err more in parts."""
+    found, reason = parts_of(Config(camera=CameraConfig(noise="none")))
+    assert found == 1 and "no noise" in reason
+
+
+@pytest.mark.parametrize(
+    "named",
+    [
+        {"codes": 128},
+        {"family": "hadamard"},
+        {"pilot": 16},
+        {"repeat": 2},
+        {"smooth": True},
+        {"exposure_s": 10.0},
+        {"method": "multi-image"},
+        {"prior": "decay:3"},
+        {"error": 0.01},
+        {"seconds": 10.0},
+        {"goal": "fraction", "p": 0.25},
+        {"goal": "white"},
+    ],
+)
+def test_who_says_how_codes_are_spent_gets_one_exposure(named: dict[str, Any]) -> None:
+    request = CaptureRequest(**{"goal": "indirect", **named})
+    assert not asks_for_camera(request)
+    assert parts_of(**named) == (1, "")
+
+
+@pytest.mark.parametrize(
+    "named", [{"seed": 3}, {"window": "whole"}, {"white": False}, {"note": "x"}]
+)
+def test_what_says_nothing_of_codes_leaves_parts_open(named: dict[str, Any]) -> None:
+    assert asks_for_camera(CaptureRequest(**{"goal": "direct", **named}))
+    assert parts_of(**named)[0] == 8
+
+
+def test_parts_that_are_given_are_kept_and_auto_may_be_asked_for() -> None:
+    assert parts_of(parts=3) == (3, "")
+    assert parts_of(parts="auto", codes=256)[0] == 8
+    with pytest.raises(RequestError, match="left to the program beside an error"):
+        parts_of(parts="auto", error=0.01)
+
+
+def test_the_cost_of_a_file_is_typed_or_seen_or_assumed() -> None:
+    assert readout_s(Config(), camera(0.7)) == 0.7
+    assert readout_s(Config(), camera(None)) == readout_s(Config(), None) == 3.0
+    typed = msgspec.structs.replace(Config().camera, readout_s=0.2)
+    assert readout_s(Config(camera=typed), camera(0.7)) == 0.2
