@@ -139,8 +139,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """What the scene is like, to guide the codes and foresee errors by: "scene:" and the name of a
     preset, "decay:" and a distance in cells, or a transport matrix, given as other arrays are."""
     smooth: bool | None = None
-    """Correct an indirect photo for what its codes get wrong of smoothly spread light, by a model
-    that the photo itself gives. None: with the family hadamard; others show what they are."""
+    """Correct photos of indirect and of far light for what their codes get wrong of smoothly spread
+    light, by a model that the photo itself gives. None: with the family hadamard; others show what
+    they are."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None
@@ -195,8 +196,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     black_level: BlackLevel = "none"
     white: bool = True
     structure: bool = False
-    """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`). Runs from
-    before that have it in one piece."""
+    """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`), and photos
+    of far light may be corrected for smooth light. Runs from before that have it in one piece, and
+    have these as they were taken."""
 
     @property
     def coded(self) -> int:

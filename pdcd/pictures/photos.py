@@ -24,21 +24,25 @@ def corrected_photos(
     smooth: bool,
     alive: Callable[[], None] = lambda: None,
 ) -> dict[str, Picture]:
-    """Every photo divided by its weight, the coded one corrected for what its codes get wrong.
+    """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
     Parameters
     ----------
     recipe, shots, normalise : as of `pdcd.pictures.combine.scaled_photos`.
     learned : paths that a pilot found, whose error in the coded photo is known.
-    smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`).
+    smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
+        of far light.
     alive : called now and then, and may raise to end the work.
     """
     missing = _missing(recipe, shots, learned, cells)
     photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
-    if smooth and "coded" in photos:
-        photos["coded"] = smoothed(
-            recipe, shots, photos["coded"], learned, cells, normalise=normalise, alive=alive
-        )
+    for photo in recipe.photos:
+        indirect = photo.name == "coded" and photo.wanted.uniform == (0.0, 1.0)
+        if smooth and (indirect or photo.beyond):
+            known = learned if photo.name == "coded" else None
+            photos[photo.name] = smoothed(
+                photo, shots, photos[photo.name], known, cells, normalise=normalise, alive=alive
+            )
     return photos
 
 

@@ -68,8 +68,9 @@ class Maker:
         `gain`; (N,) each. With `rows` each cell is divided by its own weight."""
         wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
         self.programs[name] = _seen(program, light, gain)
-        rows = rows or isinstance(program, Far)
-        self.photo(name, wanted, [(1.0, Shot(name, name))], rows)
+        self.photo(name, wanted, [(1.0, Shot(name, name))], rows or isinstance(program, Far))
+        if isinstance(program, Far) and wanted.light is None and gain is None:
+            self.photos[-1] = replace(self.photos[-1], beyond=program.radius)
 
     def signed(
         self,
