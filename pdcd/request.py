@@ -146,8 +146,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """What the scene is like, to guide the codes and foresee errors by: "scene:" and the name of a
     preset, "decay:" and a distance in cells, or a transport matrix, given as other arrays are."""
     smooth: bool | None = None
-    """Correct an indirect photo for what its codes get wrong of smoothly spread light, by a model
-    that the photo itself gives. None: with the family hadamard; others show what they are."""
+    """Correct photos of indirect and of far light for what their codes get wrong of smoothly spread
+    light, by a model that the photo itself gives. None: with the family hadamard; others show what
+    they are."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None
@@ -206,8 +207,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     buckets: int = 1
     """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
     structure: bool = False
-    """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`). Runs from
-    before that have it in one piece."""
+    """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`), and photos
+    of far light may be corrected for smooth light. Runs from before that have it in one piece, and
+    have these as they were taken."""
 
     @property
     def coded(self) -> int:
@@ -308,13 +310,13 @@ class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):
     reasons: tuple[str, ...] = ()
     """Why cells, window and schedule are what they are, a line each, on a bench that was measured;
     what black exposures go by; and parts where they were left to the program."""
+    split: tuple[str, ...] = ()
+    """How the matrix of the goal "relit" is taken apart: a line a part, with its share of the
+    squared weights and how it is photographed."""
     black_level: BlackLevelName = "none"
     """Black exposures; "auto": decided once a dark photo was taken."""
     leaks: Leaks | None = None
     """What that photo showed."""
-    split: tuple[str, ...] = ()
-    """How the matrix of the goal "relit" is taken apart: a line a part, with its share of the
-    squared weights and how it is photographed."""
 
 
 class Quality(msgspec.Struct, frozen=True, kw_only=True):

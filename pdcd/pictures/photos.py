@@ -24,25 +24,29 @@ def corrected_photos(
     smooth: bool,
     alive: Callable[[], None] = lambda: None,
 ) -> dict[str, Picture]:
-    """Every photo divided by its weight, the coded one corrected for what its codes get wrong.
+    """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
     Parameters
     ----------
     recipe, shots, normalise : as of `pdcd.pictures.combine.scaled_photos`.
     learned : paths that a pilot found, whose error in the coded photo is known.
-    smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`).
+    smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
+        of far light.
     alive : called now and then, and may raise to end the work.
     """
     missing = _missing(recipe, shots, learned, cells)
     photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
-    if smooth and "coded" in photos:
-        before = photos["coded"].image
-        photos["coded"] = smoothed(
-            recipe, shots, photos["coded"], learned, cells, normalise=normalise, alive=alive
-        )
-        if "direct" in photos:  # of a complement pair: its codes err by as much the other way
+    for photo in recipe.photos:
+        indirect = photo.name == "coded" and photo.wanted.uniform == (0.0, 1.0)
+        if not smooth or not (indirect or photo.beyond):
+            continue
+        before = photos[photo.name]
+        known = learned if photo.name == "coded" else None
+        after = smoothed(photo, shots, before, known, cells, normalise=normalise, alive=alive)
+        photos[photo.name] = after
+        if indirect and "direct" in photos:  # of a pair: its codes err by as much the other way
             direct = photos["direct"]
-            image = direct.image - (photos["coded"].image - before)
+            image = direct.image - (after.image - before.image)
             photos["direct"] = Picture(image, direct.sigma)
     return photos
 

@@ -44,6 +44,11 @@ ROUNDS = 8
 """Steps of the scaling that makes the model's row sums the image; each leaves half the error."""
 CHUNK = 2**22
 """Numbers transformed at once."""
+FAR_SPREADS = ((np.inf, 1.0), (5.0, 1.0), (2.0, 2.0))
+"""Of photos of far light: cells over which light falls, and the power of what falls with the
+square. Their codes are random and few, so that all of light's ways count."""
+FAR_USUAL, FAR_SURE = np.array([0.4, 0.3, 0.1]), np.array([0.3, 0.2, 0.15])
+"""As `USUAL` and `SURE`."""
 
 
 def colour_correction(
@@ -53,15 +58,21 @@ def colour_correction(
     image: Floats,
     grid: tuple[int, int],
     alive: Callable[[], None] = lambda: None,
+    beyond: int = 0,
 ) -> Floats:
     """The same as `smooth_correction` for an image in colour: (N, C) float64.
+
+    `beyond` is the radius of a photo of far light (`far_correction`), 0 for indirect light.
 
     What is missing of its grey is shared out among the channels as each cell has them: smooth light
     takes on the colour of where it arrives.
     """
     light = np.maximum(image, 0.0)
     grey: Floats = light.mean(axis=1)
-    missing = smooth_correction(left, right, weight, grey, grid, alive)
+    if beyond:
+        missing = far_correction(left, right, weight, grey, grid, beyond, alive)
+    else:
+        missing = smooth_correction(left, right, weight, grey, grid, alive)
     share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
     more: Floats = light * share[:, None]
     return more
@@ -108,6 +119,33 @@ def smooth_correction(
     return np.asarray(_shares(light, missing, grid) @ missing)
 
 
+def far_correction(
+    left: Floats,
+    right: Floats,
+    weight: float | Floats,
+    image: Floats,
+    grid: tuple[int, int],
+    radius: int,
+    alive: Callable[[], None] = lambda: None,
+) -> Floats:
+    """Return what to add to an image of light from beyond `radius` cells: (N,) float64.
+
+    The image itself says how much far light each cell gets, and the model has none from nearer.
+    Other arguments as of `smooth_correction`.
+    """
+    light = np.maximum(image, 0.0)
+    if light.size < 2 or not light.any():
+        return np.zeros_like(light)
+    missing = []
+    for reach, power in FAR_SPREADS:
+        spread = _spread(_far_kernel(grid, reach, power, radius), grid)
+        missing.append(_missing(left, right, weight, light, spread, spread, alive))
+    patterns = np.stack(missing)
+    shares = _shares(light, patterns, grid, FAR_USUAL, FAR_SURE)
+    # The patterns are much alike: together they are no more than all of it.
+    return np.asarray(shares / max(1.0, float(shares.sum())) @ patterns)
+
+
 def _missing(
     left: Floats,
     right: Floats,
@@ -136,11 +174,17 @@ def _missing(
     return missing
 
 
-def _shares(image: Floats, missing: Floats, grid: tuple[int, int]) -> Floats:
+def _shares(
+    image: Floats,
+    missing: Floats,
+    grid: tuple[int, int],
+    usual: Floats = USUAL,
+    sure: Floats = SURE,
+) -> Floats:
     """How much of each pattern (P, N) to remove, (P,) from 0 to 1.
 
     The likeliest shares for what the image lacks in detail, which is taken as normal with the
-    strength it has around each cell, and for shares that are normal with `USUAL` and `SURE`.
+    strength it has around each cell, and for shares that are normal with `usual` and `sure`.
     """
     # Relative to the light of each cell: a surface that is twice as bright shows twice the pattern,
     # and its texture must not be taken for one.
@@ -149,11 +193,11 @@ def _shares(image: Floats, missing: Floats, grid: tuple[int, int]) -> Floats:
     strength = ndimage.uniform_filter(lacking.reshape(grid) ** 2, AROUND).ravel()
     floor = LEAST * float(strength.mean())
     if not floor > 0.0:
-        return USUAL
+        return usual
     scale = 1.0 / np.sqrt(np.maximum(strength, floor))
     patterns = np.stack([_detail(one / level, grid) for one in missing]) * scale
-    known = patterns @ patterns.T + np.diag(SURE**-2)
-    told = patterns @ (lacking * scale) + USUAL * SURE**-2
+    known = patterns @ patterns.T + np.diag(sure**-2)
+    told = patterns @ (lacking * scale) + usual * sure**-2
     shares: Floats = np.clip(np.linalg.solve(known, told), 0.0, 1.0)
     return shares
 
@@ -199,6 +243,17 @@ def _kernel(grid: tuple[int, int]) -> Floats:
     )
     kernel: Floats = 1.0 / (1.0 + (row[:, None] ** 2 + col**2) / REACH**2)
     kernel[0, 0] = 0.0
+    return kernel
+
+
+def _far_kernel(grid: tuple[int, int], reach: float, power: float, radius: int) -> Floats:
+    """The same that falls over `reach` cells, with nothing within `radius`."""
+    row, col = (
+        np.minimum(np.arange(size), size - np.arange(size)).astype(np.float64)
+        for size in _padded(grid)
+    )
+    kernel: Floats = (1.0 + (row[:, None] ** 2 + col**2) / reach**2) ** -power
+    kernel[np.maximum(row[:, None], col) <= radius] = 0.0
     return kernel
 
 

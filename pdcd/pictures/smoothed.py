@@ -12,7 +12,7 @@ from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, divided_by_r
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.smooth import colour_correction
 from pdcd.pictures.weights import brought_rows
-from pdcd.recipes.recipe import Recipe
+from pdcd.recipes.recipe import Photo
 from pdcd.sensor.bands import OfRows, banded
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
@@ -24,7 +24,7 @@ MOST = 4.0
 
 
 def smoothed(
-    recipe: Recipe,
+    photo: Photo,
     shots: Mapping[str, Exposed],
     picture: Picture,
     learned: Learned | None,
@@ -33,15 +33,13 @@ def smoothed(
     normalise: NormaliseName = "auto",
     alive: Callable[[], None] = lambda: None,
 ) -> Picture:
-    """An indirect picture corrected for its smooth light (`pdcd.pictures.smooth`).
+    """A picture of indirect or of far light corrected for its smooth light
+    (`pdcd.pictures.smooth`).
 
     What is missing of a cell is shared out among its quads as they have light. Sigma stays: the
     correction is a small part of the picture. `normalise` is what the picture was made with
     (`pdcd.pictures.combine`). `alive` as of `smooth_correction`.
     """
-    photo = recipe.coded
-    if photo is None:
-        return picture
     realised = realised_photo(photo.shots, shots)
     weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
     image = cells.mean(picture.image)
@@ -51,7 +49,9 @@ def smoothed(
     rest = image
     if learned is not None:
         rest = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
-    more = colour_correction(realised.left, realised.right, weight, rest, cells.grid, alive)
+    more = colour_correction(
+        realised.left, realised.right, weight, rest, cells.grid, alive, photo.beyond
+    )
     whole = cells.known.all()
     shares = [by_light(picture.image[..., c], image[:, c], cells) for c in range(image.shape[1])]
     missing = [brought_rows(one, cells, realised.fine) for one in more.T]

@@ -82,6 +82,9 @@ def make_plan(
         for pair in patterns.values():
             check_binary(*pair)
     slots = (part_codes(how.coded, how.parts) or how.codes) * passes
+    # Far light has no Hadamard codes; balanced ones stand in for them.
+    far = draft.coded is None and family == "balanced" and request.family is None
+    usual = family == "hadamard" or far
     plan = Plan(
         recipe=recipe,
         how=how,
@@ -104,7 +107,7 @@ def make_plan(
             *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
         ),
         curves=curves,
-        smooth=smoothable and (family == "hadamard" if request.smooth is None else request.smooth),
+        smooth=smoothable and (usual if request.smooth is None else request.smooth),
     )
     _check_limit(max(plan.exposure_s(s) for s in recipe.shots), config)
     plan = looking(plan, blacks.look)
@@ -130,7 +133,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         black_level=black_level,
         white=request.white,
         buckets=config.camera.buckets if request.method == "pairs" else 1,
-        structure=request.goal == "relit",
+        structure=request.goal in ("relit", "long-range", "short-range"),
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(
@@ -154,6 +157,7 @@ def _brightness(request: CaptureRequest, how: How) -> tuple[str, ...]:
 def _smoothable(draft: Recipe, request: CaptureRequest) -> bool:
     """Whether there is a photo whose smooth light can be corrected. Raises RequestError."""
     found = draft.coded is not None and draft.coded.wanted.uniform == (0.0, 1.0)
+    found = found or any(photo.beyond for photo in draft.photos)
     if request.smooth and not found:
         raise RequestError(
             f"goal {request.goal} takes no photo of indirect light under full light to smooth",

@@ -268,8 +268,9 @@ def _added(
     learned: Learned | None,
     normalise: NormaliseName,
 ) -> dict[str, Floats]:
-    """What decoding will add to the coded photo: for a pilot's paths, and for smooth light."""
-    if recipe.coded is None or (learned is None and not plan.smooth):
+    """What decoding will add to coded photos: for a pilot's paths, and for smooth light."""
+    names = [p.name for p in recipe.photos if p.name == "coded" or p.beyond]
+    if not names or (learned is None and not plan.smooth):
         return {}
     cells = CellMap.block(plan.grid, plan.grid)
     dark = np.zeros((*plan.grid, 3))
@@ -281,7 +282,7 @@ def _added(
     corrected = corrected_photos(
         recipe, shots, learned, cells, normalise=normalise, smooth=plan.smooth
     )
-    return {recipe.coded.name: corrected["coded"].image - plain["coded"].image}
+    return {name: corrected[name].image - plain[name].image for name in names}
 
 
 def _metered_e(plan: Plan, shot: Shot, setting: Setting, scene: Scene) -> float:

@@ -22,14 +22,14 @@ Indices = NDArray[np.int64]
 Grid = tuple[int, int]
 
 BLOCK = 512
-"""Rows of a matrix without structure that are looked at together; bounds the memory."""
+"""Gained of a matrix without structure that are looked at together; bounds the memory."""
 
 
 class Part(Protocol):
     """One part P of a wanted matrix. All but `Full` answer in O(N) for each image."""
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Rows start..stop-1, (stop - start, N)."""
+        """Gained start..stop-1, (stop - start, N)."""
         ...
 
     def others(self, images: Floats) -> Floats:
@@ -57,7 +57,7 @@ class Outer:
     projector: Floats
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Rows start..stop-1."""
+        """Gained start..stop-1."""
         return np.outer(self.camera[start:stop], self.projector)
 
     def others(self, images: Floats) -> Floats:
@@ -93,7 +93,7 @@ class Match:
     partner: Indices
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Rows start..stop-1."""
+        """Gained start..stop-1."""
         out = np.zeros((stop - start, self.partner.size))
         some = self.partner[start:stop]
         there = np.flatnonzero(some >= 0)
@@ -133,7 +133,7 @@ class Near:
     radius: int
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Rows start..stop-1."""
+        """Gained start..stop-1."""
         r, c = np.divmod(np.arange(self.grid[0] * self.grid[1]), self.grid[1])
         down = np.abs(r[start:stop, None] - r[None, :])
         right = np.abs(c[start:stop, None] - c[None, :])
@@ -163,14 +163,14 @@ class Near:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class Gained:
     """Another part with each row times a weight of its camera cell (N,)."""
 
     camera: Floats
     part: Part
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Rows start..stop-1."""
+        """Gained start..stop-1."""
         return np.asarray(self.camera[start:stop, None] * self.part.rows(start, stop))
 
     def others(self, images: Floats) -> Floats:
@@ -198,7 +198,7 @@ class Full:
     matrix: Floats
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Rows start..stop-1."""
+        """Gained start..stop-1."""
         return self.matrix[start:stop]
 
     def others(self, images: Floats) -> Floats:
@@ -243,7 +243,7 @@ class Wanted:
         return self.grid[0] * self.grid[1]
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Rows start..stop-1, (stop - start, N) float64."""
+        """Gained start..stop-1, (stop - start, N) float64."""
         total = np.zeros((stop - start, self.cells))
         for weight, part in self.parts:
             total += weight * part.rows(start, stop)
@@ -271,7 +271,7 @@ class Wanted:
     def matched(self) -> Indices | None:
         """The partners (N,) of matched cells, where these are not the cells themselves."""
         for _, part in self.parts:
-            within = part.part if isinstance(part, Rows) else part
+            within = part.part if isinstance(part, Gained) else part
             if isinstance(within, Match):
                 own = np.array_equal(within.partner, np.arange(self.cells))
                 return None if own else within.partner

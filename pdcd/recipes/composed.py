@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from pdcd.codes.hadamard import hadamard_fits
 from pdcd.probing.wanted import (
     Full,
+    Gained,
     Indices,
     Match,
     Near,
     Outer,
     Part,
-    Rows,
     Uniform,
     Wanted,
 )
@@ -287,7 +287,7 @@ class _Composition:
         """Even light behind a gain, exactly; it leads what is there already."""
         ones = np.ones(gain.size)
         light = self._maker.lit(self._light)
-        wanted = Wanted(self._maker.target.grid, ((1.0, Rows(gain, Uniform(gain.size))),), light)
+        wanted = Wanted(self._maker.target.grid, ((1.0, Gained(gain, Uniform(gain.size))),), light)
         self._maker.exact(name, wanted, [gain], [ones if light is None else light])
         self._terms.append((weight, name))
 

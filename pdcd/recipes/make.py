@@ -71,7 +71,8 @@ def _whole(target: Target, how: How) -> Recipe:
         target,
         maker.programs,
         tuple(maker.shots),
-        tuple(maker.photos),
+        # Runs from before had photos of far light as they were taken.
+        tuple(p if how.structure else replace(p, beyond=0) for p in maker.photos),
         pictures,
         split=tuple(maker.split),
     )

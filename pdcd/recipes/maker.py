@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdcd.probing.wanted import Match, Part, Rows, Uniform, Wanted
+from pdcd.probing.wanted import Gained, Match, Part, Uniform, Wanted
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import (
     Behind,
@@ -69,6 +69,8 @@ class Maker:
         wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
         self.programs[name] = _seen(program, light, gain)
         self.photo(name, wanted, [(1.0, Shot(name, name))], rows or isinstance(program, Far))
+        if isinstance(program, Far) and wanted.light is None and gain is None:
+            self.photos[-1] = replace(self.photos[-1], beyond=program.radius)
 
     def signed(
         self,
@@ -101,7 +103,7 @@ class Maker:
     ) -> Wanted:
         """A wanted matrix under the goal's illumination, and under `light` and behind `gain`."""
         if gain is not None:
-            parts = tuple((weight, Rows(gain, part)) for weight, part in parts)
+            parts = tuple((weight, Gained(gain, part)) for weight, part in parts)
         return Wanted(self.target.grid, parts, self.lit(light))
 
     def lit(self, light: Floats | None) -> Floats | None:

@@ -65,13 +65,15 @@ class Photo:
     """A signed sum of shots that is to have a wanted probing matrix, up to one scale.
 
     With `row_weights` each cell is divided by its own realised weight instead of the common one,
-    for codes whose cells are open unequally often by design.
+    for codes whose cells are open unequally often by design. `beyond` is the radius of a photo of
+    light from further off, under full light, whose smooth light can be corrected; else 0.
     """
 
     name: str
     wanted: Wanted
     shots: Combination
     row_weights: bool = False
+    beyond: int = 0
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,116 @@
+"""Error of light from beyond a radius, and from within it, over the number of codes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.codes.make import make_codes
+from pdcd.frames.lattice import Lattice
+from pdcd.pictures.smooth import colour_correction
+from pdcd.probing.wanted import Near
+from pdcd.recipes.programs import Far
+from pdcd.scene.matrix import load_matrix
+from pdcd.scene.presets import PRESETS
+from pdcd.scene.scene import Scene
+from tests.bench.tables import Section, Table, percent
+from tests.places import ROOT
+
+GRID = (24, 32)
+RADIUS = 2
+COUNTS = (128, 512)
+SEEDS = 5
+SCENES = ("open-book", "wax-disk", "milky-bottle", "disco-ball")
+MATRICES = ("corner_32x24", "mirror_32x24")
+GOALS = ("long-range", "short-range")
+
+Floats = NDArray[np.float64]
+Errors = dict[tuple[str, int, str, str], float]
+"""(scene, number of codes, goal, "as taken" or "corrected") -> RMS error over the true RMS."""
+
+
+def run(*, quick: bool, folder: Path) -> Section:
+    """Evaluate all scenes, without noise."""
+    errors = _errors(COUNTS[:1] if quick else COUNTS, 1 if quick else SEEDS)
+    ways = [f"{goal}, {how}" for goal in GOALS for how in ("as taken", "corrected")]
+    heads = ("scene", "K", *ways)
+    table = Table(f"Radius {RADIUS}, without noise, mean over {1 if quick else SEEDS} seeds", heads)
+    for scene, count in dict.fromkeys(key[:2] for key in errors):
+        cells = [errors[scene, count, g, h] for g in GOALS for h in ("as taken", "corrected")]
+        table.add(scene, str(count), *map(percent, cells))
+    return Section(
+        title="Long- and short-range light over the number of codes",
+        text=(
+            "RMS error of the pictures of the goals long-range and short-range over the RMS of the "
+            "true ones, 24 x 32 cells, whole windows, ideal panels. Corrected: less what the codes "
+            "get wrong of smooth light, by a model that the photo gives, the default. Short-range "
+            "light is the difference of the indirect photo, which is corrected in both, and the "
+            "far one."
+        ),
+        tables=[table],
+        aims=[],
+        plots=[],
+    )
+
+
+def _scenes() -> Iterator[tuple[str, Scene]]:
+    for name in MATRICES:
+        stored = load_matrix(ROOT / "tests" / "data" / f"{name}.npz")
+        yield name, Scene(name, stored.grid, stored.effects())
+    for name in SCENES:
+        yield name, PRESETS[name](GRID, {})
+
+
+def _errors(counts: tuple[int, ...], seeds: int) -> Errors:
+    errors: dict[tuple[str, int, str, str], list[float]] = {}
+    for name, scene in _scenes():
+        transport = scene.dense()
+        near = Near(scene.grid, RADIUS).rows(0, scene.cells)
+        own = np.eye(scene.cells)
+        truth = {
+            "long-range": np.einsum("nm,cnm->nc", 1.0 - near, transport),
+            "short-range": np.einsum("nm,cnm->nc", near - own, transport),
+        }
+        for count, seed in itertools.product(counts, range(seeds)):
+            indirect = _indirect(scene, transport, count, seed)
+            for how, far in _far(scene, transport, count, seed).items():
+                found = {"long-range": far, "short-range": indirect - far}
+                for goal, image in found.items():
+                    off = np.mean((image - truth[goal]) ** 2) / np.mean(truth[goal] ** 2)
+                    errors.setdefault((name, count, goal, how), []).append(float(np.sqrt(off)))
+    return {key: float(np.mean(values)) for key, values in errors.items()}
+
+
+def _indirect(scene: Scene, transport: Floats, count: int, seed: int) -> Floats:
+    """The indirect picture, corrected, (N, C)."""
+    codes = make_codes("hadamard", scene.grid, count, dual="complement", seed=seed)
+    left, right = codes.dual.astype(np.float64), codes.primal.astype(np.float64)
+    weight = _mean(left, right)
+    image = np.einsum("nm,cnm->nc", left.T @ right, transport) / weight
+    return np.asarray(image + colour_correction(left, right, weight, image, scene.grid))
+
+
+def _mean(left: Floats, right: Floats) -> float:
+    """Mean entry of ``left.T @ right`` off its diagonal."""
+    cells = left.shape[1]
+    every = float(left.sum(axis=1) @ right.sum(axis=1)) - float(np.sum(left * right))
+    return float(every / (cells * (cells - 1)))
+
+
+def _far(scene: Scene, transport: Floats, count: int, seed: int) -> dict[str, Floats]:
+    """The picture of far light, as it was taken and corrected, (N, C)."""
+    program = Far(RADIUS)
+    share = max(1, round(program.p * count)) / count
+    bits = make_codes("balanced", scene.grid, count, dual="same", p=share, seed=seed).primal
+    primal, dual = program.pairs(bits, Lattice(scene.grid, "whole"))
+    left, right = dual.astype(np.float64), primal.astype(np.float64)
+    realised = left.T @ right
+    wanted = 1.0 - Near(scene.grid, RADIUS).rows(0, scene.cells)
+    weight = np.sum(realised * wanted, axis=1) / wanted.sum(axis=1)
+    image = np.einsum("nm,cnm->nc", realised, transport) / weight[:, None]
+    more = colour_correction(left, right, weight, image, scene.grid, beyond=RADIUS)
+    return {"as taken": image, "corrected": np.asarray(image + more)}

@@ -1,0 +1,74 @@
+"""Photos of far light, less what their codes get wrong of smooth light."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.codes.make import make_codes
+from pdcd.frames.lattice import Lattice
+from pdcd.pictures.smooth import far_correction
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
+from pdcd.recipes.programs import Far
+from pdcd.request import Goal, How
+
+GRID = (12, 16)
+N = GRID[0] * GRID[1]
+Floats = NDArray[np.float64]
+
+
+def far(radius: int) -> Floats:
+    out = np.zeros((N, N))
+    for n in range(N):
+        for m in range(N):
+            rows, cols = abs(n // 16 - m // 16), abs(n % 16 - m % 16)
+            out[n, m] = float(max(rows, cols) > radius)
+    return out
+
+
+def photo(transport: Floats, radius: int, seed: int) -> tuple[Floats, Floats, Floats]:
+    """The far photo as ideal panels take it with 128 codes, its truth, and its correction."""
+    share = max(1, round(Far(radius).p * 128)) / 128
+    bits = make_codes("balanced", GRID, 128, dual="same", p=share, seed=seed).primal
+    primal, dual = Far(radius).pairs(bits, Lattice(GRID, "whole"))
+    realised = dual.T.astype(float) @ primal.astype(float)
+    weight = (realised * far(radius)).sum(axis=1) / far(radius).sum(axis=1)
+    image = (realised * transport).sum(axis=1) / weight
+    more = far_correction(dual.astype(float), primal.astype(float), weight, image, GRID, radius)
+    return image, (far(radius) * transport).sum(axis=1), more
+
+
+@pytest.mark.parametrize("radius", [1, 2])
+@pytest.mark.parametrize("reach", [2.0, 8.0])
+def test_of_smooth_far_light_most_of_the_error_is_known(radius: int, reach: float) -> None:
+    """T2.3 with few codes: light that falls off with distance, between surfaces of any albedo."""
+    row, col = np.divmod(np.arange(N), 16)
+    square = (row[:, None] - row) ** 2 + (col[:, None] - col) ** 2
+    albedo = 0.5 + 0.5 * np.random.default_rng(1).random(N)
+    transport = albedo[:, None] / (1.0 + square / reach**2) * albedo + np.eye(N)
+    plain, corrected = [], []
+    for seed in range(3):
+        image, truth, more = photo(transport, radius, seed)
+        plain.append(np.sqrt(np.mean((image - truth) ** 2)))
+        corrected.append(np.sqrt(np.mean((image + more - truth) ** 2)))
+    assert np.mean(corrected) < 0.7 * np.mean(plain)
+
+
+def test_before_single_sharp_paths_little_is_done() -> None:
+    rng = np.random.default_rng(2)
+    transport = np.eye(N) + 0.3 * np.eye(N)[rng.permutation(N)]
+    image, truth, more = photo(transport, 2, 0)
+    assert np.sqrt(np.mean(more**2)) < 0.3 * np.sqrt(np.mean((image - truth) ** 2))
+    assert not far_correction(np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N), GRID, 2).any()
+
+
+@pytest.mark.parametrize("goal", ["long-range", "short-range"])
+def test_runs_from_before_keep_far_photos_as_they_were_taken(goal: str) -> None:
+    target = Target(Goal(name=goal, radius=2), GRID)  # type: ignore[arg-type]
+    assert all(photo.beyond == 0 for photo in recipe_of(target, How()).photos)
+    new = {photo.name: photo.beyond for photo in recipe_of(target, How(structure=True)).photos}
+    assert new["far"] == 2 and new.get("coded", 0) == 0
+    lit = Target(Goal(name=goal, radius=2), GRID, {"illumination": np.full(N, 0.5)})  # type: ignore[arg-type]
+    assert all(photo.beyond == 0 for photo in recipe_of(lit, How(structure=True)).photos)
