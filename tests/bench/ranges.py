@@ -98,7 +98,7 @@ def _mean(left: Floats, right: Floats) -> float:
     """Mean entry of ``left.T @ right`` off its diagonal."""
     cells = left.shape[1]
     every = float(left.sum(axis=1) @ right.sum(axis=1)) - float(np.sum(left * right))
-    return every / (cells * (cells - 1))
+    return float(every / (cells * (cells - 1)))
 
 
 def _far(scene: Scene, transport: Floats, count: int, seed: int) -> dict[str, Floats]:
