@@ -130,7 +130,7 @@ class X11Display:
                 abort=rig.on_miss == "abort" and several_codes(frames),
                 stalls_from=shown if stalled else None,
             )
-            found = frame_log(primal, dual, log, presenter.ready, self._planes)
+            found = frame_log(primal, dual, log, presenter.ready, config.display.starts)
             found = replace(found, mask_delay=config.mask_delay_rows)
             if recorder is not None:
                 if shown:
@@ -182,14 +182,18 @@ def _pictures(rows: Rows, planes: int) -> Rows:
     return found.reshape(count, planes)
 
 
-def frame_log(primal: Rows, dual: Rows, log: Log, ready: Ready, planes: int = 1) -> FrameLog:
+def frame_log(
+    primal: Rows, dual: Rows, log: Log, ready: Ready, plane_starts: tuple[float, ...] = (0.0,)
+) -> FrameLog:
     """The frame log of one pass.
 
     A row that came late had the one before it on the panels meanwhile; a picture of 24 planes is
     then shown again, each plane for its part of the refresh. Both panels are taken to begin a row
     at the vblank that the source reports: which of two outputs is first is not known to it, and
-    belongs in the panels' phase and skew.
+    belongs in the panels' phase and skew. `plane_starts` says when the planes of a picture begin,
+    as shares of a refresh.
     """
+    planes = len(plane_starts)
     ns = log[:, Column.NS]
     late = (np.diff(log[:, Column.MSC]) - 1).astype(np.int32)
     missed = np.append(np.zeros(1, dtype=np.int32), late[:-1])
@@ -202,7 +206,7 @@ def frame_log(primal: Rows, dual: Rows, log: Log, ready: Ready, planes: int = 1)
         number = np.repeat(np.arange(late.size), again)
         turn = np.arange(number.size) - np.repeat(np.cumsum(again) - again, again)
         period_ns = 1e9 / ready.refresh_hz
-        offsets_ns = (turn[:, None] + np.arange(planes) / planes) * period_ns
+        offsets_ns = (turn[:, None] + np.array(plane_starts)) * period_ns
         starts = (starts[number][:, None] + np.rint(offsets_ns).astype(np.int64)).ravel()
         # Stamps of a vblank jitter where there is no screen: planes never run backwards.
         starts = np.maximum.accumulate(starts)
@@ -210,7 +214,7 @@ def frame_log(primal: Rows, dual: Rows, log: Log, ready: Ready, planes: int = 1)
         first[:, 0] = np.where(turn == 0, missed[number], 0)
         spare = late.size * planes - primal.size
         rows = starts.size - spare
-        end_ns = int(starts[rows]) if spare else end_ns
+        end_ns = int(starts[rows]) if spare else end_ns + round(plane_starts[0] * period_ns)
         starts, missed = starts[:rows], first.ravel()[:rows]
         asked = [_pictures(side, planes)[number].ravel()[:rows] for side in asked]
     return FrameLog(

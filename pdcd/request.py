@@ -103,6 +103,10 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     plane that disparities count from; None: the rig's."""
     keep: KeepName | None = None
     """Of the goal "epipolar": paths within rows of cells ("in", the default), or all others."""
+    rows: tuple[Step, Step] | None = None
+    """Of the goal "transport": row of projector cells, and row of camera cells; None: all."""
+    masked: bool | None = None
+    """Of the goal "transport": the mask opens the row of camera cells only, instead of all."""
     illumination: Table | None = None
     disparities: Table | None = None
     """Off-axis benches: disparity of each camera cell, from which those of `disparity` count."""
@@ -113,13 +117,16 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     kernel: Table | None = None
     matrix: Table | None = None
     method: MethodName = "coded"
-    """How: one coded photo; many photos through an open mask, masked in software; or the
-    separation by shifted checkers (Nayar et al. 2006). The last two are there to compare with."""
-    pilot: Annotated[int, Meta(ge=0, le=4096)] = 0
+    """How: one coded photo; a pair of them, with the mask's codes and with their complement; many
+    photos through an open mask, masked in software; or the separation by shifted checkers (Nayar et
+    al. 2006). The last two are there to compare with."""
+    pilot: Annotated[int, Meta(ge=0, le=4096)] | Literal["auto"] | None = None
     """Of the `codes`, how many to spend first on single photos through an open mask, to learn
     which far cells are linked: 8, 12 or 16 for the map of a mirror, or a power of two from 32 for
     single paths. Each is one more RAW file. Where the first few see no sharp paths the pilot stops,
-    and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs."""
+    and the coded photo gets its other codes. All `codes`: no coded photo, the answer is theirs.
+    "auto": a short one where its first photos are worth their files. None: "auto" where nothing is
+    asked for that says how codes are to be spent (`pdcd.planning.unasked`), else 0."""
     parts: Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None = None
     """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
     From 4 parts on their spread measures the error of the codes. "auto": as many as are worth their
@@ -177,6 +184,8 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     disparity: tuple[int, int] | None = None
     plane: Plane | None = None
     keep: KeepName | None = None
+    rows: tuple[int, int] | None = None
+    masked: bool | None = None
 
 
 class How(msgspec.Struct, frozen=True, kw_only=True):
@@ -195,6 +204,8 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     family: FamilyName | None = "hadamard"
     black_level: BlackLevel = "none"
     white: bool = True
+    buckets: int = 1
+    """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
     structure: bool = False
     """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`), and photos
     of far light may be corrected for smooth light. Runs from before that have it in one piece, and

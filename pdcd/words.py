@@ -25,11 +25,12 @@ GoalName = Literal[
     "keyed",
     "epipolar",
     "stereo",
+    "transport",
 ]
 FamilyName = Literal[
     "bernoulli", "rademacher", "balanced", "hadamard", "singer", "isolation", "confocal"
 ]
-MethodName = Literal["coded", "multi-image", "nayar"]
+MethodName = Literal["coded", "pairs", "multi-image", "nayar"]
 ScheduleName = Literal["none", "both", "lag", "lead", "full"]
 """Which black refreshes keep a code apart from the next (`pdcd.frames.schedule`)."""
 GuardsName = Literal["none", "both", "lag", "lead", "full", "auto"]

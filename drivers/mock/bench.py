@@ -22,6 +22,7 @@ from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
 from pdcd.errors import ExposureError
+from pdcd.frames.buckets import second_bucket
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.optics.bench import OpticalBench
 from pdcd.optics.needed import optics_of, windows_cut
@@ -49,6 +50,8 @@ class Bench:
     unsettled: str = ""
     """How the shutter of this exposure moved before the panels had settled; '' where it did not."""
     shutter_open: bool = field(default=False)
+    second: bool = False
+    """Whether the second bucket of the sensor is read (`pdcd.frames.buckets`)."""
     shared: Shared = field(default_factory=Shared)
 
     @classmethod
@@ -242,10 +245,12 @@ class Bench:
             )
 
     def _played(self, open_ns: int) -> tuple[Frames, FrameLog]:
-        """What the panels showed in the last exposure."""
+        """What the panels showed in the last exposure; the mask, to the bucket that is read."""
         if self.frames is None or self.log is None:  # not the mock's display: the rig knows
-            return self.shared.played or _nothing(self.grid, open_ns)
-        return self.frames, self.log
+            frames, log = self.shared.played or _nothing(self.grid, open_ns)
+        else:
+            frames, log = self.frames, self.log
+        return (second_bucket(frames) if self.second else frames), log
 
 
 def _nothing(grid: tuple[int, int], at_ns: int) -> tuple[Frames, FrameLog]:

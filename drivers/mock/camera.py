@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -57,13 +58,27 @@ class BenchSensor:
 
         Raises ExposureError when no exposure has been completed, or it was taken already.
         """
+        data = self._plane(iso, f_number)
+        self._bench.photo_taken()
+        return data
+
+    def dngs(self, iso: int, f_number: float, buckets: int) -> list[bytes]:
+        """The same of each of a sensor's buckets, one or two, of one exposure."""
+        planes = []
+        for self._bench.second in (False, True)[:buckets]:
+            planes.append(self._plane(iso, f_number))
+        self._bench.second = False
+        self._bench.photo_taken()
+        return planes
+
+    def _plane(self, iso: int, f_number: float) -> bytes:
         bench = self._bench
         light = bench.quads()
         open_ns, close_ns = bench.exposed_ns()
         exposure_s = (close_ns - open_ns) * 1e-9
         electrons = self._mosaic(light * self._true_responsivity_e / f_number**2)
         rng = self._rng if self._config.noise == "full" else None
-        data = dng_bytes(
+        return dng_bytes(
             expose(electrons, self._true, iso, exposure_s, rng),
             black=self.profile.black_dn,
             white=self.profile.white_dn,
@@ -74,8 +89,6 @@ class BenchSensor:
             date=datetime.now(UTC),
             as_shot_neutral=self._neutral(),
         )
-        bench.photo_taken()
-        return data
 
     def _mosaic(self, quads: NDArray[np.float64]) -> NDArray[np.float64]:
         """(h, w, 3) of quads -> (H, W) RGGB mosaic."""
@@ -160,12 +173,19 @@ class MockReadout:
         settings = self._settings
         if settings is None or settings.f_number is None:
             raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
-        data = self._sensor.dng(settings.iso, settings.f_number)
+        planes = self._sensor.dngs(settings.iso, settings.f_number, self._config.buckets)
         self._clock.sleep_until_ns(self._clock.now_ns() + round(READOUT_S * 1e9))
-        path = folder / f"{name}.dng"
-        path.write_bytes(data)
-        return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
+        first, *others = (
+            _written(folder / f"{name}{'-second' * number}.dng", data)
+            for number, data in enumerate(planes)
+        )
+        return replace(first, second=others[0]) if others else first
 
     def disconnect(self) -> None:
         """Forget the settings."""
         self._settings = None
+
+
+def _written(path: Path, data: bytes) -> RawFile:
+    path.write_bytes(data)
+    return RawFile(path, len(data), hashlib.sha256(data).hexdigest())

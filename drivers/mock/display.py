@@ -241,13 +241,14 @@ class MockDisplay:
         spare = count * planes - asked.shape[1]  # planes of the last picture that nobody asked for
         number = np.repeat(np.arange(count), 1 + again)
         turn = np.arange(number.size) - np.repeat(np.cumsum(1 + again) - 1 - again, 1 + again)
-        plane = np.arange(planes) / planes
+        plane = np.array(self._config.display.starts)
         stamps, ends = [], []
         for side, panel in enumerate(self._true_panels):
             period_ns = 1e9 / panel.refresh_hz
             late_ns = np.rint((turn[:, None] + plane) * period_ns).astype(np.int64)
             at = (flips[side][number][:, None] + late_ns).ravel()
-            ends.append(int(at[at.size - spare]) if spare else int(flips[side, count]))
+            last_ns = int(flips[side, count]) + round(plane[0] * period_ns)
+            ends.append(int(at[at.size - spare]) if spare else last_ns)
             stamps.append(at[: at.size - spare])
         rows = stamps[0].size
         late = np.zeros((number.size, planes), dtype=np.int32)

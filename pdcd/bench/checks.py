@@ -16,6 +16,7 @@ from pdcd.bench.reading import Fault, number_faults
 from pdcd.bench.tables import (
     DEFAULT_GRID,
     Config,
+    DisplayConfig,
     FaultsConfig,
     RoleConfig,
     ServerConfig,
@@ -25,6 +26,10 @@ from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
 from pdcd.frames.windows import windows
 from pdcd.maps.between_fields import through
+
+PLANE_TIMES = (0.6, 1.4)
+"""Times of bit planes over their mean: where rows are counted by the time they last, one must not
+pass for none or two."""
 
 RATE_TOLERANCE = 5e-4
 """Largest relative difference of the two refresh rates: at 60 Hz they then slip by one whole
@@ -57,6 +62,14 @@ def cross_faults(config: Config) -> Iterator[Fault]:
             )
     if config.camera.iso is not None and config.camera.iso < 1:
         yield Fault(("camera.iso",), f"camera.iso: must be at least 1, not {config.camera.iso}")
+    yield from _plane_faults(config.display)
+    mask = config.mask
+    if config.camera.buckets == 2 and (mask.contrast is not None or mask.rise_s or mask.fall_s):
+        yield Fault(
+            ("camera.buckets", "mask.contrast", "mask.rise_s", "mask.fall_s"),
+            "camera.buckets: a sensor of two buckets is its own mask, which switches at once and "
+            "has no contrast, rise_s or fall_s",
+        )
     settle_s, limit_s = config.rig.settle_s, config.limits.max_exposure_s
     if 2 * settle_s >= limit_s:
         yield Fault(
@@ -85,6 +98,24 @@ def _truth_faults(config: Config) -> Iterator[Fault]:
         return
     for fault in faults:
         yield Fault(("bench.truth",), f"bench.truth: {config.bench.truth}: {fault.message}")
+
+
+def _plane_faults(display: DisplayConfig) -> Iterator[Fault]:
+    """Yield what is wrong with measured times of bit planes."""
+    keys = ("display.plane_starts", "display.planes_per_refresh")
+    starts, count = display.plane_starts, display.planes_per_refresh
+    if not starts:
+        return
+    if count == 1 or len(starts) != count:
+        yield Fault(keys, f"{keys[0]}: {len(starts)} times for {count} planes of a refresh")
+        return
+    low, high = (share / count for share in PLANE_TIMES)
+    if not all(low <= share <= high for share in display.plane_shares):
+        yield Fault(
+            keys,
+            f"{keys[0]}: each plane must begin after the one before, and last {low:.3g} to "
+            f"{high:.3g} of a refresh",
+        )
 
 
 def _access_faults(server: ServerConfig) -> Iterator[Fault]:

@@ -95,11 +95,16 @@ class WhileShown:
 
 @dataclass(frozen=True)
 class RawFile:
-    """A RAW file on disk, as fetched: byte-for-byte the camera's own."""
+    """A RAW file on disk, as fetched: byte-for-byte the camera's own.
+
+    second : of a sensor with two buckets, the file of the second one in the same exposure: light
+        that the mask's patterns kept out of the first.
+    """
 
     path: Path
     size_bytes: int
     sha256: str
+    second: RawFile | None = None
 
 
 class Display(Protocol):

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ FOLDER = "calibrations"
 UNFINISHED = ".partial"
 """How the name of a folder ends whose calibration did not come to its end, whatever lies in it."""
 DEVICES = ("projector", "mask", "camera")
+TIMES = ("mask.skew_s", *(f"{p}.{t}" for p in ("projector", "mask") for t in ("rise_s", "fall_s")))
+"""Values by which a schedule of fewer refreshes can be trusted."""
 
 
 def calibrated(config: Config) -> Config:
@@ -47,6 +49,7 @@ def calibrated(config: Config) -> Config:
         )
     refuse_other_bench(record, config)
     taken = with_entries(config, kept(record, config.calibration), folder)
+    taken = with_guards(taken, record.measured)
     return msgspec.structs.replace(
         taken,
         calibration=msgspec.structs.replace(config.calibration, use=str(folder), sha256=digest),
@@ -119,6 +122,18 @@ def with_entries(config: Config, entries: Mapping[str, Entry], folder: Path) -> 
     return with_values(
         config, {key: entry.value for key, entry in entries.items()}, maps, folder=folder
     )
+
+
+def with_guards(config: Config, measured: Container[str]) -> Config:
+    """The configuration with the schedule that the measured lag allows, where the times of both
+    panels were measured, and guards are the full ones; unless that key is to be kept."""
+    schedule = config.schedule
+    if schedule.guards is not True or "schedule.guards" in config.calibration.keep:
+        return config
+    if not all(key in measured for key in TIMES):
+        return config
+    schedule = msgspec.structs.replace(schedule, guards="auto")
+    return msgspec.structs.replace(config, schedule=schedule)
 
 
 def with_values(

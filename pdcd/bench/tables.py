@@ -125,8 +125,24 @@ class DisplayConfig(_Table, frozen=True):
     so that each refresh of the video signal carries 24 refreshes of a schedule."""
     plane_order: Literal["GRB", "GBR", "RGB", "RBG", "BRG", "BGR"] = "GRB"
     """Colours that hold planes 0-7, 8-15 and 16-23."""
+    plane_starts: tuple[Annotated[float, Meta(ge=0.0, lt=1.0)], ...] = ()
+    """When each of the 24 planes begins, as a share of a refresh, ascending, as measured; each
+    lasts until the next. Empty: all are equally long."""
     faults: FaultsConfig = field(default_factory=FaultsConfig)
     options: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """When each plane of a refresh begins, as a share of it."""
+        count = self.planes_per_refresh
+        return self.plane_starts or tuple(plane / count for plane in range(count))
+
+    @property
+    def plane_shares(self) -> tuple[float, ...]:
+        """How long each plane lasts, as a share of a refresh."""
+        starts = self.starts
+        ends = (*starts[1:], 1.0 + starts[0])
+        return tuple(end - start for start, end in zip(starts, ends, strict=True))
 
 
 class CameraConfig(_Table, frozen=True):
@@ -143,6 +159,10 @@ class CameraConfig(_Table, frozen=True):
     noise: Literal["none", "full"] = "full"
     quads_per_cell: Annotated[int, Meta(ge=1, le=64)] = 1
     """Mock only: Bayer quads of the frame for each code cell, along either axis."""
+    buckets: Literal[1, 2] = 1
+    """2: each exposure has two planes, and the second has what the mask's patterns keep out of the
+    first; for `method = "pairs"`. The mask is the sensor's own, or a mirror that sends light two
+    ways."""
     frame_quads: tuple[Quads, Quads] | None = None
     """Mock only: width and height of the frame in Bayer quads, whatever the cells; None: by
     `quads_per_cell`."""

@@ -60,6 +60,8 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
     how = record.how
     parts = max(developed.parts, 1)
     sigma = developed.rms_sigma
+    # Two buckets of one exposure are two shots.
+    exposures = {(s.open_ns, s.close_ns): s for s in record.shots}.values()
     return {
         "goal": record.goal.name,
         "picture": developed.picture,
@@ -71,15 +73,16 @@ def summary_of(plan: PlanSummary, developed: Developed) -> Summary:
         "passes": plan.passes,
         "repeat": how.repeat,
         "shots": len(record.shots),
-        "refreshes": sum(s.refreshes for s in record.shots),
-        "exposure_s": sum((s.close_ns - s.open_ns) * 1e-9 for s in record.shots),
-        "missed_refreshes": sum(s.missed for s in record.shots),
+        "refreshes": sum(s.refreshes for s in exposures),
+        "exposure_s": sum((s.close_ns - s.open_ns) * 1e-9 for s in exposures),
+        "missed_refreshes": sum(s.missed for s in exposures),
         "rms_sigma": sigma if np.isfinite(sigma) else None,
         "sigma_kind": developed.sigma_kind,
         "rms_error": developed.rms_error,
         "sigma_mean": developed.sigma_mean,
         "predicted_error": None if plan.prediction is None else plan.prediction.error,
         "quality": developed.quality,
+        **developed.transport,
     }
 
 

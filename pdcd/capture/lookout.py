@@ -51,9 +51,10 @@ class Lookout:
 
 
 def next_shot(planned: Planned, shots: list[ShotRecord]) -> Shot | None:
-    """The first shot of a plan that was not taken yet."""
+    """The first shot of a plan that was not taken yet; others come along with their exposures."""
     taken = {shot.name for shot in shots}
-    return next((shot for shot in planned.plan.recipe.shots if shot.name not in taken), None)
+    wanted = (shot for shot in planned.plan.recipe.shots if not shot.beside)
+    return next((shot for shot in wanted if shot.name not in taken), None)
 
 
 def _told(found: Stray) -> str | None:

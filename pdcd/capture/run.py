@@ -72,6 +72,7 @@ class Run:
         )
         self._lookout = Lookout(self._taker, hands, self._journal)
         self._planned: Planned | None = None
+        self._decided: str | None = None
 
     @property
     def warnings(self) -> list[str]:
@@ -108,6 +109,8 @@ class Run:
         for text in warnings_of(developed, self._config, self._profile, mock=mock):
             self._journal.warn(text)
         summary = summary_of(planned.summary, developed)
+        if self._decided is not None:
+            summary["decided"] = self._decided
         summary["wall_s"] = time.perf_counter() - begun_s
         # The last line of log.jsonl: hashes come after it.
         self._journal.notify(events.Archived(job=job.name))
@@ -170,7 +173,7 @@ class Run:
             plan, shot = planned.plan, next_shot(planned, self._shots)
             if shot is None:
                 break
-            self._shots.append(self._taker.take(plan, shot))
+            self._shots += self._taker.take(plan, shot)
             if convergence is not None and self._good_enough(plan, convergence, shot):
                 break
         return planned
@@ -189,7 +192,9 @@ class Run:
         if learnt.planned is not None:
             planned = learnt.planned
             self._goes_by(planned)
-        if learnt.outcome == "stopped":
+        if learnt.told:
+            self._decided = learnt.told
+        elif learnt.outcome == "stopped":
             self._journal.warn(
                 f"the pilot ended after {SCOUTS} photos, which show no sharp far paths; the coded "
                 f"photo took {planned.plan.how.coded} codes"

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
-from pdcd.bench.devices import CameraInfo, CameraSettings
+from pdcd.bench.devices import CameraInfo, CameraSettings, RawFile
 from pdcd.bench.tables import Config
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.capture.sight import Sight
-from pdcd.errors import ConfigError, SyncError
+from pdcd.errors import ConfigError, ExposureError, SyncError
 from pdcd.frames.balance import lit_weights
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.offload.answers import DarkPhoto
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
-from pdcd.planning.look import dark_frames, phase_rows
+from pdcd.planning.look import dark_frames, last_exposed, phase_rows
 from pdcd.planning.metering import MAX_TESTS, next_aperture
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
@@ -46,8 +47,9 @@ class ShotTaker:
     """Metered f-number of each program, one for all its parts; white shots have none, so theirs is
     under ''."""
 
-    def take(self, plan: Plan, shot: Shot) -> ShotRecord:
-        """Meter if needed, expose, write the frame log, check for missed refreshes.
+    def take(self, plan: Plan, shot: Shot) -> list[ShotRecord]:
+        """Meter if needed, expose, write the frame log, check for missed refreshes. With two
+        buckets the shot of the second one comes with it.
 
         Raises SyncError when a shot was spoilt too often, and what its devices raise.
         """
@@ -62,7 +64,7 @@ class ShotTaker:
         record = ShotRecord(
             name=shot.name,
             window=plan.window_of(shot),
-            raw=self._file(done),
+            raw=self._file(done.raw),
             sha256=done.raw.sha256,
             size_bytes=done.raw.size_bytes,
             iso=settings.iso,
@@ -77,6 +79,27 @@ class ShotTaker:
             level=level,
         )
         self.journal.ledger.take(record)
+        others = [self._beside(plan, s, record, done) for s in _along(plan, shot)]
+        return [record, *others]
+
+    def _beside(self, plan: Plan, shot: Shot, first: ShotRecord, done: Exposure) -> ShotRecord:
+        """The shot of an exposure's second bucket. Raises ExposureError where there is none."""
+        plane = done.raw.second
+        if plane is None:
+            raise ExposureError(
+                "the camera gave one plane of an exposure",
+                device="camera",
+                hint="set camera.buckets to 1, or use a driver of a sensor that has two",
+            )
+        self.journal.folder.write_frames(shot.name, plan.frames(shot), done.log)
+        record = msgspec.structs.replace(
+            first,
+            name=shot.name,
+            raw=self._file(plane),
+            sha256=plane.sha256,
+            size_bytes=plane.size_bytes,
+        )
+        self.journal.ledger.take(record)
         return record
 
     def dark(self, plan: Plan, name: str, *, lit: bool) -> DarkPhoto:
@@ -84,12 +107,12 @@ class ShotTaker:
 
         Raises SyncError, and what the devices raise.
         """
-        coded = plan.recipe.shots[-1]
+        coded = last_exposed(plan)
         settings = CameraSettings(
             self._iso(plan), self._aperture(plan, coded) if self.camera.f_numbers else None
         )
         done = self._expose(dark_frames(plan, lit=lit), name, settings)
-        file = self._file(done)
+        file = self._file(done.raw)
         found = DarkPhoto(
             raw=file,
             sha256=done.raw.sha256,
@@ -175,13 +198,13 @@ class ShotTaker:
             cancelled=self.journal.job.cancelled,
         )
         # At once: every further exposure would be for nothing.
-        file, watch = self._file(done), self.journal.job.watch()
+        file, watch = self._file(done.raw), self.journal.job.watch()
         self.sight.saw(file, self.hands.do(watch, Desk.look, file, done.raw.sha256))
         return done
 
-    def _file(self, done: Exposure) -> str:
+    def _file(self, raw: RawFile) -> str:
         """Path of a RAW file in the run folder."""
-        return str(done.raw.path.relative_to(self.journal.folder.path))
+        return str(raw.path.relative_to(self.journal.folder.path))
 
     def _iso(self, plan: Plan) -> int:
         if plan.iso is None:
@@ -219,12 +242,22 @@ class ShotTaker:
             name = f"meter-{shot.name}-{test}"
             settings = CameraSettings(iso, f_number)
             done = self._expose(plan.frames(shot, pairs=pairs), name, settings)
-            file = self._file(done)
-            seen = self.hands.do(watch, Desk.metered, file, done.raw.sha256, saturation_dn)
-            self.meter.append(MeterRecord(raw=file, f_number=f_number, peak=seen.peak))
+            file = self._file(done.raw)
+            planes = [done.raw] if done.raw.second is None else [done.raw, done.raw.second]
+            seen = [
+                self.hands.do(watch, Desk.metered, self._file(p), p.sha256, saturation_dn)
+                for p in planes
+            ]
+            peak, expected = max(s.peak for s in seen), max(s.expected for s in seen)
+            self.meter.append(MeterRecord(raw=file, f_number=f_number, peak=peak))
             self.journal.ledger.meter(self.meter[-1])
-            f_number, settled = next_aperture(apertures, f_number, seen.peak, seen.expected)
+            f_number, settled = next_aperture(apertures, f_number, peak, expected)
             if settled:
                 return f_number
         self.journal.warn(f"metering of {shot.name} did not settle; took f/{f_number:g}")
         return f_number
+
+
+def _along(plan: Plan, shot: Shot) -> list[Shot]:
+    """Shots that come with the exposure of another one."""
+    return [other for other in plan.recipe.shots if other.beside == shot.name]

@@ -122,9 +122,8 @@ def loop_frames(grid: tuple[int, int], config: Config, seconds: float) -> Frames
 
     Seen through the mask by eye: direct light is dark, indirect light remains.
     """
-    schedule, (width, height) = config.schedule, config.projector.size_px
-    cell_px = min(width / grid[1], height / grid[0])
-    window = window_for(schedule.window, config, cell_px)
+    schedule = config.schedule
+    window = window_for(schedule.window, config, grid)
     codes = make_codes(
         schedule.family, Lattice(grid, window).shape, schedule.codes, dual="complement"
     )

@@ -24,6 +24,10 @@ from pdcd.recipes.arrays import Given
 from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.runs.views import OwnerView
 
+PAPER_SHARE = 1.0 / 48.0
+"""Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
+through quarter windows, in one of three refreshes."""
+
 GUARDS = {
     "none": "without guards",
     "both": "both panels black between codes",
@@ -86,7 +90,11 @@ def plan(args: argparse.Namespace) -> int:
         ["codes", f"{summary.codes} {summary.family}, p = {summary.p:g}"],
         ["cells", f"{summary.grid[0]} x {summary.grid[1]}, window {summary.window}"],
         ["passes", f"{summary.passes}, {GUARDS.get(summary.schedule, summary.schedule)}"],
-        ["light", f"{100.0 * summary.light_share:.3g} % of a floodlit exposure"],
+        [
+            "light",
+            f"{100.0 * summary.light_share:.3g} % of a floodlit exposure, "
+            f"{summary.light_share / PAPER_SHARE:.3g} times the paper's 1/48",
+        ],
         ["total", f"{summary.refreshes} refreshes, {summary.seconds:.3f} s"],
         ["parts", str(summary.parts)],
         ["RAW files", f"{summary.raw_files}, and test exposures where the aperture is metered"],
@@ -99,7 +107,9 @@ def plan(args: argparse.Namespace) -> int:
             [
                 "or",
                 f"ends after {cost.scouts} without sharp paths: {cost.stopped_raw_files} RAW "
-                f"files, {cost.stopped_seconds:.3f} s, {cost.stopped_codes} codes at once",
+                f"files, {cost.stopped_seconds:.3f} s, {cost.stopped_codes} codes"
+                + " at once"
+                * (summary.parts == 1),
             ],
         ]
     if summary.prior is not None:
@@ -157,6 +167,8 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "disparity": _range(args.disparity),
         "plane": args.plane,
         "keep": args.keep,
+        "rows": _both_rows(args.rows),
+        "masked": args.masked or None,
         "codes": args.codes,
         "family": args.family,
         "p": args.p,
@@ -190,6 +202,15 @@ def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
     if args.prior is not None and not _in_words(args.prior):
         given["prior"] = Path(args.prior)
     return {name: path for name, path in given.items() if path is not None}
+
+
+def _both_rows(rows: list[int] | None) -> tuple[int, int] | None:
+    """Row of projector cells, and of camera cells: the same one where no other was typed."""
+    if rows is None:
+        return None
+    if len(rows) > 2:
+        raise ConfigError("--rows takes one row of cells, or two", hint="such as --rows 12 20")
+    return rows[0], rows[-1]
 
 
 def _in_words(prior: str | None) -> bool:

@@ -8,11 +8,13 @@ import msgspec
 
 from pdcd.cli.capture import arrays_of, request_of, take
 from pdcd.cli.exits import DONE
-from pdcd.cli.options import METHODS
 from pdcd.cli.output import figure, say, say_json, say_notes, say_result, say_table
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, Quality
 from pdcd.words import MethodName
+
+COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
+"""Ways of photographing that differ in more than how light is gathered."""
 
 
 class Compared(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,7 +45,7 @@ def compare(args: argparse.Namespace) -> int:
     asked, files = request_of(args, out=args.out), arrays_of(args)
     without_prior = {name: path for name, path in files.items() if name != "prior"}
     rows, results = [], []
-    for method in METHODS:
+    for method in COMPARED:
         result = take(args, by_method(asked, method), files if method == "coded" else without_prior)
         if result.state != "done":
             return say_result(result, as_json=args.json)

@@ -48,7 +48,7 @@ def client_options(parser: argparse.ArgumentParser) -> None:
     json_option(parser)
 
 
-def _goal_options(parser: argparse.ArgumentParser) -> None:
+def _goal_options(parser: argparse.ArgumentParser, *, one_row: bool) -> None:
     """Add the parameters of goals; which goal takes which is in `pdcd.recipes.goals`."""
     goals = parser.add_argument_group(
         "parameters of goals", "arrays are .npy files or grey images with one pixel for each cell"
@@ -79,6 +79,7 @@ def _goal_options(parser: argparse.ArgumentParser) -> None:
     goals.add_argument(
         "--keep", choices=KEEP, help="paths in the epipolar plane, or out of it (goal epipolar)"
     )
+    _rows_options(goals, one=one_row)
     for name, text in (
         ("illumination", "light of the projector"),
         ("warp", "projector cell of each camera cell"),
@@ -92,18 +93,36 @@ def _goal_options(parser: argparse.ArgumentParser) -> None:
         goals.add_argument(f"--{name}", type=Path, metavar="FILE", help=text)
 
 
-def request_options(parser: argparse.ArgumentParser) -> None:
-    """Add one photo as asked for; what is left out takes the configuration's value."""
-    parser.add_argument(
-        "goal", choices=GOALS, metavar="GOAL", help=f"light to keep: {', '.join(GOALS)}"
+def _rows_options(group: argparse._ArgumentGroup, *, one: bool) -> None:
+    """Add which entries of T are photographed (goal transport), by two rows or `one`."""
+    group.add_argument(
+        "--rows",
+        type=int,
+        nargs="+" if one else 2,
+        metavar="R" if one else ("R", "R2"),
+        help="row of projector cells and row of camera cells (goal transport); none: all of T",
     )
+    group.add_argument(
+        "--masked",
+        action="store_true",
+        help="close the mask but for the row of camera cells (goal transport)",
+    )
+
+
+def request_options(parser: argparse.ArgumentParser, *, goal: bool = True) -> None:
+    """Add one photo as asked for, with its goal if said; what is left out takes the configuration's
+    value."""
+    if goal:
+        parser.add_argument(
+            "goal", choices=GOALS, metavar="GOAL", help=f"light to keep: {', '.join(GOALS)}"
+        )
     client_options(parser)
     parser.add_argument(
         "--local", action="store_true", help="drive the rig from this process, without a daemon"
     )
     _code_options(parser)
     _wanted_options(parser)
-    _goal_options(parser)
+    _goal_options(parser, one_row=not goal)
     parser.add_argument("--family", choices=FAMILIES, help="how the codes are made")
     parser.add_argument(
         "--p",
@@ -155,11 +174,11 @@ def _code_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codes", type=int, metavar="K", help="number of primal/dual pairs")
     parser.add_argument(
         "--pilot",
-        type=int,
-        default=0,
+        type=_number_or_auto,
         metavar="K0",
         help="of these, codes to photograph one by one first, to learn sharp far paths: 8, 12 or "
-        "16 before mirrors, else 32, 64 or 128",
+        "16 before mirrors, else 32, 64 or 128; auto where its first four are worth their files "
+        "(the default where nothing else says how codes are spent)",
     )
     parser.add_argument(
         "--smooth",

@@ -53,6 +53,7 @@ KINDS = {
 
 SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("taken", "taken", str),
+    ("decided", "decided", str),
     ("codes", "codes", str),
     ("refreshes", "refreshes", str),
     ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
@@ -60,6 +61,8 @@ SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
     ("sigma_kind", "error bars", lambda kind: KINDS.get(str(kind), str(kind))),
     ("rms_error", "RMS error", lambda e: f"{percent(e)} against the scene's known truth"),
+    ("transport_sigma", "sigma of T", lambda e: f"{percent(e)} of its entries' RMS"),
+    ("transport_error", "error of T", lambda e: f"{percent(e)} against the scene's known truth"),
     ("predicted_error", "predicted", percent),
     ("wall_s", "wall time", lambda s: f"{float(s):.2f} s"),
 )
@@ -135,6 +138,9 @@ def _say_plainly(result: CaptureResult) -> None:
         rows.append(["folder", result.folder])
     for label, name in (("to look at", "preview/{}.png"), ("to measure", "linear/{}.tif")):
         file = name.format(result.summary.get("picture"))
+        if file in result.files:
+            rows.append([label, f"{result.folder}/{file}"])
+    for label, file in (("T to look at", "preview/transport.png"), ("T", "transport.npz")):
         if file in result.files:
             rows.append([label, f"{result.folder}/{file}"])
     say_table(rows)

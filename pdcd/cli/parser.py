@@ -71,16 +71,13 @@ def _photo_commands(add: Add) -> None:
     capture.usage = "%(prog)s [OPTIONS] GOAL"
     request_options(capture)
     method_option(capture)
-    capture.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="make the run folder in DIR; over the socket, below the daemon's state folder",
-    )
-    capture.add_argument(
-        "--detach", action="store_true", help="start only; the job outlives this command"
-    )
-    capture.add_argument("--queue", action="store_true", help="wait while another capture runs")
+    _run_options(capture)
+
+    transport = add("transport", "capture:capture", "photograph entries of the transport matrix")
+    transport.usage = "%(prog)s [OPTIONS] [--rows R [R2]]"
+    request_options(transport, goal=False)
+    _run_options(transport)
+    transport.set_defaults(goal="transport", method="coded")
 
     compare = add("compare", "compare:compare", "take a photo by every method, side by side")
     compare.usage = capture.usage
@@ -98,6 +95,20 @@ def _photo_commands(add: Add) -> None:
     request_options(plan)
     method_option(plan)
     plan.add_argument("--queue", action="store_true", help="wait while the rig is taken")
+
+
+def _run_options(parser: argparse.ArgumentParser) -> None:
+    """Add where the run folder goes, and whether to wait."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="make the run folder in DIR; over the socket, below the daemon's state folder",
+    )
+    parser.add_argument(
+        "--detach", action="store_true", help="start only; the job outlives this command"
+    )
+    parser.add_argument("--queue", action="store_true", help="wait while another capture runs")
 
 
 def _job_commands(add: Add) -> None:

@@ -23,12 +23,17 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.frames.panels import PanelView
+
 ATOMS = 16
 """Equal parts of a cell along an axis on whose borders every window ends."""
 
 GUARDS: dict[str, int] = {"quarter": 4, "side-5/8": 3, "side-3/4": 2, "side-7/8": 1}
 """Atoms from the edge of a cell to that of its window, of windows that need sub-shifts; widest
 guard first."""
+
+NEAR_PX = 1e-6
+"""An edge this near to that of a pixel lies on it."""
 
 PLACED, MOVED, LOWER, UPPER = range(4)
 """Strips, as in the drawing above."""
@@ -90,6 +95,29 @@ def windows(name: str) -> Windows:
         return Windows("whole", 0.0, 1)
     guard = GUARDS[name]
     return Windows(name, guard / ATOMS, 2 if guard == ATOMS // 4 else 4)
+
+
+def whole_pixels(name: str, panel: PanelView, grid: tuple[int, int]) -> bool:
+    """Whether all strips of all cells end at the edges of a panel's pixels.
+
+    Overlapping windows need it: a pixel more or less in one is light that nobody counts. Half
+    windows and whole cells do not, as every pixel is in one window.
+    """
+    if windows(name).kinds < 4:
+        return True
+    map_ = panel.map
+    _, skew, _, slant, _, _, *tilt, _ = map_.homography
+    if any((skew, slant, *tilt, *map_.radial, *map_.tangential)) or map_.residual:
+        return False
+    for axis, cells in enumerate(grid[::-1]):
+        points = np.full((ATOMS * cells + 1, 2), 0.5)
+        points[:, axis] = np.arange(ATOMS * cells + 1) / (ATOMS * cells)
+        edges = map_.from_field(points)[:, axis]
+        number = strip_numbers(name, np.arange(ATOMS * cells, dtype=np.int32))
+        ends = edges[1:-1][np.diff(number) > 0]
+        if np.abs(ends - np.rint(ends)).max() > NEAR_PX:
+            return False
+    return True
 
 
 def strip_numbers(name: str, atom: NDArray[np.int32]) -> NDArray[np.int32]:

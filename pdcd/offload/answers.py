@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -15,8 +15,9 @@ from pdcd.optics.needed import optics_of, windows_cut
 from pdcd.pictures.assess import assess
 from pdcd.pictures.combine import Picture
 from pdcd.pictures.darkroom import Decoded
+from pdcd.pictures.transport import Sliced
 from pdcd.planning.plan import Plan
-from pdcd.planning.truth import answer
+from pdcd.planning.truth import answer, entries
 from pdcd.probing.deviation import Deviation
 from pdcd.recipes.parts import part_numbers
 from pdcd.recipes.recipe import Extremes
@@ -55,6 +56,8 @@ class Learnt:
 
     outcome: Literal["go on", "stopped", "guided", "no use"]
     planned: Planned | None
+    told: str = ""
+    """What was decided, and what that cost, where nobody asked for the pilot."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,7 @@ class Developed:
     deviations : of each photo's realised probing matrix from the wanted one.
     quality : the verdict on it.
     picture : name of the answer. warnings : of the previews.
+    transport : figures of entries of T that were photographed, by name; none else.
     """
 
     record: RunRecord
@@ -121,6 +125,7 @@ class Developed:
     quality: Quality
     picture: str
     warnings: tuple[str, ...] = ()
+    transport: dict[str, float | int | None] = field(default_factory=dict)
 
 
 def record_of(
@@ -149,6 +154,7 @@ def record_of(
         camera_place=config.camera.place,
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
+        scouted=plan.unasked,
     )
 
 
@@ -158,8 +164,9 @@ def developed_of(
     error: float | None,
     warnings: tuple[str, ...],
     alive: Callable[[], None],
+    scene: Scene | None = None,
 ) -> Developed:
-    """What is told of a decoded run; `error` is that of its answer against a known truth,
+    """What is told of a decoded run; `error` is that of its answer against a known truth, `scene`,
     `warnings` are those of its pictures."""
     picture = decoded.answer
     known = picture.sigma[np.isfinite(picture.sigma)]
@@ -177,7 +184,32 @@ def developed_of(
         quality=assess(record, decoded, deviations),
         picture=decoded.recipe.answer_name,
         warnings=warnings,
+        transport=transport_figures(
+            decoded.transport,
+            scene,
+            record.grid,
+            pixels=decoded.cells.frame != record.grid,
+        ),
     )
+
+
+def transport_figures(
+    found: Sliced | None, scene: Scene | None, grid: tuple[int, int], *, pixels: bool
+) -> dict[str, float | int | None]:
+    """Photos, sigma and, of a scene of these cells that is known, error of entries of T, both over
+    the RMS of the entries; nothing where none were photographed. pixels : on a bench of pixels."""
+    if found is None:
+        return {}
+    error = None
+    # On a bench of pixels detail is no matter of cells: their entries are not what is seen there.
+    if scene is not None and scene.grid == grid and not (pixels and scene.textures):
+        error = found.rms_error(entries(scene, found.seen, found.lit))
+    sigma = found.rms_sigma if np.isfinite(found.rms_sigma) else None
+    return {
+        "transport_photos": found.photos,
+        "transport_sigma": sigma,
+        "transport_error": error if error is not None and np.isfinite(error) else None,
+    }
 
 
 def rms_sigma(picture: Picture) -> float:

@@ -41,12 +41,12 @@ from pdcd.pictures.develop import write_png
 from pdcd.pictures.previews import Previews
 from pdcd.pictures.watch import Watch
 from pdcd.planning.choose import choose, wants_choice
-from pdcd.planning.guided import plan_for, scouted, stopped, summary, with_links
+from pdcd.planning.guided import scouted, stopped, summary, with_links
 from pdcd.planning.look import quiet, with_blacks
 from pdcd.planning.metering import expected_share, metered_pairs, peak_share
 from pdcd.planning.outlook import Setting
 from pdcd.planning.plan import Plan
-from pdcd.planning.unasked import settled
+from pdcd.planning.unasked import looked, plan_unasked
 from pdcd.recipes.arrays import Given
 from pdcd.recipes.parts import part_numbers
 from pdcd.request import CaptureRequest
@@ -142,10 +142,9 @@ class Desk:
         self._job = self._study = None
         facts = self._facts
         watch.stage = "codes"
-        request, reasons = settled(request, facts.config, facts.grid, camera, mask_lag_s)
+        config, grid = facts.config, facts.grid
         if not wants_choice(request):
-            plan = plan_for(request, facts.config, facts.grid, mask_lag_s, given, watch)
-            plan = replace(plan, reasons=(*plan.reasons, *reasons))
+            plan = plan_unasked(request, config, grid, camera, mask_lag_s, given, watch)
         elif camera is None:
             raise PdcdError("a plan by error or time needs to know the camera")
         else:
@@ -212,18 +211,24 @@ class Desk:
         if learned is None or (scouts and learned.promising):
             return Learnt("go on", None)
         seed = job.request.seed
-        outcome: Literal["stopped", "guided"]
+        outcome: Literal["stopped", "guided", "no use"]
         if scouts:
             limit_s = self._facts.config.limits.max_exposure_s
             plan, outcome = stopped(job.plan, seed, limit_s), "stopped"
         elif learned.pays:
             plan, outcome = with_links(job.plan, learned.links, seed), "guided"
         else:
-            return Learnt("no use", None)
+            plan, outcome = job.plan, "no use"
+        told = looked(plan, learned, darkroom.record.shots) if job.plan.unasked else ""
+        if told:
+            plan = replace(plan, reasons=(*plan.reasons, f"pilot: {told}"))
+        if outcome == "no use":
+            job.plan = plan
+            return Learnt(outcome, self._planned(plan) if told else None, told)
         job.plan = plan
         self._write_patterns(job)
         darkroom.replan(self._record(job, darkroom.record.shots, darkroom.record.cells))
-        return Learnt(outcome, self._planned(plan))
+        return Learnt(outcome, self._planned(plan), told)
 
     def stray(self, watch: Watch, shots: Sequence[ShotRecord], darks: Sequence[DarkPhoto]) -> Stray:
         """Look at one dark photo, or at two (`pdcd.planning.look`); where they call for it, the job
@@ -240,7 +245,7 @@ class Desk:
         if leaks.both <= leaks.limit:
             return Stray("quiet", leaks, self._planned(job.plan))
         try:
-            more = with_blacks(plan, leaks, config, all(shot.level == 1.0 for shot in shots))
+            more = with_blacks(plan, leaks, config, shots)
         except RequestError as err:
             return Stray("warn", leaks, self._planned(job.plan), err.message)
         job.plan = more
@@ -275,7 +280,7 @@ class Desk:
             facts.config,
             watch,
         )
-        done = developed_of(record, decoded, error, warnings, watch)
+        done = developed_of(record, decoded, error, warnings, watch, facts.scene)
         self.forget(watch)
         return done
 

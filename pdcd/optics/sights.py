@@ -23,6 +23,9 @@ Numbers = NDArray[np.int64]
 
 _Kind = TypeVar("_Kind", np.int32, np.float64)
 
+ASIDE = 1e-9
+"""Quads by which samples are moved: those that would lie on the border of two cells then fall to
+one side of it on both panels, whatever is rounded; far less than what any detail shows."""
 CHUNK_SAMPLES = 1 << 19
 NOWHERE = -1
 """No site, or no cell: beside the panel, or beside the field."""
@@ -138,8 +141,8 @@ class Looks:
         self._setting, self._away = setting, away
         rows, cols = setting.frame
         per_quad = setting.samples
-        x = (np.arange(cols * per_quad) + 0.5) / per_quad
-        y = (np.arange(rows * per_quad) + 0.5) / per_quad
+        x = (np.arange(cols * per_quad) + 0.5) / per_quad + ASIDE
+        y = (np.arange(rows * per_quad) + 0.5) / per_quad + ASIDE
         to_field, size = setting.camera.to_field, setting.projector_px
         # In projector pixels: the unit in which a raster may be off.
         self._field = Raster(lambda points: to_field(points) * size, x, y)

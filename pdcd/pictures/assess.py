@@ -21,6 +21,7 @@ from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_f
 from pdcd.pictures.quality import Finding
 from pdcd.probing.deviation import Deviation
 from pdcd.probing.realised import Factors, signed_sum
+from pdcd.recipes.pairs import FLOODLIT
 from pdcd.recipes.recipe import Extremes, Photo, Shot
 from pdcd.request import Quality
 from pdcd.runs.record import RunRecord
@@ -106,7 +107,9 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
-            quality.sigma_of(answer.kind),
+            # Entries of T have no parts that could measure anything.
+            quality.sigma_of("" if decoded.transport is not None else answer.kind),
+            _pair_sum(decoded, thin),
         )
     )
 
@@ -129,6 +132,17 @@ def _shots_of(photos: Iterable[Photo], decoded: Decoded) -> Iterator[str]:
 
 def _share(saturated: NDArray[np.bool_]) -> float:
     return float(np.count_nonzero(saturated)) / saturated.size
+
+
+def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
+    """What a complement pair adds up to, against the floodlit shot."""
+    flood = decoded.pictures.get(FLOODLIT)
+    if flood is None:
+        return
+    both = decoded.pictures["white"]
+    there, sums = (thin.inside(thin.pick(p.image)) for p in (flood, both))
+    noise = sum(thin.inside(thin.pick(p.sensor)) ** 2 for p in (flood, both))
+    yield from quality.pair_sum(sums, there, np.asarray(noise))
 
 
 def _light(names: Iterable[str], decoded: Decoded, thin: Thinned) -> Iterator[Finding]:

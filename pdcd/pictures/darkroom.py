@@ -32,6 +32,7 @@ from pdcd.pictures.quads import cell_means, of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.software import software_sums, summed_matrices
+from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
 from pdcd.pictures.watch import Watch
 from pdcd.probing.deviation import Deviation, deviation
@@ -74,6 +75,13 @@ class Decoded:
     def answer(self) -> Barred:
         """The picture that was asked for."""
         return self.pictures[self.recipe.answer_name]
+
+    @cached_property
+    def transport(self) -> Sliced | None:
+        """Entries of T, where these were photographed. Raises DecodeError."""
+        if self.recipe.target.goal.name != "transport":
+            return None
+        return sliced(self.recipe, self.shots, self.cells)
 
     @cached_property
     def cell_means(self) -> Barred:
@@ -227,7 +235,9 @@ class Darkroom:
         whole = pictures_of(recipe, scaled)
         numbers = part_numbers(recipe)
         if len(numbers) < FEWEST_PARTS:
-            return modelled(recipe, shots, scaled, whole, cells, alive)
+            known = learned is not None and record.scouted
+            sharp = learned.sharp if known and learned is not None else None
+            return modelled(recipe, shots, scaled, whole, cells, alive, sharp)
         parts: dict[str, list[Picture]] = {name: [] for name in whole}
         for number in numbers:
             for name, part in pictures_of(recipe, photos(only_parts(recipe, {number}))).items():

@@ -13,11 +13,15 @@ import numpy as np
 
 from pdcd.errors import ConfigError, DecodeError, PdcdError, disk_errors
 from pdcd.pictures.darkroom import Darkroom, Decoded
-from pdcd.pictures.develop import write_tiff
+from pdcd.pictures.develop import write_png, write_tiff
 from pdcd.pictures.previews import write_previews
+from pdcd.pictures.transport import Sliced, picture_of
 from pdcd.pictures.watch import Watch
+from pdcd.request import Goal
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.verify import whole_manifest
+
+TRANSPORT = "transport.npz"
 
 
 class Compared(msgspec.Struct, frozen=True):
@@ -39,6 +43,7 @@ def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
     """Write linear/*.tif, probe.npz and preview/*.png below `folder`; returns warnings.
 
     The TIFFs have the camera's own geometry and resolution, `probe.npz` has means over the cells.
+    Entries of T that were photographed go to transport.npz, and to preview/transport.png.
 
     Raises NoSpaceError, or DiskError for any other refusal of the disk.
     """
@@ -53,6 +58,8 @@ def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
                 sigma_code=means.code,
                 sigma_kind=np.array(means.kind),
             )
+        if decoded.transport is not None:
+            _write_transport(folder, decoded.transport, decoded.recipe.target.goal)
         # Both are mostly compressing and copying, which a second core can do meanwhile.
         with ThreadPoolExecutor(1) as pool:
             written = [
@@ -63,6 +70,23 @@ def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
             for written_file in written:
                 written_file.result()
         return warnings
+
+
+def _write_transport(folder: Path, found: Sliced, goal: Goal) -> None:
+    with (folder / TRANSPORT).open("wb") as file:
+        np.savez(
+            file,
+            transport=found.entries,
+            sigma=found.sigma,
+            camera_cells=found.seen,
+            projector_cells=found.lit,
+            photos=np.array(found.photos),
+            uneven=np.array(found.uneven),
+        )
+    where = "all of T"
+    if goal.rows is not None:
+        where = f"T: camera row {goal.rows[1]}, projector row {goal.rows[0]}"
+    write_png(folder / "preview" / "transport.png", picture_of(found, where))
 
 
 @contextmanager
@@ -104,4 +128,8 @@ def decode_folder(folder: Path, watch: Watch | None = None) -> Comparison:
             kept = folder / "linear" / path.name
             same = kept.is_file() and sha256_of(kept) == sha256_of(path)
             files.append(Compared(f"linear/{path.name}", same))
+        if (again / TRANSPORT).is_file():
+            kept = folder / TRANSPORT
+            same = kept.is_file() and sha256_of(kept) == sha256_of(again / TRANSPORT)
+            files.append(Compared(TRANSPORT, same))
     return Comparison(all(file.identical for file in files), tuple(files))

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from pdcd.pictures.combine import Exposed
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
+from pdcd.pilot.sharp_light import sharp_squares
 from pdcd.pilot.worth import Worth, worth
 from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Recipe
@@ -19,6 +20,7 @@ from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Paths = tuple[csr_array, csr_array, csr_array]
 
 
 @dataclass(frozen=True)
@@ -33,9 +35,12 @@ class Learned:
     """
 
     links: csr_array
-    paths: tuple[csr_array, csr_array, csr_array]
+    paths: Paths
     worth: Worth | None
     sharpness: float
+    sharp: Floats
+    """(N, 3), sum of the squares of the sharp paths of each cell that were not found
+    (`pdcd.pilot.sharp_light`)."""
 
     @property
     def promising(self) -> bool:
@@ -80,22 +85,28 @@ def learn(
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
     first = slice(0, SCOUTS)
     sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first])
+
+    def with_paths(links: csr_array, paths: Paths, predicted: Worth | None = None) -> Learned:
+        known = np.stack([(one @ bits[first].T.astype(np.float64)).T for one in paths], axis=2)
+        left = sharp_squares(bits[first], photos[first], grid, sigma=sigma[first], paths=known)
+        return Learned(links, paths, predicted, sharp, left)
+
     none = csr_array((bits.shape[1], bits.shape[1]))
     if taken == SCOUTS:
-        return Learned(none, (none, none, none), None, sharp)
+        return with_paths(none, (none, none, none))
     if taken in MATCHED:
         links, red, green, blue = match_links(bits, photos, grid, sigma=sigma)
-        return Learned(links, (red, green, blue), None, sharp)
+        return with_paths(links, (red, green, blue))
     links = estimate_links(bits, grey, grid, sigma=grey_sigma)
     predicted = worth(bits, grey, links, total, sigma=grey_sigma)
     if not predicted.pays:
-        return Learned(none, (none, none, none), predicted, sharp)
+        return with_paths(none, (none, none, none), predicted)
     if np.array_equal(photos[..., 0], photos[..., 1]):
-        return Learned(links, (links, links, links), predicted, sharp)
+        return with_paths(links, (links, links, links), predicted)
     red, green, blue = (
         estimate_links(bits, photos[..., c], grid, sigma=sigma[..., c]) for c in range(3)
     )
-    return Learned(links, (red, green, blue), predicted, sharp)
+    return with_paths(links, (red, green, blue), predicted)
 
 
 def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:

@@ -38,11 +38,16 @@ def corrected_photos(
     photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
     for photo in recipe.photos:
         indirect = photo.name == "coded" and photo.wanted.uniform == (0.0, 1.0)
-        if smooth and (indirect or photo.beyond):
-            known = learned if photo.name == "coded" else None
-            photos[photo.name] = smoothed(
-                photo, shots, photos[photo.name], known, cells, normalise=normalise, alive=alive
-            )
+        if not smooth or not (indirect or photo.beyond):
+            continue
+        before = photos[photo.name]
+        known = learned if photo.name == "coded" else None
+        after = smoothed(photo, shots, before, known, cells, normalise=normalise, alive=alive)
+        photos[photo.name] = after
+        if indirect and "direct" in photos:  # of a pair: its codes err by as much the other way
+            direct = photos["direct"]
+            image = direct.image - (after.image - before.image)
+            photos["direct"] = Picture(image, direct.sigma)
     return photos
 
 

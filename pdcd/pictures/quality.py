@@ -68,6 +68,9 @@ class Limits:
     Misplaced panels have 0.5 to 1, and 14 to 54; others up to 0.2, and 3."""
     diagonal: tuple[float, float] = (0.1, 0.5)
     """Mean error of the weight of direct light, where a wanted weight of 1 is 1."""
+    pair_sum: tuple[float, float] = (0.02, 0.1)
+    """RMS difference of what a complement pair adds up to and of the floodlit photo, over the RMS
+    of that, beyond the sensor's noise."""
     off_rms: tuple[float, float] = (1.0, 3.0)
     """RMS error of the weights of other paths. A single path may be wrong by 1 where codes are few:
     sums over many paths are not."""
@@ -292,6 +295,28 @@ def deviations(found: dict[str, Deviation], limits: Limits = LIMITS) -> Iterator
                 f"photo {name}: paths have weights that are {_percent(one.off_rms)} off (limit "
                 f"{_percent(limits.off_rms[0])}); take more codes",
             )
+
+
+def pair_sum(
+    sums: Floats, floodlit: Floats, variance: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Whether a complement pair adds up to the floodlit photo; (n, C) each, of pixels in the field,
+    `variance` that of their difference."""
+    known = np.isfinite(variance)
+    power = float(np.mean(floodlit[known] ** 2)) if known.any() else 0.0
+    if not power > 0.0:
+        return
+    apart = float(np.mean((sums - floodlit)[known] ** 2 - variance[known]))
+    share = float(np.sqrt(max(apart, 0.0) / power))
+    grade = graded(share, limits.pair_sum)
+    if grade:
+        yield Finding(
+            grade,
+            f"the pair of exposures does not add up to the white photo: it is {_percent(share)} "
+            f"off (limit {_percent(limits.pair_sum[0])}); look at ambient light and leaks "
+            "(black_level), a lamp that drifts, an aperture that does not come back, or a missed "
+            "refresh",
+        )
 
 
 def sigma_of(kind: str) -> Iterator[Finding]:

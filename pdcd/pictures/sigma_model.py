@@ -52,6 +52,7 @@ def modelled(
     pictures: Mapping[str, Picture],
     cells: CellMap,
     alive: Callable[[], None] = lambda: None,
+    sharp: Floats | None = None,
 ) -> dict[str, Barred]:
     """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
 
@@ -60,7 +61,9 @@ def modelled(
 
     `photos` are the scaled ones that the pictures were made of
     (`pdcd.pictures.combine.scaled_photos`). Code errors of different photos are taken as
-    independent. `alive` is called now and then, may raise.
+    independent. `alive` is called now and then, may raise. `sharp` (N, C) is what the first photos
+    of a pilot tell of the sharp paths of each cell (`pdcd.pilot.sharp_light`): of the coded photo
+    it takes the place of N_eff.
     """
     coarse = {name: of_cells(photo, cells) for name, photo in photos.items()}
     white = coarse["white"].image if "white" in coarse else None
@@ -70,7 +73,13 @@ def modelled(
         realised = realised_photo(photo.shots, shots)
         rows = row_deviations(realised, photo.wanted, weight_s(realised, photo.wanted), alive)
         mean, variance, diagonal = (row.reshape(*cells.grid, 1) for row in rows)
-        error = code_error(picture, mean**2 + diagonal**2, variance, photo.wanted.cells, white)
+        if sharp is not None and photo is recipe.coded:
+            light = _light(picture.image)
+            squares = sharp.reshape(light.shape)
+            error = np.sqrt(light * (mean**2 + diagonal**2) + squares * variance)
+        else:
+            fixed = mean**2 + diagonal**2
+            error = code_error(picture, fixed, variance, photo.wanted.cells, white)
         alone[photo.name] = shared_out(error, photos[photo.name], picture, cells)
     return {
         name: barred(p, sigma_of(recipe.pictures[name], photos, alone), "modelled")
@@ -91,12 +100,11 @@ def code_error(
     cells : most that N_eff can be.
     white : (rows, cols, C), a picture of everything, whose texture then does not count as error.
     """
-    light = np.empty_like(picture.image)
+    light = _light(picture.image)
     around = np.empty_like(picture.image)
     for channel in range(light.shape[-1]):
         image = picture.image[..., channel]
         around[..., channel] = _around(image, None if white is None else white[..., channel])
-        light[..., channel] = ndimage.convolve(image**2, RING, mode="nearest")
     rough = (picture.image - around) ** 2 / (1.0 + 1.0 / 8.0)
     scale = light * spread
     use = (scale > 0.0) & np.isfinite(picture.sigma)
@@ -108,6 +116,14 @@ def code_error(
     share = min(max(share, 1.0 / max(cells, FEWEST_CELLS)), 1.0 / FEWEST_CELLS)
     error: Floats = np.sqrt(light * (fixed + spread * share))
     return error
+
+
+def _light(image: Floats) -> Floats:
+    """Mean square light of the eight cells around each, (rows, cols, C)."""
+    light = np.empty_like(image)
+    for channel in range(light.shape[-1]):
+        light[..., channel] = ndimage.convolve(image[..., channel] ** 2, RING, mode="nearest")
+    return light
 
 
 def _around(image: Floats, white: Floats | None) -> Floats:

@@ -35,6 +35,7 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
 from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.recipes.off_axis import FewCodesError
 from pdcd.request import CaptureRequest, Prediction
 from pdcd.scene.scene import Scene
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
@@ -98,7 +99,12 @@ def wants_choice(request: CaptureRequest) -> bool:
             hint="give one; the plan says what the other comes to",
         )
     defaults = CaptureRequest(goal=request.goal)
-    given = [name for name in SETTLED if getattr(request, name) != getattr(defaults, name)]
+    given = [
+        name
+        for name in SETTLED
+        if getattr(request, name) != getattr(defaults, name) and getattr(request, name) != 0
+    ]
+    given += ["parts"] if request.parts == "auto" else []
     if given:
         raise RequestError(
             f"{' and '.join(given)} and {asked[0]} are both asked for",
@@ -320,6 +326,8 @@ class _Search:
             except MemoryLimitError as err:
                 self.refused = self.refused or err.message
                 return  # and more codes take more
+            except FewCodesError:
+                continue
             if self.given is not None and guidable(plan):
                 plan = by_prior(plan, self.given, request.seed)
             if any(program.coded for program in plan.recipe.programs.values()):

@@ -9,7 +9,7 @@ import numpy as np
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
-from pdcd.frames.windows import GUARDS, windows
+from pdcd.frames.windows import windows
 from pdcd.request import CaptureRequest
 from pdcd.words import GuardsName, ScheduleName
 
@@ -75,24 +75,15 @@ def shares_of_cell(config: Config, cell_px: float) -> tuple[float, float]:
     return config.rig.misregistration_px / cell_px, config.mask.blur_px / cell_px
 
 
-def choose_window(
-    asked: str, misregistration_cells: float, blur_cells: float = 0.0, widest: float = 0.5
-) -> str:
+def choose_window(asked: str, misregistration_cells: float, blur_cells: float = 0.0) -> str:
     """What "auto" means on a rig with that misregistration and blur, or what was asked for.
-
-    widest : the largest share of a cell's side that keeps off its neighbours on this rig
-        (`pdcd.calibration.cell_size.largest_window`); "auto" takes the largest window up to that,
-        at least the half of "quarter".
 
     Raises ConfigError when the window cannot cover the misregistration.
     """
     window = asked
     if asked == "auto":
         leak = misregistration_cells + BLUR_LEAK * blur_cells
-        fitting = [name for name in GUARDS if windows(name).side <= widest]
-        window = fitting[-1] if fitting else "quarter"
-        if leak <= WHOLE_CELL_LIMIT:
-            window = "whole"
+        window = "whole" if leak <= WHOLE_CELL_LIMIT else "quarter"
     guard = windows(window).guard
     if guard and misregistration_cells > guard:
         raise ConfigError(

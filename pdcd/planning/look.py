@@ -10,6 +10,7 @@ them apart, and the shots are joined by those that measure the leak.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -21,12 +22,13 @@ from pdcd.frames.curve import light_of
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import none
-from pdcd.frames.schedule import SLOTS
+from pdcd.frames.schedule import SLOTS, slot_rows
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.plan import Look, Plan
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Shot
 from pdcd.request import CaptureRequest, Leaks
+from pdcd.runs.record import ShotRecord
 from pdcd.words import BlackLevel
 
 LIMIT = 0.01
@@ -87,7 +89,12 @@ def dark_frames(plan: Plan, *, lit: bool) -> Frames:
 def phase_rows(plan: Plan) -> int:
     """Rows of each state of a dark photo: no more than the answer's shots have, whose aperture it
     is taken at."""
-    return min(max(2, round(LOOK_S * plan.row_hz)), plan.refreshes(plan.recipe.shots[-1]))
+    return min(max(2, round(LOOK_S * plan.row_hz)), plan.refreshes(last_exposed(plan)))
+
+
+def last_exposed(plan: Plan) -> Shot:
+    """The last shot that has an exposure of its own."""
+    return [shot for shot in plan.recipe.shots if not shot.beside][-1]
 
 
 def dark_s(plan: Plan) -> float:
@@ -126,17 +133,16 @@ def quiet(plan: Plan, leaks: Leaks) -> Plan:
     return replace(plan, look=None, leaks=leaks, reasons=_reasons(plan, text))
 
 
-def with_blacks(plan: Plan, leaks: Leaks, config: Config, even: bool) -> Plan:
+def with_blacks(plan: Plan, leaks: Leaks, config: Config, taken: Sequence[ShotRecord]) -> Plan:
     """The same plan with the black exposures that are `needed` for all its photos; codes stay.
 
-    even : whether all codes were shown as often as planned so far, as those of black exposures will
-    be. Raises RequestError where none can be added.
+    taken : the shots so far. A black exposure lasts as long as the shot it belongs to, whatever
+    became of the plan after that was taken. Raises RequestError where none can be added.
     """
     level = needed(leaks)
     if plan.look is not None and not plan.look.may_add:
         raise RequestError("the time asked for leaves no room for them")
-    if not even:
-        raise RequestError("codes were shown more often than planned, or unequally often")
+    plan = _as_taken(plan, config, taken)
     how = msgspec.structs.replace(plan.how, black_level=level)
     recipe = recipe_of(plan.recipe.target, how)
     lattice = Lattice(plan.grid, plan.window)
@@ -153,6 +159,27 @@ def with_blacks(plan: Plan, leaks: Leaks, config: Config, even: bool) -> Plan:
         leaks=leaks,
         reasons=_reasons(plan, text),
     )
+
+
+def _as_taken(plan: Plan, config: Config, taken: Sequence[ShotRecord]) -> Plan:
+    """The plan with white shots as long as they were: a pilot that ends early changes the rest.
+
+    Raises RequestError where shots were taken otherwise than planned.
+    """
+    planned = {shot.name: shot for shot in plan.recipe.shots}
+    delay = abs(config.mask_delay_rows)
+    for record in taken:
+        shot = planned.get(record.name)
+        if shot is not None and shot.white:
+            plan = replace(plan, white_slots=(record.refreshes - delay) // slot_rows(plan.schedule))
+    even = all(
+        record.level == 1.0 and record.refreshes - delay == plan.refreshes(planned[record.name])
+        for record in taken
+        if record.name in planned
+    )
+    if not even:
+        raise RequestError("codes were shown more often than planned, or unequally often")
+    return plan
 
 
 def looking(plan: Plan, look: Look | None) -> Plan:

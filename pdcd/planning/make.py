@@ -18,9 +18,9 @@ from pdcd.planning.brightness import as_bright
 from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
-from pdcd.planning.measured import quietest, reasons_for, times_measured, window_for
+from pdcd.planning.measured import plane_reasons, quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
-from pdcd.planning.off_axis import on_bench
+from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
@@ -102,7 +102,9 @@ def make_plan(
         reasons=(
             *_brightness(request, how),
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
+            *plane_reasons(config),
             *grey_reasons(patterns.values(), config),
+            *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
         ),
         curves=curves,
         smooth=smoothable and (usual if request.smooth is None else request.smooth),
@@ -123,13 +125,14 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         total = as_bright(total, request)
     how = How(
         codes=total,
-        pilot=request.pilot,
+        pilot=request.pilot if isinstance(request.pilot, int) else 0,
         parts=check_parts(request),
         repeat=request.repeat,
         method=request.method,
         family=None,
         black_level=black_level,
         white=request.white,
+        buckets=config.camera.buckets if request.method == "pairs" else 1,
         structure=request.goal in ("relit", "long-range", "short-range"),
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
@@ -174,7 +177,7 @@ def window_of(request: CaptureRequest, config: Config, grid: tuple[int, int]) ->
             hint="use a coarser scene grid",
         )
     asked = request.window or config.schedule.window
-    return window_for(asked, config, cell_px)
+    return window_for(asked, config, grid)
 
 
 def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | None) -> ScheduleName:

@@ -12,8 +12,10 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
 from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
 from pdcd.calibration.pulses import Answer, kept_apart
-from pdcd.frames.windows import GUARDS, windows
+from pdcd.errors import ConfigError
+from pdcd.frames.windows import ATOMS, GUARDS, whole_pixels, windows
 from pdcd.maps.scale import fewest_pixels
+from pdcd.planning.borders import drawn_apart_px
 from pdcd.planning.guards import (
     WHOLE_CELL_LIMIT,
     choose_schedule,
@@ -54,19 +56,49 @@ def meeting_of(config: Config) -> Meeting | None:
     return Meeting(e95_px, blur_px, 1.0 / across if across else 0.0)
 
 
-def window_for(asked: str, config: Config, cell_px: float) -> str:
-    """Window of cells of so many projector pixels: as asked for, or the largest that neither
-    touches another cell's light nor leaks for blur. Raises ConfigError."""
-    meeting, widest = meeting_of(config), 0.0
-    if meeting is not None:
-        fitting = (
-            windows(name).side
-            for name in GUARDS
-            if windows(name).side <= largest_window(meeting, cell_px)
-            and float(leak_of(meeting, cell_px, windows(name).side)) <= WHOLE_CELL_LIMIT
+def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
+    """Window of cells of a grid: as asked for; or whole cells where nothing gets from one to the
+    next, else the quarter.
+
+    Larger windows are for who asks for them (`larger_window` tells which fits). They need a mask
+    whose pixels end where they end: one more or less is light that nobody counts, and where in a
+    cell a quad was open how often, nobody knows better than the camera's map. Raises ConfigError.
+    """
+    width_px, height_px = config.projector.size_px
+    cell_px = min(width_px / grid[1], height_px / grid[0])
+    misregistration, blur = shares_of_cell(config, cell_px)
+    panels = panels_of(config)
+    if asked == "auto":
+        apart_px = drawn_apart_px(panels.projector, panels.mask, grid, config.projector.size_px)
+        misregistration = max(misregistration, apart_px / cell_px)
+    elif not whole_pixels(asked, panels.mask, grid):
+        raise ConfigError(
+            f"the edges of {asked} windows do not lie on those of the mask's pixels in {grid[0]} x "
+            f"{grid[1]} cells",
+            device="mask",
+            hint="take quarter windows; or a mask that stands upright, and cells of a multiple of "
+            f"{ATOMS // math.gcd(GUARDS[asked], ATOMS)} of its pixels",
         )
-        widest = max(fitting, default=0.0)
-    return choose_window(asked, *shares_of_cell(config, cell_px), widest)
+    return choose_window(asked, misregistration, blur)
+
+
+def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
+    """The largest window beyond the quarter that keeps off other cells' light, as measured, and
+    whose edges the mask's pixels have; None where none does, or nobody measured."""
+    meeting = meeting_of(config)
+    if meeting is None:
+        return None
+    width_px, height_px = config.projector.size_px
+    cell_px, mask = min(width_px / grid[1], height_px / grid[0]), panels_of(config).mask
+    fitting = (
+        name
+        for name in reversed(GUARDS)
+        if windows(name).kinds == 4
+        and windows(name).side <= largest_window(meeting, cell_px)
+        and float(leak_of(meeting, cell_px, windows(name).side)) <= WHOLE_CELL_LIMIT
+        and whole_pixels(name, mask, grid)
+    )
+    return next(fitting, None)
 
 
 def times_measured(config: Config) -> bool:
@@ -118,6 +150,12 @@ def reasons_for(
             f"window {window}: {100.0 * leak:.2g} % of the direct light leaks into an indirect "
             "photo"
         )
+        larger = larger_window(config, grid)
+        if larger is not None and window == "quarter":
+            gain = windows(larger).area / windows(window).area
+            told.append(
+                f"--window {larger} has {gain:.3g} times the light, and fits how the panels meet"
+            )
     if times_measured(config) and mask_lag_s is not None and schedule != "none":
         leak = schedule_leak(config, schedule, mask_lag_s)
         low_s, high_s = lag_by_rows_s(config)
@@ -127,6 +165,19 @@ def reasons_for(
             "gets into its neighbours"
         )
     return tuple(told)
+
+
+def plane_reasons(config: Config) -> tuple[str, ...]:
+    """How long the bit planes of a refresh are; nothing where panels show one row a refresh."""
+    display = config.display
+    if display.planes_per_refresh == 1:
+        return ()
+    refresh_ms = 1e3 * display.planes_per_refresh / config.row_hz
+    low, high = (f(display.plane_shares) * refresh_ms for f in (min, max))
+    lasts = f"{low:.3g} to {high:.3g} ms, as measured" if display.plane_starts else f"{low:.3g} ms"
+    return (
+        f"{display.planes_per_refresh} planes a refresh, of {lasts}: {config.row_hz:.4g} a second",
+    )
 
 
 def _auto_grid(config: Config) -> tuple[int, int] | None:

@@ -224,8 +224,7 @@ def _spans(program: Program | None, how: How, single: bool) -> int:
     if not program.coded:
         return max(exact_pairs(program), how.coded)  # repeated to fill as many
     codes = part_codes(how.coded, how.parts) or how.codes
-    inner = within(program)
-    twice = isinstance(inner, Signed | SignedMatrix | Convolved | Rows)
+    twice = isinstance(within(program), Signed | SignedMatrix | Convolved | Rows)
     return 2 * codes if twice else codes
 
 

@@ -71,6 +71,8 @@ class Plan:
     """Which leaks to look for; None where black exposures are settled."""
     leaks: Leaks | None = None
     """What was found."""
+    unasked: bool = False
+    """Whether the pilot is the program's own choice (`pdcd.planning.unasked`)."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 
@@ -174,11 +176,13 @@ class Plan:
                 light_share=self.light_share(s),
             )
             for s in self.recipe.shots
-            if s.name not in self.recipe.stack[1:] and not s.copy_of
+            if s.name not in self.recipe.stack[1:] and not s.copy_of and not s.beside
         )
         photos = {photo.name: photo for photo in self.recipe.photos}
         last = self.recipe.main
         first = photos[last].shots[0][1] if last in photos else self.recipe.stack[0]
+        exposed = {shot.name: shot.beside or shot.name for shot in self.recipe.shots}
+        first = exposed.get(first, first)
         single = first in self.recipe.stack or first in self.recipe.sums
         main = self.recipe.stack[0] if single else first
         return PlanSummary(
@@ -202,9 +206,9 @@ class Plan:
             prediction=self.prediction,
             prior=self.prior,
             reasons=self.reasons,
-            split=self.recipe.split,
             black_level=self.how.black_level if self.look is None else "auto",
             leaks=self.leaks,
+            split=self.recipe.split,
         )
 
 

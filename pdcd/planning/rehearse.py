@@ -221,7 +221,12 @@ def _on_time(frames: Frames, config: Config, start_ns: int) -> FrameLog:
     rows = np.arange(len(frames), dtype=np.int32)
     primal_rows, dual_rows = streams(rows, config.mask_delay_rows)
     count = primal_rows.size
-    flips = start_ns + np.rint(np.arange(count + 1) * period_ns).astype(np.int64)
+    rows_due = np.arange(count + 1, dtype=np.float64)
+    if config.display.plane_starts:
+        planes = config.display.planes_per_refresh
+        refresh, plane = np.divmod(np.arange(count + 1), planes)
+        rows_due = (refresh + np.array(config.display.starts)[plane]) * planes
+    flips = start_ns + np.rint(rows_due * period_ns).astype(np.int64)
     later = flips + max(0, round(apart_ns))
     sooner = flips + max(0, -round(apart_ns))
     return FrameLog(

@@ -61,3 +61,14 @@ def probe(
         pick[here], rows[here] = 1.0, 0.0
         image += scene.photo(pick, rows, nothing, nothing)
     return image
+
+
+def entries(scene: Scene, seen: NDArray[np.int64], lit: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Entries of T between camera cells `seen` (C,) and projector cells `lit` (J,), (C, J, 3)."""
+    found = np.empty((seen.size, lit.size, 3))
+    for start in range(0, lit.size, BLOCK):
+        some = lit[start : start + BLOCK]
+        light = np.zeros((some.size, scene.cells))
+        light[np.arange(some.size), some] = 1.0
+        found[:, start : start + BLOCK] = scene.apply(light)[:, seen].transpose(1, 0, 2)
+    return found

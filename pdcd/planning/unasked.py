@@ -1,12 +1,17 @@
-"""What a request leaves to the program: in how many exposures its codes are shown.
+"""What a request leaves to the program: a look for sharp paths, and in how many exposures its codes
+are shown.
 
-Four parts or more measure the error of the codes by their spread, and each of them fills the sensor
-anew, so that the same codes in the same time leave less noise. What they cost is a RAW file each.
-So a plain request gets parts where a RAW file costs little beside the exposure. One that names how
-its codes are spent is taken at its word.
+A few of the codes, photographed one by one, tell whether there are mirrors; where there are, a
+pilot's paths guide the codes. Four parts or more measure the error of the codes by their spread,
+and each of them fills the sensor anew, so that the same codes in the same time leave less noise.
+Both cost RAW files. So a plain request gets them where a file costs little beside the exposure. One
+that names how its codes are spent is taken at its word.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import msgspec
 
@@ -16,12 +21,21 @@ from pdcd.codes.hadamard import hadamard_fits
 from pdcd.errors import RequestError
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.schedule import slot_rows
-from pdcd.planning.make import schedule_of, window_of
+from pdcd.pictures.learn import Learned
+from pdcd.pictures.watch import Watch
+from pdcd.pilot.codes import SCOUTS, pilot_share
+from pdcd.pilot.links import SHARP
+from pdcd.pilot.matching import MOST_CELLS
+from pdcd.planning.guided import plan_for
+from pdcd.planning.make import make_plan, schedule_of, window_of
+from pdcd.planning.plan import Plan
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import CaptureRequest
+from pdcd.runs.record import ShotRecord
 from pdcd.words import FamilyName
 
 GOALS = ("indirect", "direct")
-"""Goals that get parts unasked; others take them when asked."""
+"""Goals that get parts and a pilot unasked; others take them when asked."""
 NAMED = (
     "codes", "family", "pilot", "parts", "until_error", "repeat", "error", "confidence", "seconds",
     "prior", "smooth", "exposure_s", "method", "illumination",
@@ -29,20 +43,61 @@ NAMED = (
 """Fields of which any one says how codes are to be spent: such a request gets what it names."""
 FAMILIES: tuple[FamilyName, ...] = ("hadamard", "balanced", "bernoulli", "rademacher")
 """Families whose codes may be split so: any two cells meet equally often."""
-PARTS = (8, 4)
-"""Numbers of parts that are tried, the better one first. More of them measure no better, and leave
+PARTS = (8, 7, 6, 5, 4)
+"""Numbers of parts that are tried, the better ones first. More of them measure no better, and leave
 each with fewer codes."""
 FEWEST_CODES = 16
 """Codes that a part has at least."""
 LITTLE = 0.25
-"""Time that all further RAW files may take, over the exposure of the codes."""
+"""Time that the files of all further parts may take, over the exposure of the codes."""
+LOOK = 1.0
+"""The same of the first photos of a pilot: what they may find is worth more than noise."""
+FEWEST = 64
+"""Codes of which four are spent on a look: of fewer, the others would miss them."""
 READOUT_S = 3.0
 """What a RAW file is taken to cost before a camera of which nothing is known yet."""
 
 
+@dataclass(frozen=True)
+class Settled:
+    """A request with its pilot and its parts, and why they are so, a line each.
+
+    otherwise : what is done instead when the first photos of a pilot that nobody asked for see no
+        sharp paths; None where there is no such pilot.
+    """
+
+    request: CaptureRequest
+    reasons: tuple[str, ...] = ()
+    otherwise: CaptureRequest | None = None
+
+
 def asks_for_camera(request: CaptureRequest) -> bool:
     """Whether the plan of a request depends on what a RAW file costs."""
-    return request.parts == "auto" or _plain(request)
+    return "auto" in (request.parts, request.pilot) or _plain(request)
+
+
+def plan_unasked(
+    request: CaptureRequest,
+    config: Config,
+    grid: tuple[int, int],
+    camera: CameraInfo | None,
+    mask_lag_s: float | None,
+    given: Given = NOTHING,
+    watch: Watch | None = None,
+) -> Plan:
+    """The plan of a request that names no error and no time, with what it leaves open settled.
+
+    Raises RequestError as `plan_for`.
+    """
+    found = settled(request, config, grid, camera, mask_lag_s)
+    plan = plan_for(found.request, config, grid, mask_lag_s, given, watch)
+    plan = replace(plan, reasons=(*plan.reasons, *found.reasons))
+    if found.otherwise is None:
+        return plan
+    other = make_plan(found.otherwise, config, grid, mask_lag_s, given, watch)
+    other = replace(other, unasked=True, reasons=(*other.reasons, *found.reasons))
+    needed = max(plan.memory_bytes, other.memory_bytes)
+    return replace(plan, memory_bytes=needed, unasked=True, otherwise=other)
 
 
 def settled(
@@ -51,21 +106,52 @@ def settled(
     grid: tuple[int, int],
     camera: CameraInfo | None = None,
     mask_lag_s: float | None = None,
-) -> tuple[CaptureRequest, tuple[str, ...]]:
-    """The request with its number of parts, and why it is that, a line each.
+) -> Settled:
+    """What a request leaves open, settled.
 
-    `camera` is None where it was not asked yet. Raises RequestError where parts are left to the
-    program and go with nothing else that was asked for.
+    `camera` is None where it was not asked yet. Raises RequestError where something is left to the
+    program that goes with nothing else that was asked for.
     """
+    bare = msgspec.structs.replace(
+        request,
+        parts=request.parts if isinstance(request.parts, int) else 1,
+        pilot=request.pilot if isinstance(request.pilot, int) else 0,
+    )
     if not asks_for_camera(request):
-        return msgspec.structs.replace(request, parts=request.parts or 1), ()
+        return Settled(bare)
     if request.error is not None or request.seconds is not None or request.method != "coded":
         raise RequestError(
-            "parts are left to the program beside an error, a time or a method",
+            "parts or a pilot are left to the program beside an error, a time or a method",
             hint="give their number, or leave them out",
         )
-    parts, reason = _parts(request, config, grid, camera, mask_lag_s)
-    return msgspec.structs.replace(request, parts=parts), (f"parts: {reason}",)
+    costs = _costs(bare, config, grid, camera, mask_lag_s)
+    plain = _plain(request)
+    if not (plain or request.pilot == "auto"):
+        return _without_pilot(bare, config, costs, parts=True)
+    why = _no_pilot(request, config, grid, costs)
+    parts = plain or request.parts == "auto"
+    if why:
+        found = _without_pilot(bare, config, costs, parts=parts)
+        return replace(found, reasons=(f"pilot: none, {why}", *found.reasons))
+    return _with_pilot(bare, config, costs, parts=parts)
+
+
+def looked(plan: Plan, learned: Learned, shots: Sequence[ShotRecord]) -> str:
+    """What a pilot that nobody asked for found, what follows, and what it cost."""
+    single = [s for s in shots if s.name in plan.recipe.stack]
+    cost_s = sum((s.close_ns - s.open_ns) * 1e-9 for s in single)
+    light = f"sharpness {learned.sharpness:.2g}, limit {SHARP:g}"
+    if not learned.promising:
+        found = f"no mirrors ({light})"
+    elif learned.pays:
+        found = f"sharp paths, which are kept apart ({light})"
+    else:
+        found = f"sharp light without a map ({light})"
+    how = plan.how
+    return (
+        f"{found}: {how.coded} codes in {how.parts} exposure{'s' * (how.parts > 1)}; the look took "
+        f"{len(single)} RAW files and {cost_s:.2g} s"
+    )
 
 
 def readout_s(config: Config, camera: CameraInfo | None) -> float:
@@ -84,36 +170,121 @@ def _plain(request: CaptureRequest) -> bool:
     return all(getattr(request, name) == getattr(usual, name) for name in NAMED)
 
 
-def _parts(
+@dataclass(frozen=True)
+class _Costs:
+    """What codes are spent on: how many there are, of which family; seconds of their exposure, and
+    of one more RAW file beside its codes."""
+
+    codes: int
+    family: FamilyName
+    coded_s: float
+    file_s: float
+
+    def parts(self, codes: int) -> int:
+        """Most parts that so many codes can be shown in at little cost, each with enough of them;
+        1 where there are less than four."""
+        for parts in PARTS:
+            if _fits(codes, parts, self.family) and (parts - 1) * self.file_s <= self.most_s:
+                return parts
+        return 1
+
+    @property
+    def most_s(self) -> float:
+        """Time that the files of further parts may take."""
+        return LITTLE * self.coded_s
+
+
+def _costs(
     request: CaptureRequest,
     config: Config,
     grid: tuple[int, int],
     camera: CameraInfo | None,
     mask_lag_s: float | None,
-) -> tuple[int, str]:
+) -> _Costs:
+    codes = request.codes or config.schedule.codes
+    fields = Lattice(grid, window_of(request, config, grid)).fields
+    rows = slot_rows(schedule_of(request, config, mask_lag_s))
+    # Beside the file, each exposure waits on black before its codes and after them.
+    more_s = 2.0 * config.rig.settle_s + config.trigger.lag_s
+    return _Costs(
+        codes=codes,
+        family=request.family or config.schedule.family,
+        coded_s=codes * fields * rows / config.row_hz,
+        file_s=readout_s(config, camera) + more_s,
+    )
+
+
+def _without_pilot(
+    request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool
+) -> Settled:
+    """Parts alone, where they are left open."""
+    if not parts:
+        return Settled(request)
+    codes = costs.codes - (request.pilot if isinstance(request.pilot, int) else 0)
+    count, reason = _parts(codes, config, costs)
+    return Settled(msgspec.structs.replace(request, parts=count), (f"parts: {reason}",))
+
+
+def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Settled:
+    """A short pilot, and what is done instead when its scouts see nothing."""
+    share = pilot_share(costs.codes, by_map=True)
+    left = costs.codes - SCOUTS
+    counts = [n for n in range(left, costs.codes - share, -1) if hadamard_fits(n, 0.5)]
+    first, reason = 1, "one exposure"
+    if parts:
+        first, reason = _parts(costs.codes - share, config, costs)
+        split = [n for n in range(left, costs.codes - share, -1) if costs.parts(n) > 1]
+        counts = split if split and first > 1 else counts
+    if not counts:
+        counts = [costs.codes - share]
+    second = costs.parts(counts[0]) if first > 1 else 1
+    told = (
+        f"pilot: {SCOUTS} photos of single codes look for mirrors, {SCOUTS * costs.file_s:.2g} s "
+        f"for their files; where they see sharp light {share - SCOUTS} more map it",
+        f"parts: {reason}; {second} of {counts[0] // second} where there are no mirrors",
+    )
+    replaced = msgspec.structs.replace
+    return Settled(
+        replaced(request, codes=costs.codes, pilot=share, parts=first),
+        told,
+        replaced(request, codes=counts[0] + SCOUTS, pilot=SCOUTS, parts=second),
+    )
+
+
+def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], costs: _Costs) -> str:
+    """Why there is no pilot where one is left to the program; nothing where there is one."""
+    cells = grid[0] * grid[1]
+    look_s = SCOUTS * costs.file_s
+    if request.goal not in GOALS or costs.family != "hadamard" or request.prior is not None:
+        return "as it guides hadamard codes for indirect and direct light without a prior"
+    if costs.codes < FEWEST or not pilot_share(costs.codes, by_map=True):
+        return f"as {costs.codes} codes are too few to spend some on a look"
+    if cells > MOST_CELLS:
+        return f"as it maps at most {MOST_CELLS} cells and there are {cells}"
+    if look_s > LOOK * costs.coded_s:
+        return (
+            f"as a look with {SCOUTS} photos would take {look_s:.2g} s for their files beside "
+            f"{costs.coded_s:.3g} s of codes"
+        )
+    return ""
+
+
+def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, str]:
     """How many parts, and why."""
     if config.camera.noise == "none":
         return 1, "one exposure, as there is no noise that more of them would lower"
-    codes = (request.codes or config.schedule.codes) - request.pilot
-    family = request.family or config.schedule.family
-    fitting = [parts for parts in PARTS if _fits(codes, parts, family)]
+    fitting = [parts for parts in PARTS if _fits(codes, parts, costs.family)]
     if not fitting:
-        return 1, f"one exposure, as {codes} {family} codes cannot be split into four or more"
-    schedule = schedule_of(request, config, mask_lag_s)
-    fields = Lattice(grid, window_of(request, config, grid)).fields
-    coded_s = codes * fields * slot_rows(schedule) / config.row_hz
-    # Beside the file, each exposure waits on black before its codes and after them.
-    each_s = readout_s(config, camera) + 2.0 * config.rig.settle_s + config.trigger.lag_s
-    for parts in fitting:
-        more_s = (parts - 1) * each_s
-        if more_s <= LITTLE * coded_s:
-            return parts, (
-                f"{parts} exposures of {codes // parts} codes each, {more_s:.2g} s more in all; "
-                "they leave less noise, and their spread measures the error bars"
-            )
-    return 1, (
-        f"one exposure, as {fitting[-1]} would take {(fitting[-1] - 1) * each_s:.2g} s more beside "
-        f"{coded_s:.3g} s of codes; the error bars are modelled"
+        return 1, f"one exposure, as {codes} {costs.family} codes cannot be split into four or more"
+    parts = costs.parts(codes)
+    if parts == 1:
+        return 1, (
+            f"one exposure, as {fitting[-1]} would take {(fitting[-1] - 1) * costs.file_s:.2g} s "
+            f"more beside {costs.coded_s:.3g} s of codes; the error bars are modelled"
+        )
+    return parts, (
+        f"{parts} exposures of {codes // parts} codes each, {(parts - 1) * costs.file_s:.2g} s "
+        "more in all; they leave less noise, and their spread measures the error bars"
     )
 
 

@@ -76,12 +76,13 @@ def weight_s(realised: Factors, wanted: Wanted) -> float:
     Falls back to the mean open time where the wanted matrix is zero everywhere (one single cell
     has no indirect light).
     """
+    if wanted.by_direct and wanted.uniform is not None:
+        return float(realised.coaxial.mean()) / wanted.uniform[0]
     partner = wanted.matched if wanted.by_direct else None
     if partner is not None:
         return _matched_weight_s(realised, wanted, partner)
-    if wanted.by_direct:
-        own = wanted.diagonal().mean() if wanted.uniform is None else wanted.uniform[0]
-        return float(realised.coaxial.mean()) / float(own)
+    if wanted.by_direct and wanted.light is None:
+        return float(realised.coaxial.mean()) / float(wanted.diagonal().mean())
     inner, norm = row_weights_s(realised, wanted)
     total = float(norm.sum())
     return float(inner.sum()) / total if total > 0.0 else float(realised.open_s.mean())

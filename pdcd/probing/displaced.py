@@ -65,7 +65,9 @@ class Beams:
             cell = down.cell[here] * lattice.grid[1] + right.cell[here]
             half = 2 * down.half[here] + right.half[here]
             open_ = masks[live, field][:, code]
-            lit = lights[live].reshape(int(live.sum()), -1)[:, half * count + cell]
+            lit = lights[live].reshape(int(live.sum()), lights.shape[1] * count)[
+                :, half * count + cell
+            ]
             seen[here] += area[here] * np.einsum("rn,rn->n", open_, lit)
         return seen
 

@@ -82,6 +82,8 @@ def target_of(request: CaptureRequest, given: Given, grid: tuple[int, int]) -> T
         disparity=request.disparity,
         plane=request.plane,
         keep=request.keep,
+        rows=request.rows,
+        masked=request.masked,
     )
     return check_target(target_with(goal, grid, arrays))
 

@@ -59,23 +59,25 @@ GOALS: dict[str, tuple[tuple[str, ...], str]] = {
     "keyed": ((), "all but direct light from a range of depths (Fig. 11)"),
     "epipolar": ((), "light that stays in its row of cells, or that does not"),
     "stereo": ((), "direct light from a range of depths"),
+    "transport": ((), "entries of T itself: a slice between two rows of cells, or all (Fig. 5)"),
 }
 
 OFF_AXIS = ("keyed", "epipolar", "stereo")
 """Goals of benches whose camera is off the projector's axis."""
 DEPTHS = ("disparity", "plane", "disparities", "warp")
-OPTIONAL: dict[str, tuple[str, ...]] = {
-    "keyed": DEPTHS,
-    "stereo": DEPTHS,
-    "epipolar": ("keep",),
+MAY_TAKE: dict[str, tuple[str, ...]] = {
     "indirect": ("shift", "warp"),
     "direct": ("shift", "warp"),
     "fraction": ("shift", "warp"),
     "off-diagonal": ("p",),
     "split": ("shift", "warp"),
+    "keyed": DEPTHS,
+    "stereo": DEPTHS,
+    "epipolar": ("keep",),
+    "transport": ("rows", "masked"),
 }
-"""What a goal takes beside what it needs: depths; the matched cell in the place of the cell itself;
-what share of all other light to keep beside it (Fig. 9(d))."""
+"""What these goals may be given besides: the matched cell in the place of the cell itself, what
+share of all other light to keep beside it (Fig. 9(d)), depths, rows of entries."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +119,13 @@ def check_target(target: Target) -> Target:
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    may = OPTIONAL.get(goal.name, ())
-    known = {*needs, *may, "illumination"}
+    lit = () if goal.name == "transport" else ("illumination",)
+    known = {*needs, *MAY_TAKE.get(goal.name, ()), *lit}
     missing, spare = sorted({*needs} - given), sorted(given - known)
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
-        takes = ", ".join((*needs, *may, "illumination"))
+        takes = ", ".join((*needs, *MAY_TAKE.get(goal.name, ()), *lit))
         raise RequestError(
             f"goal {goal.name} takes no {', '.join(spare)}", hint=f"leave it out; it takes {takes}"
         )

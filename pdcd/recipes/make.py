@@ -14,6 +14,7 @@ from pdcd.recipes.goals import Target
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
 from pdcd.recipes.isolation import isolated
 from pdcd.recipes.maker import Maker
+from pdcd.recipes.pairs import paired
 from pdcd.recipes.parts import in_parts
 from pdcd.recipes.programs import (
     Blocks,
@@ -21,6 +22,7 @@ from pdcd.recipes.programs import (
 )
 from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule, Shot
 from pdcd.recipes.repeat import repeated
+from pdcd.recipes.transport import transport
 from pdcd.request import How
 
 
@@ -51,10 +53,14 @@ def finished(draft: Recipe, how: How) -> Recipe:
 
 def _whole(target: Target, how: How) -> Recipe:
     """The recipe in single exposures, each in one piece."""
+    if target.goal.name == "transport":
+        return transport(target, how)
     maker = Maker(target, how.black_level)
     if how.method != "coded":
         if how.pilot:
             raise RequestError(f"method {how.method} takes no pilot", hint="leave it out")
+        if how.method == "pairs":
+            return paired(maker, how.white, how.buckets)
         return _multi_image(maker, how.codes) if how.method == "multi-image" else _nayar(maker)
     pictures: dict[str, Rule]
     if target.goal.name == "relit" and how.structure:

@@ -65,7 +65,7 @@ class Maker:
         rows: bool = False,
     ) -> None:
         """A photo of one coded shot, under `light` beside the goal's own, the mask's levels times
-        `gain`; (N,) each. With `rows` each cell is divided by its own weight."""
+        `gain`, (N,) each; with `rows` each cell is divided by its own weight."""
         wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
         self.programs[name] = _seen(program, light, gain)
         self.photo(name, wanted, [(1.0, Shot(name, name))], rows or isinstance(program, Far))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdcd.errors import RequestError
 from pdcd.frames.lattice import Lattice
 from pdcd.probing.lines import SameRow
 from pdcd.probing.wanted import Indices, Match, Uniform
@@ -19,6 +20,13 @@ from pdcd.recipes.maker import Maker
 from pdcd.recipes.matching import matches, on_lattice, places_of
 from pdcd.recipes.programs import Bools, Pairs
 from pdcd.recipes.recipe import Combination, Rule
+
+LEAST_PERIODS = 4
+"""Least period of a comb over the disparities that it closes the mask for."""
+
+
+class FewCodesError(RequestError):
+    """More codes would do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +167,11 @@ def _keyed(maker: Maker, codes: int) -> Combination:
     if count == 1:
         maker.coded("keyed", Keyed(place, low), (1.0, everything), *blocked, rows=True)
         return ((1.0, "keyed"),)
+    if codes < LEAST_PERIODS * count:
+        raise FewCodesError(
+            f"{codes} codes are too few to tell {count} disparities from others",
+            hint=f"take at least {LEAST_PERIODS * count} codes, best from {grid[1] + 1 + count} on",
+        )
     period = period_of(codes, grid[1], count)
     lost = count / period
     program = KeyedRange(place, low, high, period)

@@ -7,7 +7,7 @@ error that the codes make, which nothing else on a real rig can show.
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -41,13 +41,13 @@ def in_parts(recipe: Recipe, parts: int) -> Recipe:
         mine = any(shot.program == name for shot in split)
         numbers = range(1, parts + 1) if mine else [0]
         programs.update({_named(name, part): program for part in numbers})
-    numbered = [_part(shot, part) for part in range(1, parts + 1) for shot in split]
-    names = {shot.name for shot in split}
     by_name = {shot.name: shot for shot in recipe.shots}
+    numbered = [_part(shot, part, by_name) for part in range(1, parts + 1) for shot in split]
+    names = {shot.name for shot in split}
     photos = []
     for photo in recipe.photos:
         terms = [
-            (sign, _part(by_name[name], part).name if name in names else name)
+            (sign, _part(by_name[name], part, by_name).name if name in names else name)
             for part in range(1, parts + 1)
             for sign, name in photo.shots
             if name in names or part == 1
@@ -133,7 +133,9 @@ def _named(program: str, part: int) -> str:
     return f"{program}-{part}" if part else program
 
 
-def _part(shot: Shot, part: int) -> Shot:
+def _part(shot: Shot, part: int, by_name: Mapping[str, Shot]) -> Shot:
     """One part of a shot; the names of shots begin with that of their program."""
     program = _named(shot.program, part)
-    return replace(shot, name=program + shot.name[len(shot.program) :], program=program, part=part)
+    name = program + shot.name[len(shot.program) :]
+    beside = _part(by_name[shot.beside], part, by_name).name if shot.beside else ""
+    return replace(shot, name=name, program=program, part=part, beside=beside)

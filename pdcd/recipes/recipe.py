@@ -40,7 +40,8 @@ class Shot:
 
     `white` shots show full light through a fully open mask. `only` picks one pair of the program:
     a photo of a single code. `part` counts the exposures of a photo taken in several, from 1; 0 is
-    a whole one. `copy_of` names the shot that this one repeats.
+    a whole one. `copy_of` names the shot that this one repeats. `beside` names the shot whose
+    second bucket this one is: there is no exposure of its own.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Shot:
     only: int | None = None
     part: int = 0
     copy_of: str = ""
+    beside: str = ""
 
     @property
     def kind(self) -> str:

@@ -92,6 +92,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     image, in quads."""
     white_patch: Place | None = None
     """Of the previews; see `CaptureRequest`."""
+    scouted: bool = False
+    """Whether the first photos of a pilot that nobody asked for tell how sharp the light is, for
+    error bars that are modelled. False in runs from before there were such pilots."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

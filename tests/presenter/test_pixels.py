@@ -157,6 +157,14 @@ class TestManyCells:
             display.show(only(frames, row))
             assert screen.mismatches(frames, row) == 0, row
 
+    @pytest.mark.parametrize("window", ["side-5/8", "side-3/4", "side-7/8"])
+    def test_windows_that_overlap(self, opened: tuple[X11Display, Screen], window: str) -> None:
+        display, screen = opened
+        frames = random_frames((7, 11), window, 8)
+        for row in range(len(frames)):
+            display.show(only(frames, row))
+            assert screen.mismatches(frames, row) == 0, row
+
     def test_grey_levels_are_rounded_to_8_bits(self, opened: tuple[X11Display, Screen]) -> None:
         display, screen = opened
         frames = random_frames((5, 9), "whole", 6, grey=True)
@@ -227,7 +235,7 @@ def test_pictures_of_a_panels_own_pixels(tmp_path: Path, x_quarter: XServer) -> 
 
 
 @pytest.mark.parametrize(
-    ("window", "order", "places"), [("whole", "GRB", None), ("quarter", "RGB", BENT)]
+    ("window", "order", "places"), [("whole", "GRB", None), ("side-3/4", "RGB", BENT)]
 )
 def test_24_planes_of_a_picture(
     tmp_path: Path, x_quarter: XServer, window: str, order: str, places: dict[str, Placing] | None

@@ -49,5 +49,6 @@ def requests(codes: int = 32) -> list[CaptureRequest]:
         {"goal": "descattered", "shift": [0, -1]},
         {"goal": "filtered", "kernel": kernel},
         {"goal": "split", "period": 4},
+        {"goal": "transport", "rows": [0, 1]},
     ]
     return [msgspec.convert({"codes": codes, **one}, CaptureRequest) for one in asked]

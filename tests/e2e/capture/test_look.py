@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdcd.bench.tables import CameraConfig, Config, PanelConfig
+from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
 from pdcd.request import CaptureRequest, CaptureResult
@@ -108,6 +108,21 @@ def test_parts_get_their_black_exposures_as_they_go(tmp_path: Path) -> None:
     assert manifest.run.how.black_level == "ambient"
     assert names[:4] == ["white", "coded-1", "white-black-primal", "coded-1-black-primal"]
     assert error(result) < 0.1
+
+
+def test_black_exposures_last_as_long_as_what_they_belong_to(tmp_path: Path) -> None:
+    """A look for mirrors that finds none changes the plan after the white photo was taken."""
+    scene = SceneConfig(kind="open-book", grid=(24, 32), ambient=0.3)
+    config = bench_rig.config(tmp_path, scene=scene, schedule=ScheduleConfig())
+    result, manifest = take(config, goal="direct", codes=None)
+    assert manifest.run.how.black_level == "ambient" and manifest.run.how.pilot > 0
+    lasts = {shot.name: shot.close_ns - shot.open_ns for shot in manifest.run.shots}
+    blacks = [name for name in lasts if "-black" in name]
+    assert "white-black-primal" in blacks
+    for name in blacks:
+        lit = lasts[name.partition("-black")[0]]
+        assert lasts[name] == pytest.approx(lit, abs=1e6)
+    assert error(result) < 0.02
 
 
 def test_a_wanted_error_is_the_limit(tmp_path: Path) -> None:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdcd.bench.checks import cross_faults
 from pdcd.bench.tables import (
     CameraConfig,
+    Config,
     DisplayConfig,
     FaultsConfig,
     PanelConfig,
@@ -22,6 +24,8 @@ from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
 from pdcd.frames.frames import BLACK, FrameLog
 from pdcd.frames.schedule import build_frames
+from pdcd.probing.panel import Panel
+from pdcd.probing.realised import collect, factors
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
@@ -158,6 +162,39 @@ def test_planes_follow_each_other_within_a_refresh(tmp_path: Path) -> None:
     want = [vblank[k // 24] + (k % 24) * 1e9 / 1440 for k in range(30)]
     np.testing.assert_allclose(log.primal_ns, want, rtol=0, atol=2)
     assert log.end_ns[0] == pytest.approx(vblank[1] + 6e9 / 1440, abs=2)
+
+
+UNEVEN = tuple(np.cumsum([0.002] + [0.9 / 24, 1.1 / 24] * 12)[:-1].tolist())
+"""Planes that last nine and eleven tenths of the mean in turn; the first begins late."""
+
+
+def test_planes_of_unequal_length_are_what_the_matrix_says(tmp_path: Path) -> None:
+    """Each code counts as long as its plane lasts: a dense sum over measured times."""
+    display = DisplayConfig(planes_per_refresh=24, plane_starts=UNEVEN)
+    count, grid = 48, bench_rig.GRID
+    log = play(tmp_path, display, count=count)
+    codes = make_codes("balanced", grid, count, dual="complement")
+    frames = build_frames(bench_rig.pairs(codes), grid, window="whole", schedule="none", passes=1)
+    end_ns = int(log.end_ns.max())
+    found = collect(
+        factors(frames, log, Panel(), Panel(), open_ns=int(log.primal_ns[0]) - 1, close_ns=end_ns)
+    )
+    lasts_s = np.tile([0.9, 1.1], count // 2) / 1440.0
+    want = (codes.dual.T * lasts_s) @ codes.primal
+    # Stamps are whole nanoseconds.
+    np.testing.assert_allclose(found.dense(), want, rtol=1e-9, atol=count * 1e-9)
+    assert not found.coaxial.any()
+
+
+def test_a_plan_tells_of_planes_and_refuses_those_that_cannot_be(tmp_path: Path) -> None:
+    display = DisplayConfig(planes_per_refresh=24, plane_starts=UNEVEN)
+    request = CaptureRequest(goal="indirect", codes=48, guards=False, black_level="none")
+    (reason,) = planned(tmp_path, request, display=display).reasons
+    assert reason == "24 planes a refresh, of 0.625 to 0.764 ms, as measured: 1440 a second"
+    backwards = (*UNEVEN[:22], UNEVEN[23], UNEVEN[22])
+    for starts in (UNEVEN[:23], backwards, (*UNEVEN[:23], UNEVEN[22] + 0.01)):
+        wrong = Config(display=DisplayConfig(planes_per_refresh=24, plane_starts=starts))
+        assert any("display.plane_starts" in fault.keys for fault in cross_faults(wrong))
 
 
 def test_a_picture_that_comes_late_is_preceded_by_the_last_one_again(tmp_path: Path) -> None:

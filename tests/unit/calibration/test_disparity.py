@@ -24,8 +24,8 @@ from pdcd.request import Goal
 from pdcd.scene.build import build_scene
 
 GRID = (12, 16)
-SIZE = (256, 192)
-FRAME = (96, 128)
+SIZE = (128, 96)
+FRAME = (72, 96)
 
 
 def photos(bench: OpticalBench, code: PhaseCode) -> Iterator[Photo]:
@@ -62,7 +62,7 @@ def test_k5_stripes_on_the_scene_tell_the_disparity_of_its_cells() -> None:
     assert both.sum() > 0.5 * np.isfinite(right).sum()
     off = np.abs(found.right - right)[both]
     # A cell's displacement is one number, so inner quads see it to a part of a pixel of 16.
-    assert np.median(off) < 0.02
+    assert np.median(off) < 0.05
     assert np.mean(off < 0.1) > 0.9
     assert found.off_rows_cells < 0.05
     place = places_of(Goal(name="keyed"), GRID, {"disparities": found.as_asked().ravel()})

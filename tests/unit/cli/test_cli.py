@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 
@@ -158,6 +158,23 @@ def test_capture_leaves_defaults_to_the_rig(daemon: type[StubClient], tmp_path: 
     assert main(["capture", "indirect"]) == 0
     wanted = CaptureRequest(goal="indirect")
     assert daemon.asked == [tmp_path / "pdcd.sock", (wanted, False, False), "closed"]
+
+
+@pytest.mark.parametrize(
+    ("line", "fields"),
+    [
+        ("keyed --disparity 3", {"disparity": (3, 3)}),
+        ("stereo --disparity -1 2", {"disparity": (-1, 2)}),
+        ("epipolar --keep out", {"keep": "out"}),
+        ("keyed --plane 1 0 0.1 0 1 0 0 0 1", {"plane": (1.0, 0.0, 0.1, 0, 1, 0, 0, 0, 1)}),
+    ],
+)
+def test_depths_can_be_typed(
+    daemon: type[StubClient], tmp_path: Path, line: str, fields: dict[str, Any]
+) -> None:
+    assert main(["capture", *line.split()]) == 0
+    wanted = CaptureRequest(goal=line.split()[0], **fields)  # type: ignore[arg-type]
+    assert daemon.asked[1] == (wanted, False, False)
 
 
 def test_files_are_opened_here_and_never_named_to_the_daemon(
@@ -344,6 +361,8 @@ def test_no_daemon_exits_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         ("--white-patch 0.5 1.01", "white_patch[1]: expected float <= 1.0"),
         ("--white-patch nan 0", "white_patch[0]: expected float"),
         ("--exposure 0", "exposure_s: expected float > 0.0"),
+        ("--disparity 1 2 3", "disparity: expected array of length 2"),
+        ("--disparity 70000", "disparity[0]: expected int <= 65536"),
         ("--exposure inf", "exposure_s: expected float <= 3600.0"),
         ("--seed -1", "seed: expected int >= 0"),
         ("--local --detach", "--local goes without --detach"),

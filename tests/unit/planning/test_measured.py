@@ -93,7 +93,7 @@ def test_a_plan_says_why() -> None:
     cells, window, schedule, black = plan.summary().reasons
     assert black.startswith("black exposures: decided after a look at one dark photo")
     assert "16 projector pixels" in cells and "0.06 px" in cells and "0.4 px" in cells
-    assert window.startswith("window side-3/4: ") and "leaks" in window
+    assert window.startswith("window quarter: ") and "leaks" in window
     assert schedule.startswith("schedule full: the mask follows by 3 to 3 ms")
     asked = CaptureRequest(goal="white", black_level="none")
     assert make_plan(asked, Config(), (48, 64)).summary().reasons == ()

@@ -11,7 +11,8 @@ import pytest
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import CameraConfig, Config, ScheduleConfig
 from pdcd.errors import RequestError
-from pdcd.planning.unasked import asks_for_camera, readout_s, settled
+from pdcd.planning.choose import wants_choice
+from pdcd.planning.unasked import Settled, asks_for_camera, readout_s, settled
 from pdcd.request import CaptureRequest
 
 GRID = (48, 64)
@@ -23,12 +24,17 @@ def camera(seconds: float | None = 0.0) -> CameraInfo:
     return CameraInfo("", "", "modern", np.ones(3), (100,), (), readout_s=seconds)
 
 
+def settled_of(config: Config | None = None, file_s: float | None = 0.0, **fields: Any) -> Settled:
+    request = CaptureRequest(**{"goal": "indirect", **fields})
+    return settled(request, config or Config(), GRID, camera(file_s))
+
+
 def parts_of(
     config: Config | None = None, file_s: float | None = 0.0, **fields: Any
 ) -> tuple[Any, str]:
-    request = CaptureRequest(**{"goal": "indirect", **fields})
-    found, reasons = settled(request, config or Config(), GRID, camera(file_s))
-    return found.parts, " ".join(reasons)
+    """Parts alone: those that `parts="auto"` comes to."""
+    found = settled_of(config, file_s, **{"parts": "auto", **fields})
+    return found.request.parts, " ".join(found.reasons)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +56,8 @@ def test_a_longer_exposure_bears_more_files() -> None:
 
 
 @pytest.mark.parametrize(
-    ("codes", "parts"), [(128, 8), (256, 8), (64, 4), (96, 4), (32, 1), (8, 1), (112, 4), (100, 1)]
+    ("codes", "parts"),
+    [(128, 8), (256, 8), (64, 4), (96, 6), (32, 1), (8, 1), (112, 7), (120, 6), (100, 5), (124, 1)],
 )
 def test_each_part_has_enough_codes_of_a_kind_that_there_is(codes: int, parts: int) -> None:
     config = Config(schedule=ScheduleConfig(codes=codes))
@@ -85,7 +92,9 @@ def test_without_noise_one_exposure_is_best() -> None:
 def test_who_says_how_codes_are_spent_gets_one_exposure(named: dict[str, Any]) -> None:
     request = CaptureRequest(**{"goal": "indirect", **named})
     assert not asks_for_camera(request)
-    assert parts_of(**named) == (1, "")
+    found = settled_of(**named)
+    assert (found.request.parts, found.reasons, found.otherwise) == (1, (), None)
+    assert found.request.pilot == named.get("pilot", 0)
 
 
 @pytest.mark.parametrize(
@@ -93,14 +102,20 @@ def test_who_says_how_codes_are_spent_gets_one_exposure(named: dict[str, Any]) -
 )
 def test_what_says_nothing_of_codes_leaves_parts_open(named: dict[str, Any]) -> None:
     assert asks_for_camera(CaptureRequest(**{"goal": "direct", **named}))
-    assert parts_of(**named)[0] == 8
+    found = settled_of(**named)
+    assert (found.request.pilot, found.request.parts) == (16, 7)
 
 
 def test_parts_that_are_given_are_kept_and_auto_may_be_asked_for() -> None:
     assert parts_of(parts=3) == (3, "")
-    assert parts_of(parts="auto", codes=256)[0] == 8
-    with pytest.raises(RequestError, match="left to the program beside an error"):
-        parts_of(parts="auto", error=0.01)
+    assert parts_of(codes=256)[0] == 8
+    assert settled_of(parts="auto").request.pilot == 0
+    for named in ({"error": 0.01}, {"method": "nayar"}):
+        with pytest.raises(RequestError, match="left to the program beside an error"):
+            parts_of(**named)
+    with pytest.raises(RequestError, match="parts and error are both asked for"):
+        wants_choice(CaptureRequest(goal="indirect", parts="auto", error=0.01))
+    assert wants_choice(CaptureRequest(goal="indirect", pilot=0, error=0.01))
 
 
 def test_the_cost_of_a_file_is_typed_or_seen_or_assumed() -> None:
@@ -108,3 +123,48 @@ def test_the_cost_of_a_file_is_typed_or_seen_or_assumed() -> None:
     assert readout_s(Config(), camera(None)) == readout_s(Config(), None) == 3.0
     typed = msgspec.structs.replace(Config().camera, readout_s=0.2)
     assert readout_s(Config(camera=typed), camera(0.7)) == 0.2
+
+
+def test_a_plain_request_looks_for_mirrors_and_has_another_plan_where_there_are_none() -> None:
+    """Of 128 codes: 16 for a pilot and 7 parts of 16, or 4 for its first photos and 6 of 20."""
+    found = settled_of()
+    request, otherwise = found.request, found.otherwise
+    assert (request.codes, request.pilot, request.parts) == (128, 16, 7)
+    assert otherwise is not None
+    assert (otherwise.codes, otherwise.pilot, otherwise.parts) == (124, 4, 6)
+    assert "look for mirrors" in found.reasons[0] and "6 of 20" in found.reasons[1]
+
+
+def test_a_look_is_worth_as_much_time_as_the_codes_take() -> None:
+    """Four files of 1.44 s and 0.16 s each: 6.4 s. They are too slow for parts by then."""
+    found = settled_of(file_s=1.43)
+    assert (found.request.pilot, found.request.parts) == (16, 1)
+    assert found.otherwise is not None
+    assert (found.otherwise.codes, found.otherwise.parts) == (128, 1), "124 codes in one exposure"
+    found = settled_of(file_s=1.45)
+    assert (found.request.pilot, found.request.parts, found.otherwise) == (0, 1, None)
+    assert "a look with 4 photos would take 6.4 s" in found.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("schedule", "grid", "why"),
+    [
+        (ScheduleConfig(codes=48), GRID, "48 codes are too few"),
+        (ScheduleConfig(family="balanced"), GRID, "it guides hadamard codes"),
+        (ScheduleConfig(), (72, 96), "it maps at most 4096 cells and there are 6912"),
+    ],
+)
+def test_where_a_pilot_cannot_help_there_is_none(
+    schedule: ScheduleConfig, grid: tuple[int, int], why: str
+) -> None:
+    request = CaptureRequest(goal="indirect")
+    found = settled(request, Config(schedule=schedule), grid, camera(0.0))
+    assert found.request.pilot == 0 and found.otherwise is None
+    assert why in found.reasons[0] and found.reasons[1].startswith("parts: ")
+
+
+def test_a_pilot_may_be_left_to_the_program_beside_codes() -> None:
+    found = settled_of(pilot="auto", codes=256)
+    assert (found.request.codes, found.request.pilot, found.request.parts) == (256, 16, 1)
+    assert found.otherwise is not None
+    assert (found.otherwise.codes, found.otherwise.pilot, found.otherwise.parts) == (256, 4, 1)

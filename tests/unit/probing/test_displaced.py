@@ -17,8 +17,8 @@ from pdcd.request import CaptureRequest
 from pdcd.scene.displaced import Displaced
 from pdcd.scene.scene import Scene
 
-GRID = (2, 4)
-FINE = 20
+GRID = (3, 5)
+FINE = 40
 """Points along either axis of a cell; all edges lie between them."""
 
 
@@ -33,22 +33,16 @@ def by_points(
     for n in range(lattice.cells):
         if np.isnan(moved[n]).any():
             continue
-        for y in n // cols + inner:
-            for x in n % cols + inner:
-                seen = np.array([y, x]) + lattice.offset_cells + more
-                cell = np.floor(seen).astype(int)
-                if (cell < 0).any() or (cell >= lattice.shape).any():
-                    continue
-                if quarter and not ((seen - cell >= 0.25) & (seen - cell < 0.75)).all():
-                    continue
-                place = np.array([y, x]) + moved[n]
-                if (place < 0).any() or place[0] >= rows or place[1] >= cols:
-                    continue
-                behind = np.floor(place + more).astype(int)
-                found[n] += (
-                    mask[cell[0] * lattice.shape[1] + cell[1]]
-                    * light[behind[0] * lattice.shape[1] + behind[1]]
-                )
+        points = np.stack(np.meshgrid(n // cols + inner, n % cols + inner), axis=-1).reshape(-1, 2)
+        seen = points + lattice.offset_cells + more
+        cell = np.floor(seen).astype(int)
+        place = points + moved[n]
+        good = ((cell >= 0) & (cell < lattice.shape) & (place >= 0)).all(axis=1)
+        good &= (place[:, 0] < rows) & (place[:, 1] < cols)
+        if quarter:
+            good &= ((seen - cell >= 0.25) & (seen - cell < 0.75)).all(axis=1)
+        behind = np.floor(place + more).astype(int)[good] @ [lattice.shape[1], 1]
+        found[n] = np.sum(mask[cell[good] @ [lattice.shape[1], 1]] * light[behind])
     return found / FINE**2
 
 

@@ -1,0 +1,89 @@
+"""How far apart the borders of cells are that both panels draw, where their pixels do not meet.
+
+A pixel shows the cell in which its centre lies, so that the border of a cell follows the pixels of
+a panel. On panels whose pixels end where cells end, and on equal ones that lie on each other, both
+borders are the same. On all others, a mask that is turned or has another number of pixels, some
+light of a cell goes through the mask of the next one: as much as if the panels lay that far apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.frames.panels import PanelView
+from pdcd.maps.map import Map
+
+Floats = NDArray[np.float64]
+Grid = tuple[int, int]
+
+BORDERS = 48
+"""Borders that are looked at along either axis, evenly."""
+POINTS = 12
+"""Places along each of them."""
+ACROSS = 32
+"""Places across it at each of those."""
+GOLDEN = 0.6180339887498949
+"""Places along borders must not keep step with the pixels."""
+
+
+def drawn_apart_px(
+    projector: PanelView, mask: PanelView, grid: Grid, projector_px: tuple[int, int]
+) -> float:
+    """Largest distance from a border of cells, in projector pixels, at which both panels show
+    different cells.
+
+    projector, mask : as they are believed to lie. grid : rows and columns of cells. projector_px :
+    width and height.
+    """
+    size = np.array(projector_px, dtype=np.float64)
+    worst = 0.0
+    for axis in (0, 1):  # borders across x, then across y
+        points, off_px = _beside(axis, grid, size)
+        reach_px = float(np.hypot(*np.max([_half_px(v.map, size) for v in (projector, mask)], 0)))
+        places = points.copy()
+        places[:, axis] += off_px * 2.0 * reach_px / size[axis]
+        first, second = (_cells(view.map, places, grid) for view in (projector, mask))
+        shown = (first >= 0) & (second >= 0)
+        apart = shown & (first != second)
+        if apart.any():
+            worst = max(worst, float(np.abs(off_px[apart]).max()) * 2.0 * reach_px)
+    return worst
+
+
+def _beside(axis: int, grid: Grid, size: Floats) -> tuple[Floats, Floats]:
+    """Points (n, 2) of the field on the borders of cells along an axis, and how far beside them to
+    look, (n,), -1 to 1 and never 0."""
+    count = grid[1 - axis]
+    if count < 2:
+        return np.empty((0, 2)), np.empty(0)
+    chosen = np.unique(np.linspace(1, count - 1, min(BORDERS, count - 1)).round()) / count
+    along = (np.arange(chosen.size * POINTS) * GOLDEN) % 1.0
+    off = (np.arange(ACROSS) + 0.5) * 2.0 / ACROSS - 1.0
+    points = np.empty((chosen.size * POINTS, ACROSS, 2))
+    points[..., axis] = np.repeat(chosen, POINTS)[:, None]
+    points[..., 1 - axis] = along[:, None]
+    return points.reshape(-1, 2), np.tile(off, len(along))
+
+
+def _half_px(map_: Map, size: Floats) -> Floats:
+    """Half a pixel of a device along x and y of the field, in projector pixels, (2,): the most over
+    some pixels."""
+    width, height = map_.size_px
+    at = np.stack(np.meshgrid(np.linspace(0, width, 5), np.linspace(0, height, 5)), axis=-1)
+    at = at.reshape(-1, 2)
+    here = map_.to_field(at)
+    right, down = (map_.to_field(at + step) - here for step in ((1.0, 0.0), (0.0, 1.0)))
+    return np.asarray(0.5 * ((np.abs(right) + np.abs(down)) * size).max(axis=0))
+
+
+def _cells(map_: Map, points: Floats, grid: Grid) -> NDArray[np.int64]:
+    """The cell that a panel shows at points of the field, (n,); -1 where it shows none."""
+    width, height = map_.size_px
+    pixel = np.floor(map_.from_field(points))
+    with np.errstate(invalid="ignore"):
+        on = np.all((pixel >= 0.0) & (pixel < (width, height)), axis=1, keepdims=True)
+    centre = map_.to_field(np.where(on, pixel, 0.0) + 0.5)
+    cell = np.floor(centre * grid[::-1]).astype(np.int64)
+    shown = on[:, 0] & np.all((cell >= 0) & (cell < grid[::-1]), axis=1)
+    return np.where(shown, cell[:, 1] * grid[1] + cell[:, 0], -1)

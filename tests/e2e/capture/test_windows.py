@@ -1,0 +1,120 @@
+"""Windows larger than half a cell: as much light as the misregistration allows, evenly."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.errors import ConfigError
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.planning.make import make_plan
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.record import Manifest
+from tests import bench_rig
+
+GRID = (6, 8)
+CELL_PX = 128
+"""Projector pixels of a cell."""
+
+
+def take(
+    folder: Path,
+    *,
+    quads: int = 1,
+    transport: np.ndarray | None = None,
+    known_px: float = CELL_PX / 8 - 1.0,
+    **fields: Any,
+) -> tuple[np.ndarray, dict[str, Any], Manifest]:
+    """The indirect picture (h, w, 3), the summary and the manifest of a bench whose mask is an
+    eighth of a cell off."""
+    scene = bench_rig.matrix_scene(folder, GRID)
+    if transport is not None:
+        path = folder / "even.npz"
+        np.savez(path, transport=transport, grid=np.array(GRID))
+        scene = SceneConfig(kind="matrix", path=str(path))
+    config = bench_rig.config(
+        folder,
+        grid=GRID,
+        scene=scene,
+        camera=CameraConfig(noise="none", quads_per_cell=quads),
+        mask=PanelConfig(size_px=(1024, 768), offset_px=(CELL_PX / 8, -CELL_PX / 16)),
+        rig=RigConfig(misregistration_px=known_px),
+    )
+    engine = Engine.from_config(config)
+    engine.start()
+    asked = {"goal": "indirect", "codes": 64, "out": tempfile.mkdtemp(dir=folder), **fields}
+    result = bench_rig.capture(engine, msgspec.convert(asked, CaptureRequest))
+    engine.stop()
+    assert result.error is None and result.folder is not None, result.error
+    picture = cv2.imread(f"{result.folder}/linear/indirect.tif", cv2.IMREAD_UNCHANGED)
+    assert picture is not None
+    return picture, dict(result.summary), read_manifest(Path(result.folder))
+
+
+@pytest.mark.parametrize(("window", "leaks"), [("side-5/8", False), ("side-7/8", True)])
+def test_no_direct_light_gets_in_up_to_the_guard(window: str, leaks: bool, tmp_path: Path) -> None:
+    _, summary, manifest = take(tmp_path, window=window, known_px=0.0)
+    assert bool(manifest.realised["coded"]["diagonal_max"] > 0.0) is leaks
+    error = summary["rms_error"]
+    assert isinstance(error, float)
+    assert (error < 0.01) is not leaks
+
+
+def test_the_plan_tells_of_the_largest_window_that_fits(tmp_path: Path) -> None:
+    """Misregistration of just less than an eighth of a cell: 3/4 of its side may open."""
+    config = bench_rig.config(
+        tmp_path,
+        grid=GRID,
+        mask=PanelConfig(size_px=(1024, 768)),
+        rig=RigConfig(misregistration_px=CELL_PX / 8 - 1.0),
+    )
+    plans = {
+        window: make_plan(
+            msgspec.convert({"goal": "indirect", "window": window}, CaptureRequest), config, GRID
+        ).summary()
+        for window in ("auto", "side-3/4")
+    }  # fmt: skip
+    assert plans["auto"].window == "quarter"
+    told = [reason for reason in plans["auto"].reasons if "--window" in reason]
+    assert told == ["--window side-3/4 has 2.25 times the light, and fits how the panels meet"]
+    assert plans["side-3/4"].light_share / plans["auto"].light_share == pytest.approx(2.25)
+    coarse = bench_rig.config(
+        tmp_path, grid=GRID, mask=PanelConfig(size_px=(1000, 750)),
+        rig=RigConfig(misregistration_px=CELL_PX / 8 - 1.0),
+    )  # fmt: skip
+    asked = CaptureRequest(goal="indirect")
+    assert not any("--window" in text for text in make_plan(asked, coarse, GRID).reasons)
+
+
+def test_windows_that_end_amid_a_pixel_are_refused(tmp_path: Path) -> None:
+    """A pixel more or less in a window that overlaps others is light that nobody counts."""
+    asked = CaptureRequest(goal="indirect", window="side-3/4", codes=8)
+    config = bench_rig.config(tmp_path, mask=PanelConfig(size_px=(1600, 1200)))
+    with pytest.raises(ConfigError, match="do not lie on those of the mask's pixels"):
+        make_plan(asked, config, (48, 64))
+    assert make_plan(asked, config, (30, 40)).window == "side-3/4"  # cells of 40 pixels
+
+
+def test_places_that_open_more_often_than_others_leave_no_trace(tmp_path: Path) -> None:
+    """Windows overlap: places open 1, 2 or 4 times. Divided by that, an even scene is even."""
+    cells = GRID[0] * GRID[1]
+    even = 0.02 * np.ones((cells, cells)) + 0.5 * np.eye(cells)
+    quads = 8
+    picture, _, manifest = take(tmp_path, quads=quads, transport=even, window="side-3/4")
+    inner = picture[2 * quads : -2 * quads, 2 * quads : -2 * quads]
+    assert inner.shape == (2 * quads, 4 * quads, 3)
+    (raw,) = [shot.raw for shot in manifest.run.shots if shot.name == "coded"]
+    (folder,) = [path.parent.parent for path in tmp_path.rglob(Path(raw).name)]
+    photo = Darkroom(folder, manifest.run).decoded().shots["coded"].light
+    photo = photo[2 * quads : -2 * quads, 2 * quads : -2 * quads]
+    assert photo.std() > 0.3 * photo.mean()
+    assert inner.std() < 1e-3 * inner.mean()

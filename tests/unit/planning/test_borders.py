@@ -1,0 +1,75 @@
+"""Borders of cells that both panels draw, and the window that bears how far they are apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.bench.placed import panels_of
+from pdcd.bench.tables import Config, PanelConfig, RigConfig
+from pdcd.frames.windows import windows
+from pdcd.maps.placing import Placing
+from pdcd.planning.borders import drawn_apart_px
+from pdcd.planning.measured import window_for
+
+GRID = (24, 32)
+
+
+def config(projector: tuple[int, int], mask: tuple[int, int], **placed: Any) -> Config:
+    return Config(
+        rig=RigConfig(name="borders"),
+        projector=PanelConfig(size_px=projector),
+        mask=PanelConfig(size_px=mask, place=Placing(**placed)),
+    )
+
+
+def apart_px(rig: Config) -> float:
+    panels = panels_of(rig)
+    return drawn_apart_px(panels.projector, panels.mask, GRID, rig.projector.size_px)
+
+
+@pytest.mark.parametrize(
+    "rig",
+    [
+        config((512, 384), (800, 600)),
+        config((512, 384), (800, 600), flip="horizontal"),
+        config((512, 384), (800, 600), turn_deg=180.0),
+        config((500, 375), (500, 375)),  # cells that end within a pixel, of equal panels
+    ],
+)
+def test_panels_whose_pixels_meet_take_whole_cells(rig: Config) -> None:
+    assert apart_px(rig) == 0.0
+    assert window_for("auto", rig, GRID) == "whole"
+
+
+@pytest.mark.parametrize(
+    "rig",
+    [
+        config((512, 384), (800, 600), turn_deg=2.0, scale=1.05),
+        config((512, 384), (500, 375)),
+        config((512, 384), (801, 600)),
+        config((512, 384), (800, 600), offset_px=(0.4, 0.0)),
+        config((512, 384), (400, 300), turn_deg=31.0, scale=1.4),
+    ],
+)
+def test_all_others_take_quarter_windows_which_bear_what_is_drawn(rig: Config) -> None:
+    """Looked at in another way: at many places of the field by chance, both panels' pixels. Where
+    they show different cells no window of the mask may be open under another cell's light."""
+    found = windows(window_for("auto", rig, GRID))
+    assert found.name == "quarter"
+    rng = np.random.Generator(np.random.PCG64(5))
+    points = rng.uniform(0.0, 1.0, (200_000, 2))
+    panels = panels_of(rig)
+    centres = []
+    for view in (panels.projector, panels.mask):
+        pixel = np.floor(view.map.from_field(points))
+        on = np.all((pixel >= 0) & (pixel < view.size_px), axis=1, keepdims=True)
+        centres.append(np.where(on, view.map.to_field(pixel + 0.5), np.nan))
+    lit, opened = (centre * GRID[::-1] for centre in centres)
+    both = np.isfinite(lit + opened).all(axis=1)
+    differ = both & (np.floor(lit) != np.floor(opened)).any(axis=1)
+    assert differ.any()
+    within = np.abs(opened % 1.0 - 0.5).max(axis=1) <= 0.5 - found.guard  # the window of its cell
+    assert not (differ & within).any()
