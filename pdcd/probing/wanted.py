@@ -29,7 +29,7 @@ class Part(Protocol):
     """One part P of a wanted matrix. All but `Full` answer in O(N) for each image."""
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Gained start..stop-1, (stop - start, N)."""
+        """Rows start..stop-1, (stop - start, N)."""
         ...
 
     def others(self, images: Floats) -> Floats:
@@ -57,7 +57,7 @@ class Outer:
     projector: Floats
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Gained start..stop-1."""
+        """Rows start..stop-1."""
         return np.outer(self.camera[start:stop], self.projector)
 
     def others(self, images: Floats) -> Floats:
@@ -93,7 +93,7 @@ class Match:
     partner: Indices
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Gained start..stop-1."""
+        """Rows start..stop-1."""
         out = np.zeros((stop - start, self.partner.size))
         some = self.partner[start:stop]
         there = np.flatnonzero(some >= 0)
@@ -133,7 +133,7 @@ class Near:
     radius: int
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Gained start..stop-1."""
+        """Rows start..stop-1."""
         r, c = np.divmod(np.arange(self.grid[0] * self.grid[1]), self.grid[1])
         down = np.abs(r[start:stop, None] - r[None, :])
         right = np.abs(c[start:stop, None] - c[None, :])
@@ -170,7 +170,7 @@ class Gained:
     part: Part
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Gained start..stop-1."""
+        """Rows start..stop-1."""
         return np.asarray(self.camera[start:stop, None] * self.part.rows(start, stop))
 
     def others(self, images: Floats) -> Floats:
@@ -192,13 +192,42 @@ class Gained:
 
 
 @dataclass(frozen=True, eq=False)
+class Lit:
+    """Another part with each column times the light of its projector cell (N,)."""
+
+    part: Part
+    projector: Floats
+
+    def rows(self, start: int, stop: int) -> Floats:
+        """Rows start..stop-1."""
+        return np.asarray(self.part.rows(start, stop) * self.projector)
+
+    def others(self, images: Floats) -> Floats:
+        """See `Part.others`."""
+        return self.part.others(images * self.projector)
+
+    def entries(self, column: Indices) -> Floats:
+        """See `Part.entries`."""
+        return np.asarray(self.part.entries(column) * self.projector[column])
+
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """See `Part.overlap`."""
+        return self.part.overlap(other, weights * self.projector)
+
+    def product(self) -> tuple[Floats, Floats] | None:
+        """See `Part.product`."""
+        sides = self.part.product()
+        return None if sides is None else (sides[0], sides[1] * self.projector)
+
+
+@dataclass(frozen=True, eq=False)
 class Full:
     """Any matrix, (N, N): everything about it is O(N^2)."""
 
     matrix: Floats
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Gained start..stop-1."""
+        """Rows start..stop-1."""
         return self.matrix[start:stop]
 
     def others(self, images: Floats) -> Floats:
@@ -243,7 +272,7 @@ class Wanted:
         return self.grid[0] * self.grid[1]
 
     def rows(self, start: int, stop: int) -> Floats:
-        """Gained start..stop-1, (stop - start, N) float64."""
+        """Rows start..stop-1, (stop - start, N) float64."""
         total = np.zeros((stop - start, self.cells))
         for weight, part in self.parts:
             total += weight * part.rows(start, stop)

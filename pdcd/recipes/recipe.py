@@ -11,12 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pdcd.errors import RequestError
-from pdcd.probing.wanted import Wanted
+from pdcd.probing.wanted import Lit, Part, Wanted
 from pdcd.recipes.alternatives import Fitted, Masked
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Program
 
+Floats = NDArray[np.float64]
 Combination = tuple[tuple[float, str], ...]
 """(coefficient, name) pairs."""
 
@@ -127,9 +131,23 @@ class Recipe:
         if isinstance(self.answer, Extremes):
             raise RequestError(f"goal {self.target.goal.name} is no sum of photos")
         photos = {photo.name: photo.wanted for photo in self.photos}
+        light = self.target.light
+        alike = all(_same(photos[name].light, light) for _, name in self.answer)
         parts = [
-            (coefficient * weight, part)
+            (coefficient * weight, part if alike else _under(part, photos[name].light))
             for coefficient, name in self.answer
             for weight, part in photos[name].parts
         ]
-        return Wanted(self.target.grid, tuple(parts), self.target.light)
+        return Wanted(self.target.grid, tuple(parts), light if alike else None)
+
+
+def _same(light: Floats | None, other: Floats | None) -> bool:
+    """Whether two illuminations are the same; None is full light."""
+    if light is None or other is None:
+        return light is other
+    return np.array_equal(light, other)
+
+
+def _under(part: Part, light: Floats | None) -> Part:
+    """A part of a photo that has a light of its own."""
+    return part if light is None else Lit(part, light)

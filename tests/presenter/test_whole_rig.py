@@ -19,7 +19,7 @@ from pdcd.sensor.raw import read_raw
 from tests import bench_rig, oracles, whole_rig, x11_rig
 from tests.xserver import XServer
 
-REQUEST = CaptureRequest(goal="indirect", codes=12, window="whole", white=False)
+REQUEST = CaptureRequest(goal="indirect", codes=12, window="whole", white=False, black_level="none")
 PRIMAL, DUAL = Panel(rise_s=0.001, fall_s=0.002), Panel(rise_s=0.003, fall_s=0.005, leak=1 / 400)
 
 

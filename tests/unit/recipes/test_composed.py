@@ -141,6 +141,30 @@ def test_matrices_of_low_rank_are_exact(rank: int) -> None:
     assert len(recipe.shots) <= (1 if rank < 9 else 2)
 
 
+@pytest.mark.parametrize("lit", [None, "half"])
+@pytest.mark.parametrize("rank", [1, 3])
+def test_what_is_wanted_in_all_is_the_matrix_whatever_light_its_photos_have(
+    rank: int, lit: str | None
+) -> None:
+    """Errors are told against it: photos of a light of their own must not lose that."""
+    rng = np.random.default_rng(40 + rank)
+    pi = rng.random((rank, N)).T @ rng.random((rank, N))
+    if rank == 3:
+        pi[np.arange(N), WARP] += 1.0
+    light = None if lit is None else 0.25 + 0.5 * rng.random(N)
+    arrays = {"matrix": pi} if light is None else {"matrix": pi, "illumination": light}
+    wanted = dense_recipe.target(GRID, "relit", arrays)
+    recipe = recipe_of(wanted, How(structure=True))
+    expected = pi if light is None else pi * light
+    np.testing.assert_allclose(recipe.wanted.dense(), expected, atol=1e-5 * expected.max())
+    image = np.arange(1.0, N + 1.0, dtype=np.float64)
+    others = (expected - np.diag(expected.diagonal())) @ image
+    found = recipe.wanted.others(image[None])[0]
+    np.testing.assert_allclose(found, others, rtol=1e-4)
+    squares = np.sum(expected**2, axis=1) - expected.diagonal() ** 2
+    np.testing.assert_allclose(recipe.wanted.squares(), squares, rtol=1e-4)
+
+
 def test_sums_of_everything_are_better_than_signed_codes_and_say_what_they_are() -> None:
     rng = np.random.default_rng(8)
     pi = rng.random((N, 2)) @ rng.random((2, N)) - 0.5 * matrix(lambda n, m: WARP[n] == m)
