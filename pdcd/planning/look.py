@@ -46,10 +46,13 @@ class Settled:
 
 
 def settled(request: CaptureRequest, config: Config) -> Settled:
-    """Black exposures of a request; "auto" begins without any, and looks."""
+    """Black exposures of a request; "auto" begins without any, and looks. Entries of the transport
+    matrix have an unknown of their own for what comes whatever is shown."""
     asked = request.black_level or config.schedule.black_level
     if asked != "auto":
         return Settled(asked, None)
+    if request.goal == "transport":
+        return Settled("none", None)
     wanted = request.error or request.until_error or LIMIT
     return Settled("none", Look(wanted, may_add=request.seconds is None))
 
