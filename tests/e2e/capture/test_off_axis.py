@@ -99,6 +99,7 @@ def test_k5_the_rigs_plane_keys_a_wall_that_is_elsewhere(tmp_path: Path) -> None
     assert decode_folder(folder).identical
 
 
+@pytest.mark.long
 def test_stereo_and_epipolar_through_the_chain(tmp_path: Path) -> None:
     engine = engine_of(tmp_path, "off-axis-shelf", {})
     scene = bench_rig.bench_of(engine).scene
@@ -125,6 +126,7 @@ def test_stereo_and_epipolar_through_the_chain(tmp_path: Path) -> None:
     assert decode_folder(folder).identical
 
 
+@pytest.mark.long
 def test_error_bars_of_parts_cover_off_axis_goals(tmp_path: Path) -> None:
     engine = engine_of(tmp_path, "off-axis-box", {}, camera=CameraConfig(noise="full"))
     goals: tuple[dict[str, Any], ...] = (

@@ -131,6 +131,7 @@ def test_a_plain_capture_looks_and_measures_its_error(
     assert decode_folder(Path(str(result.folder))).identical
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["corner", "mirror"])
 def test_one_exposure_after_a_look_has_a_sigma_that_fits(name: str, tmp_path: Path) -> None:
     """A file of 1 s is too much for parts, not for four photos that tell how sharp light is."""
@@ -171,6 +172,7 @@ def test_the_photo_is_the_sum_of_its_parts(tmp_path: Path) -> None:
     assert {raw.split("-")[2] for raw in apertures} == {"1"}, "all parts have one aperture"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "fields",
     [
@@ -191,6 +193,7 @@ def test_other_goals_and_ways_take_parts(fields: dict[str, Any], tmp_path: Path)
     assert 0.7 * error < sigma < 1.6 * error
 
 
+@pytest.mark.long
 def test_an_easy_scene_stops_early_and_a_hard_one_takes_all_parts(tmp_path: Path) -> None:
     taken = {}
     for name in (EASY, HARD):

@@ -134,14 +134,18 @@ def read_shots(result: CaptureResult) -> tuple[ShotRecord, ...]:
 
 @pytest.mark.long
 def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
-    """A pilot guides the codes that are lit half of the time; the others stay as they are."""
+    """A pilot guides the codes that are lit half of the time; the others stay as they are. Which
+    codes it leaves is luck: one seed alone says 0.94 to 1.24."""
     errors = []
     for pilot in (0, 64):
-        request = CaptureRequest(goal="short-range", radius=1, codes=576, pilot=pilot)
-        result = run(tmp_path / str(pilot), request)
-        assert result.state == "done", result.error
-        errors.append(float(str(result.summary["rms_error"])))
-    assert errors[1] < 1.2 * errors[0]
+        for seed in range(3):
+            request = CaptureRequest(
+                goal="short-range", radius=1, codes=576, pilot=pilot, seed=seed
+            )
+            result = run(tmp_path / f"{pilot}-{seed}", request)
+            assert result.state == "done", result.error
+            errors.append(float(str(result.summary["rms_error"])))
+    assert sum(errors[3:]) < 1.2 * sum(errors[:3])
 
 
 @pytest.mark.long
