@@ -111,6 +111,14 @@ class Lattice:
         """Code cells, L."""
         return self.shape[0] * self.shape[1]
 
+    @cached_property
+    def continued(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Of each code cell the nearest scene cell, and how far down and right of that it lies, all
+        (L,): what is known of the grid goes on over its far edges."""
+        (rows, cols), (r, c) = self.grid, np.divmod(np.arange(self.lattice_cells), self.shape[1])
+        inner_r, inner_c = np.minimum(r, rows - 1), np.minimum(c, cols - 1)
+        return inner_r * cols + inner_c, r - inner_r, c - inner_c
+
     def primal_field_values(self, pattern: Floats, shift: int) -> Floats:
         """What a pattern (L,) shown under a sub-shift puts on the primal fields, (fields, N)."""
         if self.fields == 1:

@@ -26,16 +26,20 @@ def grey_reasons(pairs: Iterable[Pair], config: Config) -> Iterator[str]:
             yield f"grey levels of the {name}: 8 bits, by a table of {len(panel.lut)} lights"
         elif panel.gamma is not None:
             yield f"grey levels of the {name}: 8 bits, gamma {panel.gamma:g}"
-        elif not as_described(config):
+        elif _unsaid(panel, config):
             yield unknown(name)
 
 
 def grey_warnings(plan: Plan, config: Config) -> Iterator[str]:
     """What the user of a finished run must know of its grey levels."""
     for name in grey_panels(plan.patterns.values()):
-        panel: PanelConfig = getattr(config, name)
-        if panel.gamma is None and panel.lut is None and not as_described(config):
+        if _unsaid(getattr(config, name), config):
             yield unknown(name)
+
+
+def _unsaid(panel: PanelConfig, config: Config) -> bool:
+    """Whether nobody said what light a panel's grey levels give, and it may be anything."""
+    return panel.gamma is None and panel.lut is None and not as_described(config)
 
 
 def as_described(config: Config) -> bool:

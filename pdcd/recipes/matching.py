@@ -94,11 +94,8 @@ def matches(place: Indices, disparity: int, shape: Grid) -> Indices:
 
 def on_lattice(place: Indices, lattice: Lattice) -> Indices:
     """Places of all code cells, (L, 2): those of the grid, continued over its far edges."""
-    rows, cols = lattice.grid
-    r, c = np.divmod(np.arange(lattice.lattice_cells), lattice.shape[1])
-    inner_r, inner_c = np.minimum(r, rows - 1), np.minimum(c, cols - 1)
-    found = place[inner_r * cols + inner_c]
-    return np.asarray(found + np.stack([r - inner_r, c - inner_c], axis=1))
+    inner, down, right = lattice.continued
+    return np.asarray(place[inner] + np.stack([down, right], axis=1))
 
 
 def _cell(place: Floats) -> Indices:

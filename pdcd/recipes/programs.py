@@ -80,11 +80,10 @@ class Coded:
 
 
 @dataclass(frozen=True, eq=False)
-class Under:
-    """Another program with the projector's levels times `light` (N,), 0..1."""
+class _Around:
+    """Another program, of which one panel is changed."""
 
     program: Program
-    light: Floats
 
     @property
     def coded(self) -> bool:
@@ -95,6 +94,13 @@ class Under:
     def p(self) -> float:
         """As the program."""
         return self.program.p
+
+
+@dataclass(frozen=True, eq=False)
+class Under(_Around):
+    """Another program with the projector's levels times `light` (N,), 0..1."""
+
+    light: Floats
 
     def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
         """As many pairs as the program makes."""
@@ -103,21 +109,10 @@ class Under:
 
 
 @dataclass(frozen=True, eq=False)
-class Behind:
+class Behind(_Around):
     """Another program with the mask's levels times `gain` (N,), 0..1."""
 
-    program: Program
     gain: Floats
-
-    @property
-    def coded(self) -> bool:
-        """As the program."""
-        return self.program.coded
-
-    @property
-    def p(self) -> float:
-        """As the program."""
-        return self.program.p
 
     def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
         """As many pairs as the program makes."""
@@ -253,22 +248,16 @@ def on_lattice(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> I
         return np.arange(lattice.lattice_cells)
     if isinstance(partner, tuple):
         return shifted(shape, partner)
-    rows, cols = lattice.grid
-    r, c = np.divmod(np.arange(lattice.lattice_cells), shape[1])
-    inner_r, inner_c = np.minimum(r, rows - 1), np.minimum(c, cols - 1)
-    target = partner[inner_r * cols + inner_c]
-    tr, tc = target // cols + r - inner_r, target % cols + c - inner_c
+    inner, down, right = lattice.continued
+    target, cols = partner[inner], lattice.grid[1]
+    tr, tc = target // cols + down, target % cols + right
     inside = (target >= 0) & (tr < shape[0]) & (tc < shape[1])
     return np.where(inside, tr * shape[1] + tc, -1)
 
 
 def extended(values: Floats, lattice: Lattice) -> Floats:
     """Values over the grid (..., N) -> over the lattice (..., L), continued at the far edges."""
-    rows, cols = lattice.grid
-    more = [(0, lattice.shape[0] - rows), (0, lattice.shape[1] - cols)]
-    full = values.reshape(*values.shape[:-1], rows, cols)
-    widths = [(0, 0)] * (full.ndim - 2) + more
-    return np.pad(full, widths, mode="edge").reshape(*values.shape[:-1], -1)
+    return values[..., lattice.continued[0]]
 
 
 def _halves(bits: Bools, mask: Floats, positive: bool) -> Pairs:
