@@ -121,6 +121,8 @@ THINGS: Mapping[str, Thing] = {
     # Cameras: the library that talks to USB, and the program that the drivers are compared with.
     "libusb": Library("libusb", "libusb-1.0-0", "libusb-1.0.so.0"),
     "gphoto2": _versioned("gphoto2", "gphoto2", r"^gphoto2 +\d"),
+    # Pages are looked at in it.
+    "chromium": _versioned("chromium", "chromium", r"^Chromium \d"),
     # The daemon as a service, and a shell that talks to it.
     "systemd-analyze": _systemd("systemd-analyze"),
     "systemd-sysusers": _systemd("systemd-sysusers"),
