@@ -18,7 +18,7 @@ from pdcd.request import CalibrateRequest, CaptureRequest
 from pdcd.server.aside import aside
 from pdcd.server.messages import MAX_LINE, JobParams, NoParams
 from pdcd.web.asks import ENGINE_S, WAIT_S, Asks
-from pdcd.web.door import ENTER, Asked, Door, Refused
+from pdcd.web.door import ENTER, REPORT, Asked, Door, Refused
 from pdcd.web.guard import REQUEST_S, Guards
 from pdcd.web.news import News, TooMany
 from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, page_files
@@ -90,7 +90,7 @@ class Site:
         app.router.add_get(f"{room}/runs", self._runs)
         app.router.add_get(f"{room}/run/{{job}}", self._run)
         app.router.add_get(f"{room}/picture/{{job}}/{{name}}/{{look:[0-9]+}}", self._picture)
-        app.router.add_get(f"{room}/report/{{job}}", self._report)
+        app.router.add_get(f"{room}/report/{{job}}", self._to_report)
         for name in WANTS:
             app.router.add_post(f"{room}/{name}", self._post)
         app.router.add_get(f"{room}/{{name}}", self._file)
@@ -132,7 +132,7 @@ class Site:
         return _error(status, "refused", why)
 
     async def _let_in(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        headers = [(name.decode(), value.decode(errors="replace"))
+        headers = [(name.decode("latin-1"), value.decode(errors="replace"))
                    for name, value in request.raw_headers]  # fmt: skip
         asked = Asked.of(request.method, request.raw_path, headers)
         self._door.look(asked)
@@ -141,10 +141,15 @@ class Site:
             return web.Response(
                 status=303, headers={"Location": f"{self._door.room}/", "Set-Cookie": cookie}
             )
+        if asked.path.startswith(REPORT):
+            return await self._report(self._door.job_of(asked), request)
         self._door.check(asked)
-        if self.guards is not None:
-            self.guards.known(request.transport, REQUEST_S)
+        self._known(request, REQUEST_S)
         return await handler(request)
+
+    def _known(self, request: web.Request, seconds: float | None) -> None:
+        if self.guards is not None:
+            self.guards.known(request.transport, seconds)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         found = self._files.get(request.match_info.get("name", INDEX))
@@ -159,8 +164,7 @@ class Site:
             response = web.StreamResponse(headers={**ALWAYS, "Content-Security-Policy": OURS})
             response.content_type = "text/event-stream"
             response.force_close()
-            if self.guards is not None:
-                self.guards.known(request.transport, None)
+            self._known(request, None)
             try:
                 await response.prepare(request)
                 await _written(response, first)
@@ -191,8 +195,15 @@ class Site:
         data = await self._read(self._shelf.picture, job, name)
         return web.Response(body=data, content_type="image/png")
 
-    async def _report(self, request: web.Request) -> web.StreamResponse:
-        data = await self._read(self._shelf.report, request.match_info["job"])
+    async def _to_report(self, request: web.Request) -> web.StreamResponse:
+        job = request.match_info["job"]
+        await self._read(self._shelf.run, job)
+        return web.Response(status=303, headers={"Location": self._door.ticket(job)})
+
+    async def _report(self, job: str, request: web.Request) -> web.StreamResponse:
+        """The page of a run, for who has a ticket to it."""
+        self._known(request, REQUEST_S)
+        data = await self._read(self._shelf.report, job)
         return web.Response(
             body=data,
             content_type="text/html",
@@ -211,8 +222,7 @@ class Site:
             asked = msgspec.json.decode(body, type=wants.params)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as err:
             raise Refused(400, f"the body is not what it should be: {err}") from err
-        if self.guards is not None:
-            self.guards.known(request.transport, LONG_S)
+        self._known(request, LONG_S)
         if isinstance(asked, JobParams) and name == "cancel":
             return _json(await self._asks.cancel(asked.job))
         params = msgspec.to_builtins(asked)

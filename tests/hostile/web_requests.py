@@ -114,10 +114,9 @@ class _Maker:
         return self.head(method, f"/enter/{token}", skip=("cookie",)) + b"{}" * (method == "POST")
 
     def other_room(self) -> bytes:
-        path = self.random.choice(
-            ["/", "/main.js", "/capture", f"/{self.text()}/", self.inside.room]
-        )
-        return self.head("GET", path)
+        ticket = f"/report/{self.random.choice(['', JOB, self.text(), self.inside.token])}"
+        paths = ["/", "/main.js", "/capture", f"/{self.text()}/", self.inside.room, ticket]
+        return self.head("GET", self.random.choice(paths))
 
     # Pages of others, in the browser that has the key.
 

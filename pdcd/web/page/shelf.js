@@ -51,7 +51,7 @@ export async function listRuns(onShow) {
       button.addEventListener("click", () => onShow(run.job));
       const last = el("td", {}, button);
       if (run.report) {
-        last.append(el("a", { href: `report/${run.job}`, target: "_blank", rel: "noopener" }, "report"));
+        last.append(el("a", { href: `report/${run.job}`, target: "_blank", rel: "noopener noreferrer" }, "report"));
       }
       const time = run.started_utc?.slice(0, 19).replace("T", " ") ?? run.job;
       return el(

@@ -13,7 +13,7 @@ from pdcd.web import guard
 from pdcd.web.door import ENTER
 from pdcd.web.serve import bound, serving
 from tests.e2e.server._server_harness import nothing_left
-from tests.hostile.web_trial import exchanged, sent, trial
+from tests.hostile.web_trial import exchanged, parted, sent, trial
 
 
 @pytest.fixture(autouse=True)
@@ -79,7 +79,7 @@ def test_who_says_nothing_or_comes_in_crowds_has_little_time(
             answer = await sent(host, port, b"GET / HTTP/1.1\r\nhost: x\r\n\r\n")
             assert answer.startswith(b"HTTP/1.1 403")
             for writer in (page, fifth[1], *(one for _, one in slow)):
-                writer.close()
+                await parted(writer)
 
     asyncio.run(scenario())
 
