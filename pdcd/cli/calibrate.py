@@ -11,9 +11,10 @@ from collections.abc import Callable
 from types import FrameType
 from typing import get_args
 
+from pdcd.api.signals import signals_to
 from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
-from pdcd.cli.capture import daemon_socket, signals_to
+from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import progress, say, say_compared, say_notes, say_result, say_table, tell
 from pdcd.client import Client, OnEvent

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 
-from pdcd import __version__
 from pdcd.bench.config import find, load, read, schema, show
 from pdcd.bench.measured import calibrated
 from pdcd.bench.origins import age_words, origins
@@ -16,6 +15,7 @@ from pdcd.cli.output import progress, say, say_compared, say_json, say_table
 from pdcd.errors import ConfigError
 from pdcd.pictures.watch import Watch
 from pdcd.runs.events import Decoded
+from pdcd.version import __version__
 
 
 def drivers(args: argparse.Namespace) -> int:
