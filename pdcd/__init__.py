@@ -22,15 +22,17 @@ from pdcd.version import __version__
 if TYPE_CHECKING:
     from pdcd import errors
     from pdcd.api.bench import Bench
+    from pdcd.api.connected import connect
     from pdcd.api.local import local
     from pdcd.api.run import Run
     from pdcd.api.run import open_run as open
 
-__all__ = ["Bench", "Run", "__version__", "errors", "local", "open"]
+__all__ = ["Bench", "Run", "__version__", "connect", "errors", "local", "open"]
 
 _HOMES = {
     "Bench": ("pdcd.api.bench", "Bench"),
     "Run": ("pdcd.api.run", "Run"),
+    "connect": ("pdcd.api.connected", "connect"),
     "errors": ("pdcd.errors", None),
     "local": ("pdcd.api.local", "local"),
     "open": ("pdcd.api.run", "open_run"),

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Self, Unpack
 
 from pdcd.api.arguments import Arguments, asked
-from pdcd.api.progress import Shown, shown
+from pdcd.api.progress import OnEvent, Shown, shown
 from pdcd.api.run import Run, open_run
 from pdcd.errors import of_kind
 from pdcd.inputs.sending import Sendable
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
-from pdcd.runs.events import Event
 
 if TYPE_CHECKING:
     from pdcd.words import GoalName
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
 Arrays = Mapping[str, Sendable]
 """Arrays of a request by field."""
 NONE: Arrays = MappingProxyType({})
-
-OnEvent = Callable[[Event], None]
-"""Takes one event, a struct of `pdcd.runs.events`."""
 
 
 class Bench(ABC):

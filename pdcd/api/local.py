@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from pdcd.api.arguments import plain
-from pdcd.api.bench import NONE, Arrays, Bench, OnEvent
+from pdcd.api.bench import NONE, Arrays, Bench
+from pdcd.api.progress import OnEvent
 from pdcd.api.signals import held_back
 from pdcd.bench.config import from_table, load
 from pdcd.bench.reading import sized, text_table

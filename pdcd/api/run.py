@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.api.progress import Shown, shown
 from pdcd.errors import DecodeError
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import Patterns, fit, levels_of
@@ -24,8 +25,10 @@ from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.patterns import read_patterns, stored_arrays
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import Check
+from pdcd.words import NormaliseName
 
 if TYPE_CHECKING:
+    from pdcd.api.decoding import Decoding
     from pdcd.pictures.row import MatrixRow
 
 Floats = NDArray[np.float64]
@@ -176,6 +179,39 @@ class Run:
 
         return matrix_row(self.folder, (row, column), photo)
 
+    def decode(
+        self,
+        *,
+        smooth: bool | None = None,
+        normalise: NormaliseName | None = None,
+        parts: int | None = None,
+        progress: Shown = True,
+    ) -> Decoding:
+        """Make the pictures again from the RAW files, by other options; nothing is written.
+
+        Parameters
+        ----------
+        smooth, normalise : as of a capture; None: as the run had it.
+        parts : use the first so many of its parts only.
+        progress : as of a capture.
+
+        Raises RequestError for a number of parts that the run does not have.
+        """
+        from pdcd.api.decoding import decode
+
+        for name in (CODES, FRAMES):
+            if name in self.manifest.files:
+                self.checked(name)
+        with shown(progress) as on_event:
+            return decode(
+                self.folder,
+                self.manifest.run,
+                smooth=smooth,
+                normalise=normalise,
+                parts=parts,
+                on_event=on_event,
+            )
+
     def checked(self, name: str) -> Path:
         """Path of one file of the run, which is as the manifest says. Raises DecodeError."""
         if name not in self._sound:
@@ -195,6 +231,11 @@ class Run:
         told = [f"{self.summary['codes']} codes"] if self.summary.get("codes") else []
         told += [self.quality.verdict] if self.quality is not None else []
         return f"<Run {self.job}: {self.goal}, {', '.join(told)}>"
+
+    def _repr_html_(self) -> str:
+        from pdcd.api.html import run_html
+
+        return run_html(self)
 
     @cached_property
     def _probe(self) -> dict[str, NDArray[Any]]:

@@ -12,11 +12,12 @@ from types import FrameType
 import msgspec
 
 from pdcd.api.local import local
+from pdcd.api.progress import bar
 from pdcd.api.signals import signals_to
 from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import percent, progress, say_json, say_result, say_table
+from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
 from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary
@@ -57,13 +58,13 @@ def take(
 ) -> CaptureResult:
     """Take a photo in this process or over the socket, as `args` say, with progress shown."""
     if args.local:
-        with progress("planning") as on_event:
+        with bar("planning") as on_event:
             return _capture_here(args.config, request, files, on_event)
     path = daemon_socket(args)
     # A terminated command must end its job in good order, as an interrupted one does.
     with (
         signals_to(signal.default_int_handler),
-        progress() as on_event,
+        bar() as on_event,
         Client(path) as client,
     ):
         return client.capture(request, arrays=files, detach=detach, queue=queue, on_event=on_event)
@@ -71,7 +72,7 @@ def take(
 
 def wait(args: argparse.Namespace) -> int:
     """Wait for the end of a job; the exit code tells how it ended."""
-    with progress() as on_event, Client(daemon_socket(args)) as client:
+    with bar() as on_event, Client(daemon_socket(args)) as client:
         result = client.wait(args.job, on_event)
     return say_result(result, as_json=args.json)
 

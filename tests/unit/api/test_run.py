@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
+import msgspec
 import numpy as np
 import pytest
 
 import pdcd
 from pdcd.bench.tables import CameraConfig, ScheduleConfig
-from pdcd.errors import ConfigError, DecodeError
+from pdcd.errors import ConfigError, DecodeError, RequestError
+from pdcd.request import Quality
 from tests.bench_rig import GRID, config
 
 
@@ -117,3 +122,53 @@ def test_windows_that_move_show_one_more_cell(tmp_path: Path) -> None:
         run = bench.capture("indirect", parts=1, pilot=0, progress=False)
     assert run.codes["coded"].mask.shape == (8, GRID[0] + 1, GRID[1] + 1)
     assert run.pictures["indirect"].shape == (6, 8, 3) and run.image.shape == (*GRID, 3)
+
+
+def test_decoding_again_is_what_lies_there(folder: Path) -> None:
+    run = pdcd.open(folder)
+    again = run.decode(progress=False)
+    assert np.array_equal(again.image, run.image) and np.array_equal(again.sigma, run.sigma)
+    assert again.sigma_kind == run.sigma_kind
+    assert again.rms_sigma == pytest.approx(run.summary["rms_sigma"])
+    for name, picture in run.pictures.items():
+        assert np.array_equal(again.pictures[name].image.astype(np.float32), picture)
+
+
+def test_other_options_give_what_a_capture_by_them_gives(tmp_path: Path) -> None:
+    """Smoothed or not, by rows or by one number: as if the run had been taken that way; fewer of
+    its parts: what an estimate from the shots of these alone is."""
+    rig = config(tmp_path, camera=CameraConfig(noise="none"))
+    asked = {"codes": 32, "parts": 4, "pilot": 0, "family": "balanced"}
+    with pdcd.local(rig, folder=tmp_path / "runs") as bench:
+        run = bench.capture("indirect", progress=False, **asked)  # type: ignore[arg-type]
+        for options in ({"smooth": True}, {"normalise": "row"}):
+            other = bench.capture("indirect", progress=False, **asked, **options)  # type: ignore[arg-type]
+            decoded = run.decode(progress=False, **options)
+            assert np.array_equal(decoded.image, other.image)
+            assert not np.array_equal(decoded.image, run.image)
+    assert run.sigma_kind == "measured"
+    half = run.decode(parts=2, progress=False)
+    assert half.sigma_kind == "modelled" and not np.array_equal(half.image, run.image)
+    whole, errors = run.image, []
+    for parts in (1, 2, 4):
+        errors.append(float(np.sum((run.decode(parts=parts, progress=False).image - whole) ** 2)))
+    assert errors[0] > errors[1] > errors[2] == 0.0
+    for wrong in (0, 5):
+        with pytest.raises(RequestError, match="4 parts"):
+            run.decode(parts=wrong)
+
+
+def test_a_notebook_shows_it_and_runs_nothing_of_it(folder: Path) -> None:
+    evil = "<script>alert(1)</script>"
+    run = pdcd.open(folder)
+    run.manifest = msgspec.structs.replace(run.manifest, warnings=(evil,), job=evil)
+    quality = Quality(verdict="bad", reasons=(evil,), remarks=(evil,))
+    run.manifest.summary.update(quality=quality, picture="indirect")
+    shown = run._repr_html_()
+    assert shown.count("&lt;script&gt;") == 4 and "<script" not in shown
+    sources = re.findall(r'<img src="data:image/png;base64,([^"]+)" alt="(\w+)"', shown)
+    assert [name for _, name in sources] == ["indirect", "direct", "white"]
+    for data, _ in sources:
+        picture = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None and picture.shape[1] == 320
+    assert "<td>RMS error</td>" in shown and str(folder) in shown
