@@ -133,18 +133,17 @@ def on_cluster(tasks: Sequence[Task], cluster: str | Cluster) -> Ends:
     cluster : its address, such as "tcp://10.0.0.1:8786", or a client of it. Its workers have pdcd
     installed, and reach the folder of the runs under the same path. Raises ConfigError.
     """
-    try:
-        import distributed
-    except ImportError as err:
-        raise ConfigError(
-            "a sweep on a cluster needs dask.distributed", hint="pip install 'pdcd[cluster]'"
-        ) from err
-    client = cluster if not isinstance(cluster, str) else _client(distributed, cluster)
+    client = _client(cluster) if isinstance(cluster, str) else cluster
+    ends: queue.SimpleQueue[Any] = queue.SimpleQueue()
     futures: dict[Any, int] = {}
     try:
-        # The same request is asked again to see another noise: none is like another.
-        futures = {client.submit(taken, t, pure=False, retries=0): n for n, t in enumerate(tasks)}
-        for future in distributed.as_completed(list(futures)):  # type: ignore[no-untyped-call]
+        for number, task in enumerate(tasks):
+            # The same request is asked again to see another noise: none is like another.
+            future = client.submit(taken, task, pure=False, retries=0)
+            futures[future] = number
+            future.add_done_callback(ends.put)
+        for _ in tasks:
+            future = ends.get()
             number, error = futures[future], future.exception()
             lost = PdcdError(f"the cluster lost it: {error}")
             yield number, future.result() if error is None else failed(tasks[number].request, lost)
@@ -154,9 +153,16 @@ def on_cluster(tasks: Sequence[Task], cluster: str | Cluster) -> Ends:
             client.close()
 
 
-def _client(distributed: Any, address: str) -> Cluster:
+def _client(address: str) -> Cluster:
     try:
-        found: Cluster = distributed.Client(address, set_as_default=False, timeout=CONNECT_S)
-        return found
+        import distributed
+
+        found: Any = distributed.Client
+        client: Cluster = found(address, set_as_default=False, timeout=CONNECT_S)
+        return client
+    except ImportError as err:
+        raise ConfigError(
+            "a sweep on a cluster needs dask.distributed", hint="pip install 'pdcd[cluster]'"
+        ) from err
     except (OSError, ValueError) as err:
         raise ConfigError(f"no cluster answers at {address}: {err}") from err
