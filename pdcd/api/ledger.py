@@ -10,8 +10,9 @@ from pathlib import Path
 import msgspec
 
 from pdcd.api.task import Record
-from pdcd.errors import BusyError, disk_errors
-from pdcd.runs.manifest import MANIFEST
+from pdcd.errors import BusyError, DecodeError, disk_errors
+from pdcd.runs.inside import opened, read_file
+from pdcd.runs.manifest import MANIFEST, MAX_MANIFEST_BYTES
 
 NAME = "sweep.jsonl"
 
@@ -73,7 +74,8 @@ class Ledger:
 def _there(row: Record) -> bool:
     """Whether the run of a row has the manifest that it ended with."""
     try:
-        data = (Path(str(row["folder"])) / MANIFEST).read_bytes()
-    except (OSError, KeyError):
+        with opened(Path(str(row.get("folder")))) as folder:
+            data = read_file(folder, MANIFEST, MAX_MANIFEST_BYTES)
+    except (OSError, ValueError, DecodeError):
         return False
     return hashlib.sha256(data).hexdigest() == row.get("manifest_sha256")

@@ -110,9 +110,7 @@ class LocalBench(Bench):
         if request.out is None and self._folder is not None:
             request = msgspec.structs.replace(request, out=str(self._folder.absolute()))
         wanted, given = self._read(request, arrays)
-        if not self._opened:
-            self._opened = True  # also if that fails half-way: what is open is to be closed
-            self._engine.start()
+        self._open()
         return self._engine.capture(
             wanted,
             given,
@@ -121,6 +119,16 @@ class LocalBench(Bench):
             emit=_unheard if on_event is None else on_event,
             cancelled=cancelled,
         )
+
+    def _open(self) -> None:
+        if self._opened:
+            return
+        self._opened = True
+        try:
+            self._engine.start()
+        except BaseException:  # which may have opened one device of three
+            self.close()
+            raise
 
     def _read(self, request: CaptureRequest, arrays: Arrays) -> tuple[CaptureRequest, Given]:
         """Read the arrays with this user's rights. Raises RequestError."""

@@ -94,9 +94,9 @@ def test_the_examples_and_a_daemon_that_starts_anew(environ: dict[str, str]) -> 
     (Path(folder).parent / "20200101T000000Z-0001.partial").mkdir()
     with daemon(environ) as socket, Client(socket) as client:
         assert client.list() == []
-        *_, second, _, cut = client.runs()
+        *_, here, _, cut = client.runs()
         assert (cut.job, cut.state, cut.goal) == ("20200101T000000Z-0001", "unfinished", None)
-        assert (second.state, second.goal, second.folder) == ("done", "indirect", folder)
+        assert (here.state, here.goal, here.folder) == ("done", "indirect", folder)
         assert len(client.runs(1)) == 1 and client.runs(0) == ()
 
 
