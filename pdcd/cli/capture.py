@@ -21,12 +21,27 @@ from pdcd.cli.output import percent, progress, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
 from pdcd.recipes.arrays import Given
-from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, new_job_id
+from pdcd.request import (
+    ARRAYS,
+    MOST_TAGS,
+    CaptureRequest,
+    CaptureResult,
+    PlanSummary,
+    new_job_id,
+)
 from pdcd.runs.views import OwnerView
+from pdcd.words import NAME_WORDS, NOTE_WORDS, TAG_WORDS
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
 through quarter windows, in one of three refreshes."""
+
+LABELS = {
+    "name": NAME_WORDS,
+    "tags": f"up to {MOST_TAGS} words, each {TAG_WORDS}",
+    "note": NOTE_WORDS,
+}
+"""What people find a run by: what each may be, in words."""
 
 GUARDS = {
     "none": "without guards",
@@ -182,12 +197,17 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "white": args.white,
         "white_patch": args.white_patch,
         "out": None if out is None else str(out.absolute()),
+        "name": args.name,
+        "tags": args.tags or (),
         "note": args.note,
     }
     try:
         return msgspec.convert(fields, CaptureRequest)
     except msgspec.ValidationError as err:
         what, _, place = str(err).replace("`", "").partition(" - at $.")
+        field = place.partition("[")[0]
+        if field in LABELS:  # the pattern of a text tells nobody what it may be
+            raise ConfigError(f"{field}: it takes {LABELS[field]}") from err
         raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
 
 
