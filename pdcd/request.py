@@ -51,6 +51,12 @@ Note = Annotated[
     ),
 ]
 MOST_TAGS = 16
+LABELS = {
+    "name": NAME_WORDS,
+    "tags": f"up to {MOST_TAGS} words, each {TAG_WORDS}",
+    "note": NOTE_WORDS,
+}
+"""What a run is found by: field of the request, and what it takes, in words."""
 
 
 class Sent(

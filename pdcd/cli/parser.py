@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import get_args
 
-from pdcd import __version__
 from pdcd.cli.options import (
     client_options,
     export_options,
@@ -19,6 +18,7 @@ from pdcd.cli.options import (
     share,
 )
 from pdcd.cli.runs_parser import runs_options
+from pdcd.version import __version__
 from pdcd.words import MovingName, PatternName, StepName
 
 EXIT_CODES = (

@@ -11,17 +11,18 @@ from typing import Any
 
 import msgspec
 
+from pdcd.api.progress import tell
 from pdcd.bench.config import load
 from pdcd.bench.folders import state_dir
-from pdcd.cli.capture import LABELS, daemon_socket
+from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.moment import moment
-from pdcd.cli.output import WIDTH, percent, say, say_json, say_table, say_verdict, tell
+from pdcd.cli.output import WIDTH, percent, say, say_json, say_table, say_verdict
 from pdcd.cli.runs_parser import LISTED
 from pdcd.client import Client, Unreachable
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
-from pdcd.request import CaptureRequest, Quality
+from pdcd.request import LABELS, CaptureRequest, Quality
 from pdcd.runs.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.index import at, find, named, one

@@ -7,9 +7,10 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
+from pdcd.api.progress import tell
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.moment import moment
-from pdcd.cli.output import say, say_json, tell
+from pdcd.cli.output import say, say_json
 from pdcd.cli.runs import pages, query_of, refuse_before, say_runs
 from pdcd.errors import ConfigError
 from pdcd.runs.prune import Unwanted, remove, unwanted
