@@ -272,6 +272,7 @@ def _capture_here(
                 owner=_owner(),
                 emit=on_event,
                 cancelled=interrupted.is_set,
+                report=True,
             )
         finally:
             engine.stop()

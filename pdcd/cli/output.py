@@ -29,6 +29,7 @@ from pdcd.runs.events import (
     StepEnded,
     fields,
 )
+from pdcd.runs.later import REPORT
 
 Value = float | int | str
 """What the summary of a run holds beside the verdict."""
@@ -143,6 +144,8 @@ def _say_plainly(result: CaptureResult) -> None:
     for label, file in (("T to look at", "preview/transport.png"), ("T", "transport.npz")):
         if file in result.files:
             rows.append([label, f"{result.folder}/{file}"])
+    if REPORT in result.files:
+        rows.append(["report", f"{result.folder}/{REPORT}"])
     say_table(rows)
     say_notes(result)
 
