@@ -51,8 +51,6 @@ def figures(manifest: Manifest, material: Material) -> Rows:
         ("refreshes", _known(summary.get("refreshes"))),
         ("missed refreshes", _known(summary.get("missed_refreshes"))),
         ("shots", _known(summary.get("shots"))),
-        ("decided", _known(summary.get("decided"))),
-        ("taken", _known(summary.get("taken"))),
         ("wall time", _known(summary.get("wall_s"), lambda s: f"{s:.2f} s")),
     ]
     return [(name, value) for name, value in rows if value]

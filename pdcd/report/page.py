@@ -39,7 +39,6 @@ def page(manifest: Manifest, material: Material) -> str:
         "title": text(f"{manifest.run.goal.name}, {manifest.job}"),
         "style": style,
         "head": _head(manifest, material),
-        "verdict": _verdict(manifest),
         "pictures_note": _pictures_note(manifest, material),
         "tables": "".join(_table(one) for one in tables(manifest, material)),
         "made": text(f"made by pdcd {__version__}"),
@@ -87,13 +86,16 @@ def _head(manifest: Manifest, material: Material) -> str:
         f"<div><dt>{text(name)}</dt><dd>{text(value)}</dd></div>"
         for name, value in figures(manifest, material)
     )
-    return "".join(lines) + f'<dl class="figures">{rows}</dl>'
+    lines += [_verdict(manifest), f'<dl class="figures">{rows}</dl>']
+    return "".join(lines)
 
 
 def _verdict(manifest: Manifest) -> str:
     found = quality(manifest)
     verdict = "unknown" if found is None else found.verdict
     sides = [] if found is None else [("reason", r) for r in found.reasons]
+    told = manifest.summary
+    sides += [(name, str(told[name])) for name in ("decided", "taken") if told.get(name)]
     sides += [] if found is None else [("remark", r) for r in found.remarks]
     sides += [("warning", w) for w in manifest.warnings[:MOST_ROWS]]
     if manifest.state == "partial":
@@ -116,7 +118,9 @@ def _pictures_note(manifest: Manifest, material: Material) -> str:
         )
     else:
         words.append("A pixel is about one Bayer quad.")
-    words.append("Sigma: image +- 1.96 sigma is meant to hold the truth for 95 % of all values.")
+    words.append(
+        "Sigma: image \u00b1 1.96 sigma is meant to hold the truth for 95 % of all values."
+    )
     if material.kind == "modelled":
         words.append("Its part from the codes is modelled, and mostly too large.")
     if manifest.mock and not any(one["kind"] == "truth" for one in pictures.data):

@@ -4,14 +4,14 @@ const $ = (id) => document.getElementById(id);
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
-// A number with three digits that count.
-function written(value) {
+// A number with so many digits that count.
+function written(value, digits = 4) {
   if (value === null || Number.isNaN(value)) return "not known";
   if (!Number.isFinite(value)) return "not known";
   if (value === 0) return "0";
   const size = Math.abs(value);
-  if (size >= 1e5 || size < 1e-4) return value.toExponential(2);
-  return String(Number(value.toPrecision(4)));
+  if (size >= 1e5 || size < 1e-4) return value.toExponential(digits - 2);
+  return String(Number(value.toPrecision(digits)));
 }
 
 // A canvas as fine as the screen; the context counts in CSS pixels.

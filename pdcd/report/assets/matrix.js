@@ -132,7 +132,7 @@ function matrixViewer(data) {
     $("matrix-off").textContent =
       `Weight of the path from each projector cell to camera cell ${r} ${c}; the cell itself is what direct light sees. ` +
       `Black is ${written(low)}, white ${written(high)}; the third from ${written(-most)} (blue) to ${written(most)} (red). ` +
-      `Rounded to +-${written(found.off)}; pdcd row has all digits.`;
+      `Rounded to \u00b1${written(found.off)}; pdcd row has all digits.`;
     $("matrix-readout").textContent = "";
     document.body.dataset.cell = `${photo.name} ${r} ${c}`;
   }

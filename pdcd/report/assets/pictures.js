@@ -103,12 +103,12 @@ function pictureViewer(data, onCell) {
   function describe(side) {
     const { view, top } = side;
     const factor = view.kind === "light" ? factorOf(side) * Math.pow(2, stops()) : null;
-    const shown = factor === null ? "" : ` x ${factor >= 1 ? written(factor) : `1/${written(1 / factor)}`}`;
+    const shown = factor === null ? "" : ` \u00d7 ${factor >= 1 ? written(factor) : `1/${written(1 / factor)}`}`;
     side.label.textContent = view.id + shown;
     const unit = view.unit || "scene units";
     let words = `${view.id}${shown}`;
-    if (view.step) words += `, rounded to +-${written(view.step / 2)} scene units`;
-    if (view.off) words += `, rounded to +-${written(100 * view.off)} %`;
+    if (view.step) words += `, rounded to \u00b1${written(view.step / 2)} scene units`;
+    if (view.off) words += `, rounded to \u00b1${written(100 * view.off)} %`;
     side.told.textContent = words;
     legend(side.legend, view, top, unit);
     histogram(side.plot, side, unit);
@@ -123,11 +123,11 @@ function pictureViewer(data, onCell) {
       context.fillRect(x, 0, 1, 14);
     }
     context.fillStyle = colour("--quiet");
-    const marks = [0, 0.25, 0.5, 0.75, 1];
+    const marks = wide > 330 ? [0, 0.25, 0.5, 1] : [0, 0.5, 1];
     marks.forEach((share, number) => {
       context.textAlign = number === 0 ? "left" : number === marks.length - 1 ? "right" : "center";
-      const more = number === marks.length - 1 && wide > 300 ? ` ${unit.split(",")[0]}` : "";
-      context.fillText(written(low + share * (top - low)) + more, share * wide, 27);
+      const more = number === marks.length - 1 ? ` ${unit.split(",")[0]}` : "";
+      context.fillText(written(low + share * (top - low), 3) + more, share * wide, 27);
     });
   }
 
@@ -205,7 +205,7 @@ function pictureViewer(data, onCell) {
     found.sides.forEach((side, number) => {
       const unit = (sides[number].view.unit || "scene units").split(",")[0];
       const parts = CHANNELS.map((name, c) => {
-        const error = side.sigma ? ` +- ${written(side.sigma[c])}` : "";
+        const error = side.sigma ? ` \u00b1 ${written(side.sigma[c])}` : "";
         return `${name} ${written(side.value[c])}${error}`;
       });
       lines.push(`${side.id}: ${parts.join("   ")}  ${unit}`);
