@@ -23,11 +23,13 @@ from pdcd.inputs.sending import Sendable, parcels
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary, Sent
 from pdcd.runs.events import Attention, Event, read
 from pdcd.runs.stored import StoredRun
+from pdcd.runs.views import RigView
 from pdcd.server.messages import (
     MAX_FDS,
     MAX_LINE,
     PROTOCOL,
     Admitted,
+    Described,
     Hello,
     JobList,
     JobView,
@@ -199,6 +201,11 @@ class Client:
     def status(self) -> Status:
         """State of the rig, the running job and those that wait."""
         return _typed(self.call("rig.status"), Status)
+
+    def describe(self) -> RigView:
+        """The rig: drivers, panels, camera, cells."""
+        answer = self.call("rig.describe", timeout_s=ENGINE_TIMEOUT_S)
+        return _typed(answer, Described).rig
 
     def list(self) -> list[JobView]:
         """The jobs that the daemon knows, oldest first."""

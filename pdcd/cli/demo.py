@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdcd.cli.output import progress, say, say_result, tell
+from pdcd.api.progress import bar, tell
+from pdcd.cli.output import say, say_result
 from pdcd.client import Client, Unreachable
 from pdcd.report import write
 from pdcd.request import CaptureRequest
@@ -36,7 +37,7 @@ def demo(args: argparse.Namespace) -> int:
         with _daemon(socket, folder, config, Path(scratch) / "daemon.log") as client:
             request = CaptureRequest(goal="indirect", codes=args.codes, seed=args.seed)
             tell(f"capture.start: indirect light, {args.codes} codes")
-            with progress() as on_event:
+            with bar() as on_event:
                 result = client.capture(request, on_event=on_event)
     code = say_result(result, as_json=False)
     if result.folder is not None:

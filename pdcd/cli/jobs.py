@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 
+from pdcd.api.progress import bar
 from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import progress, say, say_json, say_result, say_table
+from pdcd.cli.output import say, say_json, say_result, say_table
 from pdcd.client import Client
 from pdcd.errors import ConfigError
 from pdcd.runs.events import Event, fields, wire
@@ -63,7 +64,7 @@ def watch(args: argparse.Namespace) -> int:
         if args.json:
             result = client.wait(args.job, lambda event: _say_event(event, as_json=True))
         else:
-            with progress() as on_event:
+            with bar() as on_event:
                 result = client.wait(args.job, on_event)
     return say_result(result, as_json=args.json)
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
-from pdcd import __version__
 from pdcd.cli.options import (
     client_options,
     json_option,
@@ -17,6 +16,7 @@ from pdcd.cli.options import (
     share,
     white_patch_option,
 )
+from pdcd.version import __version__
 from pdcd.words import MovingName, PatternName, StepName
 
 EXIT_CODES = (

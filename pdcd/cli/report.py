@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 
+from pdcd.api.progress import bar
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import progress, say, say_json
+from pdcd.cli.output import say, say_json
 from pdcd.pictures.watch import Watch
 from pdcd.report import write
 from pdcd.runs.events import Decoded
@@ -13,7 +14,7 @@ from pdcd.runs.events import Decoded
 
 def report(args: argparse.Namespace) -> int:
     """Write the page and say where it is."""
-    with progress("reading") as show:
+    with bar("reading") as show:
         watch = Watch(step=lambda done, total: show(Decoded(done=done, total=total)))
         path = write(args.folder, args.out, watch)
     size_bytes = path.stat().st_size

@@ -16,7 +16,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd import __version__
 from pdcd.errors import DecodeError, RequestError
 from pdcd.pictures.balance import Balance, by_patch
 from pdcd.pictures.brightness import WHITE
@@ -33,6 +32,7 @@ from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import whole_manifest
 from pdcd.sensor.cells import CellMap
+from pdcd.version import __version__
 
 Singles = NDArray[np.float32]
 Format = Literal["exr", "tiff16", "png16", "npz"]

@@ -15,7 +15,7 @@ from pdcd.optics.needed import optics_of, windows_cut
 from pdcd.pictures.sigma import Barred
 from pdcd.planning.truth import answer
 from pdcd.recipes.recipe import Extremes, Recipe
-from pdcd.runs.patterns import read_arrays
+from pdcd.runs.patterns import stored_arrays
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
 
@@ -67,7 +67,7 @@ def write_truth(folder: Path, known: Known) -> None:
 
 def read_truth(folder: Path, cells: CellMap) -> Known:
     """What `write_truth` kept, of a run with that map of its cells. Raises DecodeError."""
-    kept = read_arrays(folder / TRUTH)
+    kept = stored_arrays(folder / TRUTH)
     image, seen, of_cells = (kept.get(name, np.zeros(0)) for name in ("image", "seen", "of_cells"))
     shape = (cells.grid[0] * cells.grid[1],) if of_cells.any() else cells.frame
     fits = (image.shape, seen.shape) == ((*shape, 3), shape)

@@ -18,11 +18,11 @@ import re
 from importlib.resources import files
 from typing import Any
 
-from pdcd import __version__
 from pdcd.printable import one_line
 from pdcd.report.facts import MOST_ROWS, Table, figures, quality, tables
 from pdcd.report.material import Material
 from pdcd.runs.record import Manifest
+from pdcd.version import __version__
 
 SCRIPTS = ("unpack.js", "draw.js", "pictures.js", "matrix.js", "timeline.js", "start.js")
 """Parts of the one script, in order."""

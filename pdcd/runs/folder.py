@@ -32,7 +32,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd import __version__
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.patterns import Patterns
@@ -50,6 +49,7 @@ from pdcd.runs.manifest import (
 )
 from pdcd.runs.place import UNFINISHED, Place
 from pdcd.runs.record import FileRecord, Manifest
+from pdcd.version import __version__
 
 __all__ = ["MANIFEST", "RunFolder", "read_manifest", "sha256_of"]
 

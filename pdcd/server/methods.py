@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from pdcd import __version__
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, Cancelled, DeniedError, PdcdError
 from pdcd.recipes.arrays import NOTHING, Given
@@ -48,6 +47,7 @@ from pdcd.server.protocol import Request
 from pdcd.server.roles import Role
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
+from pdcd.version import __version__
 
 OWNERS = frozenset({"capture.cancel", "calibrate.proceed"})
 """What of another user's job only an administrator may do."""
