@@ -212,13 +212,21 @@ def _run_commands(add: Add) -> None:
     export.add_argument("folder", type=Path, metavar="FOLDER")
     export_options(export)
     json_option(export)
+    report = add("report", "report:report", "make a page of a finished run, with its pictures")
+    report.add_argument("folder", type=Path, metavar="FOLDER")
+    report.add_argument(
+        "--out", type=Path, metavar="FILE", help="default: report.html in the run's folder"
+    )
+    json_option(report)
     row = add("row", "row:row", "show which paths a finished run kept for one cell")
     row.add_argument("folder", type=Path, metavar="FOLDER")
     row.add_argument(
         "--cell", type=int, nargs=2, required=True, metavar=("ROW", "COLUMN"), help="counted from 0"
     )
     row.add_argument("--photo", metavar="NAME", help="default: the one that the answer rests on")
-    row.add_argument("--out", type=Path, metavar="PNG", help="default: PHOTO-ROW-COLUMN.png here")
+    row.add_argument(
+        "--out", type=Path, metavar="PNG", help="default: row-PHOTO-ROW-COLUMN.png in FOLDER"
+    )
     json_option(row)
     virtual = add("virtual-camera", "virtual:virtual_camera", "be a Canon EOS 450D on the network")
     virtual.add_argument(
