@@ -45,6 +45,7 @@ def build_parser() -> argparse.ArgumentParser:
     add = partial(_made, commands)
     _photo_commands(add)
     _job_commands(add)
+    _web_command(add)
     _bench_commands(add)
     _run_commands(add)
     return parser
@@ -129,6 +130,24 @@ def _job_commands(add: Add) -> None:
     wait = add("wait", "capture:wait", "wait for a job and report it as capture does")
     wait.add_argument("job", metavar="JOB")
     client_options(wait)
+
+
+def _web_command(add: Add) -> None:
+    """Add the page, a client of the daemon like the commands."""
+    page = add("web", "web:web", "serve a page for the person at the bench, to this machine alone")
+    rig_options(page, socket="where the daemon listens")
+    page.add_argument(
+        "--state-dir", type=Path, metavar="DIR", help="where the daemon keeps its runs"
+    )
+    page.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="of the loopback interface; default: 127.0.0.1",
+    )
+    page.add_argument(
+        "--port", type=int, default=8137, metavar="N", help="default: 8137; 0 takes a free one"
+    )
 
 
 def _bench_commands(add: Add) -> None:
