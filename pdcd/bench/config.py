@@ -57,11 +57,31 @@ def read(source: Path) -> tuple[Config, list[Fault]]:
     """
     hint = "give an existing file with --config, or none for the mock bench"
     table = toml_table(source, "the configuration", hint)
+    return _of_table(table, source.absolute().parent)
+
+
+def from_table(table: dict[str, Any], called: str, base: Config | None = None) -> Config:
+    """A configuration out of the tables of a file that was never written, as `load` reads a file.
+
+    Relative paths are meant from the current folder; `called` names the tables for people. A key
+    left out takes the value of `base`, None: of the mock bench. Raises ConfigError naming all
+    faults.
+    """
+    config, faults = _of_table(table, Path.cwd(), base)
+    if faults:
+        raise faults_error(called, [fault.message for fault in faults])
+    return config
+
+
+def _of_table(
+    table: dict[str, Any], folder: Path, base: Config | None = None
+) -> tuple[Config, list[Fault]]:
+    """The configuration in the tables of a file in `folder`, and all their faults."""
     faults: list[Fault] = []
-    config = overlay(Config(), table, "", faults, GONE)
-    config = _resolve(config, source.absolute().parent)
+    config = overlay(base or Config(), table, "", faults, GONE)
+    config = _resolve(config, folder)
     config = _with_maps(config, faults)
-    config = _with_luts(config, source.absolute().parent, faults)
+    config = _with_luts(config, folder, faults)
     known = {key for fault in faults for key in fault.keys}
     # A key that could not be read stands at its default; what follows from that is no news.
     faults += [fault for fault in cross_faults(config) if known.isdisjoint(fault.keys)]

@@ -37,20 +37,35 @@ def toml_table(source: Path, what: str, hint: str) -> dict[str, Any]:
     ConfigError for what is no TOML file.
     """
     try:
-        table = tomllib.loads(source.read_text(encoding="utf-8"))
-        beyond = list(_beyond_64_bits(table))
+        return text_table(source.read_text(encoding="utf-8"), source)
     except OSError as err:
         raise ConfigError(f"cannot read {what} {source}: {err.strerror}", hint=hint) from err
-    except RecursionError as err:
-        raise ConfigError(f"{source} is nested too deeply") from err
-    except ValueError as err:  # not TOML, not UTF-8, or a number of thousands of digits
+    except UnicodeDecodeError as err:
         raise ConfigError(f"{source} is not TOML: {err}") from err
+
+
+def text_table(text: str, called: Path | str) -> dict[str, Any]:
+    """The tables of a TOML text, checked as those of a file; `called` names it for people.
+
+    Raises ConfigError.
+    """
+    try:
+        return sized(tomllib.loads(text), called)
+    except RecursionError as err:
+        raise ConfigError(f"{called} is nested too deeply") from err
+    except ValueError as err:  # not TOML, or a number of thousands of digits
+        raise ConfigError(f"{called} is not TOML: {err}") from err
+
+
+def sized(table: dict[str, Any], called: Path | str) -> dict[str, Any]:
+    """The tables themselves, if all their integers have at most 64 bits. Raises ConfigError."""
+    beyond = list(_beyond_64_bits(table))
     if beyond:
-        raise faults_error(source, [f"{key}: a number has more than 64 bits" for key in beyond])
+        raise faults_error(called, [f"{key}: a number has more than 64 bits" for key in beyond])
     return table
 
 
-def faults_error(source: Path | None, lines: Sequence[str]) -> ConfigError:
+def faults_error(source: Path | str | None, lines: Sequence[str]) -> ConfigError:
     """The error that lists all faults of a file, one a line; None is the mock bench."""
     count = f"{len(lines)} faults" if len(lines) > 1 else "1 fault"
     listed = "\n  ".join(lines)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 
-from pdcd import __version__
 from pdcd.bench import calibration as kept
 from pdcd.bench.calibration import Calibration, CameraRecord, Entry, Identity, PhotoRecord
 from pdcd.bench.devices import CameraInfo, CameraSettings
@@ -29,6 +28,7 @@ from pdcd.runs.events import Emit, Event, logged
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import utc_now
 from pdcd.sensor.profile import SensorProfile
+from pdcd.version import __version__
 from pdcd.words import VerdictName
 
 logger = logging.getLogger(__name__)

@@ -11,11 +11,13 @@ from collections.abc import Callable
 from types import FrameType
 from typing import get_args
 
+from pdcd.api.progress import bar, tell
+from pdcd.api.signals import signals_to
 from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
-from pdcd.cli.capture import daemon_socket, signals_to
+from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import progress, say, say_compared, say_notes, say_result, say_table, tell
+from pdcd.cli.output import say, say_compared, say_notes, say_result, say_table
 from pdcd.client import Client, OnEvent
 from pdcd.errors import ConfigError
 from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
@@ -40,7 +42,7 @@ def calibrate(args: argparse.Namespace) -> int:
     attended = sys.stdin.isatty() and not args.yes and not args.json
     request = CalibrateRequest(steps=tuple(args.step), attended=attended)
     ended: list[StepEnded] = []
-    with progress() as show:
+    with bar() as show:
 
         def hear(event: Event) -> None:
             if isinstance(event, StepEnded):

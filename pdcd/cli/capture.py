@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import argparse
-import os
-import pwd
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
 
 import msgspec
 
+from pdcd.api.local import local
+from pdcd.api.progress import bar
+from pdcd.api.signals import signals_to
 from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import percent, progress, say_json, say_result, say_table
+from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.recipes.arrays import Given
-from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, new_job_id
-from pdcd.runs.views import OwnerView
+from pdcd.request import ARRAYS, LABELS, CaptureRequest, CaptureResult, PlanSummary
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
@@ -60,13 +58,13 @@ def take(
 ) -> CaptureResult:
     """Take a photo in this process or over the socket, as `args` say, with progress shown."""
     if args.local:
-        with progress("planning") as on_event:
+        with bar("planning") as on_event:
             return _capture_here(args.config, request, files, on_event)
     path = daemon_socket(args)
     # A terminated command must end its job in good order, as an interrupted one does.
     with (
         signals_to(signal.default_int_handler),
-        progress() as on_event,
+        bar() as on_event,
         Client(path) as client,
     ):
         return client.capture(request, arrays=files, detach=detach, queue=queue, on_event=on_event)
@@ -74,7 +72,7 @@ def take(
 
 def wait(args: argparse.Namespace) -> int:
     """Wait for the end of a job; the exit code tells how it ended."""
-    with progress() as on_event, Client(daemon_socket(args)) as client:
+    with bar() as on_event, Client(daemon_socket(args)) as client:
         result = client.wait(args.job, on_event)
     return say_result(result, as_json=args.json)
 
@@ -182,12 +180,17 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "white": args.white,
         "white_patch": args.white_patch,
         "out": None if out is None else str(out.absolute()),
+        "name": args.name,
+        "tags": args.tags or (),
         "note": args.note,
     }
     try:
         return msgspec.convert(fields, CaptureRequest)
     except msgspec.ValidationError as err:
         what, _, place = str(err).replace("`", "").partition(" - at $.")
+        field = place.partition("[")[0]
+        if field in LABELS:  # the pattern of a text tells nobody what it may be
+            raise ConfigError(f"{field}: it takes {LABELS[field]}") from err
         raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
 
 
@@ -230,29 +233,14 @@ def _plan(
         except Unreachable:
             if args.socket is not None:
                 raise
-    from pdcd.capture.engine import Engine
-
-    engine = Engine.from_config(load(args.config))
-    return engine.plan(*_read(request, files, engine.grid))
-
-
-def _read(
-    request: CaptureRequest, files: Mapping[str, Path], grid: tuple[int, int]
-) -> tuple[CaptureRequest, Given]:
-    """Read files with this user's rights, for a rig in this process. Raises RequestError."""
-    from pdcd.planning.given import from_path, read_given
-
-    return read_given(request, {name: from_path(path) for name, path in files.items()}, grid)
+    with local(args.config) as bench:
+        return bench.foresee(request, files)
 
 
 def _capture_here(
     config: Path | None, request: CaptureRequest, files: Mapping[str, Path], on_event: OnEvent
 ) -> CaptureResult:
     """Run one capture with the rig in this process; panels black and shutter closed on return."""
-    from pdcd.capture.engine import Engine
-
-    job = new_job_id()
-
     interrupted = threading.Event()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -260,40 +248,5 @@ def _capture_here(
             raise KeyboardInterrupt
         interrupted.set()
 
-    engine = Engine.from_config(load(config))
-    asked, given = _read(request, files, engine.grid)
-    with signals_to(interrupt):
-        try:
-            engine.start()
-            return engine.capture(
-                asked,
-                given,
-                job=job,
-                owner=_owner(),
-                emit=on_event,
-                cancelled=interrupted.is_set,
-            )
-        finally:
-            engine.stop()
-
-
-@contextmanager
-def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
-    """Send SIGINT and SIGTERM to `handler` for a while."""
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, handler) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handled in zip(numbers, before, strict=True):
-            signal.signal(number, handled)
-
-
-def _owner() -> OwnerView:
-    """Who asks, as the daemon would learn it from the kernel."""
-    uid = os.getuid()
-    try:
-        user = pwd.getpwuid(uid).pw_name
-    except KeyError:  # containers run under users that no table names
-        user = str(uid)
-    return OwnerView(uid=uid, pid=os.getpid(), user=user)
+    with signals_to(interrupt), local(config) as bench:
+        return bench.take_until(interrupted.is_set, request, files, on_event, report=True)

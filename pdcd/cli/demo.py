@@ -11,9 +11,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pdcd.cli.output import progress, say, say_result, tell
+from pdcd.api.progress import bar, tell
+from pdcd.cli.output import say, say_result
 from pdcd.client import Client, Unreachable
+from pdcd.report import write
 from pdcd.request import CaptureRequest
+from pdcd.runs.later import REPORT
 
 CONFIG = """\
 # The default bench with a camera of 640 x 480 Bayer quads: enough to read the book.
@@ -34,13 +37,15 @@ def demo(args: argparse.Namespace) -> int:
         with _daemon(socket, folder, config, Path(scratch) / "daemon.log") as client:
             request = CaptureRequest(goal="indirect", codes=args.codes, seed=args.seed)
             tell(f"capture.start: indirect light, {args.codes} codes")
-            with progress() as on_event:
+            with bar() as on_event:
                 result = client.capture(request, on_event=on_event)
     code = say_result(result, as_json=False)
     if result.folder is not None:
         for name in result.files:
             say(f"  {name}")
         say("look at preview/white.png, preview/direct.png, preview/indirect.png")
+        report = Path(result.folder) / REPORT
+        say(f"all of it on one page: {report if REPORT in result.files else write(report.parent)}")
     return code
 
 

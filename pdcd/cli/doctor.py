@@ -38,8 +38,8 @@ def camera(args: argparse.Namespace) -> int:
 
 def trigger(args: argparse.Namespace) -> int:
     """Click the shutter once, if that is asked for; fails when anything must be mended."""
+    from pdcd.api.signals import signals_to
     from pdcd.bench.click import examine
-    from pdcd.cli.capture import signals_to
 
     config = load(args.config)
     longest_s = config.limits.max_exposure_s

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 
+from pdcd.api.progress import bar
 from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import progress, say, say_json, say_result, say_table
+from pdcd.cli.output import say, say_json, say_result, say_table
 from pdcd.client import Client
 from pdcd.errors import ConfigError
+from pdcd.runs.entry import MOST_RUNS
 from pdcd.runs.events import Event, fields, wire
-from pdcd.server.messages import MOST_RUNS, JobList, JobView
+from pdcd.server.messages import JobList, JobView
 
 
 def status(args: argparse.Namespace) -> int:
@@ -63,7 +65,7 @@ def watch(args: argparse.Namespace) -> int:
         if args.json:
             result = client.wait(args.job, lambda event: _say_event(event, as_json=True))
         else:
-            with progress() as on_event:
+            with bar() as on_event:
                 result = client.wait(args.job, on_event)
     return say_result(result, as_json=args.json)
 

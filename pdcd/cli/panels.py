@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, get_args
 
 import msgspec
 
+from pdcd.api.progress import tell
+from pdcd.api.signals import signals_to
 from pdcd.bench.config import load
-from pdcd.cli.capture import daemon_socket, signals_to
+from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import say, say_json, say_table, tell
+from pdcd.cli.output import say, say_json, say_table
 from pdcd.client import Client, Unreachable
 from pdcd.errors import BusyError, Cancelled
 from pdcd.words import MovingName

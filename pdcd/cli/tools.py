@@ -5,17 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 
-from pdcd import __version__
+from pdcd.api.progress import bar
 from pdcd.bench.config import find, load, read, schema, show
 from pdcd.bench.measured import calibrated
 from pdcd.bench.origins import age_words, origins
 from pdcd.bench.reading import faults_error
 from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import progress, say, say_compared, say_json, say_table
+from pdcd.cli.output import say, say_compared, say_json, say_table
 from pdcd.errors import ConfigError
 from pdcd.pictures.watch import Watch
 from pdcd.runs.events import Decoded
+from pdcd.version import __version__
 
 
 def drivers(args: argparse.Namespace) -> int:
@@ -71,7 +72,7 @@ def decode(args: argparse.Namespace) -> int:
 
     if args.out is not None and not args.partial:
         raise ConfigError("--out goes with --partial: a finished run is only compared")
-    with progress("reading") as show:
+    with bar("reading") as show:
         watch = Watch(step=lambda done, total: show(Decoded(done=done, total=total)))
         if args.partial:
             return _salvage(args, watch)

@@ -6,11 +6,12 @@ import argparse
 import asyncio
 from pathlib import Path
 
+from pdcd.api.progress import tell
 from pdcd.bench.config import load
 from pdcd.bench.folders import state_dir
 from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import say, tell
+from pdcd.cli.output import say
 from pdcd.errors import ConfigError
 from pdcd.server import log
 

@@ -16,8 +16,8 @@ from pdcd.errors import RequestError
 from pdcd.inputs.limits import Unsound
 from pdcd.inputs.opening import open_own
 
-Sendable = Path | str | NDArray[Any]
-"""A path of the sender, or an array of real numbers."""
+Sendable = Path | str | bytes | NDArray[Any]
+"""A path of the sender, the content of a file, or an array of real numbers."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def parcels(arrays: Mapping[str, Sendable]) -> Iterator[dict[str, Parcel]]:
     with ExitStack() as stack:
         opened = {}
         for name, value in arrays.items():
-            if isinstance(value, np.ndarray):
+            if isinstance(value, np.ndarray | bytes):
                 parcel = Parcel(_in_memory(name, value), None)
             else:
                 parcel = _opened(name, Path(value))
@@ -53,11 +53,14 @@ def _opened(name: str, path: Path) -> Parcel:
         raise RequestError(f"{name} ({path}): {err.message}", hint=err.hint) from err
 
 
-def _in_memory(name: str, array: NDArray[Any]) -> int:
+def _in_memory(name: str, content: NDArray[Any] | bytes) -> int:
     descriptor = os.memfd_create(f"pdcd-{name}", os.MFD_CLOEXEC)
     try:
         with os.fdopen(os.dup(descriptor), "wb") as stream:
-            np.save(stream, array, allow_pickle=False)
+            if isinstance(content, bytes):
+                stream.write(content)
+            else:
+                np.save(stream, content, allow_pickle=False)
     except BaseException as err:
         os.close(descriptor)
         if isinstance(err, ValueError):

@@ -16,13 +16,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd import __version__
 from pdcd.errors import DecodeError, RequestError
 from pdcd.pictures.balance import Balance, by_patch
+from pdcd.pictures.brightness import WHITE
 from pdcd.pictures.decode import record_errors
 from pdcd.pictures.develop import read_tiff
 from pdcd.pictures.exr import exr_bytes
-from pdcd.pictures.previews import LEAST_PX, MOST_PX, WHITE
+from pdcd.pictures.previews import LEAST_PX, MOST_PX
 from pdcd.pictures.sixteen import png_bytes, tiff_bytes
 from pdcd.pictures.upright import Sampler, View, all_known
 from pdcd.printable import one_line
@@ -32,6 +32,7 @@ from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import whole_manifest
 from pdcd.sensor.cells import CellMap
+from pdcd.version import __version__
 
 Singles = NDArray[np.float32]
 Format = Literal["exr", "tiff16", "png16", "npz"]

@@ -20,7 +20,11 @@ A file of 1 MB may say that it holds a thousand times as much."""
 
 def read_patterns(folder: Path) -> dict[str, NDArray[Any]]:
     """The arrays of codes.npz, as `pdcd.runs.folder.RunFolder` stored them. Raises DecodeError."""
-    path = folder / NAME
+    return stored_arrays(folder / NAME)
+
+
+def stored_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an .npz file of a run, which may be damaged. Raises DecodeError."""
     try:
         with path.open("rb") as file, ZipFile(file) as archive:
             members = archive.infolist()

@@ -21,7 +21,7 @@ from pdcd.bench.tables import Config
 from pdcd.errors import KINDS, PdcdError
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
-from pdcd.runs.stored import StoredRun
+from pdcd.runs.entry import MOST_RUNS, Page, RunQuery, StoredRun
 from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.roles import Role
 from pdcd.words import JobKind, JobState, PatternName
@@ -67,9 +67,6 @@ CODES: Mapping[str, int] = MappingProxyType(
     }
 )
 """JSON-RPC code of each error kind."""
-
-MOST_RUNS = 1000
-"""Longest list of stored runs in one answer: they still fit into a line."""
 
 RigState = Literal["idle", "busy", "stopping"]
 Interest = Literal["all", "own", "none"]
@@ -123,9 +120,10 @@ class JobParams(_Params, frozen=True):
 
 
 class ListParams(_Params, frozen=True):
-    """`capture.list`: how many runs of the state folder to name, too."""
+    """`capture.list`: how many runs of the state folder to name, too; which ones to find there."""
 
     runs: Annotated[int, Meta(ge=0, le=MOST_RUNS)] = 0
+    find: RunQuery | None = None
 
 
 class ShowParams(_Params, frozen=True):
@@ -192,6 +190,8 @@ class JobList(msgspec.Struct, frozen=True):
 
     jobs: list[JobView]
     runs: list[StoredRun] = []
+    found: Page | None = None
+    """Of those that `find` asked for."""
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):

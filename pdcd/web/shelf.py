@@ -15,8 +15,9 @@ from pathlib import Path
 import msgspec
 
 from pdcd.errors import DecodeError, RequestError
+from pdcd.runs.entry import StoredRun
 from pdcd.runs.inside import opened, read_file
-from pdcd.runs.stored import StoredRun, stored_runs
+from pdcd.runs.stored import stored_runs
 
 LISTED = 100
 """Runs in the list, the newest."""

@@ -36,6 +36,7 @@ FRAME = (420, 280)
 NEAR_PX = 0.1
 
 
+@pytest.mark.long
 @pytest.mark.timeout(180)
 def test_maps_are_found_through_real_windows(
     tmp_path: Path, x_quarter: XServer, monkeypatch: pytest.MonkeyPatch

@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from pdcd.bench.tables import RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.request import CaptureRequest
@@ -21,6 +23,7 @@ def engine_on(folder: Path, server: XServer, **more: Any) -> Engine:
     return Engine.from_config(config)
 
 
+@pytest.mark.long
 def test_a_photo_of_real_windows_is_that_of_their_frame_log(
     tmp_path: Path, x_quarter: XServer
 ) -> None:

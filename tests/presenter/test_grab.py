@@ -158,6 +158,7 @@ def test_right_pixels_make_the_photo_of_the_frame_log(
     assert pixels.max() > 0.01
 
 
+@pytest.mark.long
 def test_cells_that_do_not_divide_the_panels_make_the_photo_of_their_pixels(
     tmp_path: Path, x_quarter: XServer
 ) -> None:
@@ -204,6 +205,7 @@ def test_a_right_photo_and_wrong_pixels(tmp_path: Path, x_quarter: XServer) -> N
         np.testing.assert_allclose(found, at(c20=code_s * (1 - 1 / 2500)), atol=1e-15)
 
 
+@pytest.mark.long
 def test_a_pixel_that_stays_open_leaks_in_the_guards(tmp_path: Path, x_quarter: XServer) -> None:
     """2 x 2 of the mask's 2500 pixels are open by a third (85 of 255) all the time."""
     frames = one_code([CELL], [])
@@ -218,6 +220,7 @@ def test_a_pixel_that_stays_open_leaks_in_the_guards(tmp_path: Path, x_quarter: 
     np.testing.assert_allclose(found, at(c20=lit_together_s * 4 / 2500 / 3), atol=1e-15)
 
 
+@pytest.mark.long
 def test_a_mirrored_window(tmp_path: Path, x_quarter: XServer) -> None:
     """What the projector's window shows is mirrored left to right: column 4 becomes column 3."""
     frames = one_code([CELL], [CELL - 1, CELL])

@@ -160,6 +160,7 @@ def test_policy_abort_takes_the_exposure_again(tmp_path: Path, x_quarter: XServe
     assert "exposure 1 was discarded: a code was shown" in warnings_of(result)
 
 
+@pytest.mark.long
 def test_policy_abort_gives_up(tmp_path: Path, x_quarter: XServer) -> None:
     result = capture(tmp_path, x_quarter, "abort", 0)
     assert result.state == "failed"
@@ -167,6 +168,7 @@ def test_policy_abort_gives_up(tmp_path: Path, x_quarter: XServer) -> None:
     assert not x11_rig.root_pixels(x_quarter).any()
 
 
+@pytest.mark.long
 def test_policy_balance_evens_the_codes_in_the_same_exposure(
     tmp_path: Path, x_quarter: XServer
 ) -> None:
@@ -189,6 +191,7 @@ def test_policy_flag_keeps_and_tells(tmp_path: Path, x_quarter: XServer) -> None
     assert isinstance(missed, int) and missed >= 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("source", ["present-msc", "clock"])
 def test_time_sources_without_a_screen(tmp_path: Path, x_quarter: XServer, source: str) -> None:
     log = log_of(tmp_path, x_quarter, 20, time_source=source, stalls_ms={"30": 50.0})

@@ -24,6 +24,7 @@ def file(tmp_path: Path, x_quarter: XServer) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_timing_reports_every_refresh_and_draws_histograms(
     file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

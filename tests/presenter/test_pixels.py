@@ -24,6 +24,7 @@ from pdcd.frames.pixels import Box
 from pdcd.maps.placing import Placing
 from tests import lateness, x11_rig
 from tests.panel_pixels import planned, random_frames
+from tests.sampled import sampled
 from tests.xserver import XServer
 
 BENT = {
@@ -147,7 +148,9 @@ class TestManyCells:
     """All on one display; starting one takes seconds."""
 
     @pytest.mark.parametrize("window", ["whole", "quarter"])
-    @pytest.mark.parametrize("grid", [(48, 64), (7, 11), (37, 50), (1, 1), (5, 130)])
+    @pytest.mark.parametrize(
+        "grid", sampled([((48, 64),), ((7, 11),), ((37, 50),), ((1, 1),), ((5, 130),)], 2)
+    )
     def test_cells_that_do_not_divide_the_panels(
         self, opened: tuple[X11Display, Screen], window: str, grid: tuple[int, int]
     ) -> None:
@@ -157,7 +160,7 @@ class TestManyCells:
             display.show(only(frames, row))
             assert screen.mismatches(frames, row) == 0, row
 
-    @pytest.mark.parametrize("window", ["side-5/8", "side-3/4", "side-7/8"])
+    @pytest.mark.parametrize("window", sampled(["side-5/8", "side-3/4", "side-7/8"], 3))
     def test_windows_that_overlap(self, opened: tuple[X11Display, Screen], window: str) -> None:
         display, screen = opened
         frames = random_frames((7, 11), window, 8)
@@ -202,6 +205,7 @@ def test_cells_of_two_pixels(tmp_path: Path, x_quarter: XServer) -> None:
             assert screen.mismatches(frames, row) == 0, row
 
 
+@pytest.mark.long
 def test_pictures_of_a_panels_own_pixels(tmp_path: Path, x_quarter: XServer) -> None:
     """Wherever it lies; white is every pixel of it."""
     rng = np.random.default_rng(6)
@@ -235,7 +239,8 @@ def test_pictures_of_a_panels_own_pixels(tmp_path: Path, x_quarter: XServer) -> 
 
 
 @pytest.mark.parametrize(
-    ("window", "order", "places"), [("whole", "GRB", None), ("side-3/4", "RGB", BENT)]
+    ("window", "order", "places"),
+    sampled([("side-3/4", "RGB", BENT), ("whole", "GRB", None)], 2),
 )
 def test_24_planes_of_a_picture(
     tmp_path: Path, x_quarter: XServer, window: str, order: str, places: dict[str, Placing] | None

@@ -351,6 +351,7 @@ def test_xvfb_with_places_from_the_configuration(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found, np.repeat(wanted[..., None], 3, axis=2))
 
 
+@pytest.mark.long
 def test_the_first_code_costs_no_more_than_the_others(tmp_path: Path, x_quarter: XServer) -> None:
     """Whatever the graphics library compiles, it has compiled when the patterns are loaded."""
     presenter = DisplayProcess(opening(x11_rig.config(tmp_path, x_quarter)))

@@ -113,7 +113,7 @@ def _another_version(machine: Machine) -> Iterator[None]:
     before = paths.read_text()
     for name in ("pdcd", "drivers", "config"):
         shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-    version = copy / "pdcd/__init__.py"
+    version = copy / "pdcd/version.py"
     version.write_text(f'{version.read_text()}\n__version__ = "99.0"\n')
     paths.write_text(before.replace(TREE, "/opt/pdcd/next"))
     try:

@@ -81,6 +81,7 @@ def test_the_sensor_is_found(done: Calibrated) -> None:
     assert edge[0] == pytest.approx(0.0052 - 0.0031, abs=4.0 * edge[1] + 1e-4)
 
 
+@pytest.mark.long
 def test_contrasts_room_and_brightness_are_found(done: Calibrated) -> None:
     measured = done.record.measured
     for panel, contrast in (("projector", 900.0), ("mask", 450.0)):
@@ -97,6 +98,7 @@ def test_contrasts_room_and_brightness_are_found(done: Calibrated) -> None:
         assert (done.folder / "preview" / f"{name}.png").stat().st_size > 1000
 
 
+@pytest.mark.long
 def test_both_are_computed_again_bit_for_bit(done: Calibrated) -> None:
     found = again(done.folder)
     assert found.identical, found.items

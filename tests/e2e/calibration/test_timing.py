@@ -88,6 +88,7 @@ def test_lag_rise_and_fall_and_whole_refreshes(tmp_path: Path) -> None:
     assert (Path(str(result.folder)) / "preview" / "timing.png").stat().st_size > 1000
 
 
+@pytest.mark.long
 def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
     scan = "skew_s = 0.002\nscan_s = -0.0316\nscan_bands = 24"
     believed = bench(tmp_path, TAUS.format(projector="skew_s = 0.001", mask=scan))
@@ -106,6 +107,7 @@ def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
     assert any("turned by 180 degrees" in text for text in step.advice)
 
 
+@pytest.mark.long
 def test_times_are_found_again_once_the_delay_is_taken_out(tmp_path: Path) -> None:
     """The display delays the mask by itself now: what is measured says so, and is as before."""
     believed = bench(tmp_path, TAUS.format(projector="", mask="skew_s = -0.0287"))
@@ -154,6 +156,7 @@ def test_lag_and_jitter_of_the_shutter(tmp_path: Path) -> None:
     assert any("run timing" in text for text in record.steps[-1].advice)
 
 
+@pytest.mark.long
 def test_a_shutter_that_is_a_cycle_later(tmp_path: Path) -> None:
     """One bar alone would look the same then; photos wait long enough for such a shutter."""
     truth = TRIGGER.format(0.06 + 29 * REFRESH_S, 0.0)

@@ -159,6 +159,7 @@ def test_errors_of_off_axis_goals_are_foreseen(fields: dict[str, Any], tmp_path:
     assert 0.8 < summary["rms_error"] / prediction["error"] < 1.2
 
 
+@pytest.mark.long
 def test_fig11_holds_where_no_two_devices_share_a_grid(tmp_path: Path) -> None:
     """A camera that is turned and sees cells with many quads, and a mask beside by an eighth of a
     cell: the front still lies within the quarter cell that windows leave."""

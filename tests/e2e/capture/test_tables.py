@@ -170,6 +170,7 @@ def test_row_is_exact_with_more_codes_than_cells(row: str, tmp_path: Path) -> No
         assert deviation["off_rms"] < 1e-6  # grey levels are stored in single precision
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("radius", [1, 2])
 @pytest.mark.parametrize("goal", ["long-range", "short-range"])
 def test_range_goals(goal: str, radius: int, tmp_path: Path) -> None:

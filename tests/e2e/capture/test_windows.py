@@ -104,6 +104,7 @@ def test_windows_that_end_amid_a_pixel_are_refused(tmp_path: Path) -> None:
     assert make_plan(asked, config, (30, 40)).window == "side-3/4"  # cells of 40 pixels
 
 
+@pytest.mark.long
 def test_places_that_open_more_often_than_others_leave_no_trace(tmp_path: Path) -> None:
     """Windows overlap: places open 1, 2 or 4 times. Divided by that, an even scene is even."""
     cells = GRID[0] * GRID[1]

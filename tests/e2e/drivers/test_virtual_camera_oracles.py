@@ -99,6 +99,7 @@ def test_the_command_recognises_a_450d(camera: Camera, tmp_path: Path) -> None:
     assert "DCIM/100CANON" in gphoto2(camera, tmp_path, "--list-files")
 
 
+@pytest.mark.long
 @cli
 def test_the_command_takes_a_bulb_photo_to_memory(camera: Camera, tmp_path: Path) -> None:
     gphoto2(

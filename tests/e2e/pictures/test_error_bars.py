@@ -18,6 +18,7 @@ from pdcd.runs.events import Converging, Event
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.places import DATA
+from tests.sampled import sampled
 
 MATRICES = ("corner", "mirror")
 SCENES = (*MATRICES, "open-book", "wax-disk", "disco-ball", "milky-bottle")
@@ -109,7 +110,10 @@ def test_modelled_sigma_errs_to_the_safe_side(
 
 @pytest.mark.parametrize(
     ("name", "parts", "found"),
-    [("corner", 6, "no mirrors"), ("mirror-and-vase", 7, "sharp paths, which are kept apart")],
+    sampled(
+        [("corner", 6, "no mirrors"), ("mirror-and-vase", 7, "sharp paths, which are kept apart")],
+        2,
+    ),
 )
 def test_a_plain_capture_looks_and_measures_its_error(
     name: str, parts: int, found: str, tmp_path: Path

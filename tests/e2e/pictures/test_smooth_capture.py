@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
@@ -31,6 +33,7 @@ def test_milk_gets_closer_to_the_truth(tmp_path: Path) -> None:
     assert errors[1] < 0.8 * errors[0]
 
 
+@pytest.mark.long
 def test_what_quarter_windows_miss_beside_each_cell_is_not_taken_for_an_error_of_codes(
     tmp_path: Path,
 ) -> None:

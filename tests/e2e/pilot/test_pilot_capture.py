@@ -47,6 +47,7 @@ def run(
     return bench_rig.capture(engine, request)
 
 
+@pytest.mark.long
 def test_a_pilot_makes_mirrors_sharp(tmp_path: Path) -> None:
     """The same 128 codes with and without a pilot; the pilot's are counted."""
     errors = []

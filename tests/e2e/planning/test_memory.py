@@ -23,6 +23,7 @@ from pdcd.planning.guided import plan_for
 from pdcd.request import CaptureRequest, new_job_id
 from pdcd.sensor import cells
 from tests import bench_rig
+from tests.sampled import sampled
 
 GRID = (12, 16)
 CELLS = GRID[0] * GRID[1]
@@ -113,7 +114,7 @@ slow = pytest.mark.skipif(
     [SMALL, pytest.param(LARGE, marks=[slow, pytest.mark.timeout(900)])],
     ids=lambda f: f"{f[0]}x{f[1]}",
 )
-@pytest.mark.parametrize("place", [Placing(), Placing(turn_deg=2.0, scale=1.05)])
+@pytest.mark.parametrize("place", sampled([Placing(turn_deg=2.0, scale=1.05), Placing()], 2))
 def test_pictures_of_many_quads_take_what_was_foreseen(
     tmp_path: Path, frame: tuple[int, int], place: Placing, monkeypatch: pytest.MonkeyPatch
 ) -> None:

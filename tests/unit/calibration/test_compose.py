@@ -38,6 +38,7 @@ def places() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return quads[both], mask[both], projector[both]
 
 
+@pytest.mark.long
 def test_the_composed_map_is_the_way_from_mask_to_projector() -> None:
     _, mask, projector = places()
     ratios = []

@@ -83,6 +83,7 @@ def test_blur_is_that_of_the_lens_and_of_the_quads(blur_quads: float) -> None:
     assert dots.blur_quads == pytest.approx(np.hypot(blur_quads, np.sqrt(1.0 / 12.0)), rel=0.08)
 
 
+@pytest.mark.long
 def test_colours_lie_where_their_samples_do() -> None:
     way = small_way(turn_deg=3.0, colour=(0.002, 0.0, -0.001))
     for channel, dots in enumerate(found(bench(way, grey=False))):

@@ -79,6 +79,7 @@ def test_photos_are_as_many_as_counted_and_light_one_panel() -> None:
     assert len(usual.shown(numbered=False)) == 8
 
 
+@pytest.mark.long
 def test_stripes_tell_each_quad_its_pixel() -> None:
     found = decode(photos(CODE.shown()), CODE)
     assert found.valid[MIDDLE].mean() > 0.99
@@ -151,6 +152,7 @@ def test_codes_survive_light_that_comes_again_mirrored() -> None:
     assert np.mean(np.hypot(*(found.panel_px - TRUE)[found.valid & MIDDLE].T) > 2.0) < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("base_px", [2, 4])
 def test_pictures_of_xor_codes_have_no_wide_stripes(base_px: int) -> None:
     code = XorCode("projector", (1024, 768), base_px=4 if base_px == 4 else 2)

@@ -105,6 +105,7 @@ def test_the_offset_is_found_and_taken_out() -> None:
     assert np.median(left) < 0.015
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_said() -> None:
     mask, _, correction = again()
     points = one().bench.seen_points()

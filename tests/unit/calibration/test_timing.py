@@ -214,6 +214,7 @@ def test_the_sigma_of_readings_is_that_of_noise() -> None:
     assert 0.8 < np.sqrt(np.mean(off**2)) < 1.2
 
 
+@pytest.mark.long
 def test_sigmas_of_lag_and_times_are_honest() -> None:
     """Of a flat field that is off by as much in all bands of a strip, and of noise."""
     on, strips = bench(scan_s=0.001, flat=0.0, electrons=1e12), strips_on(PROJECTOR)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdcd.cli import output
+from pdcd.api.progress import words_of
 from pdcd.cli.exits import DENIED, exit_code
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
@@ -98,7 +98,7 @@ def test_an_error_is_shown_with_its_further_lines_indented(
 
 def test_the_bar_of_a_terminal_shows_words_that_are_escaped() -> None:
     assert isinstance(EVENTS[1], Unknown)
-    assert all(output._words(event).isprintable() for event in EVENTS)
+    assert all(words_of(event).isprintable() for event in EVENTS)
 
 
 @given(st.text())

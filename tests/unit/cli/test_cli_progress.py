@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from pdcd.cli import output
+from pdcd.api.progress import bar
 from pdcd.runs.events import Decoded, Decoding, Progress
 from tests.unit.cli.cli_stubs import EVENTS
 
@@ -28,8 +28,8 @@ def test_progress_lines_come_again_after_a_second(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_s = 100.0
-    monkeypatch.setattr("pdcd.cli.output.time.monotonic", lambda: now_s)
-    with output.progress() as on_event:
+    monkeypatch.setattr("pdcd.api.progress.time.monotonic", lambda: now_s)
+    with bar() as on_event:
         for now_s in (100.0, 100.9, 101.0, 101.5, 102.1):
             on_event(Progress(shot="coded", frame=round(now_s * 10), frames=2400, missed=3))
     assert capsys.readouterr().err.splitlines() == [
@@ -40,7 +40,7 @@ def test_progress_lines_come_again_after_a_second(
 
 def test_progress_is_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = on_terminal(monkeypatch)
-    with output.progress() as on_event:
+    with bar() as on_event:
         on_event(EVENTS[0])
         on_event(EVENTS[2])
     assert "coded: 24/24 refreshes, 3 missed" in screen.getvalue()
@@ -49,12 +49,12 @@ def test_progress_is_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_decoding_gets_a_bar_and_a_time_left_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = on_terminal(monkeypatch)
-    with output.progress() as on_event:
+    with bar() as on_event:
         on_event(EVENTS[2])
         at = len(screen.getvalue())
         on_event(Decoding(shots=2))
     assert "100%" not in screen.getvalue()[at:] and "0%" in screen.getvalue()[at:]
-    with output.progress() as on_event:
+    with bar() as on_event:
         on_event(EVENTS[2])
         on_event(Decoding(shots=2))
         on_event(Decoded(done=3.0, total=12.0))
@@ -65,8 +65,8 @@ def test_decoding_in_a_pipe_is_a_line_a_second(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_s = 100.0
-    monkeypatch.setattr("pdcd.cli.output.time.monotonic", lambda: now_s)
-    with output.progress() as on_event:
+    monkeypatch.setattr("pdcd.api.progress.time.monotonic", lambda: now_s)
+    with bar() as on_event:
         on_event(Decoding(shots=2))
         for now_s in (100.5, 101.0, 102.0, 105.0):
             on_event(Decoded(done=now_s - 100.0, total=5.0))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.bench.hard_cases import CODE_LIMITS
 from tests.bench.measure import alone
 
 
+@pytest.mark.long
 def test_512_coloured_codes_take_little_memory() -> None:
     """In a process of its own, so that the memory is that of the codes alone; 106 MiB are
     usual."""

@@ -127,6 +127,7 @@ def test_single_paths_are_found_with_their_strength(seed: int) -> None:
     assert np.sum((found - true) ** 2) < 0.02 * np.sum(true**2)
 
 
+@pytest.mark.long
 @settings(deadline=None, derandomize=True, max_examples=10)
 @given(seed=st.integers(0, 10_000), sigma=st.sampled_from([0.0, 0.01]))
 def test_what_is_found_are_paths_between_different_cells(seed: int, sigma: float) -> None:

@@ -73,6 +73,7 @@ def test_gain_light_and_single_precision_hide_nothing() -> None:
     np.testing.assert_allclose(found.light, light / light.max(), atol=1e-6)
 
 
+@pytest.mark.long
 def test_noise_stays_in_the_rest_and_numbers_without_structure_are_left_alone() -> None:
     rng = np.random.default_rng(4)
     noise = 1e-3 * rng.standard_normal((N, N))

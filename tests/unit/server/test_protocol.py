@@ -94,6 +94,8 @@ def test_the_request_keeps_every_field_of_the_wire() -> None:
         "white": False,
         "white_patch": (0.25, 1.0),
         "out": "here",
+        "name": "a chart",
+        "tags": ("glass",),
         "note": "n",
     }
     assert set(given) == set(CaptureRequest.__struct_fields__)

@@ -1,0 +1,163 @@
+"""Keywords of a capture -> a request and its arrays, each checked before anything is asked."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypedDict
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdcd.bench.options import convert_field, unknown_key
+from pdcd.errors import RequestError
+from pdcd.inputs.sending import Sendable
+from pdcd.recipes.goals import GOALS
+from pdcd.request import ARRAYS, LABELS, CaptureRequest
+from pdcd.words import (
+    BlackLevelName,
+    FamilyName,
+    GuardsName,
+    KeepName,
+    MethodName,
+    NormaliseName,
+    WindowName,
+)
+
+Array = ArrayLike | Path
+"""An array, rows of numbers, or the path of a .npy, .npz or PNG file."""
+
+FIELDS = {field.name: field for field in msgspec.structs.fields(CaptureRequest)}
+
+
+class Arguments(TypedDict, total=False):
+    """What a capture takes beside its goal: the fields of `pdcd.request.CaptureRequest`, which
+    explains them; docs/python.md lists them."""
+
+    codes: int
+    family: FamilyName
+    p: float
+    shift: tuple[int, int]
+    equal_brightness: bool
+    radius: int
+    mix: tuple[float, float]
+    period: int
+    disparity: tuple[int, int]
+    plane: ArrayLike
+    keep: KeepName
+    rows: tuple[int, int]
+    masked: bool
+    illumination: Array
+    disparities: Array
+    warp: Array
+    warp_b: Array
+    region_a: Array
+    region_b: Array
+    kernel: Array
+    matrix: Array
+    method: MethodName
+    pilot: int | Literal["auto"]
+    parts: int | Literal["auto"]
+    until_error: float
+    repeat: int
+    error: float
+    confidence: float
+    seconds: float
+    prior: str | Path | NDArray[Any]
+    smooth: bool
+    seed: int
+    exposure_s: float
+    window: WindowName
+    guards: bool | GuardsName
+    black_level: BlackLevelName
+    normalise: NormaliseName
+    white: bool
+    white_patch: tuple[float, float]
+    out: str | Path
+    name: str
+    tags: Sequence[str]
+    note: str
+
+
+def asked(
+    goal: str, arguments: Mapping[str, Any], grid: Callable[[], tuple[int, int]]
+) -> tuple[CaptureRequest, dict[str, Sendable]]:
+    """The request that a goal and keywords make, and its arrays by field.
+
+    grid : rows and columns of the rig's cells; asked for where a prior comes as an array.
+
+    Raises RequestError naming all faults, one a line.
+    """
+    faults, values, arrays = [], {}, {}
+    if goal not in GOALS:
+        faults.append(
+            unknown_key(str(goal), str(goal), GOALS).replace("no such key", "no such goal")
+        )
+    known = [name for name in FIELDS if name != "goal"]
+    for name, value in arguments.items():
+        if name not in known:
+            faults.append(unknown_key(name, name, known).replace("key", "keyword"))
+        elif value is None:
+            continue
+        elif name in ARRAYS:
+            arrays[name] = _array(name, value, faults)
+        elif name == "prior" and not _in_words(value):
+            arrays[name] = _transport(value, grid, faults)
+        else:
+            try:
+                values[name] = convert_field(plain(value), FIELDS[name], name)
+            except ValueError as err:
+                words = LABELS.get(name)  # the pattern of a text tells nobody what it may be
+                faults.append(str(err) if words is None else f"{name}: it takes {words}")
+    if faults:
+        raise RequestError("\n".join(faults), hint="docs/python.md lists goals and keywords")
+    if "out" in values:
+        values["out"] = os.fspath(Path(values["out"]).absolute())
+    return CaptureRequest(goal=goal, **values), arrays  # type: ignore[arg-type]
+
+
+def plain(value: Any) -> Any:
+    """The value in types of JSON: of numpy, of pathlib, and of tables and rows of these."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, Mapping):
+        return {str(key): plain(held) for key, held in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(held) for held in value]
+    return value
+
+
+def _array(name: str, value: Any, faults: list[str]) -> Sendable:
+    if isinstance(value, str | os.PathLike):
+        return Path(value)
+    try:
+        found = np.asarray(value)
+    except ValueError as err:  # rows of unequal length
+        faults.append(f"{name}: {err}")
+        return np.zeros((0, 0))
+    if found.dtype.kind not in "biuf" or found.ndim != 2:
+        faults.append(f"{name}: must be rows and columns of real numbers, or the path of a file")
+    return found
+
+
+def _in_words(prior: object) -> bool:
+    return isinstance(prior, str) and prior.startswith(("scene:", "decay:"))
+
+
+def _transport(prior: Any, grid: Callable[[], tuple[int, int]], faults: list[str]) -> Sendable:
+    """A prior as the file of a transport matrix: what was named, or what an array would be in."""
+    if isinstance(prior, str | os.PathLike):
+        return Path(prior)
+    try:
+        matrix = np.asarray(prior, dtype=np.float64)
+    except (TypeError, ValueError) as err:
+        faults.append(f"prior: {err}")
+        return b""
+    file = io.BytesIO()
+    np.savez(file, transport=matrix, grid=np.array(grid()))
+    return file.getvalue()

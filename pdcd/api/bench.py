@@ -1,0 +1,112 @@
+"""What can be asked of a bench, be it in this process or behind a daemon's socket."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, Any, Self, Unpack
+
+from pdcd.api.arguments import Arguments, asked
+from pdcd.api.progress import OnEvent, Shown, shown
+from pdcd.api.run import Run, open_run
+from pdcd.errors import of_kind
+from pdcd.inputs.sending import Sendable
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+
+if TYPE_CHECKING:
+    from pdcd.words import GoalName
+
+Arrays = Mapping[str, Sendable]
+"""Arrays of a request by field."""
+NONE: Arrays = MappingProxyType({})
+
+
+class Bench(ABC):
+    """A bench that takes photos; a context manager that lets go of it.
+
+    For one thread. Whatever happens in a capture, panels are black and the shutter is closed when
+    it returns or raises.
+    """
+
+    @property
+    @abstractmethod
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of code cells."""
+
+    @abstractmethod
+    def described(self) -> dict[str, Any]:
+        """What it is, in plain values: two benches that are told alike are the same to a sweep."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of the bench. Idempotent."""
+
+    @abstractmethod
+    def foresee(self, request: CaptureRequest, arrays: Arrays = NONE) -> PlanSummary:
+        """What a request would do, without doing it; `plan` is the same by keywords."""
+
+    @abstractmethod
+    def take(
+        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+    ) -> CaptureResult:
+        """Take the photo of a request and tell how that ended; nothing is raised for what goes
+        wrong once the job has begun. `capture` is the same by keywords.
+
+        An interrupt ends the job in good order and is delivered afterwards.
+        """
+
+    def plan(self, goal: GoalName, **arguments: Unpack[Arguments]) -> PlanSummary:
+        """What a capture would do, without doing it; goal and keywords are those of `capture`.
+
+        Raises RequestError.
+        """
+        return self.foresee(*asked(goal, arguments, lambda: self.grid))
+
+    def capture(
+        self, goal: GoalName, *, progress: Shown = True, **arguments: Unpack[Arguments]
+    ) -> Run:
+        """Take a photo.
+
+        Parameters
+        ----------
+        goal : what to keep of the light, such as "indirect" (`pdcd.recipes.goals`).
+        progress : whether to show it, in a notebook or on the terminal; or what takes each event.
+        arguments : fields of `pdcd.request.CaptureRequest`. Arrays are numpy arrays, rows of
+            numbers, or paths.
+
+        Raises
+        ------
+        RequestError
+            A keyword is unknown or wrong, or the bench cannot do this.
+        PdcdError
+            The job failed: the error that it ended by. What was taken is kept; a note on the error
+            says where.
+        """
+        request, arrays = asked(goal, arguments, lambda: self.grid)
+        with shown(progress) as on_event:
+            result = self.take(request, arrays, on_event=on_event)
+        return finished(result)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def finished(result: CaptureResult) -> Run:
+    """The run of a job that is done. Raises the error that it ended by."""
+    if result.state == "done" and result.folder is not None:
+        return open_run(Path(result.folder))
+    told = result.error or {"message": f"the job is {result.state}"}
+    error = of_kind(*(told.get(name) for name in ("kind", "message", "device", "hint")))
+    if result.folder is not None:
+        error.add_note(f"What was taken lies in {result.folder}")
+    raise error

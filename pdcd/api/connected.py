@@ -1,0 +1,66 @@
+"""The bench of a daemon, over its socket."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pdcd.api.bench import NONE, Arrays, Bench
+from pdcd.api.progress import OnEvent
+from pdcd.api.signals import held_back
+from pdcd.bench.config import load
+from pdcd.bench.folders import socket_path
+from pdcd.client import Client
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+
+
+def connect(socket: Path | str | None = None, *, queue: bool = False) -> Connected:
+    """The bench that a daemon holds.
+
+    Parameters
+    ----------
+    socket : of the daemon; None: where the configuration says that it listens.
+    queue : wait while others use the bench, however long, instead of being refused.
+
+    Raises `pdcd.errors.BusyError` where too many wait, and ConnectionError where no daemon answers.
+    """
+    return Connected(Client(socket_path(load()) if socket is None else Path(socket)), queue=queue)
+
+
+class Connected(Bench):
+    """The bench of a daemon; leaving the context parts from it, and ends jobs that still run."""
+
+    def __init__(self, client: Client, *, queue: bool = False) -> None:
+        self.client = client
+        """The connection, for all that the socket can do beside photos: `events`, `status` ..."""
+        self._queue = queue
+        self._grid: tuple[int, int] | None = None
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of code cells."""
+        if self._grid is None:
+            self._grid = self.client.describe().grid
+        return self._grid
+
+    def described(self) -> dict[str, Any]:
+        """The rig as the daemon describes it."""
+        found: dict[str, Any] = msgspec.to_builtins(self.client.describe())
+        return found
+
+    def close(self) -> None:
+        """Part from the daemon. Idempotent."""
+        self.client.close()
+
+    def foresee(self, request: CaptureRequest, arrays: Arrays = NONE) -> PlanSummary:
+        """What a request would do."""
+        return self.client.plan(request, arrays=arrays, queue=self._queue)
+
+    def take(
+        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+    ) -> CaptureResult:
+        """Take the photo of a request (see `Bench.take`)."""
+        with held_back(raises=True):
+            return self.client.capture(request, arrays=arrays, queue=self._queue, on_event=on_event)

@@ -1,0 +1,96 @@
+"""A run's pictures made again from its RAW files, by other options than it was taken with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.api.progress import OnEvent
+from pdcd.errors import RequestError
+from pdcd.offload.answers import rms_sigma
+from pdcd.pictures.darkroom import Darkroom, Decoded
+from pdcd.pictures.decode import record_errors
+from pdcd.pictures.sigma import Barred
+from pdcd.pictures.watch import Watch
+from pdcd.runs.events import Decoded as Step
+from pdcd.runs.record import RunRecord
+from pdcd.words import NormaliseName
+
+
+@dataclass(frozen=True, eq=False)
+class Decoding:
+    """What came out.
+
+    image, sigma : (rows, cols, 3) float64
+        As of the run: means over the cells, scene units.
+    sigma_kind : "measured" or "modelled".
+    rms_sigma : RMS sigma over RMS image, on the camera's quads; infinite where that is not known.
+    pictures : by name, each with `.image` and `.sigma`, (h, w, 3), a pixel for each of the camera's
+        quads, and the two parts of sigma, `.sensor` and `.code`.
+    """
+
+    image: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    sigma_kind: str
+    rms_sigma: float
+    pictures: Mapping[str, Barred]
+
+
+def decode(
+    folder: Path,
+    record: RunRecord,
+    *,
+    smooth: bool | None,
+    normalise: NormaliseName | None,
+    parts: int | None,
+    on_event: OnEvent | None,
+) -> Decoding:
+    """Make the pictures of a run; nothing is written. None leaves an option as the run had it.
+
+    Raises RequestError for a number of parts that the run does not have, and DecodeError.
+    """
+    watch = Watch()
+    if on_event is not None:
+        heard = on_event
+        watch = Watch(step=lambda done, total: heard(Step(done=done, total=total)))
+    with record_errors(folder):
+        record = msgspec.structs.replace(
+            record,
+            smooth=record.smooth if smooth is None else smooth,
+            normalise=normalise or record.normalise,
+        )
+        darkroom = Darkroom(folder, record)
+        if parts is not None:
+            darkroom = Darkroom(folder, _first(darkroom, parts))
+        return _told(darkroom.decoded(watch))
+
+
+def _told(decoded: Decoded) -> Decoding:
+    means = decoded.cell_means
+    return Decoding(
+        image=np.asarray(means.image, dtype=np.float64),
+        sigma=np.asarray(means.sigma, dtype=np.float64),
+        sigma_kind=means.kind,
+        rms_sigma=rms_sigma(decoded.answer),
+        pictures=decoded.pictures,
+    )
+
+
+def _first(darkroom: Darkroom, parts: int) -> RunRecord:
+    """The record with the shots of the first parts only. Raises RequestError."""
+    record = darkroom.record
+    part_of = {shot.name: shot.part for shot in darkroom.recipe.shots}
+    there = {part_of[shot.name] for shot in record.shots} - {0}
+    if not 1 <= parts <= len(there):
+        raise RequestError(
+            f"the run has {len(there) or 'no'} parts, not {parts}",
+            hint="capture with parts=4 or more to look at fewer of them",
+        )
+    kept = {0, *sorted(there)[:parts]}
+    shots = tuple(shot for shot in record.shots if part_of[shot.name] in kept)
+    return msgspec.structs.replace(record, shots=shots)

@@ -1,0 +1,110 @@
+"""How a run looks in a notebook: its previews, small, and its figures; all texts escaped."""
+
+from __future__ import annotations
+
+import base64
+import html
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pdcd.errors import DecodeError
+from pdcd.printable import one_line
+
+if TYPE_CHECKING:
+    from pdcd.api.run import Run
+
+WIDTH_PX = 320
+"""Width of a preview in a notebook; larger ones are drawn smaller."""
+QUALITY = 85
+"""Of JPEG: a page of a notebook holds many pictures."""
+MOST_PREVIEWS = 4
+
+FIGURES = (
+    ("codes", "codes", "{:.0f}"),
+    ("parts", "parts", "{:.0f}"),
+    ("exposure_s", "exposure", "{:.3g} s"),
+    ("missed_refreshes", "missed refreshes", "{:.0f}"),
+)
+SHARES = (
+    ("rms_sigma", "RMS sigma"),
+    ("rms_error", "RMS error"),
+)
+
+
+def run_html(run: Run) -> str:
+    """A run as HTML without script, style sheet or network."""
+    return (
+        f"<div><p><b>{_text(run.goal)}</b> <code>{_text(run.job)}</code></p>"
+        f"{_previews(run)}{_table(run)}{_notes(run)}</div>"
+    )
+
+
+def table_html(heads: list[str], rows: list[list[str]]) -> str:
+    """A table of texts."""
+    head = "".join(f"<th>{_text(name)}</th>" for name in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{_text(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _text(words: object) -> str:
+    return html.escape(one_line(str(words)))
+
+
+def _table(run: Run) -> str:
+    summary = run.summary
+    rows = [[name, form.format(v)] for key, name, form in FIGURES if (v := summary.get(key))]
+    for key, name in SHARES:
+        share = summary.get(key)
+        if isinstance(share, float):
+            rows.append([name, f"{100.0 * share:.3g} %"])
+    rows.append(["folder", os.path.relpath(run.folder) if _near(run.folder) else str(run.folder)])
+    return table_html(["verdict", "" if run.quality is None else run.quality.verdict], rows)
+
+
+def _near(folder: Path) -> bool:
+    return folder.is_relative_to(Path.cwd())
+
+
+def _notes(run: Run) -> str:
+    quality = run.quality
+    told = [] if quality is None else [*quality.reasons, *quality.remarks]
+    items = "".join(f"<li>{_text(note)}</li>" for note in (*told, *run.warnings))
+    return f"<ul>{items}</ul>" if items else ""
+
+
+def _previews(run: Run) -> str:
+    """The answer's preview first, then the others."""
+    answer = str(run.summary.get("picture"))
+    names = [n[8:-4] for n in run.manifest.files if n.startswith("preview/") and n.endswith(".png")]
+    known = [n for n in names if n == "transport" or n in run.pictures]
+    known.sort(key=lambda name: (name != answer, name))
+    figures = []
+    for name in known[:MOST_PREVIEWS]:
+        try:
+            data = _small(run.checked(f"preview/{name}.png"))
+        except (DecodeError, OSError):
+            continue  # a view for eyes; whoever asks for the numbers is told
+        source = "data:image/jpeg;base64," + base64.b64encode(data).decode("ascii")
+        figures.append(
+            f'<img src="{source}" alt="{_text(name)}" title="{_text(name)}" width="{WIDTH_PX}">'
+        )
+    return f"<p>{' '.join(figures)}</p>" if figures else ""
+
+
+def _small(path: Path) -> bytes:
+    """A picture as a JPEG file of at most the width wanted. Raises DecodeError."""
+    import cv2
+
+    try:
+        image = cv2.imdecode(np.frombuffer(path.read_bytes(), dtype=np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise DecodeError(f"{path.name} is no picture")
+        height = max(1, round(image.shape[0] * WIDTH_PX / image.shape[1]))
+        if image.shape[1] > WIDTH_PX:
+            image = cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+        return bytes(cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))[1])
+    except cv2.error as err:
+        raise DecodeError(f"{path.name} is damaged: {err.err}") from err

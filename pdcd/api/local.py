@@ -1,0 +1,165 @@
+"""A bench in this process: the mock bench, or real devices that no daemon holds."""
+
+from __future__ import annotations
+
+import os
+import pwd
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from pdcd.api.arguments import plain
+from pdcd.api.bench import NONE, Arrays, Bench
+from pdcd.api.progress import OnEvent
+from pdcd.api.signals import held_back
+from pdcd.bench.config import from_table, load
+from pdcd.bench.reading import sized, text_table
+from pdcd.bench.tables import Config
+from pdcd.inputs.sending import parcels
+from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
+from pdcd.runs.events import Event
+from pdcd.runs.folder import sha256_of
+from pdcd.runs.views import OwnerView
+
+if TYPE_CHECKING:
+    from pdcd.capture.engine import Engine
+    from pdcd.recipes.arrays import Given
+
+Configured = Config | Path | str | Mapping[str, Any] | None
+"""A configuration: None, the path of a TOML file, TOML text, or tables."""
+
+
+def local(config: Configured = None, *, folder: Path | str | None = None) -> LocalBench:
+    """A bench in this process.
+
+    Parameters
+    ----------
+    config : None for the configuration that `pdcd` itself would use, which is the mock bench where
+        there is none; the path of a file; TOML text, which is a `str` with a line break or a `=` in
+        it; or tables, such as ``{"scene": {"kind": "wax-disk"}}``.
+    folder : where run folders go; None: below the state folder, as the configuration says.
+
+    Raises ConfigError and DriverUnavailable. The devices are opened by the first capture.
+    """
+    return LocalBench(configured(config), None if folder is None else Path(folder))
+
+
+def configured(given: Configured, base: Config | None = None) -> Config:
+    """The configuration that was given in one of these ways. Raises ConfigError.
+
+    base : what keys take that text or tables leave out; None: the values of the mock bench.
+    """
+    if isinstance(given, Config):
+        return given
+    if isinstance(given, Mapping):
+        called = "the tables given"
+        return from_table(sized(plain(given), called), called, base)
+    if isinstance(given, str) and ("\n" in given or "=" in given):
+        called = "the text given"
+        return from_table(text_table(given, called), called, base)
+    return load(given)
+
+
+class LocalBench(Bench):
+    """A bench in this process, closed until it is first used."""
+
+    def __init__(self, config: Config, folder: Path | None = None) -> None:
+        from pdcd.capture.engine import Engine
+
+        self._config = config
+        self._engine: Engine = Engine.from_config(config)
+        self._folder = folder
+        self._opened = False
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of code cells."""
+        return self._engine.grid
+
+    def described(self) -> dict[str, Any]:
+        """The configuration in plain values, its files by their content."""
+        return described(self._config)
+
+    def close(self) -> None:
+        """Let go of the devices. Idempotent."""
+        if self._opened:
+            self._opened = False
+            self._engine.stop()
+
+    def foresee(self, request: CaptureRequest, arrays: Arrays = NONE) -> PlanSummary:
+        """What a request would do; no device is opened for it. Raises RequestError."""
+        return self._engine.plan(*self._read(request, arrays))
+
+    def take(
+        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+    ) -> CaptureResult:
+        """Take the photo of a request (see `Bench.take`)."""
+        with held_back() as interrupted:
+            return self.take_until(interrupted, request, arrays, on_event)
+
+    def take_until(
+        self,
+        cancelled: Callable[[], bool],
+        request: CaptureRequest,
+        arrays: Arrays = NONE,
+        on_event: OnEvent | None = None,
+        *,
+        report: bool = False,
+    ) -> CaptureResult:
+        """The same, ended when `cancelled()` says so, which is asked at every step; `report` is
+        that of `Engine.capture`."""
+        if request.out is None and self._folder is not None:
+            request = msgspec.structs.replace(request, out=str(self._folder.absolute()))
+        wanted, given = self._read(request, arrays)
+        self._open()
+        return self._engine.capture(
+            wanted,
+            given,
+            job=new_job_id(),
+            owner=owner(),
+            emit=_unheard if on_event is None else on_event,
+            cancelled=cancelled,
+            report=report,
+        )
+
+    def _open(self) -> None:
+        if self._opened:
+            return
+        self._opened = True
+        try:
+            self._engine.start()
+        except BaseException:  # which may have opened one device of three
+            self.close()
+            raise
+
+    def _read(self, request: CaptureRequest, arrays: Arrays) -> tuple[CaptureRequest, Given]:
+        """Read the arrays with this user's rights. Raises RequestError."""
+        from pdcd.planning.given import from_descriptor, read_given
+
+        with parcels(arrays) as opened:
+            sources = {n: from_descriptor(p.descriptor, p.file) for n, p in opened.items()}
+            return read_given(request, sources, self.grid)
+
+
+def described(config: Config) -> dict[str, Any]:
+    """A configuration in plain values, and the SHA-256 of the files that it names."""
+    names = (config.scene.path, config.bench.truth, config.camera.profile)
+    files = [Path(name) for name in names if name is not None]
+    sums = {str(f): sha256_of(f) for f in files if f.is_file()}
+    return {"config": msgspec.to_builtins(config), "files": sums}
+
+
+def owner() -> OwnerView:
+    """Who asks, as a daemon would learn it from the kernel."""
+    uid = os.getuid()
+    try:
+        user = pwd.getpwuid(uid).pw_name
+    except KeyError:  # containers run under users that no table names
+        user = str(uid)
+    return OwnerView(uid=uid, pid=os.getpid(), user=user)
+
+
+def _unheard(event: Event) -> None:
+    """Nobody listens."""

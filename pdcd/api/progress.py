@@ -1,0 +1,197 @@
+"""Progress of a job, shown to whoever watches: a bar in a notebook or on a terminal, else lines."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from pdcd.printable import one_line
+from pdcd.runs.events import (
+    Armed,
+    Attention,
+    Converging,
+    Decoded,
+    Decoding,
+    Event,
+    Learning,
+    Planning,
+    Progress,
+    StepBegun,
+    StepEnded,
+    fields,
+)
+
+OnEvent = Callable[[Event], None]
+"""Takes one event, a struct of `pdcd.runs.events`; `type` names its kind."""
+
+Shown = bool | OnEvent
+"""Whether to show progress, or what takes each event instead."""
+
+Share = tuple[float, float]
+"""Work done, and all of it."""
+Show = Callable[[str, Share | None, bool], None]
+"""Shows words, the share that is done where it is known, and whether a stage begins."""
+
+LINE_INTERVAL_S = 1.0
+"""Least time between two progress lines where no bar can be drawn."""
+
+
+@contextmanager
+def shown(progress: Shown) -> Iterator[OnEvent | None]:
+    """What takes the events of one job, None where nobody wants them."""
+    if callable(progress) or not progress:
+        yield progress or None
+        return
+    with bar() as on_event:
+        yield on_event
+
+
+def tell(text: str) -> None:
+    """Print one line for the human who watches; never part of the result. Escaped as by `say`."""
+    sys.stderr.write(one_line(text) + "\n")
+    sys.stderr.flush()
+
+
+@contextmanager
+def bar(first: str = "waiting") -> Iterator[OnEvent]:
+    """What shows the events of one job; `first` is what is done before the first of them."""
+    stages = Stages()
+    with drawn(first) as show:
+        yield lambda event: show(words_of(event), share_of(event), stages.begins(event))
+
+
+@contextmanager
+def drawn(first: str) -> Iterator[Show]:
+    """What shows words and a share: a line in a notebook, a bar on a terminal, else lines on
+    stderr, at most one a second."""
+    if notebook():
+        from pdcd.api.notebook import line
+
+        with line() as show:
+            yield show
+        return
+    if not sys.stderr.isatty():
+        yield _Lines().show
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+    )
+    with Bars(*columns, console=Console(stderr=True)) as bars:
+        task = bars.add_task(first, total=None)
+
+        def on_bar(words: str, share: Share | None, begins: bool) -> None:
+            done, total = share or (None, None)
+            if begins:  # so that the time left is that of this stage
+                bars.reset(task, total=total or 1.0, description=words)
+            bars.update(task, description=words, completed=done, total=total)
+
+        yield on_bar
+
+
+def notebook() -> bool:
+    """Whether this is a cell of a notebook, which shows HTML; a terminal with IPython is none."""
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
+
+
+class _Lines:
+    """Progress where no bar can be drawn: in a pipe, a log, a terminal without movement."""
+
+    def __init__(self) -> None:
+        self._next_s = 0.0
+        self._left = Left()
+
+    def show(self, words: str, share: Share | None, begins: bool) -> None:
+        """Say it, if it is no share, or the last was said long ago."""
+        left = self._left.words(share, begins)
+        if share is None:
+            tell(words)
+        elif time.monotonic() >= self._next_s:
+            self._next_s = time.monotonic() + LINE_INTERVAL_S
+            tell(words + left)
+
+
+class Left:
+    """The time that is left of a stage, by what was done of it so far."""
+
+    def __init__(self) -> None:
+        self._begun_s = 0.0
+
+    def words(self, share: Share | None, begins: bool) -> str:
+        """Such as ", 12 s left"; nothing where that is not known, or less than a second."""
+        now_s = time.monotonic()
+        if begins:
+            self._begun_s = now_s
+        done, total = share or (0.0, 0.0)
+        left_s = (now_s - self._begun_s) * (total - done) / done if done else 0.0
+        return f", {left_s:.0f} s left" if left_s >= 1.0 else ""
+
+
+class Stages:
+    """Of what there is progress: of the plan, of each exposure, of making pictures."""
+
+    def __init__(self) -> None:
+        self._stage: str | None = None
+
+    def begins(self, event: Event) -> bool:
+        """Whether the event is the first of a stage."""
+        if isinstance(event, (Armed, Progress)):
+            stage = f"shot {event.shot}"
+        elif isinstance(event, Planning):
+            stage = "planning"
+        elif isinstance(event, (Learning, Decoding, Decoded)):
+            stage = "decoding"
+        else:
+            return False
+        new = stage != self._stage or isinstance(event, Armed)
+        self._stage = stage
+        return new
+
+
+def share_of(event: Event) -> Share | None:
+    """Work done, and all of it, where the event tells."""
+    if isinstance(event, Progress):
+        return event.frame, event.frames
+    return (event.done, event.total) if isinstance(event, (Decoded, Planning)) else None
+
+
+def words_of(event: Event) -> str:
+    """Say where the job stands: the shot, if the event names one, and the step or the refreshes."""
+    return one_line(_plain_words(event))
+
+
+def _plain_words(event: Event) -> str:
+    step = event.type.replace("_", " ")
+    if isinstance(event, Decoded):
+        return f"decoding: {100.0 * event.done / event.total:.0f} %"
+    if isinstance(event, Planning):
+        return f"planning {event.stage}: {100.0 * event.done / event.total:.0f} %"
+    if isinstance(event, Converging):
+        error = "unknown" if event.rms_sigma is None else f"{100.0 * event.rms_sigma:.2g} %"
+        return f"part {event.part}: error {error}, wanted {100.0 * event.target:g} %"
+    if isinstance(event, StepBegun):
+        return f"step {event.number} of {event.steps}: {event.step}"
+    if isinstance(event, StepEnded):
+        return f"{event.step}: {event.verdict}"
+    if isinstance(event, Attention):
+        return event.text
+    if isinstance(event, Progress):
+        step = f"{event.frame}/{event.frames} refreshes"
+        if event.missed:
+            step += f", {event.missed} missed"
+    shot = fields(event).get("shot")
+    return f"{shot}: {step}" if shot else step

@@ -1,0 +1,305 @@
+"""A run on disk as an object: read when asked for, and only what is as it was."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.api.progress import Shown, shown
+from pdcd.errors import DecodeError
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import Patterns, fit, levels_of
+from pdcd.printable import one_line
+from pdcd.request import Figure, Quality
+from pdcd.runs.frame_table import COLUMNS
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.inside import opened
+from pdcd.runs.patterns import NAME as CODES
+from pdcd.runs.patterns import read_patterns, stored_arrays
+from pdcd.runs.record import Manifest
+from pdcd.runs.verify import Check
+from pdcd.words import NormaliseName, VerdictName
+
+if TYPE_CHECKING:
+    from pdcd.api.decoding import Decoding
+    from pdcd.pictures.row import MatrixRow
+
+Floats = NDArray[np.float64]
+
+PROBE = "probe.npz"
+PANELS = ("primal", "dual")
+
+
+def open_run(folder: Path | str) -> Run:
+    """Open the folder of a run; `pdcd.open` is its public name.
+
+    Only the manifest is read, and held against its digest; each file is held against the manifest
+    when it is first used. Raises DecodeError for what is no finished run, or was changed.
+    """
+    return Run(Path(folder))
+
+
+@dataclass(frozen=True, eq=False)
+class Codes:
+    """What both panels showed in one program, a pattern a code: (K, rows, cols) bool, or float64
+    levels over the highest, 0..1, where the panels show greys.
+
+    rows, cols : of lattice cells, which are one more than cells where the mask opens parts of them.
+    """
+
+    projector: NDArray[Any]
+    mask: NDArray[Any]
+
+
+class Run:
+    """One run. Its attributes are read when they are first asked for; nothing is written.
+
+    All raise DecodeError for a file that is lost or changed.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        check = Check(lambda: None)
+        check.look(folder, None, ())
+        # One that lacks shots says so by itself.
+        faults = [fault for fault in check.found if fault.what != "partial"]
+        if check.read is None or faults:
+            why = f"{faults[0].path}: {faults[0].detail}" if faults else "it has no manifest"
+            raise DecodeError(
+                f"{one_line(str(folder))} is not a whole and unchanged run: {why}",
+                hint="see pdcd verify; of one that was cut, pdcd decode --partial makes a run",
+            )
+        self.folder = folder.absolute()
+        """Where it lies."""
+        self.manifest: Manifest = check.read
+        """Everything that capture.json tells (docs/run-folder.md)."""
+        self.manifest_sha256: str = check.sha256 or ""
+        self._sound: set[str] = set()
+
+    @property
+    def job(self) -> str:
+        """Name of the run."""
+        return self.manifest.job
+
+    @property
+    def goal(self) -> str:
+        """What was asked for."""
+        return self.manifest.run.goal.name
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of cells."""
+        return self.manifest.run.grid
+
+    @property
+    def summary(self) -> Mapping[str, Figure]:
+        """The run in figures: "codes", "exposure_s", "rms_sigma", "rms_error" ..., None where a
+        figure is not known."""
+        return self.manifest.summary
+
+    @property
+    def quality(self) -> Quality | None:
+        """The verdict with its reasons; None in runs of early versions."""
+        found = self.summary.get("quality")
+        return found if isinstance(found, Quality) else None
+
+    @property
+    def verdict(self) -> VerdictName | None:
+        """ "good", "doubtful" or "bad"; None in runs of early versions."""
+        return None if self.quality is None else self.quality.verdict
+
+    @property
+    def rms_sigma(self) -> float | None:
+        """RMS of the standard deviation over that of the picture; None where it is not known."""
+        return self._number("rms_sigma")
+
+    @property
+    def rms_error(self) -> float | None:
+        """RMS error over that of the truth; None where nobody knows the scene."""
+        return self._number("rms_error")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be known of the run, a line each."""
+        return self.manifest.warnings
+
+    @cached_property
+    def image(self) -> Floats:
+        """The picture that was asked for, means over the cells, (rows, cols, 3) float64, linear, in
+        scene units, signed. 0 where the camera does not see a cell."""
+        return np.asarray(self._probe["image"])
+
+    @cached_property
+    def sigma(self) -> Floats:
+        """Standard deviation of `image`, the same shape; infinite where nothing is known."""
+        return np.asarray(self._probe["sigma"])
+
+    @property
+    def sigma_kind(self) -> str:
+        """How the error of the codes in `sigma` was found: "measured" or "modelled"."""
+        return str(self.summary.get("sigma_kind", "modelled"))
+
+    @cached_property
+    def pictures(self) -> Mapping[str, NDArray[np.float32]]:
+        """All pictures by name, such as "direct", each (h, w, 3) float32 in the camera's own
+        geometry, a pixel for each quad of the sensor; linear, in scene units."""
+        return _Pictures(self)
+
+    @cached_property
+    def codes(self) -> Mapping[str, Codes]:
+        """What the panels were sent, by program; none where a run shows no codes."""
+        if CODES not in self.manifest.files:
+            return {}
+        self.checked(CODES)
+        stored = read_patterns(self.folder)
+        names = [name.removesuffix(".primal") for name in stored if name.endswith(".primal")]
+        try:
+            return {
+                name: Codes(*(self._patterns(name, stored[f"{name}.{p}"]) for p in PANELS))
+                for name in names
+            }
+        except (KeyError, ValueError) as err:
+            raise DecodeError(f"{CODES} is damaged: {err}", hint="restore it from a copy") from err
+
+    @cached_property
+    def frames(self) -> dict[str, NDArray[Any]]:
+        """frames.csv by column: "shot" str, all others int64, an entry for each refresh."""
+        path = self.checked(FRAMES)
+        try:
+            with path.open(newline="") as file:
+                head, *lines = csv.reader(file)
+            columns = dict(zip(head, zip(*lines, strict=True), strict=True)) if lines else {}
+            return {
+                name: np.array(columns.get(name, ()), dtype=np.str_ if name == "shot" else np.int64)
+                for name in COLUMNS
+                if name in head
+            }
+        except (ValueError, OverflowError, csv.Error) as err:
+            raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
+
+    def row(self, row: int, column: int, photo: str | None = None) -> MatrixRow:
+        """Weights of the paths from every projector cell to one camera cell, as wanted and as
+        realised: `.wanted` and `.realised`, (rows, cols) float64.
+
+        photo : which photo; None takes the one that the answer rests on. Raises ConfigError where
+        there is no such cell or photo.
+        """
+        from pdcd.pictures.row import matrix_row
+
+        return matrix_row(self.folder, (row, column), photo)
+
+    def decode(
+        self,
+        *,
+        smooth: bool | None = None,
+        normalise: NormaliseName | None = None,
+        parts: int | None = None,
+        progress: Shown = True,
+    ) -> Decoding:
+        """Make the pictures again from the RAW files, by other options; nothing is written.
+
+        Parameters
+        ----------
+        smooth, normalise : as of a capture; None: as the run had it.
+        parts : use the first so many of its parts only.
+        progress : as of a capture.
+
+        Raises RequestError for a number of parts that the run does not have.
+        """
+        from pdcd.api.decoding import decode
+
+        for name in (CODES, FRAMES):
+            if name in self.manifest.files:
+                self.checked(name)
+        with shown(progress) as on_event:
+            return decode(
+                self.folder,
+                self.manifest.run,
+                smooth=smooth,
+                normalise=normalise,
+                parts=parts,
+                on_event=on_event,
+            )
+
+    def checked(self, name: str) -> Path:
+        """Path of one file of the run, which is as the manifest says. Raises DecodeError."""
+        if name not in self._sound:
+            check = Check(lambda: None)
+            with opened(self.folder) as folder:
+                check.read = self.manifest
+                check.files(folder, [name])
+            for fault in check.found:
+                raise DecodeError(
+                    f"{name} of {one_line(str(self.folder))}: {fault.detail}",
+                    hint="see pdcd verify; restore it from a copy",
+                )
+            self._sound.add(name)
+        return self.folder / name
+
+    def __repr__(self) -> str:
+        told = [f"{self.summary['codes']} codes"] if self.summary.get("codes") else []
+        told += [self.quality.verdict] if self.quality is not None else []
+        return f"<Run {self.job}: {self.goal}, {', '.join(told)}>"
+
+    def _repr_html_(self) -> str:
+        from pdcd.api.html import run_html
+
+        return run_html(self)
+
+    @cached_property
+    def _probe(self) -> dict[str, NDArray[Any]]:
+        found = stored_arrays(self.checked(PROBE))
+        if any(found[n].shape != (*self.grid, 3) for n in ("image", "sigma") if n in found):
+            raise DecodeError(f"{PROBE} is not over the run's cells", hint="see pdcd verify")
+        return found
+
+    def _number(self, name: str) -> float | None:
+        found = self.summary.get(name)
+        return float(found) if isinstance(found, float | int) else None
+
+    def _patterns(self, program: str, stored: Patterns) -> NDArray[Any]:
+        """Stored patterns of one panel as pictures of it. Raises ValueError."""
+        shots = self.manifest.run.shots
+        # The names of shots begin with that of their program; one that was never shown has none.
+        mine = [s for s in shots if s.name.startswith(program)] or shots
+        for window in dict.fromkeys(shot.window for shot in mine):
+            rows, cols = Lattice(self.grid, window).shape
+            if fit(stored, rows * cols) and len(stored):
+                levels = [levels_of(stored, k, rows * cols) for k in range(len(stored))]
+                whole = np.stack(levels).reshape(-1, rows, cols)
+                return whole.astype(np.bool_) if stored.dtype == np.uint8 else whole
+        return np.zeros((0, *self.grid), dtype=np.bool_)
+
+
+class _Pictures(Mapping[str, NDArray[np.float32]]):
+    """The linear pictures of a run, each read when it is asked for."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        files = run.manifest.files
+        self._names = [n[7:-4] for n in files if n.startswith("linear/") and n.endswith(".tif")]
+        self._read: dict[str, NDArray[np.float32]] = {}
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        if name not in self._names:
+            raise KeyError(name)
+        if name not in self._read:
+            from pdcd.pictures.develop import read_tiff
+
+            self._read[name] = read_tiff(self._run.checked(f"linear/{name}.tif"))
+        return self._read[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        return f"<pictures {', '.join(self._names)}>"

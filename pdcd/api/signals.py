@@ -1,0 +1,46 @@
+"""Interrupts while a job runs: they end it in good order first, and are felt after that."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+Handler = Callable[[int, FrameType | None], object]
+
+
+@contextmanager
+def signals_to(handler: Handler) -> Iterator[None]:
+    """Send SIGINT and SIGTERM to `handler` for a while. For the main thread only."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, handler) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handled in zip(numbers, before, strict=True):
+            signal.signal(number, handled)
+
+
+@contextmanager
+def held_back(*, raises: bool = False) -> Iterator[Callable[[], bool]]:
+    """Hold SIGINT and SIGTERM back until the context is left, and deliver them then.
+
+    Yields what tells whether one came. With `raises` it raises KeyboardInterrupt inside as well; a
+    second one always does. In a thread that cannot handle signals nothing is held back.
+    """
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        if raises or len(came) > 1:  # the second time, the user does not want to wait
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    with signals_to(note):
+        yield lambda: bool(came)
+    if came:
+        signal.raise_signal(came[0])
