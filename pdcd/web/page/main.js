@@ -55,7 +55,7 @@ async function describe() {
 async function runs() {
   const found = await trying(() => listRuns((job) => trying(() => pictures.show(job))));
   if (found && pictures.empty) {
-    const last = found.find((run) => run.state === "done");
+    const last = found.find((run) => run.entry.state === "done");
     if (last) await trying(() => pictures.show(last.job));
   }
 }
