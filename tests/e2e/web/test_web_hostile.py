@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.web import guard
+from pdcd.web.app import MOST_BYTES, SMALL_BYTES
 from pdcd.web.door import ENTER
 from pdcd.web.serve import bound, serving
 from tests.e2e.server._server_harness import nothing_left
@@ -99,3 +100,22 @@ def test_the_token_is_good_once_however_many_try(tmp_path: Path) -> None:
     for word in (b"HttpOnly", b"SameSite=Strict", b"Content-Security-Policy: default-src 'none'"):
         assert word in good
     assert threading.active_count() == 1
+
+
+def test_a_body_that_is_too_long_is_not_waited_for(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        sock = bound("127.0.0.1", 0)
+        host, port = sock.getsockname()
+        async with serving(sock, tmp_path / "none", tmp_path) as door:
+            inside = await exchanged(host, port, door)
+            for name, most in (("cancel", SMALL_BYTES), ("capture", MOST_BYTES)):
+                for length, status in ((most + 1, b"413"), (10**9 - 1, b"413"), (2, b"400")):
+                    head = (
+                        f"POST {inside.room}/{name} HTTP/1.1\r\nhost: {inside.host}\r\n"
+                        f"origin: http://{inside.host}\r\ncookie: {inside.cookie}\r\n"
+                        f"content-type: application/json\r\ncontent-length: {length}\r\n\r\n"
+                    )
+                    answer = await sent(host, port, head.encode() + b"[]")
+                    assert answer[9:12] == status
+
+    asyncio.run(scenario())
