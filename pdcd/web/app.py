@@ -197,7 +197,8 @@ class Site:
 
     async def _to_report(self, request: web.Request) -> web.StreamResponse:
         job = request.match_info["job"]
-        await self._disk.do(self._shelf.run, job)
+        if not (await self._disk.do(self._shelf.run, job)).report:
+            raise Refused(404, "that run has no report")
         return web.Response(status=303, headers={"Location": self._door.ticket(job)})
 
     async def _report(self, job: str, request: web.Request) -> web.StreamResponse:
