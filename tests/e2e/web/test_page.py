@@ -83,6 +83,7 @@ def test_a_photo_from_the_form_ends_with_a_picture(chromium: Any, tmp_path: Path
         told = opened.request.get(f"{opened.url}{shown.get_attribute('src')}")
         assert told.body() == (here.state / f"captures/{job}/preview/indirect.png").read_bytes()
         assert opened.locator("#runs tr").count() == 1
+        assert HOSTILE in opened.locator("#runs td.words").inner_text()
         # The report of the run works where it can reach nothing.
         with opened.context.expect_page() as report:
             opened.locator("#runs a").click()
