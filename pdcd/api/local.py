@@ -105,8 +105,11 @@ class LocalBench(Bench):
         request: CaptureRequest,
         arrays: Arrays = NONE,
         on_event: OnEvent | None = None,
+        *,
+        report: bool = False,
     ) -> CaptureResult:
-        """The same, ended when `cancelled()` says so, which is asked at every step."""
+        """The same, ended when `cancelled()` says so, which is asked at every step; `report` is
+        that of `Engine.capture`."""
         if request.out is None and self._folder is not None:
             request = msgspec.structs.replace(request, out=str(self._folder.absolute()))
         wanted, given = self._read(request, arrays)
@@ -118,6 +121,7 @@ class LocalBench(Bench):
             owner=owner(),
             emit=_unheard if on_event is None else on_event,
             cancelled=cancelled,
+            report=report,
         )
 
     def _open(self) -> None:

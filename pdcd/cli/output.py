@@ -13,6 +13,7 @@ from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code
 from pdcd.errors import PdcdError
 from pdcd.printable import one_line
 from pdcd.request import CaptureResult, Figure, Quality
+from pdcd.runs.later import REPORT
 
 Value = float | int | str
 """What the summary of a run holds beside the verdict."""
@@ -118,6 +119,8 @@ def _say_plainly(result: CaptureResult) -> None:
     for label, file in (("T to look at", "preview/transport.png"), ("T", "transport.npz")):
         if file in result.files:
             rows.append([label, f"{result.folder}/{file}"])
+    if REPORT in result.files:
+        rows.append(["report", f"{result.folder}/{REPORT}"])
     say_table(rows)
     say_notes(result)
 
@@ -131,8 +134,13 @@ def figure(summary: Mapping[str, Figure], key: str) -> Value | None:
 def say_notes(result: CaptureResult) -> None:
     """Print why a photo is not good, what else to know of it, and all warnings of the run."""
     quality = result.summary.get("quality")
-    notes = [("warning", text) for text in result.warnings]
-    if isinstance(quality, Quality):
+    say_verdict(quality if isinstance(quality, Quality) else None, result.warnings)
+
+
+def say_verdict(quality: Quality | None, warnings: Iterable[str]) -> None:
+    """Print the reasons of a verdict, its remarks, and warnings."""
+    notes = [("warning", text) for text in warnings]
+    if quality is not None:
         reasons = [(quality.verdict, text) for text in quality.reasons]
         notes = [*reasons, *(("remark", text) for text in quality.remarks), *notes]
     for head, text in notes:
