@@ -17,8 +17,9 @@ from pdcd.bench.folders import state_dir
 from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.moment import moment
-from pdcd.cli.output import WIDTH, percent, say, say_json, say_table, say_verdict
+from pdcd.cli.output import percent, say, say_json, say_table, say_verdict
 from pdcd.cli.runs_parser import LISTED
+from pdcd.cli.tables import WIDTH
 from pdcd.client import Client, Unreachable
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
