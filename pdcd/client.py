@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import time
 from collections import deque
@@ -106,7 +107,9 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Part from the daemon. Idempotent."""
+        """Part from the daemon. Idempotent; ends a wait of another thread, too."""
+        with contextlib.suppress(OSError):  # not connected, or no more
+            self._sock.shutdown(socket.SHUT_RDWR)
         self._sock.close()
 
     def call(

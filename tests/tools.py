@@ -118,6 +118,11 @@ THINGS: Mapping[str, Thing] = {
     "libXinerama": Library("libXinerama", "libxinerama1", "libXinerama.so.1"),
     "libXi": Library("libXi", "libxi6", "libXi.so.6"),
     "libXrandr": Library("libXrandr", "libxrandr2", "libXrandr.so.2"),
+    # A browser for pages, and letters for it to write with.
+    "chromium": _versioned("chromium", "chromium", r"^Chromium \d"),
+    "DejaVu": Module(
+        "the DejaVu fonts", "fonts-dejavu-core", "usr/share/fonts/truetype/dejavu/DejaVuSans.ttf"
+    ),
     # Cameras: the library that talks to USB, and the program that the drivers are compared with.
     "libusb": Library("libusb", "libusb-1.0-0", "libusb-1.0.so.0"),
     "gphoto2": _versioned("gphoto2", "gphoto2", r"^gphoto2 +\d"),

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import TYPE_CHECKING, Self, Unpack
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from pdcd.api.arguments import Arguments, asked
 from pdcd.api.progress import OnEvent, Shown, shown
@@ -34,6 +34,10 @@ class Bench(ABC):
     @abstractmethod
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
+
+    @abstractmethod
+    def described(self) -> dict[str, Any]:
+        """What it is, in plain values: two benches that are told alike are the same to a sweep."""
 
     @abstractmethod
     def close(self) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+
+import msgspec
 
 from pdcd.api.bench import NONE, Arrays, Bench
 from pdcd.api.progress import OnEvent
@@ -41,6 +44,11 @@ class Connected(Bench):
         if self._grid is None:
             self._grid = self.client.describe().grid
         return self._grid
+
+    def described(self) -> dict[str, Any]:
+        """The rig as the daemon describes it."""
+        found: dict[str, Any] = msgspec.to_builtins(self.client.describe())
+        return found
 
     def close(self) -> None:
         """Part from the daemon. Idempotent."""

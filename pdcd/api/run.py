@@ -25,7 +25,7 @@ from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.patterns import read_patterns, stored_arrays
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import Check
-from pdcd.words import NormaliseName
+from pdcd.words import NormaliseName, VerdictName
 
 if TYPE_CHECKING:
     from pdcd.api.decoding import Decoding
@@ -108,6 +108,21 @@ class Run:
         """The verdict with its reasons; None in runs of early versions."""
         found = self.summary.get("quality")
         return found if isinstance(found, Quality) else None
+
+    @property
+    def verdict(self) -> VerdictName | None:
+        """ "good", "doubtful" or "bad"; None in runs of early versions."""
+        return None if self.quality is None else self.quality.verdict
+
+    @property
+    def rms_sigma(self) -> float | None:
+        """RMS of the standard deviation over that of the picture; None where it is not known."""
+        return self._number("rms_sigma")
+
+    @property
+    def rms_error(self) -> float | None:
+        """RMS error over that of the truth; None where nobody knows the scene."""
+        return self._number("rms_error")
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -243,6 +258,10 @@ class Run:
         if any(found[n].shape != (*self.grid, 3) for n in ("image", "sigma") if n in found):
             raise DecodeError(f"{PROBE} is not over the run's cells", hint="see pdcd verify")
         return found
+
+    def _number(self, name: str) -> float | None:
+        found = self.summary.get(name)
+        return float(found) if isinstance(found, float | int) else None
 
     def _patterns(self, program: str, stored: Patterns) -> NDArray[Any]:
         """Stored patterns of one panel as pictures of it. Raises ValueError."""

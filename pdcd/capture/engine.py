@@ -234,6 +234,7 @@ class Engine:
         emit: Emit,
         cancelled: Callable[[], bool],
         parent: Place | None = None,
+        report: bool = False,
     ) -> CaptureResult:
         """Run one job to its end; never raises for what goes wrong in it.
 
@@ -241,8 +242,9 @@ class Engine:
         `given` holds the arrays of the request: no file that a request names is opened here.
         `emit(event)` is told of every step; `cancelled()` is asked at every one of them. The run
         goes into `parent`, which stays open; without, to where request and configuration say.
+        With `report` it gets its page (`pdcd.report`) at once, if that costs little.
         """
-        ordered = Job(job, request, owner, emit, cancelled, given)
+        ordered = Job(job, request, owner, emit, cancelled, given, report)
         self._rig.pulse.heard_by = cancelled
         safe, folder, run = False, None, None
         with ExitStack() as held:

@@ -27,6 +27,8 @@ class Job:
     cancelled: Callable[[], bool]
     given: Given = field(default_factory=dict)
     """The arrays of the request."""
+    report: bool = False
+    """Whether a page of the run is to be made at its end, where it is soon made."""
 
     def look_for_cancel(self) -> None:
         """Raise Cancelled when somebody asked for it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 
 import msgspec
@@ -27,6 +28,7 @@ from pdcd.errors import DeviceLost
 from pdcd.offload.answers import Planned, record_of
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
+from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import SCOUTS
 from pdcd.planning.grey import grey_warnings
 from pdcd.planning.guided import piloted, scouted
@@ -41,6 +43,8 @@ from pdcd.runs.provenance import utc_now
 from pdcd.runs.record import ShotRecord
 from pdcd.runs.views import RigView
 from pdcd.sensor.profile import SensorProfile
+
+logger = logging.getLogger(__name__)
 
 
 class Run:
@@ -105,7 +109,7 @@ class Run:
             self._journal.warn(self._rig.mixed)
         planned = self._take_all(planned)
         self._journal.notify(events.Decoding(shots=len(self._shots)))
-        developed = self._hands.do(job.watch(), Desk.develop, self._shots)
+        developed = self._hands.do(job.watch(), Desk.develop, self._shots, report=job.report)
         for text in warnings_of(developed, self._config, self._profile, mock=mock):
             self._journal.warn(text)
         summary = summary_of(planned.summary, developed)
@@ -124,15 +128,30 @@ class Run:
             files=folder.hashes(),
         )
         files = (*folder.files(), DIGEST, MANIFEST)
+        digest = folder.finish(manifest)
         return CaptureResult(
             job=job.name,
             state="done",
-            manifest_sha256=folder.finish(manifest),
+            manifest_sha256=digest,
             folder=str(folder.where),
-            files=files,
+            files=(*files, *self._report()),
             summary=summary,
             warnings=told(self.warnings),
         )
+
+    def _report(self) -> tuple[str, ...]:
+        """Make the page of the finished run, where one is wanted; returns its name.
+
+        The run is whole by now: whatever goes wrong here costs the page alone.
+        """
+        if not self._job.report:
+            return ()
+        try:
+            name = self._hands.do(Watch(), Desk.report)
+        except Exception as err:
+            logger.warning("no report was made job=%s", self._job.name, exc_info=err)
+            return ()
+        return () if name is None else (name,)
 
     @property
     def taken(self) -> str | None:

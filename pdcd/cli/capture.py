@@ -249,4 +249,4 @@ def _capture_here(
         interrupted.set()
 
     with signals_to(interrupt), local(config) as bench:
-        return bench.take_until(interrupted.is_set, request, files, on_event)
+        return bench.take_until(interrupted.is_set, request, files, on_event, report=True)

@@ -14,7 +14,9 @@ from pathlib import Path
 from pdcd.api.progress import bar, tell
 from pdcd.cli.output import say, say_result
 from pdcd.client import Client, Unreachable
+from pdcd.report import write
 from pdcd.request import CaptureRequest
+from pdcd.runs.later import REPORT
 
 CONFIG = """\
 # The default bench with a camera of 640 x 480 Bayer quads: enough to read the book.
@@ -42,6 +44,8 @@ def demo(args: argparse.Namespace) -> int:
         for name in result.files:
             say(f"  {name}")
         say("look at preview/white.png, preview/direct.png, preview/indirect.png")
+        report = Path(result.folder) / REPORT
+        say(f"all of it on one page: {report if REPORT in result.files else write(report.parent)}")
     return code
 
 

@@ -13,6 +13,7 @@ from pdcd.cli.tables import fitted, width, wrapped
 from pdcd.errors import PdcdError
 from pdcd.printable import one_line
 from pdcd.request import CaptureResult, Figure, Quality
+from pdcd.runs.later import REPORT
 
 Value = float | int | str
 """What the summary of a run holds beside the verdict."""
@@ -118,6 +119,8 @@ def _say_plainly(result: CaptureResult) -> None:
     for label, file in (("T to look at", "preview/transport.png"), ("T", "transport.npz")):
         if file in result.files:
             rows.append([label, f"{result.folder}/{file}"])
+    if REPORT in result.files:
+        rows.append(["report", f"{result.folder}/{REPORT}"])
     say_table(rows)
     say_notes(result)
 

@@ -45,6 +45,7 @@ def build_parser() -> argparse.ArgumentParser:
     add = partial(_made, commands)
     _photo_commands(add)
     _job_commands(add)
+    _web_command(add)
     _bench_commands(add)
     _run_commands(add)
     return parser
@@ -131,6 +132,24 @@ def _job_commands(add: Add) -> None:
     client_options(wait)
 
 
+def _web_command(add: Add) -> None:
+    """Add the page, a client of the daemon like the commands."""
+    page = add("web", "web:web", "serve a page for the person at the bench, to this machine alone")
+    rig_options(page, socket="where the daemon listens")
+    page.add_argument(
+        "--state-dir", type=Path, metavar="DIR", help="where the daemon keeps its runs"
+    )
+    page.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="of the loopback interface; default: 127.0.0.1",
+    )
+    page.add_argument(
+        "--port", type=int, default=8137, metavar="N", help="default: 8137; 0 takes a free one"
+    )
+
+
 def _bench_commands(add: Add) -> None:
     """Add what looks at devices and configuration."""
     json_option(add("drivers", "tools:drivers", "list drivers and why some are unavailable"))
@@ -212,13 +231,21 @@ def _run_commands(add: Add) -> None:
     export.add_argument("folder", type=Path, metavar="FOLDER")
     export_options(export)
     json_option(export)
+    report = add("report", "report:report", "make a page of a finished run, with its pictures")
+    report.add_argument("folder", type=Path, metavar="FOLDER")
+    report.add_argument(
+        "--out", type=Path, metavar="FILE", help="default: report.html in the run's folder"
+    )
+    json_option(report)
     row = add("row", "row:row", "show which paths a finished run kept for one cell")
     row.add_argument("folder", type=Path, metavar="FOLDER")
     row.add_argument(
         "--cell", type=int, nargs=2, required=True, metavar=("ROW", "COLUMN"), help="counted from 0"
     )
     row.add_argument("--photo", metavar="NAME", help="default: the one that the answer rests on")
-    row.add_argument("--out", type=Path, metavar="PNG", help="default: PHOTO-ROW-COLUMN.png here")
+    row.add_argument(
+        "--out", type=Path, metavar="PNG", help="default: row-PHOTO-ROW-COLUMN.png in FOLDER"
+    )
     json_option(row)
     virtual = add("virtual-camera", "virtual:virtual_camera", "be a Canon EOS 450D on the network")
     virtual.add_argument(

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.pictures.develop import write_png
 from pdcd.pictures.row import Floats, matrix_row
+from pdcd.runs.later import row_name
 
 
 def row(args: argparse.Namespace) -> int:
     """Write the picture; print least, mean and largest weight, as wanted and as realised."""
     down, right = args.cell
     found = matrix_row(args.folder, (down, right), args.photo)
-    path = args.out or Path(f"{found.photo}-{down}-{right}.png")
+    path = args.out or args.folder / row_name(found.photo, (down, right))
     write_png(path, found.picture())
     figures = {"wanted": _figures(found.wanted), "realised": _figures(found.realised)}
     if args.json:

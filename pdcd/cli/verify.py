@@ -41,5 +41,7 @@ def _say(run: Verified) -> None:
     say(f"{state}  {run.folder}: {run.files} files, {run.size_bytes} bytes as they were")
     for finding in run.findings:
         say(f"  {finding.what:10}  {finding.path}: {finding.detail}")
+    for name in run.later:
+        say(f"  made later  {name}: to look at; nothing vouches for it")
     for text in run.unchecked:
         say(f"  not checked: {text}")

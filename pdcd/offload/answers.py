@@ -7,20 +7,17 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.optics.needed import optics_of, windows_cut
 from pdcd.pictures.assess import assess
 from pdcd.pictures.combine import Picture
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.transport import Sliced
 from pdcd.planning.plan import Plan
-from pdcd.planning.truth import answer, entries
+from pdcd.planning.truth import entries
 from pdcd.probing.deviation import Deviation
 from pdcd.recipes.parts import part_numbers
-from pdcd.recipes.recipe import Extremes
 from pdcd.request import CaptureRequest, Leaks, PlanSummary, Quality
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.scene.scene import Scene
@@ -218,47 +215,3 @@ def rms_sigma(picture: Picture) -> float:
     light = float(np.sum(picture.image**2, where=known))
     error = float(np.sum(picture.sigma**2, where=known, dtype=np.float64))
     return float(np.sqrt(error / light)) if light > 0.0 else np.inf
-
-
-def rms_error(
-    plan: Plan,
-    record: RunRecord,
-    picture: Picture,
-    means: NDArray[np.float64],
-    scene: Scene | None,
-    config: Config,
-    alive: Callable[[], None],
-) -> float | None:
-    """RMS error of the answer over the RMS of the truth; None where that is not known.
-
-    means : (rows, cols, 3), the picture's means over the cells.
-
-    On a bench of cells these are compared, those of cells that the camera sees. On one of pixels
-    the truth is seen through the same optics, and compared quad by quad: where the picture is known
-    and lies wholly inside the field.
-    """
-    if scene is None or record.cells is None:
-        return None
-    cut = any(windows_cut(config, plan.grid, plan.window_of(s)) for s in plan.recipe.shots)
-    optics = optics_of(config, scene, cut=cut)
-    if optics is None:
-        seen = record.cells.seen()
-        truth, found = answer(scene, plan.recipe, alive)[seen], means.reshape(-1, 3)[seen]
-    elif optics.frame != picture.image.shape[:2] or not _told(plan, scene):
-        return None
-    else:
-        seen = optics.inside & np.isfinite(picture.sigma).all(axis=-1)
-        truth = optics.wanted(lambda part: answer(part, plan.recipe, alive))[seen]
-        found = picture.image[seen]
-    scale = float(np.sum(truth**2))
-    return float(np.sqrt(np.sum((found - truth) ** 2) / scale)) if scale else None
-
-
-def _told(plan: Plan, scene: Scene) -> bool:
-    """Whether a scene can tell what a plan's answer is on a bench of pixels: one that is linear in
-    its effects, and means the scene's own cells or none in particular."""
-    recipe = plan.recipe
-    if isinstance(recipe.answer, Extremes):
-        return False
-    wanted = recipe.wanted if recipe.meant is None else recipe.meant
-    return plan.grid == scene.grid or wanted.uniform is not None

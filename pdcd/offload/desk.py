@@ -30,18 +30,18 @@ from pdcd.offload.answers import (
     Stray,
     developed_of,
     record_of,
-    rms_error,
     rms_sigma,
 )
 from pdcd.offload.calibrating import Begin, Next, Study
 from pdcd.offload.stray import leaks_in
-from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.develop import write_png
 from pdcd.pictures.previews import Previews
 from pdcd.pictures.watch import Watch
 from pdcd.planning.choose import choose, wants_choice
 from pdcd.planning.guided import scouted, stopped, summary, with_links
+from pdcd.planning.known import Known, known_answer, write_truth
 from pdcd.planning.look import quiet, with_blacks
 from pdcd.planning.metering import expected_share, metered_pairs, peak_share
 from pdcd.planning.outlook import Setting
@@ -49,8 +49,10 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.unasked import looked, plan_unasked
 from pdcd.recipes.arrays import Given
 from pdcd.recipes.parts import part_numbers
+from pdcd.report.material import cheap, gathered
+from pdcd.report.write import written
 from pdcd.request import CaptureRequest
-from pdcd.runs.folder import write_patterns
+from pdcd.runs.folder import read_manifest, write_patterns
 from pdcd.runs.record import RunRecord, ShotRecord
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
@@ -93,11 +95,12 @@ class Desk:
         self._facts = facts
         self._job: _Job | None = None
         self._study: Study | None = None
+        self._finished: tuple[Path, RunRecord, Decoded, Known | None] | None = None
 
     def calibrate(self, watch: Watch, begin: Begin, folder: Path) -> None:
         """Begin a calibration, whose photos will lie in `folder`; what was kept of the job before
         is forgotten. Raises ConfigError."""
-        self._job = None
+        self.forget(watch)
         self._study = Study.begun(begin, folder)
 
     def step(self, watch: Watch, name: str, now_utc: str) -> Next:
@@ -139,7 +142,8 @@ class Desk:
         `camera` may be None where the request wants no choice (`wants_choice`) and no pictures will
         be made. `given` holds the request's arrays. Raises RequestError.
         """
-        self._job = self._study = None
+        self.forget(watch)
+        self._study = None
         facts = self._facts
         watch.stage = "codes"
         config, grid = facts.config, facts.grid
@@ -262,31 +266,44 @@ class Desk:
         parts = len(part_numbers(decoded.recipe))
         return Seen(parts, rms_sigma(decoded.answer), decoded.answer.kind)
 
-    def develop(self, watch: Watch, shots: Sequence[ShotRecord]) -> Developed:
-        """Make all pictures and write them into the run folder; the job is forgotten then.
+    def develop(
+        self, watch: Watch, shots: Sequence[ShotRecord], *, report: bool = False
+    ) -> Developed:
+        """Make all pictures and write them into the run folder; the job is forgotten then, but for
+        what a `report` needs, where one is wanted and soon made.
 
         Raises DecodeError, NoSpaceError.
         """
         job, darkroom, facts = self._of_job(), self._darkroom(shots), self._facts
         decoded = darkroom.decoded(watch)
         warnings = write_pictures(self._folder(), decoded)
-        record = darkroom.record
-        error = rms_error(
-            job.plan,
-            record,
-            decoded.answer,
-            decoded.cell_means.image,
-            facts.scene,
-            facts.config,
-            watch,
-        )
+        record, plan = darkroom.record, job.plan
+        windows = [plan.window_of(shot) for shot in plan.recipe.shots]
+        known = known_answer(facts.config, facts.scene, plan.recipe, windows, record.cells, watch)
+        error = None
+        if known is not None:
+            error = known.rms_error(decoded.answer, decoded.cell_means.image)
+            write_truth(self._folder(), known)
         done = developed_of(record, decoded, error, warnings, watch, facts.scene)
+        folder = self._folder()
         self.forget(watch)
+        if report and cheap(record, decoded):
+            self._finished = folder, record, decoded, known
         return done
+
+    def report(self, watch: Watch) -> str | None:
+        """Write the page of the run that was developed last, whose folder is finished; returns its
+        name in there, or None where it would take too long. Raises DiskError and DecodeError."""
+        finished, self._finished = self._finished, None
+        if finished is None:
+            return None
+        folder, record, decoded, known = finished
+        material = gathered(folder, record, decoded, known)
+        return written(folder, read_manifest(folder), material).name
 
     def forget(self, watch: Watch) -> None:
         """Keep nothing of the job."""
-        self._job = None
+        self._job = self._finished = None
 
     def _planned(self, plan: Plan) -> Planned:
         limit_s = self._facts.config.limits.max_exposure_s

@@ -23,6 +23,7 @@ WORK: Mapping[str, Task] = MappingProxyType(
         "stray": Desk.stray,
         "see": Desk.see,
         "develop": Desk.develop,
+        "report": Desk.report,
         "calibrate": Desk.calibrate,
         "step": Desk.step,
         "photo": Desk.photo,

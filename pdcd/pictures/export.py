@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError, RequestError
 from pdcd.pictures.balance import Balance, by_patch
+from pdcd.pictures.brightness import WHITE
 from pdcd.pictures.decode import record_errors
 from pdcd.pictures.develop import read_tiff
 from pdcd.pictures.exr import exr_bytes
-from pdcd.pictures.previews import LEAST_PX, MOST_PX, WHITE
+from pdcd.pictures.previews import LEAST_PX, MOST_PX
 from pdcd.pictures.sixteen import png_bytes, tiff_bytes
 from pdcd.pictures.upright import Sampler, View, all_known
 from pdcd.printable import one_line

@@ -6,7 +6,6 @@ two that each one states, so that light a hundred times weaker can be seen, and 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pictures.balance import Balance, by_patch, by_white_photo
+from pdcd.pictures.brightness import WHITE, Brightness, Look, brightest, step_of, usual
 from pdcd.pictures.captions import strip
 from pdcd.pictures.develop import write_png
 from pdcd.pictures.sigma import Barred
@@ -25,18 +25,9 @@ from pdcd.sensor.bands import THREADS, banded
 
 Bytes = NDArray[np.uint8]
 
-WHITE = "white"
-"""Name of the picture of all light."""
 LEAST_PX, MOST_PX = 640, 1600
 """Width of a preview."""
-LEVEL, LEVEL_PERCENT = 0.9, 99.0
-"""The brightest hundredth of the white photo is shown as 0.9 or brighter, 1 being white."""
-MOST_FACTOR = 4096.0
-MOST_NOISE = 0.125
-"""A picture is not brightened until its usual sigma is shown as more than that, 1 being white."""
 GAMMA = 2.2
-ENOUGH_PX = 400
-"""Rows and columns that are enough to find a median or a percentile."""
 HATCH = (44, 62)
 """Greys of the lines where nothing is known, and between them."""
 GREYS = (0.0, 0.125, 0.25, 0.5, 1.0)
@@ -66,11 +57,9 @@ class Previews:
         self.balance = self._balanced(view.white_patch)
         for seen in self._seen.values():
             seen.image[...] *= np.array(self.balance.factors, np.float32)
-        bright = {name: _brightest(seen) for name, seen in self._seen.items()}
-        first = WHITE if WHITE in bright else max(bright, key=lambda name: bright[name])
-        level = max(bright[first], self._seen[first].sigma * LEVEL / MOST_NOISE)
-        self._scale = LEVEL / level if level > 0.0 else 1.0
-        self._bright = bright
+        self._brightness = Brightness(
+            {n: Look(brightest(s.image, s.known), s.sigma) for n, s in self._seen.items()}
+        )
         self.warnings: tuple[str, ...] = ()
         if view.white_patch is not None and self.balance.source != "patch":
             x, y = view.white_patch
@@ -78,20 +67,12 @@ class Previews:
 
     def factor(self, name: str) -> float:
         """How much brighter a picture is drawn than the white one: a power of two."""
-        shown = self._bright[name] * self._scale
-        if shown <= 0.0:
-            return 1.0
-        most = LEVEL / shown
-        noise = self._seen[name].sigma * self._scale
-        if noise > 0.0:
-            most = min(most, max(MOST_NOISE / noise, 1.0))
-        # A little more, so that rounding does not halve what just reaches the level.
-        return float(2.0 ** math.floor(math.log2(min(most, MOST_FACTOR) * (1.0 + 1e-6))))
+        return self._brightness.factor(name)
 
     def drawn(self, name: str) -> Bytes:
         """The preview of that name with its caption, (H, W, 3) uint8."""
         seen, factor = self._seen[name], self.factor(name)
-        scale = self._scale * factor
+        scale = self._brightness.scale * factor
         drawn = self._enlarged(coded(seen.image * np.float32(scale)), cv2.INTER_LINEAR)
         notes = [f"white balance: {self.balance.source}"]
         if not seen.known.all():
@@ -147,21 +128,13 @@ def _seen(picture: Barred, sampler: Sampler) -> _Seen:
         lambda rows: all_known(picture.sigma[rows], picture.image[rows]),
     )
     image, seen = sampler(picture.image, known)
-    step = max(math.isqrt(known.size) // ENOUGH_PX, 1)
-    sigma = picture.sigma[::step, ::step][known[::step, ::step]]
-    return _Seen(image, seen, float(np.median(sigma)) if sigma.size else 0.0)
+    return _Seen(image, seen, usual(picture.sigma, known))
 
 
 def _thinned(seen: _Seen) -> tuple[Singles, Bools]:
     """Every so many pixels of a picture."""
-    step = max(math.isqrt(seen.known.size) // ENOUGH_PX, 1)
+    step = step_of(seen.known)
     return seen.image[::step, ::step], seen.known[::step, ::step]
-
-
-def _brightest(seen: _Seen) -> float:
-    image, known = _thinned(seen)
-    values = image[known]
-    return float(np.percentile(values, LEVEL_PERCENT)) if values.size else 0.0
 
 
 def _hatch(drawn: Bytes, where: Bools) -> None:

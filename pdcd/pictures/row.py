@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,13 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.pictures.combine import divided_by_row, realised_photo
+from pdcd.pictures.combine import Shown, divided_by_row, realised_photo
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import record_errors
 from pdcd.pictures.develop import blocks
 from pdcd.probing.deviation import row_weights_s, weight_s
+from pdcd.probing.realised import Factors
+from pdcd.recipes.recipe import Photo
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.verify import whole_manifest
+from pdcd.words import NormaliseName
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +51,16 @@ class MatrixRow:
         return blocks(grey)
 
 
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A photo's realised matrix, and what its rows are divided by, in seconds: one number (), or
+    that of each camera cell (N,)."""
+
+    photo: Photo
+    realised: Factors
+    weight_s: Floats
+
+
 def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) -> MatrixRow:
     """Row of a finished run's realised probing matrix.
 
@@ -76,14 +90,22 @@ def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) ->
     name = recipe.main if photo is None else photo
     if name not in photos:
         raise ConfigError(f"there is no photo {name}", hint=f"known: {', '.join(photos)}")
-    chosen = photos[name]
-    realised = realised_photo(chosen.shots, shots)
+    found = weighed(photos[name], shots, record.normalise)
     n = cell[0] * cols + cell[1]
-    weight = weight_s(realised, chosen.wanted)
-    if divided_by_row(chosen, shots, record.normalise):
-        inner, norm = row_weights_s(realised, chosen.wanted)
-        weight = inner[n] / norm[n] if inner[n] > 0.0 else weight
+    realised = found.realised
     row = realised.left[:, n] @ realised.right
     row[n] = realised.coaxial[n]
-    wanted = chosen.wanted.rows(n, n + 1)[0]
-    return MatrixRow(name, wanted.reshape(rows, cols), (row / weight).reshape(rows, cols))
+    row = row / (found.weight_s[n] if found.weight_s.ndim else found.weight_s)
+    wanted = photos[name].wanted.rows(n, n + 1)[0]
+    return MatrixRow(name, wanted.reshape(rows, cols), row.reshape(rows, cols))
+
+
+def weighed(photo: Photo, shots: Mapping[str, Shown], normalise: NormaliseName) -> Weighed:
+    """What the panels really did in a photo, and what its picture was divided by."""
+    realised = realised_photo(photo.shots, shots)
+    weight = np.array(weight_s(realised, photo.wanted))
+    if divided_by_row(photo, shots, normalise):
+        inner, norm = row_weights_s(realised, photo.wanted)
+        own = np.divide(inner, norm, out=np.zeros_like(inner), where=norm > 0.0)
+        weight = np.where(inner > 0.0, own, weight)
+    return Weighed(photo, realised, weight)

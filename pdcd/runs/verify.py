@@ -21,6 +21,7 @@ from pdcd.errors import DecodeError
 from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, read_file
+from pdcd.runs.later import made_later
 from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, parsed
 from pdcd.runs.record import FileRecord, Manifest
 
@@ -66,6 +67,9 @@ class Verified(msgspec.Struct, frozen=True, kw_only=True):
     findings: tuple[Finding, ...]
     unchecked: tuple[str, ...]
     """What a run of an earlier schema did not keep, so that it cannot be checked; in words."""
+    later: tuple[str, ...] = ()
+    """Files that were made after the run had ended, to look at (`pdcd.runs.later`). Nothing vouches
+    for them, and nothing rests on them."""
 
 
 def verify(
@@ -89,6 +93,7 @@ def verify(
         size_bytes=check.size_bytes,
         findings=tuple(found),
         unchecked=() if check.read is None else tuple(_unchecked(check.read.schema)),
+        later=tuple(check.later),
     )
 
 
@@ -99,11 +104,25 @@ def whole_manifest(
 
     Raises DecodeError, which says what has.
     """
+    return _manifest(folder, names, alive, ())
+
+
+def sound_manifest(
+    folder: Path, names: Collection[str] | None = None, alive: Alive = lambda: None
+) -> Manifest:
+    """The same, also of a run of which shots are missing, which is else as it was."""
+    return _manifest(folder, names, alive, ("partial",))
+
+
+def _manifest(
+    folder: Path, names: Collection[str] | None, alive: Alive, allowed: tuple[What, ...]
+) -> Manifest:
     check = Check(alive)
     check.look(folder, None, names)
-    if check.read is None or check.found:
-        first = check.found[0]
-        more = f", and {len(check.found) - 1} more" if len(check.found) > 1 else ""
+    found = [finding for finding in check.found if finding.what not in allowed]
+    if check.read is None or found:
+        first = found[0]
+        more = f", and {len(found) - 1} more" if len(found) > 1 else ""
         raise DecodeError(
             f"{one_line(str(folder))} is not a whole and unchanged run: {first.path}: "
             f"{first.detail}{more}",
@@ -130,6 +149,7 @@ class Check:
         self.found: list[Finding] = []
         self.sound = 0
         self.size_bytes = 0
+        self.later: list[str] = []
 
     def find(self, name: str, what: What, detail: str) -> None:
         """Note what is wrong with a file."""
@@ -194,6 +214,10 @@ class Check:
             self.find(digest, _what(err), _words(err))
         return True
 
+    def may_come_later(self, name: str) -> bool:
+        """Whether a file may lie there without being listed."""
+        return made_later(name)
+
     @property
     def listed(self) -> Mapping[str, FileRecord] | None:
         """All files that there are to be; None where nothing says so."""
@@ -219,7 +243,9 @@ class Check:
             folders.update(name[:at] for at, letter in enumerate(name) if letter == "/")
         for name, kind in sorted(there.items()):
             known = name in listed or name in self.own
-            if not (known or (kind == "folder" and name in folders)):
+            if not known and kind == "file" and self.may_come_later(name):
+                self.later.append(name)
+            elif not (known or (kind == "folder" and name in folders)):
                 self.find(name, "unknown", f"a {kind} that the manifest does not list")
 
     def _file(self, folder: int, name: str, wanted: FileRecord) -> None:

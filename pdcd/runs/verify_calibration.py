@@ -54,6 +54,10 @@ class _CalibrationCheck(Check):
             return None
         return {n: FileRecord(f.sha256, f.size_bytes) for n, f in self.record.files.items()}
 
+    def may_come_later(self, name: str) -> bool:
+        """See `Check`: none."""
+        return False
+
     def understand(self, data: bytes, *, vouched: bool) -> None:
         """See `Check`."""
         if not vouched:

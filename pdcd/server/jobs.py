@@ -88,9 +88,10 @@ class EngineLike(Protocol):
         emit: Emit,
         cancelled: Callable[[], bool],
         parent: Place | None = None,
+        report: bool = False,
     ) -> CaptureResult:
         """Run one job to its end; a failure of the run is a result, not an exception. The run
-        folder is made in `parent`.
+        folder is made in `parent`; with `report` it gets its page, if that costs little.
 
         `cancelled()` is asked at least ten times a second, which also proves that the thread
         lives; `emit` takes the events of `pdcd.runs.events`, all but `Queued` and the ends. On

@@ -206,11 +206,22 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     clock: ClockAnchor
 
 
+class GoalView(msgspec.Struct, frozen=True, kw_only=True):
+    """What a goal keeps of the light, in words, and which parameters it needs and may be given."""
+
+    keeps: str
+    needs: tuple[str, ...]
+    may: tuple[str, ...]
+
+
 class Described(msgspec.Struct, frozen=True):
-    """Answer of `rig.describe`: the rig, and the JSON Schema of every message (`schema`)."""
+    """Answer of `rig.describe`: the rig, the JSON Schema of every message (`schema`), the goals by
+    name, and in words what the arrays among their parameters hold."""
 
     rig: RigView
     schema: dict[str, Any]
+    goals: dict[str, GoalView] = {}
+    arrays: dict[str, str] = {}
 
 
 class Subscription(msgspec.Struct, frozen=True):

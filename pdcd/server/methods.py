@@ -15,6 +15,7 @@ import msgspec
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, Cancelled, DeniedError, PdcdError
 from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.recipes.goals import GOALS, MATRICES, PLANES, may_take
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.index import search
 from pdcd.runs.place import Place
@@ -30,6 +31,7 @@ from pdcd.server.messages import (
     CalibrateParams,
     ClockAnchor,
     Described,
+    GoalView,
     Hello,
     JobList,
     JobParams,
@@ -189,7 +191,7 @@ class Methods:
         # During a job the last description must do: the engine's thread is taken.
         if self.state == "idle":
             self._description = await self._worker.call(self._engine.describe)
-        return Described(self._description, messages.schema())
+        return Described(self._description, messages.schema(), _goals(), {**PLANES, **MATRICES})
 
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config
@@ -312,6 +314,13 @@ class Methods:
 def _owner(caller: Caller) -> Owner:
     peer = caller.peer
     return Owner(peer.uid, peer.pid, peer.user, caller.number)
+
+
+def _goals() -> dict[str, GoalView]:
+    return {
+        name: GoalView(keeps=keeps, needs=needs, may=may_take(name))
+        for name, (needs, keeps) in GOALS.items()
+    }
 
 
 def _clock() -> ClockAnchor:

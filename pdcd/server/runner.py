@@ -252,6 +252,7 @@ class Runner:
                     emit=emit,
                     cancelled=cancelled,
                     parent=job.place,
+                    report=True,
                 )
         finally:
             flush()

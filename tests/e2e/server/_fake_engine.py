@@ -117,6 +117,7 @@ class FakeEngine:
         emit: Emit,
         cancelled: Callable[[], bool],
         parent: Place | None = None,
+        report: bool = False,
     ) -> CaptureResult:
         self._note("capture")
         assert self.lit is None

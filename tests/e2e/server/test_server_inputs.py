@@ -195,3 +195,20 @@ def test_a_burst_of_requests_is_answered_in_order(tmp_path: Path) -> None:
             assert [(await wire.receive())["id"] for _ in lines] == list(range(3000))
 
     asyncio.run(scenario())
+
+
+def test_the_goals_and_their_parameters_are_told(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            told = await wire.result("rig.describe")
+            fields = told["schema"]["$defs"]["StartParams"]["properties"]
+            assert set(told["goals"]) == set(fields["goal"]["enum"])
+            assert told["goals"]["off-diagonal"]["needs"] == ["shift"]
+            assert told["goals"]["off-diagonal"]["may"] == ["p", "illumination"]
+            assert told["goals"]["illuminated"]["may"] == []
+            named = {
+                name for goal in told["goals"].values() for name in goal["needs"] + goal["may"]
+            }
+            assert named <= set(fields) and set(told["arrays"]) <= named
+
+    asyncio.run(scenario())

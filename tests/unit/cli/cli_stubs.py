@@ -190,6 +190,7 @@ class StubEngine:
         owner: OwnerView,
         emit: Emit,
         cancelled: Callable[[], bool],
+        report: bool = False,
     ) -> CaptureResult:
         self.calls.append(("capture", wanted, job, owner, *given.values()))
         emit(Armed(shot="coded", frames=24))

@@ -217,3 +217,19 @@ def test_a_digest_goes_with_one_folder(given: list[str], run: Path) -> None:
 def test_another_digest_than_the_given_one(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", str(run), "--manifest-sha256", "0" * 64]) == 5
     assert hashlib.sha256((run / MANIFEST).read_bytes()).hexdigest() in capsys.readouterr().out
+
+
+def test_what_is_made_later_to_look_at_is_named_and_nothing_else(run: Path) -> None:
+    """And it must be a regular file of one of these very names."""
+    (run / "report.html").write_text("a page")
+    (run / "row-coded-1-2.png").write_bytes(b"a picture")
+    found = verify(run)
+    assert found.whole and found.later == ("report.html", "row-coded-1-2.png")
+    assert decode_folder(run).identical
+    (run / "row-coded-2-1.png").symlink_to("/etc/passwd")
+    (run / "row-coded-3-1.png").mkdir()
+    others = ["report.html.new", "row-coded-1.png", "row-a b-1-2.png", "raw/report.html", "x.html"]
+    for name in others:
+        (run / name).write_text("")
+    unknown = {finding.path for finding in noticed(run).findings}
+    assert unknown == {*others, "row-coded-2-1.png", "row-coded-3-1.png"}

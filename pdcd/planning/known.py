@@ -1,0 +1,110 @@
+"""What a picture is in truth, where it was taken of a scene whose transport is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import Config
+from pdcd.errors import DecodeError, disk_errors
+from pdcd.optics.needed import optics_of, windows_cut
+from pdcd.pictures.sigma import Barred
+from pdcd.planning.truth import answer
+from pdcd.recipes.recipe import Extremes, Recipe
+from pdcd.runs.patterns import stored_arrays
+from pdcd.scene.scene import Scene
+from pdcd.sensor.cells import CellMap
+
+TRUTH = "truth.npz"
+"""What the answer is in truth, in the folder of a run of a virtual scene."""
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Known:
+    """The answer in truth, in scene units, and where it can be compared.
+
+    On a bench of cells `image` is (N, 3) and `seen` (N,), of cells, to be compared with means over
+    them. On one of pixels they are (h, w, 3) and (h, w), of quads: the truth is seen through the
+    same optics, and compared where it lies wholly inside the field.
+    """
+
+    image: NDArray[np.floating]
+    seen: Bools
+    of_cells: bool
+
+    def rms_error(self, picture: Barred, means: Floats) -> float | None:
+        """RMS error of the answer over the RMS of the truth, where the answer is known; None where
+        the truth is dark. means : (rows, cols, 3), the picture's means over the cells."""
+        if self.of_cells:
+            seen, found = self.seen, means.reshape(-1, 3)
+        else:
+            seen, found = self.seen & np.isfinite(picture.sigma).all(axis=-1), picture.image
+        truth, found = self.image[seen], found[seen]
+        scale = float(np.sum(truth**2))
+        return float(np.sqrt(np.sum((found - truth) ** 2) / scale)) if scale else None
+
+    def on_quads(self, cells: CellMap) -> tuple[NDArray[np.floating], Bools]:
+        """The same on the camera's quads, (h, w, 3) and (h, w)."""
+        if not self.of_cells:
+            return self.image, self.seen
+        return np.asarray(cells.spread(self.image)), np.asarray(cells.spread(self.seen))
+
+
+def write_truth(folder: Path, known: Known) -> None:
+    """Keep it in a run folder, in single precision. Raises NoSpaceError, or DiskError for any other
+    refusal of the disk."""
+    with disk_errors(str(folder)), (folder / TRUTH).open("wb") as file:
+        image = known.image.astype(np.float32)
+        np.savez(file, image=image, seen=known.seen, of_cells=np.array(known.of_cells))
+
+
+def read_truth(folder: Path, cells: CellMap) -> Known:
+    """What `write_truth` kept, of a run with that map of its cells. Raises DecodeError."""
+    kept = stored_arrays(folder / TRUTH)
+    image, seen, of_cells = (kept.get(name, np.zeros(0)) for name in ("image", "seen", "of_cells"))
+    shape = (cells.grid[0] * cells.grid[1],) if of_cells.any() else cells.frame
+    fits = (image.shape, seen.shape) == ((*shape, 3), shape)
+    if not fits or image.dtype != np.float32 or seen.dtype != np.bool_:
+        raise DecodeError(f"{folder / TRUTH} does not fit the run", hint="restore it from a copy")
+    return Known(image, seen, of_cells=bool(of_cells.any()))
+
+
+def known_answer(
+    config: Config,
+    scene: Scene | None,
+    recipe: Recipe,
+    windows: Iterable[str],
+    cells: CellMap | None,
+    alive: Callable[[], None] = lambda: None,
+) -> Known | None:
+    """The truth of a recipe's answer; None where nobody knows it.
+
+    windows : of the recipe's shots. cells : the map of the camera's frame. `alive` is called now
+    and then, and may raise to end the work.
+    """
+    if scene is None or cells is None:
+        return None
+    grid = recipe.target.grid
+    optics = optics_of(config, scene, cut=any(windows_cut(config, grid, w) for w in windows))
+    if optics is None:
+        return Known(answer(scene, recipe, alive), cells.seen(), of_cells=True)
+    if optics.frame != cells.frame or not _told(recipe, scene):
+        return None
+    image = optics.wanted(lambda part: answer(part, recipe, alive))
+    return Known(image, optics.inside, of_cells=False)
+
+
+def _told(recipe: Recipe, scene: Scene) -> bool:
+    """Whether a scene can tell what an answer is on a bench of pixels: one that is linear in its
+    effects, and means the scene's own cells or none in particular."""
+    if isinstance(recipe.answer, Extremes):
+        return False
+    wanted = recipe.wanted if recipe.meant is None else recipe.meant
+    return recipe.target.grid == scene.grid or wanted.uniform is not None

@@ -1,0 +1,249 @@
+// Two pictures with a line between them, the values under the pointer, scales and histograms.
+
+const CHANNELS = ["R", "G", "B"];
+const INKS = ["#d64545", "#3c9a50", "#4a7fe0"];
+const FEW_PX = 400;
+
+// What can be shown: every picture, its sigma, and of the answer the truth and what is off.
+function viewsOf(data) {
+  const [width, height] = data.size, pixels = width * height, views = [];
+  const full = (small, shape) => {
+    const [, rows, columns] = shape;
+    if (rows === height && columns === width) return small;
+    const out = new Float32Array(3 * pixels);
+    for (let c = 0, i = 0; c < 3; c++) for (let y = 0; y < height; y++) {
+      const line = (c * rows + Math.min(y >> 1, rows - 1)) * columns;
+      for (let x = 0; x < width; x++) out[i++] = small[line + Math.min(x >> 1, columns - 1)];
+    }
+    return out;
+  };
+  for (const one of data.pictures) {
+    const id = one.kind === "truth" ? `${one.name}: truth` : one.name;
+    const values = () => unpack(one.values);
+    const sigma = one.sigma ? async () => full(await unpack(one.sigma), one.sigma.shape) : null;
+    views.push({ id, kind: "light", values, sigma, factor: one.factor, step: one.values.step });
+    if (one.sigma) views.push({ id: `${one.name}: sigma`, kind: "sigma", values: sigma, off: one.sigma.off });
+    if (one.kind !== "truth") continue;
+    const shown = data.pictures.find((p) => p.name === one.name && p.kind === "picture");
+    const between = async (make) => {
+      const found = await unpack(shown.values), truth = await unpack(one.values);
+      const errors = full(await unpack(shown.sigma), shown.sigma.shape);
+      return found.map((v, i) => make(v - truth[i], errors[i]));
+    };
+    views.push({
+      id: `${one.name}: error`, kind: "signed", unit: "scene units, picture - truth",
+      values: () => between((off) => off), step: shown.values.step + one.values.step,
+    });
+    views.push({
+      id: `${one.name}: error / sigma`, kind: "signed", unit: "sigmas, picture - truth", most: 4,
+      values: () => between((off, error) => (Number.isFinite(error) && error > 0 ? off / error : NaN)),
+    });
+  }
+  return views;
+}
+
+// Mean of the channels of each pixel.
+function greyOf(values, pixels) {
+  const grey = new Float32Array(pixels);
+  for (let i = 0; i < pixels; i++) grey[i] = (values[i] + values[pixels + i] + values[2 * pixels + i]) / 3;
+  return grey;
+}
+
+function pictureViewer(data, onCell) {
+  const [width, height] = data.size, pixels = width * height;
+  const views = viewsOf(data), byId = new Map(views.map((v) => [v.id, v]));
+  const sides = ["left", "right"].map((name) => ({
+    name, select: $(name), canvas: $(`${name}-canvas`), label: $(`${name}-name`),
+    told: $(`${name}-told`), legend: $(`${name}-legend`), plot: $(`${name}-histogram`),
+  }));
+  const stage = $("stage");
+  stage.style.aspectRatio = `${width} / ${height}`;
+  stage.style.maxWidth = `calc(80vh * ${width / height})`;
+  for (const side of sides) {
+    side.canvas.width = width;
+    side.canvas.height = height;
+    side.canvas.classList.toggle("crisp", width < FEW_PX);
+    for (const view of views) side.select.add(new Option(view.id, view.id));
+  }
+
+  const stops = () => Number($("stops").value);
+  const factorOf = (side) => ($("together").checked ? Math.min(...sides.map((s) => s.view.factor || Infinity)) : side.view.factor);
+
+  // What value is shown as the brightest, or as the end of the colours.
+  function topOf(side) {
+    const gain = Math.pow(2, stops()), view = side.view;
+    if (view.kind === "light") return 1 / (data.scale * factorOf(side) * gain);
+    if (view.most) return view.most / gain;
+    if (view.kind === "sigma") return (percentile(side.grey, 0.995) || 1) / gain;
+    return (percentile(side.grey.map(Math.abs), 0.995) || 1) / gain;
+  }
+
+  function paint(side) {
+    const context = side.canvas.getContext("2d"), image = context.createImageData(width, height);
+    const out = image.data, { values, grey, view } = side, top = topOf(side);
+    side.top = top;
+    for (let i = 0, o = 0; i < pixels; i++, o += 4) {
+      out[o + 3] = 255;
+      if (!Number.isFinite(grey[i])) {
+        const line = (i % width + Math.floor(i / width)) % 8 < 2 ? 62 : 44;
+        out[o] = out[o + 1] = out[o + 2] = line;
+      } else if (view.kind === "light") {
+        for (let c = 0; c < 3; c++) {
+          out[o + c] = GAMMA[clamp(Math.round(values[c * pixels + i] / top * data.balance[c] * 4095), 0, 4095)];
+        }
+      } else {
+        const at = view.kind === "sigma" ? grey[i] / top : 0.5 + 0.5 * grey[i] / top;
+        const k = 3 * clamp(Math.round(255 * at), 0, 255), table = RAMPS[view.kind];
+        out[o] = table[k]; out[o + 1] = table[k + 1]; out[o + 2] = table[k + 2];
+      }
+    }
+    context.putImageData(image, 0, 0);
+  }
+
+  function describe(side) {
+    const { view, top } = side;
+    const factor = view.kind === "light" ? factorOf(side) * Math.pow(2, stops()) : null;
+    const shown = factor === null ? "" : ` \u00d7 ${factor >= 1 ? written(factor) : `1/${written(1 / factor)}`}`;
+    side.label.textContent = view.id + shown;
+    const unit = view.unit || "scene units";
+    let words = `${view.id}${shown}`;
+    if (view.step) words += `, rounded to \u00b1${written(view.step / 2)} scene units`;
+    if (view.off) words += `, rounded to \u00b1${written(100 * view.off)} %`;
+    side.told.textContent = words;
+    legend(side.legend, view, top, unit);
+    histogram(side.plot, side, unit);
+  }
+
+  function legend(canvas, view, top, unit) {
+    const [context, wide] = sharp(canvas), low = view.kind === "signed" ? -top : 0;
+    const table = view.kind === "light" ? RAMPS.grey : RAMPS[view.kind];
+    for (let x = 0; x < wide; x++) {
+      const k = 3 * Math.round((255 * x) / Math.max(wide - 1, 1));
+      context.fillStyle = `rgb(${table[k]} ${table[k + 1]} ${table[k + 2]})`;
+      context.fillRect(x, 0, 1, 14);
+    }
+    context.fillStyle = colour("--quiet");
+    const marks = wide > 330 ? [0, 0.25, 0.5, 1] : [0, 0.5, 1];
+    marks.forEach((share, number) => {
+      context.textAlign = number === 0 ? "left" : number === marks.length - 1 ? "right" : "center";
+      const more = number === marks.length - 1 ? ` ${unit.split(",")[0]}` : "";
+      context.fillText(written(low + share * (top - low), 3) + more, share * wide, 27);
+    });
+  }
+
+  function histogram(canvas, side, unit) {
+    const [context, wide, high] = sharp(canvas), { view, values, grey, top } = side;
+    const light = view.kind === "light", bins = 120;
+    const planes = light ? [0, 1, 2].map((c) => values.subarray(c * pixels, (c + 1) * pixels)) : [grey];
+    let low = Math.min(...planes.map((p) => percentile(p, 0.0005)));
+    let end = Math.max(...planes.map((p) => percentile(p, 0.9995)));
+    if (!(end > low)) { low -= 0.5 * Math.abs(low) || 0.5; end += 0.5 * Math.abs(end) || 0.5; }
+    const counts = planes.map((plane) => {
+      const found = new Float64Array(bins);
+      for (const v of plane) {
+        if (Number.isFinite(v)) found[clamp(Math.floor((bins * (v - low)) / (end - low)), 0, bins - 1)]++;
+      }
+      return found;
+    });
+    const most = Math.log10(Math.max(...counts.map((c) => Math.max(...c)), 9) + 1);
+    const decades = Array.from({ length: Math.floor(most) + 1 }, (_, k) => k);
+    const at = axes(context, wide, high, { low, high: end, name: unit },
+      { low: 0, high: most, name: "pixels", ticks: decades, write: (k) => (k ? `1e${k}` : "1") });
+    counts.forEach((found, c) => {
+      context.strokeStyle = light ? INKS[c] : colour("--accent");
+      context.beginPath();
+      found.forEach((count, b) => {
+        const y = at.down(Math.log10(count + 1));
+        context.lineTo(at.across(low + (b / bins) * (end - low)), y);
+        context.lineTo(at.across(low + ((b + 1) / bins) * (end - low)), y);
+      });
+      context.stroke();
+    });
+    for (const mark of view.kind === "signed" ? [-top, top] : [top]) {
+      if (mark < low || mark > end) continue;
+      context.strokeStyle = colour("--ink");
+      context.setLineDash([4, 3]);
+      context.beginPath(); context.moveTo(at.across(mark), at.top); context.lineTo(at.across(mark), at.bottom); context.stroke();
+      context.setLineDash([]);
+    }
+  }
+
+  async function load(side) {
+    side.view = byId.get(side.select.value);
+    side.values = await side.view.values();
+    side.sigma = side.view.sigma ? await side.view.sigma() : null;
+    side.grey = greyOf(side.values, pixels);
+  }
+
+  function show() {
+    for (const side of sides) { paint(side); describe(side); }
+    $("stops-told").textContent = `${stops() > 0 ? "+" : ""}${stops()} stops`;
+    document.body.dataset.shown = `${sides[0].view.id} | ${sides[1].view.id}`;
+  }
+
+  function divide() {
+    const share = Number($("divide").value);
+    sides[1].canvas.style.clipPath = `inset(0 0 0 ${share}%)`;
+    $("line").style.left = `${share}%`;
+  }
+
+  // Values at a pixel: what the read-out says, as numbers.
+  function valuesAt(x, y) {
+    const at = y * width + x, pick = (p) => (p ? [0, 1, 2].map((c) => p[c * pixels + at]) : null);
+    return {
+      x, y, cell: [Math.floor(((y + 0.5) / height) * data.grid[0]), Math.floor(((x + 0.5) / width) * data.grid[1])],
+      sides: sides.map((side) => ({ id: side.view.id, value: pick(side.values), sigma: pick(side.sigma) })),
+    };
+  }
+
+  function readOut(event) {
+    const box = stage.getBoundingClientRect();
+    const x = clamp(Math.floor(((event.clientX - box.left) / box.width) * width), 0, width - 1);
+    const y = clamp(Math.floor(((event.clientY - box.top) / box.height) * height), 0, height - 1);
+    const found = valuesAt(x, y), [row, column] = found.cell;
+    const lines = [`x ${x}  y ${y}  cell ${row} ${column}`];
+    found.sides.forEach((side, number) => {
+      const unit = (sides[number].view.unit || "scene units").split(",")[0];
+      const parts = CHANNELS.map((name, c) => {
+        const error = side.sigma ? ` \u00b1 ${written(side.sigma[c])}` : "";
+        return `${name} ${written(side.value[c])}${error}`;
+      });
+      lines.push(`${side.id}: ${parts.join("   ")}  ${unit}`);
+    });
+    $("readout").textContent = lines.join("\n");
+    return found;
+  }
+
+  for (const side of sides) {
+    side.select.addEventListener("change", () => load(side).then(show).catch(fault));
+  }
+  $("stops").addEventListener("input", show);
+  $("together").addEventListener("change", show);
+  $("divide").addEventListener("input", divide);
+  stage.addEventListener("pointermove", readOut);
+  stage.addEventListener("click", (event) => {
+    if (event.target !== $("line")) onCell(readOut(event).cell);
+  });
+  $("line").addEventListener("pointerdown", (event) => {
+    $("line").setPointerCapture(event.pointerId);
+    event.preventDefault();
+  });
+  $("line").addEventListener("pointermove", (event) => {
+    if (!$("line").hasPointerCapture(event.pointerId)) return;
+    const box = stage.getBoundingClientRect();
+    $("divide").value = clamp((100 * (event.clientX - box.left)) / box.width, 0, 100);
+    divide();
+  });
+
+  async function start() {
+    const others = data.pictures.filter((p) => p.kind === "picture" && p.name !== data.answer);
+    const other = others.find((p) => p.name === "white") || others[0];
+    sides[0].select.value = other ? other.name : data.answer;
+    sides[1].select.value = data.answer;
+    if (!other && views.length > 1) sides[0].select.value = views[1].id;
+    divide();
+    await Promise.all(sides.map(load));
+    show();
+  }
+  return { start, redraw: () => sides.forEach(describe), valuesAt };
+}

@@ -1,0 +1,131 @@
+"""Numbers of a page: rounded to whole steps, compressed, as text; `page.js` unpacks them.
+
+Nothing that is rounded is shown without its error: every block says its step, or the share by which
+its values may be off.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Block = dict[str, Any]
+"""A block of numbers as the page's data has it: `shape`, `kind`, and its bytes in base64."""
+
+MOST = 32766
+"""Largest number of steps of a value."""
+NOTHING = -32768
+"""Stands for no number."""
+LEVELS = 254
+"""Steps between the least and the largest logarithm."""
+UNKNOWN = 255
+"""Stands for an infinite error."""
+PAIR = 255.0
+"""Steps between the least and the largest value of a row of factors."""
+
+
+def linear(values: NDArray[np.floating], step: float) -> Block:
+    """Values (..., H, W) as whole steps, off by at most half of one; NaN stays NaN.
+
+    step : at least 1 / `MOST` of the largest absolute value (`least_step`).
+    """
+    with np.errstate(invalid="ignore"):
+        steps = np.rint(np.clip(values / step, -MOST, MOST))
+    whole = np.where(np.isfinite(values), steps, NOTHING).astype(np.int16)
+    # Neighbours are alike: what is kept is how a value differs from the one to its left, folded so
+    # that small differences of either sign have an empty upper byte.
+    apart = np.diff(whole, axis=-1, prepend=np.int16(0))
+    folded = ((apart << 1) ^ (apart >> 15)).view(np.uint16)
+    halves = np.concatenate([(folded & 0xFF).ravel(), (folded >> 8).ravel()]).astype(np.uint8)
+    return {"kind": "linear", "shape": list(values.shape), "step": step, "data": _text(halves)}
+
+
+def least_step(values: NDArray[np.floating], wanted: float) -> float:
+    """The wanted step, or the least that the largest value allows; always above 0."""
+    known = np.abs(values[np.isfinite(values)])
+    top = float(known.max()) if known.size else 0.0
+    return max(wanted, top / MOST) or 1.0
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Of values whose logarithms are kept: the least and the largest of them above 0."""
+
+    low: float
+    high: float
+
+    @property
+    def share(self) -> float:
+        """Share by which a value may be off."""
+        return float(np.expm1(0.5 * np.log(self.high / self.low) / (LEVELS - 1)))
+
+
+def logarithmic(values: NDArray[np.floating]) -> Block:
+    """Values of 0 and more (..., H, W), off by at most the share `off`; infinite ones stay so, what
+    is no number becomes infinite."""
+    finite = values[np.isfinite(values) & (values > 0.0)]
+    scale = Scale(float(finite.min()), float(finite.max())) if finite.size else Scale(1.0, 1.0)
+    span = np.log(scale.high / scale.low) or 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level = 1.0 + np.rint((LEVELS - 1) * np.log(values / scale.low) / span)
+        level = np.where(values > 0.0, np.clip(level, 1, LEVELS), 0.0)
+    whole = np.where(np.isfinite(values), level, UNKNOWN).astype(np.uint8)
+    return {
+        "kind": "logarithmic",
+        "shape": list(values.shape),
+        "low": scale.low,
+        "high": scale.high,
+        "off": scale.share,
+        "data": _text(np.diff(whole, axis=-1, prepend=np.uint8(0))),
+    }
+
+
+def factored(rows: NDArray[np.floating]) -> tuple[Block, NDArray[np.float32]]:
+    """Rows (R, N) of factors, each in steps of its own span, and what they come back as.
+
+    Rows of codes have two values, or few, and then come back all but exactly.
+    """
+    low, high = rows.min(axis=1), rows.max(axis=1)
+    step = np.where(high > low, (high - low) / PAIR, 1.0).astype(np.float32)
+    low = low.astype(np.float32)
+    whole = np.clip(np.rint((rows - low[:, None]) / step[:, None]), 0, PAIR).astype(np.uint8)
+    back = low[:, None] + step[:, None] * whole
+    block = {
+        "kind": "factored",
+        "shape": list(rows.shape),
+        "low": _text(low.astype("<f4")),
+        "step": _text(step.astype("<f4")),
+        "data": _text(whole, level=3),
+    }
+    return block, back.astype(np.float32)
+
+
+def singles(values: NDArray[np.floating]) -> Block:
+    """Values in single precision."""
+    data = np.ascontiguousarray(values, dtype="<f4")
+    return {"kind": "singles", "shape": list(values.shape), "data": _text(data)}
+
+
+def integers(values: NDArray[np.integer]) -> Block:
+    """Whole numbers of 32 bits (..., n); near ones may be alike."""
+    data = np.diff(values.astype("<i4"), axis=-1, prepend=np.int32(0)).astype("<i4")
+    return {"kind": "integers", "shape": list(values.shape), "data": _text(data, level=6)}
+
+
+def size_bytes(block: Block) -> int:
+    """How long a block is in the page, about."""
+    return sum(len(part) for part in block.values() if isinstance(part, str))
+
+
+def _text(data: NDArray[Any], level: int = 0) -> str:
+    """Bytes of an array, compressed, in base64. Without a `level`: as noise is, which repeats in
+    no other way than that some bytes are more frequent."""
+    strategy = zlib.Z_DEFAULT_STRATEGY if level else zlib.Z_RLE
+    packer = zlib.compressobj(level or 6, zlib.DEFLATED, 15, 9, strategy)
+    raw = packer.compress(np.ascontiguousarray(data).tobytes()) + packer.flush()
+    return base64.b64encode(raw).decode("ascii")

@@ -1,0 +1,55 @@
+"""`report.html` of a run: one file that opens from the disk, without a network."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pdcd.errors import disk_errors
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decode import record_errors
+from pdcd.pictures.watch import Watch
+from pdcd.planning.known import TRUTH, read_truth
+from pdcd.report.material import Material, gathered
+from pdcd.report.page import page
+from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.later import REPORT
+from pdcd.runs.record import Manifest
+from pdcd.runs.verify import sound_manifest
+
+
+def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Path:
+    """Write the page of a finished run, or of one that was cut, and return where it is.
+
+    out : the file; None is `report.html` in the run's folder. `watch` is told how far it is.
+
+    The run is decoded anew, as only that tells the error of every pixel. Raises DecodeError when
+    the manifest, codes, frame log or RAW files have changed, NoSpaceError, or DiskError for any
+    other refusal of the disk.
+    """
+    watch = watch or Watch()
+    manifest = sound_manifest(folder, ("codes.npz", FRAMES), watch)
+    partly, kept = manifest.state == "partial", TRUTH in manifest.files
+    if kept:
+        sound_manifest(folder, (TRUTH,), watch)
+    with record_errors(folder):
+        darkroom = Darkroom(folder, manifest.run)
+        decoded = darkroom.decoded(watch, partly=partly)
+        known = read_truth(folder, decoded.cells) if kept else None
+        material = gathered(folder, darkroom.record, decoded, known)
+    return written(folder, manifest, material, out)
+
+
+def written(folder: Path, manifest: Manifest, material: Material, out: Path | None = None) -> Path:
+    """Write a page whose parts are gathered; returns where it is. Raises as `write` does."""
+    path = folder / REPORT if out is None else out
+    text = page(manifest, material).encode("utf-8")
+    made = path.with_name(f"{path.name}.new")
+    with disk_errors(str(path)):
+        made.unlink(missing_ok=True)
+        # Never through a link that somebody put there; the rename then replaces any.
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+        with os.fdopen(os.open(made, flags, 0o644), "wb") as file:
+            file.write(text)
+        made.replace(path)
+    return path
