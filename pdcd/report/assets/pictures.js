@@ -58,7 +58,7 @@ function pictureViewer(data, onCell) {
   }));
   const stage = $("stage");
   stage.style.aspectRatio = `${width} / ${height}`;
-  stage.style.maxWidth = `calc(80vh * ${width / height})`;
+  stage.style.maxWidth = `calc(75vh * ${width / height})`;
   for (const side of sides) {
     side.canvas.width = width;
     side.canvas.height = height;
