@@ -1,6 +1,6 @@
 """docs/report.png: the page of the demo's run, in a browser. Run by hand after `make demo`:
 
-    python -m tests.bench.report_picture demo/captures/* docs/report.png
+python -m tests.bench.report_picture demo/captures/* docs/report.png
 """
 
 from __future__ import annotations
