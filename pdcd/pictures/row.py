@@ -24,6 +24,11 @@ from pdcd.words import NormaliseName
 
 Floats = NDArray[np.float64]
 
+WIDTH_PX = 960
+"""Least width of a picture of a row."""
+BETWEEN = (29, 95, 168)
+"""Colour of what parts wanted and realised."""
+
 
 @dataclass(frozen=True, eq=False)
 class MatrixRow:
@@ -47,9 +52,11 @@ class MatrixRow:
         both = np.concatenate([self.wanted, self.realised], axis=1)
         top = max(float(np.abs(both).max()), np.finfo(np.float64).tiny)
         low = -top if self.wanted.min() < 0.0 else 0.0
-        gap = np.full((both.shape[0], 1), 0.5 * (low + top))
-        shown = np.concatenate([self.wanted, gap, self.realised], axis=1)
-        drawn = blocks((shown - low) / (top - low))
+        rows, cols = self.wanted.shape
+        shown = np.concatenate([self.wanted, np.zeros((rows, 1)), self.realised], axis=1)
+        drawn = blocks((shown - low) / (top - low), WIDTH_PX)
+        side = len(drawn) // rows
+        drawn[:, side * cols : side * (cols + 1)] = BETWEEN
         title = f"paths to cell {cell[0]} {cell[1]}, photo {self.photo}"
         marks = [(round(255 * s), f"{low + s * (top - low):.2g}") for s in (0.0, 0.25, 0.5, 1.0)]
         notes = ("left: weights as wanted", "right: as realised")
