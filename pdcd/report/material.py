@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pdcd.pictures.darkroom import Decoded
+from pdcd.pictures.decode import TRANSPORT_PICTURE as PICTURE
 from pdcd.planning.known import Known
 from pdcd.report.budget import budget
 from pdcd.report.layers import MOST_PICTURES, Layers, Truth, layers, size_of
@@ -32,6 +33,8 @@ class Material:
     answer: str
     kind: str
     """How the error of the codes was found: measured or modelled."""
+    slice_png: bytes = b""
+    """The picture of entries of T, where they were photographed."""
 
 
 def foreseen_s(record: RunRecord, decoded: Decoded) -> float:
@@ -64,6 +67,7 @@ def gathered(folder: Path, record: RunRecord, decoded: Decoded, known: Known | N
     truth = None
     if known is not None and record.homography is None:
         truth = Truth(*known.on_quads(decoded.cells))
+    sliced = decoded.transport
     return Material(
         layers=layers(decoded.pictures, decoded.view, truth),
         matrices=matrices(decoded.recipe, {**decoded.shots, **decoded.sums}, record.normalise),
@@ -71,4 +75,5 @@ def gathered(folder: Path, record: RunRecord, decoded: Decoded, known: Known | N
         budget=budget(record, decoded.shots),
         answer=decoded.recipe.answer_name,
         kind=decoded.answer.kind,
+        slice_png=b"" if sliced is None else (folder / PICTURE).read_bytes(),
     )
