@@ -17,7 +17,7 @@ from pdcd.runs.record import RunRecord
 
 DEFAULT_S = 0.3
 """A page that costs less of a processor than that is made at the end of every capture."""
-FIXED_S = 0.02
+FIXED_S, SHOT_S = 0.02, 3e-3
 VALUE_S, WEIGHT_S, REFRESH_S = 9e-8, 1e-7, 1e-5
 """Costs by size: of each value of a picture, of each entry of the factors, of each refresh."""
 
@@ -48,6 +48,7 @@ def foreseen_s(record: RunRecord, decoded: Decoded) -> float:
     quads = 3 * decoded.cells.frame[0] * decoded.cells.frame[1] * pictures
     return (
         FIXED_S
+        + SHOT_S * len(record.shots)
         + VALUE_S * (values + 0.3 * quads)
         + WEIGHT_S * min(entries, MOST_WEIGHTS)
         + REFRESH_S * refreshes

@@ -51,7 +51,7 @@ def written(folder: Path, manifest: Manifest, material: Material, out: Path | No
         made.unlink(missing_ok=True)
         # Never through a link that somebody put there; the rename then replaces any.
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-        with os.fdopen(os.open(made, flags, 0o644), "wb") as file:
+        with os.fdopen(os.open(made, flags, 0o666), "wb") as file:
             file.write(text)
         made.replace(path)
     return path
