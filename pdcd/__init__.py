@@ -26,16 +26,30 @@ if TYPE_CHECKING:
     from pdcd.api.local import local
     from pdcd.api.run import Run
     from pdcd.api.run import open_run as open
+    from pdcd.api.sweep import sweep
+    from pdcd.api.table import Table
 
-__all__ = ["Bench", "Run", "__version__", "connect", "errors", "local", "open"]
+__all__ = [
+    "Bench",
+    "Run",
+    "Table",
+    "__version__",
+    "connect",
+    "errors",
+    "local",
+    "open",
+    "sweep",
+]
 
 _HOMES = {
     "Bench": ("pdcd.api.bench", "Bench"),
     "Run": ("pdcd.api.run", "Run"),
+    "Table": ("pdcd.api.table", "Table"),
     "connect": ("pdcd.api.connected", "connect"),
     "errors": ("pdcd.errors", None),
     "local": ("pdcd.api.local", "local"),
     "open": ("pdcd.api.run", "open_run"),
+    "sweep": ("pdcd.api.sweep", "sweep"),
 }
 """Where each name is at home: a module, and what it is called there; None: the module itself."""
 

@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import time
 from collections import deque
@@ -21,8 +22,8 @@ import msgspec
 from pdcd.errors import BusyError, PdcdError, ProtocolError, of_kind
 from pdcd.inputs.sending import Sendable, parcels
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary, Sent
+from pdcd.runs.entry import Page, RunQuery, StoredRun
 from pdcd.runs.events import Attention, Event, read
-from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import RigView
 from pdcd.server.messages import (
     MAX_FDS,
@@ -51,6 +52,8 @@ NONE: Arrays = MappingProxyType({})
 
 INTAKE_TIMEOUT_S = 30.0
 """Time allowed to the daemon for reading the arrays of a request, in seconds."""
+DISK_TIMEOUT_S = 60.0
+"""Time allowed to an answer for which many files are read, in seconds."""
 ENGINE_TIMEOUT_S = 60.0
 """Time allowed to an answer that needs the devices, in seconds."""
 
@@ -104,7 +107,9 @@ class Client:
         self.close()
 
     def close(self) -> None:
-        """Part from the daemon. Idempotent."""
+        """Part from the daemon. Idempotent; ends a wait of another thread, too."""
+        with contextlib.suppress(OSError):  # not connected, or no more
+            self._sock.shutdown(socket.SHUT_RDWR)
         self._sock.close()
 
     def call(
@@ -214,6 +219,14 @@ class Client:
     def runs(self, newest: int = 100) -> tuple[StoredRun, ...]:
         """The runs in the daemon's state folder, newest first, up to 1000 of them."""
         return tuple(_typed(self.call("capture.list", {"runs": newest}), JobList).runs)
+
+    def find(self, query: RunQuery) -> Page:
+        """A page of the runs in the daemon's state folder, newest first."""
+        params = {"find": msgspec.to_builtins(query)}
+        found = _typed(self.call("capture.list", params, timeout_s=DISK_TIMEOUT_S), JobList).found
+        if found is None:
+            raise ProtocolError("the server did not look for runs")
+        return found
 
     def plan(
         self, request: CaptureRequest, *, arrays: Arrays = NONE, queue: bool = False

@@ -14,6 +14,9 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.words import (
+    NAME_WORDS,
+    NOTE_WORDS,
+    TAG_WORDS,
     BlackLevel,
     BlackLevelName,
     FamilyName,
@@ -29,6 +32,31 @@ from pdcd.words import (
 )
 
 Name = Annotated[str, Meta(max_length=4096)]
+
+# A `$` alone would let a newline pass behind it.
+Label = Annotated[
+    str,
+    Meta(max_length=80, pattern=r"^(?! )[\w .,:;+=()#'&%@-]+(?<! )$(?!\n)", description=NAME_WORDS),
+]
+"""What a run is called by people. It needs not be unique, and holds no /: it is no path."""
+Tag = Annotated[str, Meta(max_length=40, pattern=r"^[\w][\w.:+@-]*$(?!\n)", description=TAG_WORDS)]
+"""A word that runs are found by."""
+Note = Annotated[
+    str,
+    Meta(
+        max_length=4096,
+        # Neither orders to a terminal nor marks that turn the direction of writing.
+        pattern="^[^\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069]*$",
+        description=NOTE_WORDS,
+    ),
+]
+MOST_TAGS = 16
+LABELS = {
+    "name": NAME_WORDS,
+    "tags": f"up to {MOST_TAGS} words, each {TAG_WORDS}",
+    "note": NOTE_WORDS,
+}
+"""What a run is found by: field of the request, and what it takes, in words."""
 
 
 class Sent(
@@ -165,7 +193,11 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     and nearly neutral in the white photo."""
     out: str | None = None
     """Folder the run folder is made in; below the state folder when asked for over the socket."""
-    note: Annotated[str, Meta(max_length=4096)] = ""
+    name: Label | None = None
+    """What people call the run; it needs not be unique."""
+    tags: Annotated[tuple[Tag, ...], Meta(max_length=MOST_TAGS)] = ()
+    """Words to find the run by."""
+    note: Note = ""
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):

@@ -63,3 +63,8 @@ ArrangementName = Literal["coaxial", "off-axis"]
 MovingName = Literal["flash", "edge", "bar"]
 """What they can show over and over."""
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]
+
+NAME_WORDS = "1 to 80 letters, digits, spaces and any of _ . , : ; + = ( ) # ' & % @ -"
+TAG_WORDS = "1 to 40 letters, digits and any of _ . : + @ -"
+NOTE_WORDS = "up to 4096 characters that can be printed, in lines"
+"""What a run's name, a tag and the note may be (`pdcd.request`)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -16,7 +16,7 @@ from pdcd.bench.options import convert_field, unknown_key
 from pdcd.errors import RequestError
 from pdcd.inputs.sending import Sendable
 from pdcd.recipes.goals import GOALS
-from pdcd.request import ARRAYS, CaptureRequest
+from pdcd.request import ARRAYS, LABELS, CaptureRequest
 from pdcd.words import (
     BlackLevelName,
     FamilyName,
@@ -77,6 +77,8 @@ class Arguments(TypedDict, total=False):
     white: bool
     white_patch: tuple[float, float]
     out: str | Path
+    name: str
+    tags: str | Sequence[str]
     note: str
 
 
@@ -105,10 +107,13 @@ def asked(
         elif name == "prior" and not _in_words(value):
             arrays[name] = _transport(value, grid, faults)
         else:
+            if name == "tags" and isinstance(value, str):
+                value = [value]  # else its letters would be
             try:
                 values[name] = convert_field(plain(value), FIELDS[name], name)
             except ValueError as err:
-                faults.append(str(err))
+                words = LABELS.get(name)  # the pattern of a text tells nobody what it may be
+                faults.append(str(err) if words is None else f"{name}: it takes {words}")
     if faults:
         raise RequestError("\n".join(faults), hint="docs/python.md lists goals and keywords")
     if "out" in values:

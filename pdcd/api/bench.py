@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import TYPE_CHECKING, Self, Unpack
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from pdcd.api.arguments import Arguments, asked
 from pdcd.api.progress import OnEvent, Shown, shown
@@ -36,6 +36,10 @@ class Bench(ABC):
         """Rows and columns of code cells."""
 
     @abstractmethod
+    def described(self) -> dict[str, Any]:
+        """What it is, in plain values: two benches that are told alike are the same to a sweep."""
+
+    @abstractmethod
     def close(self) -> None:
         """Let go of the bench. Idempotent."""
 
@@ -45,10 +49,17 @@ class Bench(ABC):
 
     @abstractmethod
     def take(
-        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+        self,
+        request: CaptureRequest,
+        arrays: Arrays = NONE,
+        *,
+        on_event: OnEvent | None = None,
+        report: bool = False,
     ) -> CaptureResult:
         """Take the photo of a request and tell how that ended; nothing is raised for what goes
         wrong once the job has begun. `capture` is the same by keywords.
+
+        report : write its page (`pdcd.report`) at once, if that costs little.
 
         An interrupt ends the job in good order and is delivered afterwards.
         """
@@ -82,7 +93,7 @@ class Bench(ABC):
         """
         request, arrays = asked(goal, arguments, lambda: self.grid)
         with shown(progress) as on_event:
-            result = self.take(request, arrays, on_event=on_event)
+            result = self.take(request, arrays, on_event=on_event, report=True)
         return finished(result)
 
     def __enter__(self) -> Self:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+
+import msgspec
 
 from pdcd.api.bench import NONE, Arrays, Bench
 from pdcd.api.progress import OnEvent
@@ -42,6 +45,11 @@ class Connected(Bench):
             self._grid = self.client.describe().grid
         return self._grid
 
+    def described(self) -> dict[str, Any]:
+        """The rig as the daemon describes it."""
+        found: dict[str, Any] = msgspec.to_builtins(self.client.describe())
+        return found
+
     def close(self) -> None:
         """Part from the daemon. Idempotent."""
         self.client.close()
@@ -51,8 +59,13 @@ class Connected(Bench):
         return self.client.plan(request, arrays=arrays, queue=self._queue)
 
     def take(
-        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+        self,
+        request: CaptureRequest,
+        arrays: Arrays = NONE,
+        *,
+        on_event: OnEvent | None = None,
+        report: bool = False,
     ) -> CaptureResult:
-        """Take the photo of a request (see `Bench.take`)."""
+        """Take the photo of a request (see `Bench.take`); the daemon decides on the page."""
         with held_back(raises=True):
             return self.client.capture(request, arrays=arrays, queue=self._queue, on_event=on_event)

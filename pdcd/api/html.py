@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import html
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
 
 WIDTH_PX = 320
 """Width of a preview in a notebook; larger ones are drawn smaller."""
+QUALITY = 85
+"""Of JPEG: a page of a notebook holds many pictures."""
 MOST_PREVIEWS = 4
 
 FIGURES = (
@@ -56,8 +60,12 @@ def _table(run: Run) -> str:
         share = summary.get(key)
         if isinstance(share, float):
             rows.append([name, f"{100.0 * share:.3g} %"])
-    rows.append(["folder", str(run.folder)])
+    rows.append(["folder", os.path.relpath(run.folder) if _near(run.folder) else str(run.folder)])
     return table_html(["verdict", "" if run.quality is None else run.quality.verdict], rows)
+
+
+def _near(folder: Path) -> bool:
+    return folder.is_relative_to(Path.cwd())
 
 
 def _notes(run: Run) -> str:
@@ -76,26 +84,27 @@ def _previews(run: Run) -> str:
     figures = []
     for name in known[:MOST_PREVIEWS]:
         try:
-            data = _small(run.checked(f"preview/{name}.png").read_bytes())
+            data = _small(run.checked(f"preview/{name}.png"))
         except (DecodeError, OSError):
             continue  # a view for eyes; whoever asks for the numbers is told
-        source = "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+        source = "data:image/jpeg;base64," + base64.b64encode(data).decode("ascii")
         figures.append(
             f'<img src="{source}" alt="{_text(name)}" title="{_text(name)}" width="{WIDTH_PX}">'
         )
     return f"<p>{' '.join(figures)}</p>" if figures else ""
 
 
-def _small(data: bytes) -> bytes:
-    """A PNG file of at most the width wanted."""
+def _small(path: Path) -> bytes:
+    """A picture as a JPEG file of at most the width wanted. Raises DecodeError."""
     import cv2
 
     try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
-        if image is None or image.shape[1] <= WIDTH_PX:
-            return data
+        image = cv2.imdecode(np.frombuffer(path.read_bytes(), dtype=np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise DecodeError(f"{path.name} is no picture")
         height = max(1, round(image.shape[0] * WIDTH_PX / image.shape[1]))
-        small = cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
-        return bytes(cv2.imencode(".png", small)[1])
+        if image.shape[1] > WIDTH_PX:
+            image = cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+        return bytes(cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))[1])
     except cv2.error as err:
-        raise DecodeError(f"a preview is damaged: {err.err}") from err
+        raise DecodeError(f"{path.name} is damaged: {err.err}") from err

@@ -20,6 +20,7 @@ from pdcd.bench.tables import Config
 from pdcd.inputs.sending import parcels
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.runs.events import Event
+from pdcd.runs.folder import sha256_of
 from pdcd.runs.views import OwnerView
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class LocalBench(Bench):
     def __init__(self, config: Config, folder: Path | None = None) -> None:
         from pdcd.capture.engine import Engine
 
+        self._config = config
         self._engine: Engine = Engine.from_config(config)
         self._folder = folder
         self._opened = False
@@ -75,6 +77,10 @@ class LocalBench(Bench):
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
         return self._engine.grid
+
+    def described(self) -> dict[str, Any]:
+        """The configuration in plain values, its files by their content."""
+        return described(self._config)
 
     def close(self) -> None:
         """Let go of the devices. Idempotent."""
@@ -87,11 +93,16 @@ class LocalBench(Bench):
         return self._engine.plan(*self._read(request, arrays))
 
     def take(
-        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+        self,
+        request: CaptureRequest,
+        arrays: Arrays = NONE,
+        *,
+        on_event: OnEvent | None = None,
+        report: bool = False,
     ) -> CaptureResult:
         """Take the photo of a request (see `Bench.take`)."""
         with held_back() as interrupted:
-            return self.take_until(interrupted, request, arrays, on_event)
+            return self.take_until(interrupted, request, arrays, on_event, report=report)
 
     def take_until(
         self,
@@ -107,9 +118,7 @@ class LocalBench(Bench):
         if request.out is None and self._folder is not None:
             request = msgspec.structs.replace(request, out=str(self._folder.absolute()))
         wanted, given = self._read(request, arrays)
-        if not self._opened:
-            self._opened = True  # also if that fails half-way: what is open is to be closed
-            self._engine.start()
+        self._open()
         return self._engine.capture(
             wanted,
             given,
@@ -120,6 +129,16 @@ class LocalBench(Bench):
             report=report,
         )
 
+    def _open(self) -> None:
+        if self._opened:
+            return
+        self._opened = True
+        try:
+            self._engine.start()
+        except BaseException:  # which may have opened one device of three
+            self.close()
+            raise
+
     def _read(self, request: CaptureRequest, arrays: Arrays) -> tuple[CaptureRequest, Given]:
         """Read the arrays with this user's rights. Raises RequestError."""
         from pdcd.planning.given import from_descriptor, read_given
@@ -127,6 +146,14 @@ class LocalBench(Bench):
         with parcels(arrays) as opened:
             sources = {n: from_descriptor(p.descriptor, p.file) for n, p in opened.items()}
             return read_given(request, sources, self.grid)
+
+
+def described(config: Config) -> dict[str, Any]:
+    """A configuration in plain values, and the SHA-256 of the files that it names."""
+    names = (config.scene.path, config.bench.truth, config.camera.profile)
+    files = [Path(name) for name in names if name is not None]
+    sums = {str(f): sha256_of(f) for f in files if f.is_file()}
+    return {"config": msgspec.to_builtins(config), "files": sums}
 
 
 def owner() -> OwnerView:

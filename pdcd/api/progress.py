@@ -29,6 +29,11 @@ OnEvent = Callable[[Event], None]
 Shown = bool | OnEvent
 """Whether to show progress, or what takes each event instead."""
 
+Share = tuple[float, float]
+"""Work done, and all of it."""
+Show = Callable[[str, Share | None, bool], None]
+"""Shows words, the share that is done where it is known, and whether a stage begins."""
+
 LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
 
@@ -39,9 +44,7 @@ def shown(progress: Shown) -> Iterator[OnEvent | None]:
     if callable(progress) or not progress:
         yield progress or None
         return
-    from pdcd.api import notebook
-
-    with notebook.progress() if notebook.here() else bar() as on_event:
+    with bar() as on_event:
         yield on_event
 
 
@@ -53,12 +56,24 @@ def tell(text: str) -> None:
 
 @contextmanager
 def bar(first: str = "waiting") -> Iterator[OnEvent]:
-    """Show events on stderr: a bar on a terminal, else lines at most one a second.
+    """What shows the events of one job; `first` is what is done before the first of them."""
+    stages = Stages()
+    with drawn(first) as show:
+        yield lambda event: show(words_of(event), share_of(event), stages.begins(event))
 
-    `first` is what is done before the first event.
-    """
+
+@contextmanager
+def drawn(first: str) -> Iterator[Show]:
+    """What shows words and a share: a line in a notebook, a bar on a terminal, else lines on
+    stderr, at most one a second."""
+    if notebook():
+        from pdcd.api.notebook import line
+
+        with line() as show:
+            yield show
+        return
     if not sys.stderr.isatty():
-        yield _Lines()
+        yield _Lines().show
         return
     from rich.console import Console
     from rich.progress import (
@@ -77,16 +92,20 @@ def bar(first: str = "waiting") -> Iterator[OnEvent]:
     )
     with Bars(*columns, console=Console(stderr=True)) as bars:
         task = bars.add_task(first, total=None)
-        stages = Stages()
 
-        def show(event: Event) -> None:
-            words = words_of(event)
-            done, total = share_of(event) or (None, None)
-            if stages.begins(event):  # so that the time left is that of this stage
+        def on_bar(words: str, share: Share | None, begins: bool) -> None:
+            done, total = share or (None, None)
+            if begins:  # so that the time left is that of this stage
                 bars.reset(task, total=total or 1.0, description=words)
             bars.update(task, description=words, completed=done, total=total)
 
-        yield show
+        yield on_bar
+
+
+def notebook() -> bool:
+    """Whether this is a cell of a notebook, which shows HTML; a terminal with IPython is none."""
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
 
 class _Lines:
@@ -94,23 +113,32 @@ class _Lines:
 
     def __init__(self) -> None:
         self._next_s = 0.0
-        self._begun_s = 0.0
-        self._stages = Stages()
+        self._left = Left()
 
-    def __call__(self, event: Event) -> None:
-        now_s = time.monotonic()
-        if self._stages.begins(event):
-            self._begun_s = now_s
-        share = share_of(event)
+    def show(self, words: str, share: Share | None, begins: bool) -> None:
+        """Say it, if it is no share, or the last was said long ago."""
+        left = self._left.words(share, begins)
         if share is None:
-            tell(words_of(event))
-            return
-        if now_s < self._next_s:
-            return
-        self._next_s = now_s + LINE_INTERVAL_S
-        done, total = share
+            tell(words)
+        elif time.monotonic() >= self._next_s:
+            self._next_s = time.monotonic() + LINE_INTERVAL_S
+            tell(words + left)
+
+
+class Left:
+    """The time that is left of a stage, by what was done of it so far."""
+
+    def __init__(self) -> None:
+        self._begun_s = 0.0
+
+    def words(self, share: Share | None, begins: bool) -> str:
+        """Such as ", 12 s left"; nothing where that is not known, or less than a second."""
+        now_s = time.monotonic()
+        if begins:
+            self._begun_s = now_s
+        done, total = share or (0.0, 0.0)
         left_s = (now_s - self._begun_s) * (total - done) / done if done else 0.0
-        tell(words_of(event) + (f", {left_s:.0f} s left" if left_s >= 1.0 else ""))
+        return f", {left_s:.0f} s left" if left_s >= 1.0 else ""
 
 
 class Stages:
@@ -134,7 +162,7 @@ class Stages:
         return new
 
 
-def share_of(event: Event) -> tuple[float, float] | None:
+def share_of(event: Event) -> Share | None:
     """Work done, and all of it, where the event tells."""
     if isinstance(event, Progress):
         return event.frame, event.frames

@@ -45,9 +45,15 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Ask:
-    """Something that a person has to do before the next photo, in one sentence."""
+    """Something that a person has to do before the next photo, in one sentence.
+
+    now, best : where a number is to be made as large as it can be, what it is and the largest so
+        far.
+    """
 
     text: str
+    now: float | None = None
+    best: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from pdcd.bench.calibration import Calibration, CameraRecord, Entry, Identity, P
 from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.measured import chosen
 from pdcd.bench.tables import Config
+from pdcd.calibration.script import Ask
 from pdcd.calibration.steps.all import METER, ordered
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, SyncError
@@ -34,6 +35,10 @@ logger = logging.getLogger(__name__)
 
 FOLDERS = ("raw", "preview")
 """Below a calibration folder."""
+CARD = (
+    "put a flat, matt, white card where the scene will be, so that it fills the "
+    "projector's picture, and darken the room"
+)
 ORDER: tuple[VerdictName, ...] = ("good", "doubtful", "bad")
 
 
@@ -69,10 +74,7 @@ class CalibrationRun:
         begin = Begin(self.config, self.profile, camera, before, helped)
         self.hands.do(self._watch(), Desk.calibrate, begin, self.folder.path)
         if self.request.attended:
-            self._ask(
-                "put a flat, matt, white card where the scene will be, so that it fills the "
-                "projector's picture, and darken the room"
-            )
+            self._ask(Ask(CARD))
         for number, name in enumerate((METER, *names)):
             self._step(name, number, len(names))
         measured = self.hands.do(self._watch(), Desk.measured)
@@ -120,7 +122,7 @@ class CalibrationRun:
         wanted = self.hands.do(self._watch(), Desk.step, name, utc_now())
         while not isinstance(wanted, Found):
             if isinstance(wanted, NextAsk):
-                self._ask(wanted.text)
+                self._ask(wanted.ask)
                 wanted = self.hands.do(self._watch(), Desk.answered)
             else:
                 photo = self._photo(wanted)
@@ -208,11 +210,11 @@ class CalibrationRun:
             verified=log.verified,
         )
 
-    def _ask(self, text: str) -> None:
+    def _ask(self, ask: Ask) -> None:
         if not self.request.attended:
             return
-        self._notify(events.Attention(text=text))
-        self.proceed(text)
+        self._notify(events.Attention(text=ask.text, now=ask.now, best=ask.best))
+        self.proceed(ask.text)
         self._look_for_cancel()
 
     def _carry_over(self, before: Path, measured: dict[str, Entry]) -> None:

@@ -20,7 +20,7 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.request import ARRAYS, LABELS, CaptureRequest, CaptureResult, PlanSummary
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
@@ -180,12 +180,17 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "white": args.white,
         "white_patch": args.white_patch,
         "out": None if out is None else str(out.absolute()),
+        "name": args.name,
+        "tags": args.tags or (),
         "note": args.note,
     }
     try:
         return msgspec.convert(fields, CaptureRequest)
     except msgspec.ValidationError as err:
         what, _, place = str(err).replace("`", "").partition(" - at $.")
+        field = place.partition("[")[0]
+        if field in LABELS:  # the pattern of a text tells nobody what it may be
+            raise ConfigError(f"{field}: it takes {LABELS[field]}") from err
         raise ConfigError(f"{place}: {what[0].lower()}{what[1:]}") from err
 
 

@@ -10,8 +10,9 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_result, say_table
 from pdcd.client import Client
 from pdcd.errors import ConfigError
+from pdcd.runs.entry import MOST_RUNS
 from pdcd.runs.events import Event, fields, wire
-from pdcd.server.messages import MOST_RUNS, JobList, JobView
+from pdcd.server.messages import JobList, JobView
 
 
 def status(args: argparse.Namespace) -> int:

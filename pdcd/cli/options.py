@@ -155,7 +155,21 @@ def request_options(parser: argparse.ArgumentParser, *, goal: bool = True) -> No
         "--no-white", action="store_false", dest="white", help="skip the white shot beside it"
     )
     white_patch_option(parser, "balance the previews by something white at X Y of the field")
-    parser.add_argument("--note", default="", metavar="TEXT", help="kept with the run")
+    _label_options(parser)
+
+
+def _label_options(parser: argparse.ArgumentParser) -> None:
+    """Add what people find the run by."""
+    labels = parser.add_argument_group("labels", "kept with the run, and shown by pdcd runs")
+    labels.add_argument("--name", metavar="TEXT", help="what to call the run; no /")
+    labels.add_argument(
+        "--tag",
+        action="append",
+        dest="tags",
+        metavar="WORD",
+        help="a word to find it by; again for more",
+    )
+    labels.add_argument("--note", default="", metavar="TEXT", help="whatever is to be remembered")
 
 
 def white_patch_option(parser: argparse.ArgumentParser, text: str) -> None:
@@ -263,3 +277,33 @@ def _panel_options(parser: argparse.ArgumentParser) -> None:
 def method_option(parser: argparse.ArgumentParser) -> None:
     """Add the way to take the photo."""
     parser.add_argument("--method", choices=METHODS, default="coded", help="default: coded")
+
+
+def export_options(parser: argparse.ArgumentParser) -> None:
+    """Add which pictures, in which form, and where to."""
+    parser.add_argument(
+        "--format",
+        required=True,
+        choices=("exr", "tiff16", "png16", "npz"),
+        help="32-bit floats (exr, npz), or 16 bits a colour, linear",
+    )
+    parser.add_argument(
+        "--picture", action="append", metavar="NAME", help="which one; again for more; default: all"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path(), metavar="DIR", help="default: here; no run folder"
+    )
+    parser.add_argument(
+        "--upright",
+        action="store_true",
+        help="as the projector sees the scene, cropped to the field; default: as the camera does",
+    )
+    white_patch_option(parser, "make what lies at X Y of the field grey; default: colours as taken")
+    parser.add_argument(
+        "--range",
+        type=float,
+        nargs=2,
+        metavar=("BLACK", "WHITE"),
+        help="scene units that become 0 and 65535 in 16 bits; default: 0 and a power of two",
+    )
+    parser.add_argument("--force", action="store_true", help="replace files that are there")

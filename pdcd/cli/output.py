@@ -134,8 +134,13 @@ def figure(summary: Mapping[str, Figure], key: str) -> Value | None:
 def say_notes(result: CaptureResult) -> None:
     """Print why a photo is not good, what else to know of it, and all warnings of the run."""
     quality = result.summary.get("quality")
-    notes = [("warning", text) for text in result.warnings]
-    if isinstance(quality, Quality):
+    say_verdict(quality if isinstance(quality, Quality) else None, result.warnings)
+
+
+def say_verdict(quality: Quality | None, warnings: Iterable[str]) -> None:
+    """Print the reasons of a verdict, its remarks, and warnings."""
+    notes = [("warning", text) for text in warnings]
+    if quality is not None:
         reasons = [(quality.verdict, text) for text in quality.reasons]
         notes = [*reasons, *(("remark", text) for text in quality.remarks), *notes]
     for head, text in notes:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
 from pdcd.cli.options import (
     client_options,
+    export_options,
     json_option,
     method_option,
     request_options,
     rig_options,
     share,
-    white_patch_option,
 )
+from pdcd.cli.runs_parser import runs_options
 from pdcd.version import __version__
 from pdcd.words import MovingName, PatternName, StepName
 
@@ -40,15 +42,10 @@ def build_parser() -> argparse.ArgumentParser:
     parser.set_defaults(json=False)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    def add(name: str, run: str, text: str) -> argparse.ArgumentParser:
-        made = commands.add_parser(
-            name, help=text, description=text, epilog=EXIT_CODES, allow_abbrev=False
-        )
-        made.set_defaults(run=run)
-        return made
-
+    add = partial(_made, commands)
     _photo_commands(add)
     _job_commands(add)
+    _web_command(add)
     _bench_commands(add)
     _run_commands(add)
     return parser
@@ -120,6 +117,7 @@ def _job_commands(add: Add) -> None:
     cancel = add("cancel", "jobs:cancel", "end a job: the one named, else the running one")
     cancel.add_argument("job", nargs="?", metavar="JOB")
     client_options(cancel)
+    _with_commands(add("runs", "runs:list_runs", "list runs on disk, and do things with them"))
     listed = add("list", "jobs:list_jobs", "list jobs, and the runs that the daemon has on disk")
     listed.add_argument(
         "--newest",
@@ -132,6 +130,24 @@ def _job_commands(add: Add) -> None:
     wait = add("wait", "capture:wait", "wait for a job and report it as capture does")
     wait.add_argument("job", metavar="JOB")
     client_options(wait)
+
+
+def _web_command(add: Add) -> None:
+    """Add the page, a client of the daemon like the commands."""
+    page = add("web", "web:web", "serve a page for the person at the bench, to this machine alone")
+    rig_options(page, socket="where the daemon listens")
+    page.add_argument(
+        "--state-dir", type=Path, metavar="DIR", help="where the daemon keeps its runs"
+    )
+    page.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="of the loopback interface; default: 127.0.0.1",
+    )
+    page.add_argument(
+        "--port", type=int, default=8137, metavar="N", help="default: 8137; 0 takes a free one"
+    )
 
 
 def _bench_commands(add: Add) -> None:
@@ -211,9 +227,10 @@ def _run_commands(add: Add) -> None:
         help="what capture told of the run: shows a change that was made on purpose, too",
     )
     json_option(verify)
-    _export_options(
-        add("export", "export:export", "write pictures of a finished run for other programs")
-    )
+    export = add("export", "export:export", "write pictures of a finished run for other programs")
+    export.add_argument("folder", type=Path, metavar="FOLDER")
+    export_options(export)
+    json_option(export)
     report = add("report", "report:report", "make a page of a finished run, with its pictures")
     report.add_argument("folder", type=Path, metavar="FOLDER")
     report.add_argument(
@@ -242,36 +259,21 @@ def _run_commands(add: Add) -> None:
     add("version", "tools:version", "print the version")
 
 
-def _export_options(parser: argparse.ArgumentParser) -> None:
-    """Add which pictures, in which form, and where to."""
-    parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument(
-        "--format",
-        required=True,
-        choices=("exr", "tiff16", "png16", "npz"),
-        help="32-bit floats (exr, npz), or 16 bits a colour, linear",
+def _with_commands(runs: argparse.ArgumentParser) -> None:
+    """Add what can be done with runs."""
+    commands = runs.add_subparsers(dest="runs_command", metavar="COMMAND")
+    runs_options(runs, partial(_made, commands))
+
+
+def _made(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, run: str, text: str
+) -> argparse.ArgumentParser:
+    """Add a command; returns its parser."""
+    made = commands.add_parser(
+        name, help=text, description=text, epilog=EXIT_CODES, allow_abbrev=False
     )
-    parser.add_argument(
-        "--picture", action="append", metavar="NAME", help="which one; again for more; default: all"
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path(), metavar="DIR", help="default: here; no run folder"
-    )
-    parser.add_argument(
-        "--upright",
-        action="store_true",
-        help="as the projector sees the scene, cropped to the field; default: as the camera does",
-    )
-    white_patch_option(parser, "make what lies at X Y of the field grey; default: colours as taken")
-    parser.add_argument(
-        "--range",
-        type=float,
-        nargs=2,
-        metavar=("BLACK", "WHITE"),
-        help="scene units that become 0 and 65535 in 16 bits; default: 0 and a power of two",
-    )
-    parser.add_argument("--force", action="store_true", help="replace files that are there")
-    json_option(parser)
+    made.set_defaults(run=run)
+    return made
 
 
 def _doctors(parser: argparse.ArgumentParser) -> None:
@@ -279,10 +281,7 @@ def _doctors(parser: argparse.ArgumentParser) -> None:
     devices = parser.add_subparsers(dest="device", required=True, metavar="DEVICE")
 
     def add(name: str, run: str, text: str) -> argparse.ArgumentParser:
-        made = devices.add_parser(
-            name, help=text, description=text, epilog=EXIT_CODES, allow_abbrev=False
-        )
-        made.set_defaults(run=run)
+        made = _made(devices, name, run, text)
         made.add_argument("--config", type=Path, metavar="FILE", help="where the device is named")
         json_option(made)
         return made

@@ -66,7 +66,7 @@ class NextPhoto:
 class NextAsk:
     """Have somebody do this."""
 
-    text: str
+    ask: Ask
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class Study:
             return Found(self._learn(end.value))
         self.seconds += time.process_time() - began_s
         if isinstance(wanted, Ask):
-            return NextAsk(wanted.text)
+            return NextAsk(wanted)
         return self._wanted(wanted)
 
     def _wanted(self, wanted: Wanted) -> NextPhoto:

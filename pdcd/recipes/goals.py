@@ -80,6 +80,13 @@ MAY_TAKE: dict[str, tuple[str, ...]] = {
 share of all other light to keep beside it (Fig. 9(d)), depths, rows of entries."""
 
 
+def may_take(name: str) -> tuple[str, ...]:
+    """What a goal may be given besides what it needs."""
+    lit = () if name == "transport" else ("illumination",)
+    also = (*MAY_TAKE.get(name, ()), *lit)
+    return tuple(other for other in also if other not in GOALS[name][0])
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """A goal over a grid of cells, with its arrays.
@@ -119,15 +126,14 @@ def check_target(target: Target) -> Target:
     numbers = {name for name in goal.__struct_fields__ if name != "name"}
     given = {name for name in numbers if getattr(goal, name) is not None}
     given |= {*target.planes, *target.matrices}
-    lit = () if goal.name == "transport" else ("illumination",)
-    known = {*needs, *MAY_TAKE.get(goal.name, ()), *lit}
-    missing, spare = sorted({*needs} - given), sorted(given - known)
+    takes = (*needs, *may_take(goal.name))
+    missing, spare = sorted({*needs} - given), sorted(given - {*takes})
     if missing:
         raise RequestError(f"goal {goal.name} needs {', '.join(missing)}")
     if spare:
-        takes = ", ".join((*needs, *MAY_TAKE.get(goal.name, ()), *lit))
         raise RequestError(
-            f"goal {goal.name} takes no {', '.join(spare)}", hint=f"leave it out; it takes {takes}"
+            f"goal {goal.name} takes no {', '.join(spare)}",
+            hint=f"leave it out; it takes {', '.join(takes)}",
         )
     if {"shift", "warp"} <= given:
         raise RequestError(

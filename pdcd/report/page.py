@@ -80,9 +80,10 @@ def _head(manifest: Manifest, material: Material) -> str:
         f'<p class="quiet">{text(manifest.job)}: {text(where)}, '
         f"{text(_when(manifest.started_utc))}, rig {text(manifest.drivers.get('name', '?'))}</p>",
     ]
-    for name in ("name", "tag", "tags", "note"):
+    for name in ("name", "tags", "note"):
         if request.get(name):
-            lines.append(f'<p class="said">{text(name)}: {text(_listed(request[name]))}</p>')
+            said = "<br>".join(text(line) for line in _listed(request[name]).split("\n"))
+            lines.append(f'<p class="said">{name}: {said}</p>')
     rows = "".join(
         f"<div><dt>{text(name)}</dt><dd>{text(value)}</dd></div>"
         for name, value in figures(manifest, material)

@@ -128,6 +128,11 @@ class Attention(Event, frozen=True, kw_only=True, tag_field="type", tag="attenti
     """A calibration waits for somebody to do something, and say so (`calibrate.proceed`)."""
 
     text: Annotated[str, Meta(description="what is to be done, in one sentence")]
+    now: (
+        Annotated[float, Meta(description="the number to be made as large as it can be, as it is")]
+        | None
+    ) = None
+    best: Annotated[float, Meta(description="the largest so far")] | None = None
 
 
 class StepBegun(Event, frozen=True, kw_only=True, tag_field="type", tag="step_begun"):

@@ -19,6 +19,7 @@ through descriptors (`pdcd.runs.place`): whatever becomes of the names meanwhile
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import json
@@ -89,13 +90,29 @@ class RunFolder:
                     device=str(parent.real),
                     hint="free some space, or lower limits.min_free_bytes",
                 )
-            os.mkdir(name, dir_fd=parent.fd)
+            # Locked before it has the name that others look for: none sees it without its lock.
+            hidden = f".{name}.new"
+            os.mkdir(hidden, dir_fd=parent.fd)
             flags = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
-            self._fd = os.open(name, flags, dir_fd=parent.fd)
+            self._fd = os.open(hidden, flags, dir_fd=parent.fd)
             with suppress(OSError):  # a disk without locks: nobody is told that the run goes on
                 fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._take(name, hidden)
             for below in self._below:
                 (self.path / below).mkdir()
+
+    def _take(self, name: str, hidden: str) -> None:
+        """Give the new folder its name, unless something has it. Raises OSError."""
+        at = self._parent.fd
+        try:
+            with suppress(FileNotFoundError):
+                os.stat(name, dir_fd=at, follow_symlinks=False)
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+            os.rename(hidden, name, src_dir_fd=at, dst_dir_fd=at)
+        except OSError:
+            os.rmdir(hidden, dir_fd=at)
+            self.close()
+            raise
 
     @property
     def fd(self) -> int:

@@ -25,6 +25,8 @@ NAME = "ledger.jsonl"
 CODES = "codes.npz"
 MAX_BYTES = 2**26
 """Longest ledger that is read; a shot takes half a thousand bytes."""
+MAX_FIRST_BYTES = 2**20
+"""Longest first line that is read where only that is wanted."""
 SYNC_S = 1.0
 """Least time between two times that the disk is waited for: shorter runs are made durable at their
 end, and a cut of the power costs no more than that."""
@@ -197,6 +199,20 @@ def read_ledger(folder: int) -> Kept:
     for entry in entries[1:]:
         kept = _with(kept, entry)
     return kept
+
+
+def read_begun(folder: int) -> tuple[Begun, int]:
+    """What a run folder's ledger begins with, and the bytes that were read for it.
+
+    Raises DecodeError when there is no such line within `MAX_FIRST_BYTES`, and OSError.
+    """
+    with opened_file(folder, NAME) as descriptor:
+        data = os.pread(descriptor, MAX_FIRST_BYTES, 0)
+    line, newline, _ = data.partition(b"\n")
+    found = _entries([line, b""]) if newline else []
+    if not found or not isinstance(found[0], Begun):
+        raise _damaged("it does not begin with the run")
+    return found[0], len(data)
 
 
 def _entries(lines: list[bytes]) -> list[Entry]:

@@ -21,12 +21,12 @@ from pdcd.bench.tables import Config
 from pdcd.errors import KINDS, PdcdError
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs import events
-from pdcd.runs.stored import StoredRun
+from pdcd.runs.entry import MOST_RUNS, Page, RunQuery, StoredRun
 from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.roles import Role
 from pdcd.words import JobKind, JobState, PatternName
 
-PROTOCOL = (1, 2)
+PROTOCOL = (1, 3)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
 
 MAX_LINE = 2**20
@@ -67,9 +67,6 @@ CODES: Mapping[str, int] = MappingProxyType(
     }
 )
 """JSON-RPC code of each error kind."""
-
-MOST_RUNS = 1000
-"""Longest list of stored runs in one answer: they still fit into a line."""
 
 RigState = Literal["idle", "busy", "stopping"]
 Interest = Literal["all", "own", "none"]
@@ -123,9 +120,10 @@ class JobParams(_Params, frozen=True):
 
 
 class ListParams(_Params, frozen=True):
-    """`capture.list`: how many runs of the state folder to name, too."""
+    """`capture.list`: how many runs of the state folder to name, too; which ones to find there."""
 
     runs: Annotated[int, Meta(ge=0, le=MOST_RUNS)] = 0
+    find: RunQuery | None = None
 
 
 class ShowParams(_Params, frozen=True):
@@ -192,6 +190,8 @@ class JobList(msgspec.Struct, frozen=True):
 
     jobs: list[JobView]
     runs: list[StoredRun] = []
+    found: Page | None = None
+    """Of those that `find` asked for."""
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):
@@ -206,11 +206,22 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     clock: ClockAnchor
 
 
+class GoalView(msgspec.Struct, frozen=True, kw_only=True):
+    """What a goal keeps of the light, in words, and which parameters it needs and may be given."""
+
+    keeps: str
+    needs: tuple[str, ...]
+    may: tuple[str, ...]
+
+
 class Described(msgspec.Struct, frozen=True):
-    """Answer of `rig.describe`: the rig, and the JSON Schema of every message (`schema`)."""
+    """Answer of `rig.describe`: the rig, the JSON Schema of every message (`schema`), the goals by
+    name, and in words what the arrays among their parameters hold."""
 
     rig: RigView
     schema: dict[str, Any]
+    goals: dict[str, GoalView] = {}
+    arrays: dict[str, str] = {}
 
 
 class Subscription(msgspec.Struct, frozen=True):

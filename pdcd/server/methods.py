@@ -15,7 +15,9 @@ import msgspec
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, Cancelled, DeniedError, PdcdError
 from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.recipes.goals import GOALS, MATRICES, PLANES, may_take
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.runs.index import search
 from pdcd.runs.place import Place
 from pdcd.runs.stored import stored_runs
 from pdcd.runs.views import Preview, RigView
@@ -29,6 +31,7 @@ from pdcd.server.messages import (
     CalibrateParams,
     ClockAnchor,
     Described,
+    GoalView,
     Hello,
     JobList,
     JobParams,
@@ -79,6 +82,7 @@ class Methods:
         self._runner = runner
         self._state_dir = state_dir
         self._connections = connections
+        self._listing = asyncio.Lock()
         self._started_ns = time.monotonic_ns()
         self._description = description
         folder = config.server.arrays
@@ -187,7 +191,7 @@ class Methods:
         # During a job the last description must do: the engine's thread is taken.
         if self.state == "idle":
             self._description = await self._worker.call(self._engine.describe)
-        return Described(self._description, messages.schema())
+        return Described(self._description, messages.schema(), _goals(), {**PLANES, **MATRICES})
 
     async def _config_get(self, caller: Caller, params: msgspec.Struct) -> Config:
         return self._config
@@ -251,10 +255,15 @@ class Methods:
         return Admitted(job=job.name, state=job.state)
 
     async def _list(self, caller: Caller, params: ListParams) -> JobList:
-        runs = []
-        if params.runs:  # a disk may be slow; the loop and the rig are not for waiting on it
-            runs = await asyncio.to_thread(stored_runs, self._state_dir, params.runs)
-        return JobList([job.view() for job in self._runner.table.all()], runs)
+        runs, found = [], None
+        # A disk may be slow; the loop and the rig are not for waiting on it. One at a time: lists
+        # are work for the processor, and anybody may ask for them.
+        async with self._listing:
+            if params.runs:
+                runs = await asyncio.to_thread(stored_runs, self._state_dir, params.runs)
+            if params.find is not None:
+                found = await asyncio.to_thread(search, self._state_dir, params.find)
+        return JobList([job.view() for job in self._runner.table.all()], runs, found)
 
     async def _show(self, caller: Caller, params: ShowParams) -> Shown:
         job = self._runner.start(params, NOTHING, _owner(caller), kind="show", detach=params.detach)
@@ -305,6 +314,13 @@ class Methods:
 def _owner(caller: Caller) -> Owner:
     peer = caller.peer
     return Owner(peer.uid, peer.pid, peer.user, caller.number)
+
+
+def _goals() -> dict[str, GoalView]:
+    return {
+        name: GoalView(keeps=keeps, needs=needs, may=may_take(name))
+        for name, (needs, keeps) in GOALS.items()
+    }
 
 
 def _clock() -> ClockAnchor:

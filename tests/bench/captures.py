@@ -7,13 +7,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 
 import msgspec
 
+import pdcd
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
@@ -21,7 +22,6 @@ from pdcd.planning.given import from_path, read_given
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.place import Place
 from pdcd.scene.presets import PRESETS
-from pdcd.words import FamilyName
 from tests.bench.measure import REPEATS, peak_mib, timed
 from tests.bench.photo import SCENE
 from tests.places import ROOT
@@ -40,18 +40,22 @@ def config_for(scene: str, grid: tuple[int, int] | None = None) -> Config:
     return msgspec.structs.replace(Config(), scene=table)
 
 
-def noisy_error(scene: str, count: int, family: str, seed: int) -> float:
-    """RMS error of one indirect capture with full sensor noise, as its summary states it."""
-    config = config_for(scene)
-    camera = msgspec.structs.replace(config.camera, seed=seed)
-    config = msgspec.structs.replace(config, camera=camera)
-    name = msgspec.convert(family, FamilyName)
-    request = CaptureRequest(goal="indirect", codes=count, family=name, seed=seed, white=False)
-    with opened(config) as engine, tempfile.TemporaryDirectory() as folder:
-        error = capture_with(engine, request, Path(folder), f"noisy-{seed}").summary["rms_error"]
-    if not isinstance(error, float):
-        raise RuntimeError(f"the capture of {scene} knows no error")
-    return error
+def noisy_errors(cases: Sequence[tuple[str, int, str, int]]) -> list[float]:
+    """RMS errors of indirect captures with full sensor noise, as their summaries state them.
+
+    cases : scene, codes, family and seed of each. As many at a time as there are processors.
+    """
+    requests = []
+    for scene, count, family, seed in cases:
+        config = msgspec.to_builtins(config_for(scene).scene)
+        changes = {"scene": config, "camera": {"seed": seed}}
+        asked = {"goal": "indirect", "codes": count, "family": family, "seed": seed}
+        requests.append({**asked, "white": False, "config": changes})
+    with tempfile.TemporaryDirectory() as folder:
+        table = pdcd.sweep(Config(), requests, folder=folder)
+    if len(table.failed):
+        raise RuntimeError(f"captures failed: {[*table.failed['error']]}")
+    return [float(error) for error in table["rms_error"]]
 
 
 def measure_engine(grid: tuple[int, int], count: int, window: str) -> dict[str, float]:

@@ -16,7 +16,7 @@ from pdcd.scene.matrix import load_matrix
 from pdcd.scene.presets import PRESETS
 from pdcd.scene.scene import Scene
 from tests.bench import plots
-from tests.bench.captures import noisy_error
+from tests.bench.captures import noisy_errors
 from tests.bench.tables import Aim, Section, Table, percent
 from tests.places import ROOT
 
@@ -123,12 +123,11 @@ def _probing(codes: Codes) -> tuple[Factors, float]:
 
 
 def _noisy_errors(counts: tuple[int, ...], seeds: int) -> Errors:
-    return {
-        (scene, count, CORRECTED if family == BEST else family): float(
-            np.mean([noisy_error(scene, count, family, seed) for seed in range(seeds)])
-        )
-        for scene, count, family in itertools.product(NOISY_SCENES, counts, FAMILIES)
-    }
+    cases = [*itertools.product(NOISY_SCENES, counts, FAMILIES, range(seeds))]
+    found: dict[tuple[str, int, str], list[float]] = {}
+    for (scene, count, family, _), error in zip(cases, noisy_errors(cases), strict=True):
+        found.setdefault((scene, count, CORRECTED if family == BEST else family), []).append(error)
+    return {key: float(np.mean(errors)) for key, errors in found.items()}
 
 
 def _aims(errors: Errors, counts: tuple[int, ...]) -> list[Aim]:

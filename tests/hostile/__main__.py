@@ -1,14 +1,17 @@
-"""``python -m tests.hostile --count 10000 --seed 1``: what comes back from so many attacks."""
+"""``python -m tests.hostile --count 10000 --seed 1``: what comes back from so many attacks. With
+``--web`` they are put to the page of `pdcd web`, else to the methods of the daemon."""
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import logging
 import sys
 import tempfile
 import time
 from pathlib import Path
 
+from tests.hostile import web_trial
 from tests.hostile.trial import trial
 
 
@@ -17,17 +20,32 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--web", action="store_true")
     given = parser.parse_args()
     logging.disable(logging.ERROR)
+    return _web(given.seed, given.count) if given.web else _methods(given.seed, given.count)
+
+
+def _web(seed: int, count: int) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = asyncio.run(web_trial.trial(Path(folder), seed, count))
+    for line in outcome.broken[:20]:
+        sys.stdout.write(f"broken: {line}\n")
+    statuses = ", ".join(f"{n} of {status}" for status, n in sorted(outcome.statuses.items()))
+    sys.stdout.write(f"{count} attacks in {outcome.seconds:.0f} s: {statuses}\n")
+    return 1 if outcome.broken else 0
+
+
+def _methods(seed: int, count: int) -> int:
     begun_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # so that others could read there
-        outcome = trial(Path(folder), given.seed, given.count)
+        outcome = trial(Path(folder), seed, count)
     took_s = time.monotonic() - begun_s
     for line in outcome.broken[:20]:
         sys.stdout.write(f"broken: {line}\n")
     sys.stdout.write(
-        f"{given.count} attacks in {took_s:.0f} s: {dict(outcome.kinds)}\n"
+        f"{count} attacks in {took_s:.0f} s: {dict(outcome.kinds)}\n"
         f"slowest {outcome.slowest_s:.2f} s, event loop held up {outcome.longest_pause_s:.2f} s, "
         f"peak memory {outcome.peak_mib:.0f} MiB\nslowest: {outcome.slowest!r}\n"
     )

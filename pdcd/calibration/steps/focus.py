@@ -88,7 +88,9 @@ def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | Non
             break
         yield Ask(
             f"focus {RINGS[panel]}: now {best.now:.3f}, best so far {best.best:.3f} "
-            f"({best.share:.0%}); leave the ring where it is best to go on"
+            f"({best.share:.0%}); leave the ring where it is best to go on",
+            best.now,
+            best.best,
         )
     return seen
 

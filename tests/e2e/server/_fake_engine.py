@@ -136,7 +136,9 @@ class FakeEngine:
             time.sleep(float(value))
         elif verb == "fail":
             state = "failed"
-            error = {"kind": value, "message": "it broke", "device": "camera", "hint": "mend it"}
+            # What a note may not hold, another part of the program may still say.
+            kind = value.encode().decode("unicode_escape")
+            error = {"kind": kind, "message": "it broke", "device": "camera", "hint": "mend it"}
         frames = int(value) if verb == "flood" else 20
         frame = 0
         while state == "done" and (verb == "slow" or frame < frames):

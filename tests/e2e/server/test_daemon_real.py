@@ -17,7 +17,8 @@ import pytest
 from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, RigConfig
 from pdcd.client import Client, Unreachable
-from pdcd.request import CaptureRequest
+from pdcd.request import CaptureRequest, Quality
+from pdcd.runs.entry import RunQuery
 from pdcd.runs.events import Progress
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
@@ -112,11 +113,18 @@ def test_a_capture_over_the_socket_and_the_folder_it_names(tmp_path: Path) -> No
         events: list[str] = []
         with connect(socket) as client:
             result = client.capture(
-                CaptureRequest(goal="indirect", codes=64),
+                CaptureRequest(goal="indirect", codes=64, name="a book", tags=("v",), note="n"),
                 on_event=lambda e: events.append(e.type),
             )
+            (found,) = client.find(RunQuery(tags=("v",))).runs
         assert result.state == "done" and result.folder is not None
         assert read_manifest(Path(result.folder)).job == result.job
+        assert (found.job, found.folder, found.state) == (result.job, result.folder, "done")
+        assert (found.name, found.tags, found.note) == ("a book", ("v",), "n")
+        for figure in ("codes", "exposure_s", "rms_error", "rms_sigma", "method"):
+            assert getattr(found, figure) == result.summary[figure] is not None
+        quality = result.summary["quality"]
+        assert isinstance(quality, Quality) and found.verdict == quality.verdict
         wanted = [
             "queued",
             "armed",

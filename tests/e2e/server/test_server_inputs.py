@@ -23,12 +23,12 @@ def test_the_server_speaks_first(tmp_path: Path) -> None:
         async with daemon(tmp_path) as running, running.wire() as wire:
             assert wire.hello["method"] == "hello" and "id" not in wire.hello
             said = wire.hello["params"]
-            assert said["server"] == "pdcd" and said["protocol"] == [1, 2]
+            assert said["server"] == "pdcd" and said["protocol"] == [1, 3]
             assert said["max_line"] == 2**20 and said["state"] == "idle"
             assert said["drivers"] == {"display": "mock", "shutter": "mock", "readout": "mock"}
             assert said["clock"]["mono_ns"] > 0 and said["clock"]["utc"].endswith("+00:00")
-            for spoken in ([1, 0], [1, 2]):
-                assert await wire.result("hello", protocol=spoken) == {"protocol": [1, 2]}
+            for spoken in ([1, 0], [1, 3]):
+                assert await wire.result("hello", protocol=spoken) == {"protocol": [1, 3]}
 
     asyncio.run(scenario())
 
@@ -102,7 +102,7 @@ def test_another_major_version_is_refused_and_ends_the_connection(tmp_path: Path
     async def scenario() -> None:
         async with daemon(tmp_path) as running, running.wire() as wire:
             error = await wire.error("hello", protocol=[2, 0])
-            assert error["data"]["kind"] == "protocol" and "1.2" in error["data"]["hint"]
+            assert error["data"]["kind"] == "protocol" and "1.3" in error["data"]["hint"]
             assert await wire.ended()
 
     asyncio.run(scenario())
@@ -193,5 +193,22 @@ def test_a_burst_of_requests_is_answered_in_order(tmp_path: Path) -> None:
             lines = [b'{"jsonrpc":"2.0","id":%d,"method":"ping"}\n' % k for k in range(3000)]
             wire.writer.write(b"".join(lines))
             assert [(await wire.receive())["id"] for _ in lines] == list(range(3000))
+
+    asyncio.run(scenario())
+
+
+def test_the_goals_and_their_parameters_are_told(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            told = await wire.result("rig.describe")
+            fields = told["schema"]["$defs"]["StartParams"]["properties"]
+            assert set(told["goals"]) == set(fields["goal"]["enum"])
+            assert told["goals"]["off-diagonal"]["needs"] == ["shift"]
+            assert told["goals"]["off-diagonal"]["may"] == ["p", "illumination"]
+            assert told["goals"]["illuminated"]["may"] == []
+            named = {
+                name for goal in told["goals"].values() for name in goal["needs"] + goal["may"]
+            }
+            assert named <= set(fields) and set(told["arrays"]) <= named
 
     asyncio.run(scenario())

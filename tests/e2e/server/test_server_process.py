@@ -263,7 +263,8 @@ def test_nobody_forges_a_line_of_the_journal(tmp_path: Path) -> None:
                             client.call(method, params)
                 with pytest.raises(PdcdError):
                     client.call(forged, {forged: forged})
-                client.capture(CaptureRequest(goal="white", note=f"fail:{forged}"), queue=True)
+                escaped = forged.encode("unicode_escape").decode()
+                client.capture(CaptureRequest(goal="white", note=f"fail:{escaped}"), queue=True)
                 client._sock.sendall(forged.encode() + b"\n")
             child.terminate()
             assert child.wait(PATIENCE_S) == 0

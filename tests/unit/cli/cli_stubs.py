@@ -15,8 +15,8 @@ from pdcd.client import OnEvent
 from pdcd.errors import PdcdError
 from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest, CaptureResult, Figure, PlanSummary, ShotSummary
+from pdcd.runs.entry import StoredRun
 from pdcd.runs.events import Armed, Emit, Event, read
-from pdcd.runs.stored import StoredRun
 from pdcd.runs.views import OwnerView
 from pdcd.server.messages import ClockAnchor, JobView, Status
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.runs import stored
+from pdcd.runs import look, walk
 from pdcd.runs.stored import stored_runs
 
 HEAD: dict[str, Any] = {
@@ -79,7 +79,7 @@ def test_nothing_is_waited_for_and_no_link_followed(
     os.mkfifo(state / name(1) / "capture.json")
     (state / name(2) / "capture.json").symlink_to("/dev/zero")
     (state / name(3) / "capture.json").mkdir()
-    monkeypatch.setattr(stored, "MOST_BYTES", 1000)
+    monkeypatch.setattr(look, "MOST_BYTES", 1000)
     (state / name(4) / "capture.json").write_text(json.dumps({**HEAD, "note": "x" * 1000}))
     elsewhere = write(tmp_path / "elsewhere", 5)
     (state / name(5)).symlink_to(elsewhere)
@@ -93,7 +93,7 @@ def test_nothing_is_waited_for_and_no_link_followed(
 def test_the_search_ends_in_a_folder_of_a_million_names(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stored, "MOST_ENTRIES", 5)
+    monkeypatch.setattr(walk, "MOST_ENTRIES", 5)
     for second in range(9):
         (tmp_path / name(second)).mkdir()
     assert len(stored_runs(tmp_path, 100)) == 5

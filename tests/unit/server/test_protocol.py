@@ -94,6 +94,8 @@ def test_the_request_keeps_every_field_of_the_wire() -> None:
         "white": False,
         "white_patch": (0.25, 1.0),
         "out": "here",
+        "name": "a chart",
+        "tags": ("glass",),
         "note": "n",
     }
     assert set(given) == set(CaptureRequest.__struct_fields__)
@@ -234,7 +236,8 @@ def test_the_hint_says_what_the_field_takes() -> None:
         ([1, 0], True),
         ([1, 1], True),
         ([1, 2], True),
-        ([1, 3], False),
+        ([1, 3], True),
+        ([1, 4], False),
         ([0, 9], False),
         ([2, 0], False),
     ],

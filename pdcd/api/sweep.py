@@ -1,0 +1,239 @@
+"""Many captures, one table: on one bench, in processes of their own, or on a cluster."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pdcd.api.arguments import asked, plain
+from pdcd.api.bench import Bench
+from pdcd.api.ledger import Ledger
+from pdcd.api.local import Configured, LocalBench, configured, described
+from pdcd.api.pool import Cluster, Ends, in_processes, on_cluster
+from pdcd.api.progress import drawn
+from pdcd.api.table import Table
+from pdcd.api.task import Record, Task, Value, ended, failed, held, key_of, taken
+from pdcd.bench.tables import Config
+from pdcd.errors import PdcdError, RequestError
+from pdcd.request import CaptureRequest
+
+Request = Mapping[str, Any] | CaptureRequest | str
+"""Keywords of a capture with its "goal", and for a sweep over benches a "config"; a request; or
+the name of a goal."""
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """One capture: what the table says was asked, its task, and its key."""
+
+    told: Record
+    task: Task
+    key: str = ""
+
+
+def sweep(
+    bench: Bench | Configured,
+    requests: Iterable[Request],
+    *,
+    workers: int | None = None,
+    folder: Path | str | None = None,
+    progress: bool | Callable[[Record], None] = True,
+    cluster: str | Cluster | None = None,
+) -> Table:
+    """Take many photos; one that fails does not end the others.
+
+    Parameters
+    ----------
+    bench : a bench, which takes one after the other; or a configuration as `pdcd.local` takes it:
+        then each is taken on a bench of its own, as many at a time as there are workers. One with
+        real devices takes one after the other, too.
+    requests : each a mapping of keywords as of `Bench.capture`, with "goal"; where `bench` is a
+        configuration it may have "config", tables or TOML text that change some of its keys.
+    workers : processes; None: one for each processor; 0: all in this process.
+    folder : where the runs go, with a list of what is done: the same sweep into the same folder
+        takes only what is missing or has failed. None: the runs go where those of a single capture
+        would, and nothing is remembered.
+    progress : whether to show it; or what takes the row of each capture that has ended.
+    cluster : address of a Dask cluster that takes the photos, or a `distributed.Client` of it;
+        needs the extra `cluster`.
+
+    Raises RequestError for a request that is wrong, before any photo is taken; BusyError where
+    another sweep fills the folder.
+    """
+    place = None if folder is None else Path(folder).absolute()
+    if isinstance(bench, Bench):
+        if workers or cluster is not None:
+            raise RequestError(
+                "a bench takes one photo at a time", hint="give its configuration instead"
+            )
+        wanted = _wanted(requests, Config(), bench, place)
+        return _collected(wanted, place, progress, lambda tasks: _on_bench(bench, tasks))
+    config = configured(bench)
+    wanted = _wanted(requests, config, None, place)
+    if any(not _mock(w.task.config) for w in wanted):
+        if workers or cluster is not None:
+            raise RequestError("real devices take one photo at a time", hint="leave out workers")
+        workers = 0
+    if cluster is not None:
+        address = cluster
+        return _collected(wanted, place, progress, lambda tasks: on_cluster(tasks, address))
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    if count < 0:
+        raise RequestError(f"{count} workers", hint="take 1 or more, or 0 for this process")
+    if count == 0:
+        return _collected(wanted, place, progress, _here)
+    return _collected(wanted, place, progress, lambda tasks: in_processes(tasks, count))
+
+
+def _collected(
+    wanted: Sequence[_Wanted],
+    folder: Path | None,
+    progress: bool | Callable[[Record], None],
+    run: Callable[[Sequence[Task]], Ends],
+) -> Table:
+    """Run what the folder does not have yet, and put all rows into one table."""
+    rows: dict[int, Record] = {}
+    ledger = None if folder is None else Ledger(folder)
+    try:
+        known = {} if ledger is None else ledger.known
+        left = [n for n, one in enumerate(wanted) if one.key not in known]
+        rows = {
+            n: wanted[n].told | known[wanted[n].key] for n in range(len(wanted)) if n not in left
+        }
+        with (
+            _counting(progress, len(rows), len(wanted)) as tell,
+            closing(run([wanted[n].task for n in left])) as ends,
+        ):
+            for index, row in ends:
+                number = left[index]
+                rows[number] = wanted[number].told | row
+                if ledger is not None:
+                    ledger.add(wanted[number].key, row)
+                tell(rows[number])
+    finally:
+        if ledger is not None:
+            ledger.close()
+    return Table(rows[number] for number in sorted(rows))
+
+
+@contextmanager
+def _counting(
+    progress: bool | Callable[[Record], None], done: int, total: int
+) -> Iterator[Callable[[Record], None]]:
+    """What is told of each row."""
+    if callable(progress):
+        yield progress
+        return
+    if not progress:
+        yield lambda row: None
+        return
+    before, failures = done, 0
+    with drawn(f"{done} of {total} captures") as show:
+        show(f"{done} of {total} captures", (0.0, float(max(total - before, 1))), True)
+
+        def tell(row: Record) -> None:
+            nonlocal done, failures
+            done += 1
+            failures += row["state"] != "done"
+            words = f"{done} of {total} captures" + f", {failures} failed" * bool(failures)
+            show(words, (float(done - before), float(total - before)), False)
+
+        yield tell
+
+
+def _wanted(
+    requests: Iterable[Request], config: Config, bench: Bench | None, folder: Path | None
+) -> list[_Wanted]:
+    """Every request checked and made a task; those that are equal are told apart."""
+    seen: Counter[str] = Counter()
+    benches: dict[int, tuple[Config, dict[str, Any]]] = {}
+    if bench is not None:
+        benches[id(config)] = config, bench.described()
+    found = []
+    for number, request in enumerate(requests):
+        try:
+            one = _one(request, config, bench)
+        except PdcdError as err:
+            raise RequestError(f"request {number}: {err.message}", hint=err.hint) from err
+        task = one.task
+        # Most have one configuration, whose files need not be read for each of them.
+        what = benches.setdefault(id(task.config), (task.config, described(task.config)))[1]
+        first = key_of(what, task.request, task.arrays, 0)
+        key = key_of(what, task.request, task.arrays, seen[first])
+        seen[first] += 1
+        # A folder each: names of runs that begin in the same second could be the same.
+        place = None if folder is None else folder / "runs" / key[:16]
+        told = {"number": number, **one.told}
+        found.append(_Wanted(told, replace(task, folder=place), key))
+    return found
+
+
+def _one(request: Request, config: Config, bench: Bench | None) -> _Wanted:
+    """One request as a task. Raises RequestError and ConfigError."""
+    if isinstance(request, CaptureRequest):
+        return _Wanted({}, Task(config, request))
+    keywords = {"goal": request} if isinstance(request, str) else dict(request)
+    overlay = keywords.pop("config", None)
+    if overlay is not None:
+        if bench is not None:
+            raise RequestError("a bench keeps its configuration", hint="give one instead of it")
+        config = configured(overlay, config)
+    told = {f"asked.{name}": _said(value) for name, value in keywords.items() if name != "goal"}
+    told |= {f"asked.config.{name}": _said(v) for name, v in _flat(overlay)}
+    goal = str(keywords.pop("goal", None))
+
+    def grid() -> tuple[int, int]:
+        return LocalBench(config).grid if bench is None else bench.grid
+
+    made, arrays = asked(goal, keywords, grid)
+    return _Wanted(told, Task(config, made, held(arrays)))
+
+
+def _flat(tables: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """The keys of tables, dotted; text that was given instead is one key."""
+    if not isinstance(tables, Mapping):
+        if tables is not None:
+            yield path or "text", tables
+        return
+    for name, value in tables.items():
+        yield from _flat(value, f"{path}.{name}" if path else str(name))
+
+
+def _said(value: Any) -> Value:
+    """What was asked, in one cell of a table."""
+    simple = plain(value)
+    if simple is None or isinstance(simple, bool | int | float | str):
+        return simple
+    text = msgspec.json.encode(simple).decode()
+    return text if len(text) <= 80 else f"{text[:76]} ..."
+
+
+def _here(tasks: Sequence[Task]) -> Ends:
+    """One after the other, each on a bench of its own, in this process."""
+    for number, task in enumerate(tasks):
+        yield number, taken(task)
+
+
+def _on_bench(bench: Bench, tasks: Sequence[Task]) -> Ends:
+    """One after the other, on the same bench."""
+    for number, task in enumerate(tasks):
+        request = task.request
+        # A daemon has places of its own.
+        if task.folder is not None and request.out is None and isinstance(bench, LocalBench):
+            request = msgspec.structs.replace(request, out=str(task.folder))
+        try:
+            yield number, ended(request, bench.take(request, task.arrays))
+        except PdcdError as err:
+            yield number, failed(request, err)
+
+
+def _mock(config: Config) -> bool:
+    """Whether the bench has no device that another process could hold."""
+    return {config.display.driver, config.trigger.driver, config.camera.driver} == {"mock"}

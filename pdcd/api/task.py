@@ -1,0 +1,126 @@
+"""One capture of a sweep as a value that can be sent to another process, and how it ended."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from pdcd.api.local import LocalBench
+from pdcd.bench.tables import Config
+from pdcd.errors import PdcdError, RequestError
+from pdcd.inputs.limits import Limits, Unsound
+from pdcd.inputs.opening import contents, open_own
+from pdcd.inputs.sending import Sendable
+from pdcd.recipes.arrays import MOST_ELEMENTS
+from pdcd.request import CaptureRequest, CaptureResult, Quality
+from pdcd.version import __version__
+
+logger = logging.getLogger(__name__)
+
+Value = float | int | str | bool | None
+Record = dict[str, Value]
+"""One row of the table: what was asked and how it ended, by column."""
+
+FIGURES = (
+    "codes", "parts", "pilot", "family", "passes", "shots", "refreshes", "exposure_s",
+    "missed_refreshes", "rms_sigma", "sigma_kind", "rms_error", "wall_s",
+)  # fmt: skip
+"""What is taken of a run's summary; as it was taken, whatever was asked."""
+
+ENDING = ("goal", "state", "verdict", *FIGURES, "job", "folder", "manifest_sha256",
+          "error_kind", "error")  # fmt: skip
+"""The columns that every row has."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A capture on a bench of its own.
+
+    arrays : those of the request, as the content of files or as arrays.
+    folder : where the run goes; None: where the configuration says.
+    """
+
+    config: Config
+    request: CaptureRequest
+    arrays: Mapping[str, Sendable] = field(default_factory=dict)
+    folder: Path | None = None
+
+
+def taken(task: Task) -> Record:
+    """Take the photo, whatever comes of it: nothing is raised for a capture that fails."""
+    try:
+        with LocalBench(task.config, task.folder) as bench:
+            return ended(task.request, bench.take(task.request, task.arrays))
+    except PdcdError as err:
+        return failed(task.request, err)
+    except Exception as err:
+        logger.exception("a capture of a sweep failed goal=%s", task.request.goal)
+        return failed(task.request, PdcdError(f"internal error: {type(err).__name__}: {err}"))
+
+
+def ended(request: CaptureRequest, result: CaptureResult) -> Record:
+    """How a capture ended, as a row."""
+    row: Record = dict.fromkeys(ENDING)
+    quality, error = result.summary.get("quality"), result.error or {}
+    row |= {"goal": request.goal, "state": result.state, "job": result.job}
+    row |= {"folder": result.folder, "manifest_sha256": result.manifest_sha256}
+    if isinstance(quality, Quality):
+        row["verdict"] = quality.verdict
+    for name in FIGURES:
+        value = result.summary.get(name)
+        row[name] = None if isinstance(value, Quality) else value
+    return row | {"error_kind": error.get("kind"), "error": error.get("message")}
+
+
+def failed(request: CaptureRequest, error: PdcdError) -> Record:
+    """The row of a capture that never became a job, or whose process died."""
+    told: dict[str, str | None] = {"kind": error.kind, "message": str(error)}
+    return ended(request, CaptureResult(job="", state="failed", error=told))
+
+
+def held(arrays: Mapping[str, Sendable]) -> dict[str, Sendable]:
+    """The same arrays, those of files by their content: another machine does not have the files.
+
+    Raises RequestError.
+    """
+    found: dict[str, Sendable] = {}
+    for name, value in arrays.items():
+        if isinstance(value, Path | str):
+            try:
+                descriptor = open_own(value)
+                try:
+                    found[name] = contents(descriptor, Limits(MOST_ELEMENTS))
+                finally:
+                    os.close(descriptor)
+            except Unsound as err:
+                raise RequestError(f"{name} ({value}): {err.message}", hint=err.hint) from err
+        else:
+            found[name] = value
+    return found
+
+
+def key_of(
+    bench: Mapping[str, Any], request: CaptureRequest, arrays: Mapping[str, Sendable], again: int
+) -> str:
+    """What names a capture of a sweep, hexadecimal: the same bench, request, arrays and program
+    give the same. `again` tells equal ones apart."""
+    told = msgspec.to_builtins(msgspec.structs.replace(request, out=None))
+    sums = {name: _digest(value) for name, value in arrays.items()}
+    whole = [__version__, bench, told, sums, again]
+    return hashlib.sha256(msgspec.msgpack.encode(whole, order="deterministic")).hexdigest()
+
+
+def _digest(content: Sendable) -> str:
+    if isinstance(content, bytes):
+        return hashlib.sha256(content).hexdigest()
+    array = np.ascontiguousarray(content)
+    head = f"{array.dtype.str} {array.shape} ".encode()
+    return hashlib.sha256(head + array.tobytes()).hexdigest()

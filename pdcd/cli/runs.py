@@ -1,0 +1,300 @@
+"""`pdcd runs`: the runs on disk, and what can be done with one of them."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Generator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pdcd.api.progress import tell
+from pdcd.bench.config import load
+from pdcd.bench.folders import state_dir
+from pdcd.cli.capture import daemon_socket
+from pdcd.cli.exits import DONE
+from pdcd.cli.moment import moment
+from pdcd.cli.output import WIDTH, percent, say, say_json, say_table, say_verdict
+from pdcd.cli.runs_parser import LISTED
+from pdcd.client import Client, Unreachable
+from pdcd.errors import ConfigError, DecodeError
+from pdcd.printable import one_line
+from pdcd.request import LABELS, CaptureRequest, Quality
+from pdcd.runs.entry import MOST_RUNS, Page, RunEntry, RunQuery
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.index import at, find, named, one
+from pdcd.runs.record import Manifest
+
+NEWEST = 50
+"""Runs that are listed where not all are asked for."""
+COLUMNS = ("job", "came out", "goal", "codes", "exposure", "error")
+WIDTHS = (21, 10, 12, 5, 8, 8)
+"""Of the columns; with two spaces between them they are no wider than a terminal."""
+FINISHED = ("done", "partial", "damaged")
+
+
+def list_runs(args: argparse.Namespace) -> int:
+    """Print the newest runs that are like that, or all, the newest last."""
+    everything: bool = args.list_all
+    query = query_of(args, LISTED, newest=MOST_RUNS if everything else NEWEST, previews=everything)
+    found: list[RunEntry] = []
+    for page in pages(args, query):
+        found += page.runs
+        if not everything and len(found) >= NEWEST:
+            del found[NEWEST:]
+            break
+    found.reverse()
+    if args.json:
+        for run in found:
+            say_json(run)
+        return DONE
+    say_runs(found)
+    tell(f"{len(found)} runs in {page.state_folder}")
+    tell("error: against the known truth, or +- what the photo itself expects, as a share of RMS")
+    _tell_limits(page)
+    return DONE
+
+
+def show(args: argparse.Namespace) -> int:
+    """Print all that is known of a run."""
+    run = run_of(args)
+    try:
+        manifest = read_manifest(Path(run.folder)) if run.state in ("done", "partial") else None
+    except DecodeError as err:
+        tell(f"pdcd: {err}")
+        manifest = None
+    if args.json:
+        more: dict[str, Any] = {}
+        if manifest is not None:
+            more = {
+                "request": manifest.request,
+                "summary": manifest.summary,
+                "warnings": manifest.warnings,
+                "files": manifest.files,
+                "versions": manifest.versions,
+            }
+        say_json({"run": run, **more})
+        return DONE
+    say_table(_shown(run, manifest))
+    if manifest is not None:
+        quality = manifest.summary.get("quality")
+        say_verdict(quality if isinstance(quality, Quality) else None, manifest.warnings)
+    return DONE
+
+
+def export(args: argparse.Namespace) -> int:
+    """Write pictures of a run, as `pdcd export` does."""
+    from pdcd.cli.export import export as write
+
+    args.folder = Path(run_of(args).folder)
+    return write(args)
+
+
+def verify(args: argparse.Namespace) -> int:
+    """Verify the runs that are named, or all finished ones that are like that, as `pdcd verify`
+    does."""
+    from pdcd.cli.verify import verify_runs
+
+    if args.run_name:
+        args.folder = [Path(run_of(args, name).folder) for name in args.run_name]
+    else:
+        query = query_of(args, "", newest=MOST_RUNS)
+        args.folder = [
+            Path(run.folder)
+            for page in pages(args, query)
+            for run in page.runs
+            if run.state in FINISHED
+        ]
+    args.manifest_sha256 = None
+    return verify_runs(args)
+
+
+def run_of(args: argparse.Namespace, text: str | None = None) -> RunEntry:
+    """The run that was named by its job, its name or its folder.
+
+    Raises RequestError when there is none, or more than one of that name.
+    """
+    refuse_before(args)
+    asked: str = args.run_name if text is None else text
+    if "/" in asked or Path(asked).is_dir():
+        return at(Path(asked))
+    return one([run for page in pages(args, named(asked)) for run in page.runs], asked)
+
+
+def refuse_before(args: argparse.Namespace) -> None:
+    """Raise ConfigError for options of the list in front of a command that has its own."""
+    for name, value in vars(args).items():
+        if name.startswith(LISTED) and value:
+            option = name.removeprefix(LISTED).removesuffix("s" * (name == f"{LISTED}tags"))
+            raise ConfigError(
+                f"--{option} in front of {args.runs_command}",
+                hint=f"put it behind: pdcd runs {args.runs_command} --{option} ...",
+            )
+
+
+def query_of(
+    args: argparse.Namespace, before: str, *, newest: int, previews: bool = False
+) -> RunQuery:
+    """What was typed as filters; `before` is what their names begin with. Raises ConfigError."""
+    if not before:
+        refuse_before(args)
+    typed: dict[str, Any] = {
+        name: getattr(args, before + name) for name in ("goal", "since", "tags", "failed")
+    }
+    since: datetime | None = None if typed["since"] is None else moment(typed["since"], "--since")
+    try:
+        return msgspec.convert(
+            {
+                **typed,
+                "since": since,
+                "tags": typed["tags"] or (),
+                "newest": newest,
+                "previews": previews,
+            },
+            RunQuery,
+        )
+    except msgspec.ValidationError as err:
+        raise ConfigError(f"--tag: it takes {LABELS['tags']}") from err
+
+
+def pages(args: argparse.Namespace, query: RunQuery) -> Generator[Page, None, None]:
+    """Page after page of the runs: below the folder that was named, else of the daemon, else where
+    captures of this user go that need no daemon."""
+    if args.state_dir is not None:
+        folder = args.state_dir.absolute()
+        if not folder.is_dir():
+            raise ConfigError(f"{folder} is no folder", hint="--state-dir names that of the runs")
+        yield from find(folder, query)
+        return
+    try:
+        with Client(daemon_socket(args)) as client:
+            while True:
+                page = client.find(query)
+                yield page
+                if page.more is None:
+                    return
+                query = msgspec.structs.replace(query, before=page.more)
+    except Unreachable:
+        if args.socket is not None:
+            raise
+        yield from find(state_dir(load(args.config)).absolute(), query)
+
+
+def say_runs(found: list[RunEntry]) -> None:
+    """Print a table of runs; what people said of one, and why it failed, in lines below it."""
+    _say_row(COLUMNS)
+    for run in found:
+        _say_row(
+            (
+                run.job,
+                run.verdict or run.state,
+                run.goal or "?",
+                "" if run.codes is None else str(run.codes),
+                "" if run.exposure_s is None else f"{run.exposure_s:.4g} s",
+                error_words(run),
+            )
+        )
+        said = [run.name or "", *(f"#{tag}" for tag in run.tags), *run.note.split()]
+        words = one_line(" ".join(filter(None, said)))
+        if words:
+            say("    " + textwrap.shorten(words, WIDTH - 4, placeholder=" ..."))
+        why = one_line(", ".join(filter(None, (run.reason, _beside(run)))))
+        for line in textwrap.wrap(why, WIDTH - 4, max_lines=3, placeholder=" ..."):
+            say("    " + line)
+
+
+def error_words(run: RunEntry) -> str:
+    """The error against the truth where that is known, else what the run expects of itself."""
+    if run.rms_error is not None:
+        return percent(run.rms_error)
+    return "" if run.rms_sigma is None else f"+-{percent(run.rms_sigma)}"
+
+
+def _beside(run: RunEntry) -> str | None:
+    """How far a run came that was cut, where its reason does not tell."""
+    if run.taken is None or run.taken in (run.reason or ""):
+        return None
+    return f"after {run.taken}"
+
+
+def _say_row(cells: tuple[str, ...]) -> None:
+    shown = (one_line(cell).ljust(width) for cell, width in zip(cells, WIDTHS, strict=True))
+    say("  ".join(shown).rstrip())
+
+
+def _tell_limits(page: Page) -> None:
+    for folder in page.closed:
+        tell(f"not looked into: {page.state_folder}/{folder}")
+    if page.cut:
+        tell("there are more names than are looked at: some runs may be missing from this list")
+
+
+def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
+    """Rows of the table of one run."""
+    notes: list[list[str | None]] = [
+        ["note" * (not n), line] for n, line in enumerate(run.note.splitlines())
+    ]
+    rows: list[list[str | None]] = [
+        ["job", run.job],
+        ["state", run.state],
+        ["verdict", run.verdict],
+        ["name", run.name],
+        ["tags", " ".join(run.tags)],
+        *notes,
+        ["goal", run.goal],
+        ["asked for", "" if manifest is None else _asked(manifest)],
+        ["method", run.method],
+        ["codes", None if run.codes is None else str(run.codes)],
+        ["exposure", None if run.exposure_s is None else f"{run.exposure_s:.3f} s"],
+        [
+            "RMS sigma",
+            None if run.rms_sigma is None else f"{percent(run.rms_sigma)} of the picture",
+        ],
+        [
+            "RMS error",
+            None if run.rms_error is None else f"{percent(run.rms_error)} against the known truth",
+        ],
+        ["bench", None if run.mock is None else ("virtual" if run.mock else "real")],
+        ["user", run.user],
+        ["started", _local(run.started_utc)],
+        ["finished", _local(run.finished_utc)],
+        ["taken", run.taken],
+        ["why", run.reason],
+        ["folder", run.folder],
+    ]
+    if manifest is not None:
+        size = sum(record.size_bytes or 0 for record in manifest.files.values())
+        rows.append(["files", f"{len(manifest.files)}, {size / 2**20:.1f} MiB"])
+    return [[str(label), value] for label, value in rows if value]
+
+
+def _asked(manifest: Manifest) -> str:
+    """What of the request was not left to the program."""
+    usual = msgspec.to_builtins(CaptureRequest(goal="white"))
+    apart = {"goal", "name", "tags", "note", "out"}
+    return ", ".join(
+        f"{key} {json_words(value)}"
+        for key, value in manifest.request.items()
+        if key not in apart and value != usual.get(key)
+    )
+
+
+def json_words(value: object) -> str:
+    """A value of a request in few letters: a word as it is, all else as JSON."""
+    if isinstance(value, str):
+        return value
+    text = msgspec.json.encode(value).decode()
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _local(utc: str | None) -> str | None:
+    """A time of a manifest in the time of this machine."""
+    if utc is None:
+        return None
+    try:
+        return f"{datetime.fromisoformat(utc).astimezone():%Y-%m-%d %H:%M:%S %Z}"
+    except (ValueError, OverflowError):
+        return utc

@@ -1,0 +1,230 @@
+"""What one run folder tells of itself, for a list of runs: little of it is read, and within limits.
+
+Whether a run is undamaged is not looked at: that takes reading all of it (`pdcd.runs.verify`).
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from typing import Any, Literal
+
+import msgspec
+
+from pdcd.errors import DecodeError, of_kind
+from pdcd.request import MOST_TAGS
+from pdcd.runs.entry import RunEntry
+from pdcd.runs.inside import opened_file, read_file
+from pdcd.runs.ledger import Begun, read_begun
+from pdcd.runs.manifest import MANIFEST
+from pdcd.runs.place import UNFINISHED
+from pdcd.runs.walk import REMOVED, Spot
+from pdcd.words import VerdictName
+
+MOST_BYTES = 16 * 2**20
+"""Longest manifest that is read."""
+TAIL_BYTES = 2**16
+"""Read of the end of log.jsonl, whose last line says why a run failed."""
+LETTERS = {"note": 4096, "reason": 600, "taken": 600}
+"""Most that is told of texts, of others 80: those of forged manifests may be of any length."""
+
+
+class _Asked(msgspec.Struct):
+    goal: str
+    codes: int | None = None
+    name: str | None = None
+    tags: tuple[str, ...] = ()
+    note: str = ""
+
+
+class _Planned(msgspec.Struct):
+    codes: int | None = None
+
+
+class _User(msgspec.Struct):
+    user: str | None = None
+
+
+class _Verdict(msgspec.Struct):
+    verdict: VerdictName | None = None
+
+
+class _Summary(msgspec.Struct):
+    method: str | None = None
+    codes: int | None = None
+    exposure_s: float | None = None
+    rms_error: float | None = None
+    rms_sigma: float | None = None
+    taken: str | None = None
+    quality: _Verdict | None = None
+
+
+class _Head(msgspec.Struct):
+    """What is read of a manifest, of any schema."""
+
+    job: str
+    state: Literal["done", "partial", "failed", "cancelled"]
+    request: _Asked
+    owner: _User
+    started_utc: str
+    finished_utc: str | None = None
+    mock: bool | None = None
+    plan: _Planned = msgspec.field(default_factory=_Planned)
+    summary: _Summary = msgspec.field(default_factory=_Summary)
+
+
+class _Last(msgspec.Struct):
+    """The last line of log.jsonl, if it says how the run ended."""
+
+    event: str
+    kind: str | None = None
+    message: str | None = None
+    device: str | None = None
+    hint: str | None = None
+    taken: str | None = None
+
+
+def entry_of(folder: int, spot: Spot, path: str) -> tuple[RunEntry, int]:
+    """A run as it lies in an open folder, and the bytes that were read for it.
+
+    `path` is what people call the folder. Raises nothing for what is wrong with it.
+    """
+    bare = bare_entry(spot, path)
+    if spot.ending == REMOVED or spot.ending.endswith(UNFINISHED + REMOVED):
+        return _with(bare, state="unfinished", reason="its removal was not finished"), 0
+    if spot.ending.endswith(UNFINISHED):
+        return _unfinished(folder, bare, decoding="decoded" in spot.ending)
+    try:
+        data = read_file(folder, MANIFEST, MOST_BYTES)
+    except FileNotFoundError:
+        return _with(bare, state="unfinished", reason="it has no manifest"), 0
+    except (OSError, DecodeError) as err:
+        return damaged(bare, err), 0
+    try:
+        head = msgspec.json.decode(data, type=_Head)
+    # Also of a name of unlucky bytes.
+    except (ValueError, RecursionError) as err:
+        return damaged(bare, err), len(data)
+    if head.job != spot.job:
+        return damaged(bare, DecodeError("its manifest is of another run")), len(data)
+    return _finished(bare, head), len(data)
+
+
+def bare_entry(spot: Spot, path: str) -> RunEntry:
+    """What the name of a folder tells."""
+    kind: Literal["capture", "preview"] = "preview" if spot.preview else "capture"
+    if spot.foreign:
+        why = "it belongs to somebody else than the folder of runs, and was not looked into"
+        return RunEntry(job=spot.job, state="foreign", folder=path, kind=kind, reason=why)
+    return RunEntry(job=spot.job, state="unfinished", folder=path, kind=kind)
+
+
+def damaged(bare: RunEntry, err: Exception) -> RunEntry:
+    """A run that cannot be read."""
+    words = err.message if isinstance(err, DecodeError) else getattr(err, "strerror", None)
+    return _with(bare, state="damaged", reason=f"{MANIFEST}: {words or err}")
+
+
+def being_filled(folder: int) -> bool | None:
+    """Whether a run goes on in an open folder (see `RunFolder.create`); None: nobody can tell."""
+    try:
+        fcntl.flock(folder, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # a disk without locks
+        return None
+    fcntl.flock(folder, fcntl.LOCK_UN)
+    return False
+
+
+def _finished(bare: RunEntry, head: _Head) -> RunEntry:
+    summary, asked = head.summary, head.request
+    codes = summary.codes if summary.codes is not None else head.plan.codes
+    partial = head.state == "partial"
+    return _with(
+        bare,
+        state=head.state,
+        **_labels(asked),
+        method=summary.method,
+        codes=asked.codes if codes is None else codes,
+        exposure_s=summary.exposure_s,
+        rms_error=summary.rms_error,
+        rms_sigma=summary.rms_sigma,
+        verdict=None if summary.quality is None else summary.quality.verdict,
+        mock=head.mock,
+        user=head.owner.user,
+        started_utc=head.started_utc,
+        finished_utc=head.finished_utc,
+        taken=summary.taken,
+        reason=f"made of {summary.taken or 'some of its shots'}" if partial else None,
+    )
+
+
+def _unfinished(folder: int, bare: RunEntry, *, decoding: bool) -> tuple[RunEntry, int]:
+    """A run without a manifest: what its ledger began with, and how its log ends."""
+    size = 0
+    try:
+        begun, size = read_begun(folder)
+        bare = _with(bare, **_begun(begun))
+    except (OSError, DecodeError, msgspec.ValidationError):
+        pass  # runs of earlier versions have no ledger; others may have ended before the first line
+    if being_filled(folder):
+        return _with(bare, state="running"), size
+    if decoding:
+        return _with(bare, reason="a decoding that was not finished"), size
+    last, more = _last_line(folder)
+    if last is None or last.event not in ("failed", "cancelled"):
+        why = "it ended without a word, as when it is killed or the power goes"
+        return _with(bare, reason=why), size + more
+    why = str(of_kind(last.kind, last.message, last.device, last.hint))
+    ended: dict[str, Any] = {
+        "state": last.event,
+        "taken": last.taken,
+        "reason": why or "it does not say why",
+    }
+    return _with(bare, **ended), size + more
+
+
+def _begun(begun: Begun) -> dict[str, Any]:
+    """Fields of an entry that the first line of a ledger tells. Raises ValidationError."""
+    asked = msgspec.convert(begun.request, _Asked)
+    planned = msgspec.convert(begun.plan, _Planned)
+    return {
+        **_labels(asked),
+        "codes": asked.codes if planned.codes is None else planned.codes,
+        "mock": begun.mock,
+        "user": msgspec.convert(begun.owner, _User).user,
+        "started_utc": begun.started_utc,
+    }
+
+
+def _labels(asked: _Asked) -> dict[str, Any]:
+    return {
+        "goal": asked.goal,
+        "name": asked.name,
+        "tags": tuple(_cut(tag) for tag in asked.tags[:MOST_TAGS]),
+        "note": asked.note,
+    }
+
+
+def _last_line(folder: int) -> tuple[_Last | None, int]:
+    """The last whole line of log.jsonl, and the bytes that were read; None where there is none."""
+    try:
+        with opened_file(folder, "log.jsonl") as descriptor:
+            size = os.fstat(descriptor).st_size
+            data = os.pread(descriptor, TAIL_BYTES, max(0, size - TAIL_BYTES))
+        lines = data.rsplit(b"\n", 2)
+        return msgspec.json.decode(lines[-2], type=_Last), len(data)
+    except (OSError, DecodeError, ValueError, RecursionError, IndexError):
+        return None, TAIL_BYTES
+
+
+def _cut(text: str, letters: int = 80) -> str:
+    return text if len(text) <= letters else text[: letters - 3] + "..."
+
+
+def _with(entry: RunEntry, **changes: Any) -> RunEntry:
+    for key, value in changes.items():
+        if isinstance(value, str):
+            changes[key] = _cut(value, LETTERS.get(key, 80))
+    return msgspec.structs.replace(entry, **changes)

@@ -1,0 +1,134 @@
+"""Runs that are no longer wanted are removed: from the state folder alone, and none that goes on.
+
+A run is locked, and gets a name that says what happens to it, before any of its files goes: so an
+interrupted removal leaves nothing that looks like a run.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+
+from pdcd.errors import BusyError, DiskError, PdcdError, RequestError, disk_errors
+from pdcd.runs.entry import RunEntry, RunQuery
+from pdcd.runs.index import find
+from pdcd.runs.place import UNFINISHED
+from pdcd.runs.walk import REMOVED, opened_run, opened_state
+
+LEFTOVERS = ("failed", "cancelled", "unfinished")
+"""Runs without a manifest. Damaged ones and those made of a part are not among them: what they
+hold may be all that there is."""
+KEPT = ("running", "foreign")
+"""Never removed."""
+MOST_FILES = 1_000_000
+
+
+class Unwanted(msgspec.Struct, frozen=True, kw_only=True):
+    """A run that is to go, and what became of it."""
+
+    run: RunEntry
+    size_bytes: int
+    removed: bool = False
+    why: str | None = None
+    """Why it could not be removed."""
+
+
+def unwanted(
+    state: Path,
+    query: RunQuery,
+    *,
+    older_than: datetime | None = None,
+    leftovers: bool = False,
+    keep: int = 0,
+) -> Iterator[Unwanted]:
+    """Which captures below a state folder would be removed, newest first.
+
+    Of those that `query` finds: with `leftovers` only runs that failed, were cancelled or ended
+    without a word; of them not the newest `keep`; of the rest those started before `older_than`.
+    Raises DiskError when the folder cannot be read.
+    """
+    limit = None if older_than is None else f"{older_than.astimezone(UTC):%Y%m%dT%H%M%SZ}"
+    kept = 0
+    for page in find(state, msgspec.structs.replace(query, previews=False)):
+        for run in page.runs:
+            if run.state in KEPT or (leftovers and run.state not in LEFTOVERS):
+                continue
+            kept += 1
+            if kept > keep and (limit is None or run.job < limit):
+                yield Unwanted(run=run, size_bytes=_size(state, run))
+
+
+def remove(state: Path, one: Unwanted) -> Unwanted:
+    """Remove a run for good; returns what became of it. Raises nothing for what kept it."""
+    path = os.path.relpath(one.run.folder, state)
+    try:
+        with disk_errors(one.run.folder), _held(state, path) as (parent, name):
+            gone = name if name.endswith(REMOVED) else name + REMOVED
+            if gone != name:
+                os.rename(name, gone, src_dir_fd=parent, dst_dir_fd=parent)
+                os.fsync(parent)
+            shutil.rmtree(gone, dir_fd=parent)  # through descriptors: no link leads it away
+            os.fsync(parent)
+    except PdcdError as err:
+        return msgspec.structs.replace(one, why=str(err))
+    return msgspec.structs.replace(one, removed=True)
+
+
+@contextmanager
+def _held(state: Path, path: str) -> Iterator[tuple[int, str]]:
+    """Descriptor of the folder that a run lies in, and its name there, while nobody fills it.
+
+    Raises BusyError, RequestError, DiskError, OSError.
+    """
+    above, _, name = path.rpartition("/")
+    if ".." in path.split("/") or not name:
+        raise RequestError("it does not lie in the folder of runs")
+    with opened_state(state) as (top, owners), opened_run(top, path, owners) as folder:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BusyError("it is still being filled", hint="see pdcd status") from None
+        except OSError as err:
+            if name.endswith(UNFINISHED):
+                raise DiskError(
+                    "its disk has no locks, so that nobody can tell whether it is being filled",
+                    hint="remove it by hand",
+                ) from err
+        with opened_run(top, above, owners) as parent:
+            there = os.stat(name, dir_fd=parent, follow_symlinks=False)
+            if not os.path.samestat(there, os.fstat(folder)):
+                raise BusyError("another folder has taken its name", hint="look again")
+            _measured(folder, os.fstat(parent).st_dev)
+            yield parent, name
+
+
+def _size(state: Path, run: RunEntry) -> int:
+    """Bytes of all files of a run; what cannot be looked at is left out."""
+    try:
+        with opened_state(state) as (top, owners):
+            with opened_run(top, os.path.relpath(run.folder, state), owners) as folder:
+                return _measured(folder, None)
+    except (OSError, DiskError):
+        return 0
+
+
+def _measured(folder: int, disk: int | None) -> int:
+    """Bytes of all files below an open folder. Raises DiskError where another disk than that is
+    mounted in it, or where it holds too much."""
+    size = files = 0
+    for _, _, names, below in os.fwalk(".", dir_fd=folder):
+        if disk is not None and os.fstat(below).st_dev != disk:
+            raise DiskError("another disk is mounted in it", hint="unmount it first")
+        for name in names:
+            files += 1
+            size += os.stat(name, dir_fd=below, follow_symlinks=False).st_size
+        if files > MOST_FILES:
+            raise DiskError(f"it holds more than {MOST_FILES} files", hint="remove it by hand")
+    return size

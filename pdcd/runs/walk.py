@@ -1,0 +1,179 @@
+"""Which run folders lie below a state folder, by their names alone.
+
+No link is followed, nothing is opened but folders, and the search ends somewhere. A folder that
+somebody else put there is noted as such, and never looked into.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from pdcd.bench.measured import FOLDER as CALIBRATIONS
+from pdcd.errors import DiskError, RequestError
+from pdcd.runs.inside import WAY
+
+DEPTH = 3
+"""Folders below the one given in which runs are looked for: `captures`, and what `out` named."""
+MOST_ENTRIES = 200_000
+"""Names looked at before the search ends."""
+PREVIEWS = "preview"
+"""Folder of the quick looks, of which the daemon itself keeps the last few."""
+REMOVED = ".removed"
+"""How the name of a run ends while it is being removed."""
+
+_RUN = re.compile(
+    r"(\d{8}T\d{6}Z-[0-9a-f]{4})"
+    r"(|-partial|(?:-partial)?(?:-decoded-\d{1,4})?\.partial|(?:-partial|\.partial)?\.removed)"
+)
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+
+
+class Spot(NamedTuple):
+    """Where a run lies. Sorts by time."""
+
+    job: str
+    path: str
+    """Relative to the state folder, with / between its parts."""
+    ending: str = ""
+    """What its name has behind the job: "" of a finished run, ".partial" while it is filled ..."""
+    foreign: bool = False
+    """Whether it belongs to somebody who has no business here."""
+
+    @property
+    def preview(self) -> bool:
+        """Whether it is a quick look."""
+        return self.path.startswith(f"{PREVIEWS}/")
+
+
+class Walk(NamedTuple):
+    """What was found: the runs, newest first, and the folders that could not be looked at."""
+
+    spots: list[Spot]
+    closed: tuple[str, ...]
+    cut: bool
+    """Whether there are more names than are looked at."""
+
+
+def spot_in(path: str) -> Spot | None:
+    """The place of a run by its path relative to the state folder; None where no run is called
+    so."""
+    found = _RUN.fullmatch(path.rpartition("/")[2])
+    return None if found is None else Spot(found[1], path, found[2])
+
+
+def spot_of(path: str) -> Spot:
+    """The same of a place in a list of runs. Raises RequestError when it is none."""
+    spot = spot_in(path)
+    if spot is None:
+        raise RequestError(
+            f"{path[:200]!r} is no place in a list of runs", hint="give `more` of the page before"
+        )
+    return spot
+
+
+def is_job(text: str) -> bool:
+    """Whether a text is the name of a job."""
+    spot = spot_in(text)
+    return spot is not None and spot.path == spot.job
+
+
+def walked(state: Path) -> Walk:
+    """All run folders below a state folder; none where it is missing.
+
+    Raises DiskError when the folder itself cannot be read.
+    """
+    try:
+        with opened_state(state) as (top, owners):
+            return _walked(top, owners)
+    except FileNotFoundError:
+        return Walk([], (), False)
+    except OSError as err:
+        raise DiskError(
+            f"cannot read the folder of runs: {err.strerror}",
+            device=str(state),
+            hint="whoever may read runs is told by the mode of that folder",
+        ) from err
+
+
+def _walked(top: int, owners: frozenset[int]) -> Walk:
+    """The same below an open folder; raises OSError when that cannot be listed."""
+    spots: list[Spot] = []
+    closed: list[str] = []
+    left, waiting = MOST_ENTRIES, [""]
+    while waiting and left >= 0:
+        place = waiting.pop()
+        try:
+            with _opened(top, place) as folder, os.scandir(folder) as entries:
+                for entry in entries:
+                    left -= 1
+                    if left < 0:
+                        break
+                    path = f"{place}/{entry.name}" if place else entry.name
+                    if not _is_folder(entry) or not _is_text(path) or path == CALIBRATIONS:
+                        continue
+                    run = _RUN.fullmatch(entry.name)
+                    foreign = entry.stat(follow_symlinks=False).st_uid not in owners
+                    if run is not None:
+                        spots.append(Spot(run[1], path, run[2], foreign))
+                    elif foreign:
+                        closed.append(path)
+                    elif path.count("/") + 1 < DEPTH:
+                        waiting.append(path)
+        except OSError:
+            if not place:
+                raise
+            closed.append(place)
+    return Walk(sorted(spots, reverse=True), tuple(closed), left < 0)
+
+
+@contextmanager
+def opened_state(state: Path) -> Iterator[tuple[int, frozenset[int]]]:
+    """Descriptor of a state folder, and who may have runs in it. Raises OSError."""
+    top = os.open(state, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        # Whose folder it is makes the runs; root may have put them back from a copy.
+        yield top, frozenset({0, os.geteuid(), os.fstat(top).st_uid})
+    finally:
+        os.close(top)
+
+
+@contextmanager
+def opened_run(top: int, path: str, owners: frozenset[int]) -> Iterator[int]:
+    """Descriptor of a run folder by its path below the state folder. Raises OSError.
+
+    Its owner is looked at again: a name may have come to mean something else.
+    """
+    with _opened(top, path) as folder:
+        if os.fstat(folder).st_uid not in owners:
+            raise PermissionError(0, "it belongs to somebody else")
+        yield folder
+
+
+@contextmanager
+def _opened(top: int, path: str) -> Iterator[int]:
+    """Descriptor of a folder below another, through no link."""
+    with ExitStack() as held:
+        at, parts = top, path.split("/") if path else []
+        for number, part in enumerate(parts):
+            last = number + 1 == len(parts)
+            at = os.open(part, _FOLDER if last else WAY, dir_fd=at)
+            held.callback(os.close, at)
+        yield at
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    return entry.is_dir(follow_symlinks=False)
+
+
+def _is_text(path: str) -> bool:
+    """Whether a path can be told in a message: names of any bytes are allowed on a disk."""
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,244 @@
+"""What each address of the page answers. Everything that the rig does is asked of the daemon."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+from aiohttp import web
+
+from pdcd.client import INTAKE_TIMEOUT_S
+from pdcd.errors import PdcdError
+from pdcd.request import CalibrateRequest, CaptureRequest
+from pdcd.server.aside import aside
+from pdcd.server.messages import MAX_LINE, JobParams, NoParams
+from pdcd.web.asks import ENGINE_S, WAIT_S, Asks
+from pdcd.web.door import ENTER, Asked, Door, Refused
+from pdcd.web.guard import REQUEST_S, Guards
+from pdcd.web.news import News, TooMany
+from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, page_files
+from pdcd.web.shelf import Shelf
+
+logger = logging.getLogger(__name__)
+
+MOST_BYTES = MAX_LINE - 4096
+"""Longest body that asks for a photo: it still fits into a line to the daemon."""
+SMALL_BYTES = 4096
+"""Longest body of all others."""
+LONG_S = ENGINE_S + INTAKE_TIMEOUT_S + WAIT_S
+"""How long a request may take that waits for the rig."""
+WRITE_S = 10.0
+"""How long a page may take to read what it is sent, in seconds."""
+DISK_AT_A_TIME = 4
+"""Threads that read the disk."""
+
+STATUS: Mapping[str, int] = {"request": 400, "config": 400, "denied": 403, "busy": 409}
+"""Status of HTTP by kind of error; 500 for all others."""
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@dataclass(frozen=True)
+class Wants:
+    """What a POST asks of the daemon: method, parameters, and how long the answer may take."""
+
+    params: type[msgspec.Struct]
+    method: str
+    answer_s: float
+    most_bytes: int = SMALL_BYTES
+
+
+WANTS: Mapping[str, Wants] = {
+    "plan": Wants(CaptureRequest, "capture.plan", ENGINE_S, MOST_BYTES),
+    "capture": Wants(CaptureRequest, "capture.start", INTAKE_TIMEOUT_S, MOST_BYTES),
+    "calibrate": Wants(CalibrateRequest, "calibrate.start", INTAKE_TIMEOUT_S),
+    "proceed": Wants(JobParams, "calibrate.proceed", INTAKE_TIMEOUT_S),
+    "cancel": Wants(JobParams, "capture.cancel", ENGINE_S),
+    "look": Wants(NoParams, "preview.grab", ENGINE_S),
+}
+"""All that a page can have done, by the last part of the address."""
+DETACHED = ("capture", "calibrate")
+"""Jobs that go on when the page is closed, or this server ends: the page can end them."""
+
+
+class Site:
+    """The addresses of one server."""
+
+    def __init__(self, door: Door, guards: Guards | None, asks: Asks, news: News, shelf: Shelf):
+        """guards : set later, as they stand before the server that this is for."""
+        self.guards = guards
+        self._door = door
+        self._asks = asks
+        self._news = news
+        self._shelf = shelf
+        self._files = page_files()
+        self._disk = asyncio.Semaphore(DISK_AT_A_TIME)
+        self._refusals = 0
+
+    def app(self) -> web.Application:
+        """What the server serves."""
+        room = self._door.room
+        app = web.Application(middlewares=[self._keep], client_max_size=MOST_BYTES)
+        app.router.add_get(f"{room}/", self._file)
+        app.router.add_get(f"{room}/events", self._events)
+        app.router.add_get(f"{room}/describe", self._describe)
+        app.router.add_get(f"{room}/runs", self._runs)
+        app.router.add_get(f"{room}/run/{{job}}", self._run)
+        app.router.add_get(f"{room}/picture/{{job}}/{{name}}/{{look:[0-9]+}}", self._picture)
+        app.router.add_get(f"{room}/report/{{job}}", self._report)
+        for name in WANTS:
+            app.router.add_post(f"{room}/{name}", self._post)
+        app.router.add_get(f"{room}/{{name}}", self._file)
+        return app
+
+    @web.middleware
+    async def _keep(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Let in who may, and answer everybody else in one line."""
+        try:
+            response = await self._let_in(request, handler)
+        except Refused as no:
+            response = self._refused(no.status, no.why)
+        except web.HTTPException as err:
+            response = self._refused(err.status, err.reason)
+        except TooMany:
+            response = _error(503, "busy", "too many pages are open")
+        except PdcdError as err:
+            status = STATUS.get(err.kind, 500)
+            response = _error(status, err.kind, err.message, err.device, err.hint)
+        except ConnectionError as err:  # the client's Unreachable, or a browser that left
+            response = _error(503, "unreachable", str(err))
+        # Nothing of a fault of ours is told to whoever provoked it.
+        except Exception:
+            logger.exception("fault of the program path=%s", request.raw_path[:100])
+            response = _error(500, "internal", "a fault of the program: see its log")
+        if not response.prepared:
+            for name, value in ALWAYS.items():
+                response.headers[name] = value
+            response.headers.setdefault("Content-Security-Policy", OURS)
+            response.force_close()  # one request a connection: nothing to be smuggled in behind it
+        return response
+
+    def _refused(self, status: int, why: str) -> web.Response:
+        """The answer; told to the log ever more seldom, so that nobody can fill it."""
+        self._refusals += 1
+        if str(self._refusals).strip("0") == "1":
+            logger.warning("refused=%d requests so far, last status=%d why=%s",
+                           self._refusals, status, why)  # fmt: skip
+        return _error(status, "refused", why)
+
+    async def _let_in(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        headers = [(name.decode(), value.decode(errors="replace"))
+                   for name, value in request.raw_headers]  # fmt: skip
+        asked = Asked.of(request.method, request.raw_path, headers)
+        self._door.look(asked)
+        if asked.path.startswith(ENTER):
+            cookie = self._door.exchange(asked)
+            return web.Response(
+                status=303, headers={"Location": f"{self._door.room}/", "Set-Cookie": cookie}
+            )
+        self._door.check(asked)
+        if self.guards is not None:
+            self.guards.known(request.transport, REQUEST_S)
+        return await handler(request)
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        found = self._files.get(request.match_info.get("name", INDEX))
+        if found is None:
+            raise Refused(404, "no such address")
+        kind, data = found
+        return web.Response(body=data, content_type=kind, charset="utf-8")
+
+    async def _events(self, request: web.Request) -> web.StreamResponse:
+        async with contextlib.aclosing(self._news.page()) as page:
+            first = await anext(page)
+            response = web.StreamResponse(headers={**ALWAYS, "Content-Security-Policy": OURS})
+            response.content_type = "text/event-stream"
+            response.force_close()
+            if self.guards is not None:
+                self.guards.known(request.transport, None)
+            try:
+                await response.prepare(request)
+                await _written(response, first)
+                async for data in page:
+                    await _written(response, data)
+            except (ConnectionError, TimeoutError):
+                pass  # the page has gone, or does not read: it asks anew
+            return response
+
+    async def _describe(self, request: web.Request) -> web.StreamResponse:
+        """The rig, the goals, and the schema of what can be asked for."""
+        described = await self._asks.ask("rig.describe", answer_s=ENGINE_S)
+        schema = described["schema"]
+        wanted = schema["$defs"]["StartParams"]
+        fields = CaptureRequest.__struct_fields__
+        own = {name: each for name, each in wanted["properties"].items() if name in fields}
+        request_schema = {**wanted, "properties": own}
+        return _json({**described, "schema": {"request": request_schema}})
+
+    async def _runs(self, request: web.Request) -> web.StreamResponse:
+        return _json({"runs": await self._read(self._shelf.runs)})
+
+    async def _run(self, request: web.Request) -> web.StreamResponse:
+        return _json(await self._read(self._shelf.run, request.match_info["job"]))
+
+    async def _picture(self, request: web.Request) -> web.StreamResponse:
+        job, name = request.match_info["job"], request.match_info["name"]
+        data = await self._read(self._shelf.picture, job, name)
+        return web.Response(body=data, content_type="image/png")
+
+    async def _report(self, request: web.Request) -> web.StreamResponse:
+        data = await self._read(self._shelf.report, request.match_info["job"])
+        return web.Response(
+            body=data,
+            content_type="text/html",
+            charset="utf-8",
+            headers={"Content-Security-Policy": REPORTS},
+        )
+
+    async def _post(self, request: web.Request) -> web.StreamResponse:
+        """Pass a wish on, once it is what it should be."""
+        name = request.path.rpartition("/")[2]
+        wants = WANTS[name]
+        if int(request.headers["Content-Length"]) > wants.most_bytes:
+            raise Refused(413, "the body is too long")
+        body = await request.read()
+        try:
+            asked = msgspec.json.decode(body, type=wants.params)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as err:
+            raise Refused(400, f"the body is not what it should be: {err}") from err
+        if self.guards is not None:
+            self.guards.known(request.transport, LONG_S)
+        if isinstance(asked, JobParams) and name == "cancel":
+            return _json(await self._asks.cancel(asked.job))
+        params = msgspec.to_builtins(asked)
+        if name in DETACHED:
+            params["detach"] = True
+        return _json(await self._asks.ask(wants.method, params, answer_s=wants.answer_s))
+
+    async def _read(self, function: Callable[..., Any], *args: str) -> Any:
+        """What a call returns that reads the disk, which may be slow."""
+        async with self._disk:
+            return await aside(function, *args)
+
+
+async def _written(response: web.StreamResponse, data: bytes) -> None:
+    async with asyncio.timeout(WRITE_S):
+        await response.write(data)
+
+
+def _json(value: Any) -> web.Response:
+    return web.Response(body=msgspec.json.encode(value), content_type="application/json")
+
+
+def _error(
+    status: int, kind: str, message: str, device: str | None = None, hint: str | None = None
+) -> web.Response:
+    told = {"kind": kind, "message": message, "device": device, "hint": hint}
+    response = _json({"error": told})
+    response.set_status(status)
+    return response

@@ -1,0 +1,211 @@
+"""What the page is told without asking: whether the daemon is there, its state, events of jobs.
+
+A thread listens to the daemon's events and comes back by itself when the daemon does. Each page
+that is open reads from a queue of its own; one that does not read is given up, and asks anew.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections import deque
+from collections.abc import AsyncGenerator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pdcd.client import Client
+from pdcd.errors import PdcdError
+from pdcd.runs.events import ENDS, THINNED, Event, Queued, Started, wire
+from pdcd.web.asks import CONNECT_S, Asks
+
+RETRY_S = 1.0
+"""Time between two attempts to reach the daemon, in seconds."""
+REMEMBERED = 100
+"""Events of the last job that a page is told when it opens."""
+UNREAD = 256
+"""Messages that may wait for a page; then it is given up. Thinned ones only up to half of that."""
+PAGES = 8
+"""Pages at a time."""
+BEAT_S = 15.0
+"""Time between two signs of life to a page, in seconds."""
+
+BEAT = b": alive\n\n"
+
+
+class TooMany(Exception):  # noqa: N818 - reads as the state it reports
+    """No more pages can be told news."""
+
+
+class News:
+    """Collects what is new, and tells it to every page; used from one event loop."""
+
+    def __init__(self, socket: Path, asks: Asks) -> None:
+        self._socket = socket
+        self._asks = asks
+        self._loop = asyncio.get_running_loop()
+        self._pages: set[asyncio.Queue[bytes | None]] = set()
+        self._events: deque[tuple[bool, dict[str, Any]]] = deque(maxlen=REMEMBERED)
+        self._here = False
+        self._why = "not reached yet"
+        self._visit = 0
+        self._status: Any = None
+        self._ended = threading.Event()
+        self._client: Client | None = None
+        self._lock = threading.Lock()
+        self._refresh: asyncio.Task[None] | None = None
+        self._stale = False
+        self._thread = threading.Thread(target=self._listen, name="pdcd-web-news", daemon=True)
+
+    def start(self) -> None:
+        """Begin to listen."""
+        self._thread.start()
+
+    async def close(self) -> None:
+        """Listen no more, and end all pages."""
+        self._ended.set()
+        with self._lock:
+            if self._client is not None:
+                self._client.close()
+        if self._refresh is not None:
+            self._refresh.cancel()
+            await asyncio.gather(self._refresh, return_exceptions=True)
+        for page in self._pages:
+            _end(page)
+        if self._thread.ident is not None:
+            await asyncio.to_thread(self._thread.join, CONNECT_S + 1.0)
+
+    async def page(self) -> AsyncGenerator[bytes, None]:
+        """What one page is sent, as server-sent events, until it leaves or falls behind.
+
+        Raises TooMany.
+        """
+        if len(self._pages) >= PAGES:
+            raise TooMany
+        queue: asyncio.Queue[bytes | None] = asyncio.Queue()
+        for message in (self._state(), *(event for _, event in self._events)):
+            queue.put_nowait(_message(message))
+        self._pages.add(queue)
+        try:
+            while True:
+                try:
+                    async with asyncio.timeout(BEAT_S):
+                        data = await queue.get()
+                except TimeoutError:
+                    data = BEAT
+                if data is None:
+                    return
+                yield data
+        finally:
+            self._pages.discard(queue)
+
+    def _state(self) -> dict[str, Any]:
+        return {
+            "what": "state",
+            "here": self._here,
+            "why": self._why,
+            "visit": self._visit,
+            "status": self._status,
+        }
+
+    def _tell(self, message: dict[str, Any], *, thinned: bool = False) -> None:
+        data = _message(message)
+        for page in self._pages:
+            if page.qsize() >= UNREAD:
+                _end(page)
+            elif not thinned or page.qsize() < UNREAD // 2:
+                page.put_nowait(data)
+
+    # In the loop's thread.
+
+    def _arrived(self) -> None:
+        self._here, self._why, self._status = True, "", None
+        self._visit += 1
+        self._events.clear()
+        self._look()
+
+    def _gone(self, why: str) -> None:
+        if (self._here, self._why) != (False, why):
+            self._here, self._why, self._status = False, why, None
+            self._tell(self._state())
+
+    def _heard(self, event: Event) -> None:
+        thinned = isinstance(event, THINNED)
+        message = {"what": "event", **wire(event)}
+        if self._events and self._events[-1][1]["job"] != event.job and isinstance(event, Queued):
+            self._forget()
+        if thinned and self._events and self._events[-1][0]:
+            self._events.pop()
+        self._events.append((thinned, message))
+        self._tell(message, thinned=thinned)
+        if isinstance(event, (Queued, Started, *ENDS)):
+            self._look()
+
+    def _forget(self) -> None:
+        """A new job: what the ones before it told is no news, unless one of them still runs."""
+        ended = {e["job"] for _, e in self._events if e["type"] in ("done", "failed", "cancelled")}
+        kept = [each for each in self._events if each[1]["job"] not in ended]
+        self._events.clear()
+        self._events.extend(kept)
+
+    def _look(self) -> None:
+        """Ask for the state of the rig; once more if somebody wanted it while it was asked for."""
+        self._stale = True
+        if self._refresh is None or self._refresh.done():
+            self._refresh = self._loop.create_task(self._ask_status())
+
+    async def _ask_status(self) -> None:
+        while self._stale:
+            self._stale = False
+            try:
+                status = await self._asks.ask("rig.status")
+            except (PdcdError, ConnectionError):
+                return  # the listener notices, too, and says so
+            if self._here:
+                self._status = status
+                self._tell(self._state())
+
+    # In the listener's own thread.
+
+    def _listen(self) -> None:
+        while not self._ended.is_set():
+            try:
+                with Client(self._socket, CONNECT_S) as client:
+                    self._follow(client)
+                why = "the daemon went away"
+            except (PdcdError, ConnectionError, OSError) as err:
+                why = str(err)
+            self._in_loop(self._gone, why)
+            self._ended.wait(RETRY_S)
+
+    def _follow(self, client: Client) -> None:
+        with self._lock:
+            self._client = client
+        try:
+            if self._ended.is_set():
+                return
+            # First this, so that nothing is missed between the state and the events.
+            client.call("events.subscribe", {"jobs": "all"})
+            self._in_loop(self._arrived)
+            for event in client.events("all"):
+                self._in_loop(self._heard, event)
+        finally:
+            with self._lock:
+                self._client = None
+
+    def _in_loop(self, function: Any, *args: object) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+            self._loop.call_soon_threadsafe(function, *args)
+
+
+def _message(message: dict[str, Any]) -> bytes:
+    return b"data: " + msgspec.json.encode(message) + b"\n\n"
+
+
+def _end(page: asyncio.Queue[bytes | None]) -> None:
+    """Let a page read nothing more, whatever waits for it."""
+    while not page.empty():
+        page.get_nowait()
+    page.put_nowait(None)

@@ -1,0 +1,164 @@
+// Puts the page together: news of the server in, wishes of the person out.
+
+import { by, el, say, short } from "./dom.js";
+import { FocusCard } from "./focus.js";
+import { RequestForm } from "./form.js";
+import { JobCard } from "./jobs.js";
+import { get, post } from "./server.js";
+import { PictureCard, listRuns } from "./shelf.js";
+
+const AGAIN_MS = 2000;
+
+const form = new RequestForm(by("fields"));
+const jobs = new JobCard();
+const pictures = new PictureCard();
+const focus = new FocusCard();
+let state = { here: false, visit: 0, status: null };
+let described = 0; // the visit of the daemon that the form was made from
+
+/** Do something that may go wrong, and say what did. */
+async function trying(action, where = by("failure")) {
+  try {
+    say(where, "");
+    return await action();
+  } catch (trouble) {
+    say(where, trouble.message);
+    return null;
+  }
+}
+
+function buttons() {
+  const ready = state.here && described === state.visit;
+  for (const id of ["start", "plan", "look", "focus"]) by(id).disabled = !ready || state.status?.state !== "idle";
+}
+
+function showState() {
+  const now = state.here ? (state.status?.state ?? "reached") : "away";
+  by("state").textContent = state.here ? now : "daemon away";
+  by("state").className = now;
+  say(by("trouble"), state.here ? "" : `The daemon does not answer: ${state.why}`);
+  jobs.state(state.status);
+  buttons();
+}
+
+async function describe() {
+  const visit = state.visit;
+  const told = await trying(() => get("describe"));
+  if (told === null || visit !== state.visit) return;
+  const { rig } = told;
+  by("rig").textContent = `${rig.name}${rig.mock ? " (virtual scene)" : ""}, ${rig.grid[0]} x ${rig.grid[1]} cells${rig.camera ? `, ${rig.camera.model}` : ""}`;
+  form.describe(told);
+  described = visit;
+  buttons();
+}
+
+async function runs() {
+  const found = await trying(() => listRuns((job) => trying(() => pictures.show(job))));
+  if (found && pictures.empty) {
+    const last = found.find((run) => run.state === "done");
+    if (last) await trying(() => pictures.show(last.job));
+  }
+}
+
+async function hear(event) {
+  focus.hear(event);
+  const ended = jobs.hear(event);
+  if (event.type === "attention" && typeof event.now === "number") {
+    by("by-itself-label").hidden = false;
+    if (by("by-itself").checked) proceed();
+  } else if (event.type === "attention") {
+    by("by-itself-label").hidden = true;
+  }
+  if (event.type === "converging") await trying(() => pictures.show(event.job, "running"));
+  if (ended && event.folder) {
+    await trying(() => pictures.show(event.job));
+    await runs();
+  }
+}
+
+function listen() {
+  const news = new EventSource("events");
+  news.addEventListener("message", ({ data }) => {
+    const told = JSON.parse(data);
+    if (told.what === "event") {
+      hear(told);
+      return;
+    }
+    const came = told.here && told.visit !== state.visit;
+    state = told;
+    showState();
+    if (came) {
+      describe();
+      runs();
+    }
+  });
+  news.addEventListener("error", () => {
+    state = { ...state, here: false, status: null };
+    by("state").textContent = "page cut off";
+    by("state").className = "away";
+    say(by("trouble"), "pdcd web does not answer. If it was started again, open the address that it printed then.");
+    jobs.state(null);
+    buttons();
+    if (news.readyState === EventSource.CLOSED) {
+      setTimeout(listen, AGAIN_MS);
+    }
+  });
+}
+
+function proceed() {
+  const asked = jobs.attention;
+  if (asked) trying(() => post("proceed", { job: asked.job }));
+}
+
+async function look() {
+  do {
+    const preview = await trying(() => post("look"), by("form-trouble"));
+    if (!preview) return;
+    await trying(() => pictures.show(preview.path.split("/").at(-3)));
+  } while (by("looking").checked && state.here);
+}
+
+function showPlan(plan) {
+  const rows = [
+    ["codes", `${plan.codes} ${plan.family}, p = ${short(plan.p)}`],
+    ["cells", `${plan.grid[0]} x ${plan.grid[1]}, window ${plan.window}`],
+    ["total", `${plan.refreshes} refreshes, ${short(plan.seconds)} s`],
+    ["light", `${short(100 * plan.light_share)} % of a floodlit exposure`],
+    ["RAW files", String(plan.raw_files)],
+  ];
+  if (plan.prediction) rows.push(["RMS error", `${short(100 * plan.prediction.error)} % of the picture's RMS`]);
+  for (const shot of plan.shots) {
+    rows.push([`shot ${shot.name}`, `${shot.exposures > 1 ? `${shot.exposures} of ` : ""}${shot.codes} codes, ${short(shot.exposure_s)} s`]);
+  }
+  for (const text of plan.reasons) rows.push(["why", text]);
+  by("plan-answer").replaceChildren(...rows.flatMap(([name, text]) => [el("dt", {}, name), el("dd", {}, text)]));
+  by("plan-answer").hidden = false;
+}
+
+/** Ask for what the form says; its faults stand beside it. */
+async function wish(address) {
+  const trouble = by("form-trouble");
+  const request = await trying(() => form.read(), trouble);
+  return request && trying(() => post(address, request), trouble);
+}
+
+by("form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  by("plan-answer").hidden = true;
+  wish("capture");
+});
+by("plan").addEventListener("click", async () => {
+  const plan = await wish("plan");
+  if (plan) showPlan(plan);
+});
+by("form").addEventListener("input", () => say(by("form-trouble"), ""));
+by("look").addEventListener("click", look);
+by("cancel").addEventListener("click", () => {
+  const job = state.status?.running?.job;
+  if (job) trying(() => post("cancel", { job }));
+});
+by("focus").addEventListener("click", () => trying(() => post("calibrate", { steps: ["focus"], attended: true })));
+by("proceed").addEventListener("click", proceed);
+
+runs();
+listen();

@@ -1,0 +1,52 @@
+"""`pdcd web` as it is typed: what it prints, serves and refuses."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from pdcd.cli.main import main
+
+PATIENCE_S = 60.0
+
+
+def test_another_interface_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["web", "--host", "0.0.0.0", "--port", "0"]) == 2
+    assert "loopback" in capsys.readouterr().err
+
+
+def test_without_the_extra_it_says_what_to_install(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pdcd.web.serve", None)
+    assert main(["web"]) == 2
+    assert "pdcd[web]" in capsys.readouterr().err
+
+
+def test_the_address_is_good_until_it_was_opened(tmp_path: Path) -> None:
+    command = [
+        sys.executable, "-m", "pdcd", "web", "--port", "0", "--socket", str(tmp_path / "none"),
+        "--state-dir", str(tmp_path),
+    ]  # fmt: skip
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        try:
+            assert process.stdout is not None and process.stderr is not None
+            address = process.stdout.readline().decode().strip()
+            # Followed without a cookie, it leads to where one is asked for.
+            for status in (401, 403):
+                with pytest.raises(urllib.error.HTTPError) as no:
+                    urllib.request.urlopen(address, timeout=PATIENCE_S)
+                assert no.value.code == status
+                no.value.close()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(PATIENCE_S) == 0
+            said = process.stderr.read().decode()
+            assert "good once" in said and "Traceback" not in said
+        finally:
+            process.kill()

@@ -1,0 +1,71 @@
+"""`capture.list` finds runs on disk, page after page, and answers clients of 1.2 as ever."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from pdcd.client import Client
+from pdcd.runs.entry import RunQuery
+from pdcd.runs.index import runs
+from pdcd.server.messages import MAX_LINE
+from tests.e2e.server._server_harness import daemon, nothing_left, threaded_daemon
+from tests.run_folders import cut, finished, job
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left() -> Iterator[None]:
+    with nothing_left():
+        yield
+
+
+def test_runs_are_found_and_old_clients_hear_what_they_know(tmp_path: Path) -> None:
+    captures = tmp_path / "state" / "captures"
+    finished(captures, job(1), request={"name": "vase", "tags": ["glass"], "note": "n"})
+    finished(captures, job(2), "-partial", state="partial")
+    cut(captures, job(3), {"event": "failed", "kind": "sync", "message": "late"})
+
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            old = await wire.result("capture.list", runs=10)
+            assert [(run["job"], run["state"]) for run in old["runs"]] == [
+                (job(3), "unfinished"), (job(1), "done"),
+            ]  # fmt: skip
+            assert old["found"] is None and (await wire.result("capture.list"))["found"] is None
+            found = (await wire.result("capture.list", find={}))["found"]
+            assert [(run["job"], run["state"], run["reason"]) for run in found["runs"]] == [
+                (job(3), "failed", "late"),
+                (job(2), "partial", "made of some of its shots"),
+                (job(1), "done", None),
+            ]
+            assert found["state_folder"] == str(tmp_path / "state") and found["more"] is None
+            wanted = {"tags": ["glass"], "goal": "indirect", "since": "2026-01-01T01:00:00+01:00"}
+            (run,) = (await wire.result("capture.list", find=wanted))["found"]["runs"]
+            assert (run["name"], run["note"], run["verdict"]) == ("vase", "n", "good")
+            for wrong in ({"newest": 0}, {"gaol": "white"}, {"since": "2026-01-01"},
+                          {"tags": ["a b"]}, {"before": "../../etc"}):  # fmt: skip
+                answer = await wire.ask("capture.list", find=wrong)
+                assert answer["error"]["data"]["kind"] == "request", wrong
+
+    asyncio.run(scenario())
+
+
+def test_a_thousand_runs_with_long_notes_come_in_lines_that_may_be_sent(tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    for second in range(60):
+        for day in range(1, 7):
+            finished(state, job(second, day), request={"note": "n" * 4000})
+    with threaded_daemon(tmp_path) as running, Client(running.path) as client:
+        told, query, pages = [], RunQuery(newest=1000), 0
+        while True:
+            page = client.find(query)
+            told += page.runs
+            pages += 1
+            if page.more is None:
+                break
+            query = RunQuery(newest=1000, before=page.more)
+    assert told == runs(state) and len(told) == 360
+    assert pages > 360 * 4000 / MAX_LINE

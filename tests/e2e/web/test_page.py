@@ -1,0 +1,167 @@
+"""The page in a real browser, before a daemon with the mock bench."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.bench.tables import (
+    BenchConfig,
+    CameraConfig,
+    Config,
+    PanelConfig,
+    SceneConfig,
+    ServerConfig,
+)
+from tests import bench_rig
+from tests.e2e.web._bench import Bench, bench
+from tests.tools import needs, program
+
+pytestmark = needs("chromium")
+LONG_MS = 60_000
+HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """A browser for all tests of this file; each has a profile of its own."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        launched = play.chromium.launch(executable_path=program("chromium"), headless=True)
+        yield launched
+        launched.close()
+
+
+@contextmanager
+def page(chromium: Any, here: Bench) -> Iterator[Any]:
+    """A page that was opened at the printed address; fails on any error of its scripts."""
+    faults: list[str] = []
+    context = chromium.new_context(viewport={"width": 1280, "height": 900})
+    try:
+        opened = context.new_page()
+        opened.set_default_timeout(LONG_MS)
+        opened.on("pageerror", lambda error: faults.append(str(error)))
+        opened.on("dialog", lambda dialog: faults.append(dialog.message))
+        opened.on(
+            "console",
+            lambda said: faults.append(said.text) if said.type in ("error", "warning") else None,
+        )
+        opened.goto(here.address)
+        yield opened
+    finally:
+        context.close()
+    # A daemon that is away, or refuses, is told of by the status of an answer.
+    assert not [fault for fault in faults if "Failed to load resource" not in fault]
+
+
+def test_a_photo_from_the_form_ends_with_a_picture(chromium: Any, tmp_path: Path) -> None:
+    config = bench_rig.config(tmp_path, camera=CameraConfig(noise="none", f_number=8.0))
+    with bench(tmp_path, config) as here, page(chromium, here) as opened:
+        start = opened.locator("#start:enabled")
+        start.wait_for()
+        goals = opened.locator("#field-goal option").all_inner_texts()
+        assert "indirect" in goals and "transport" in goals
+        # What a goal needs is asked for; what it does not take cannot be given.
+        opened.select_option("#field-goal", "fraction")
+        assert opened.locator("#fields-first #field-p").is_visible()
+        start.click()
+        opened.locator("#form-trouble", has_text="fraction needs p").wait_for()
+        opened.fill("#field-p", "1.5")
+        start.click()
+        opened.locator("#form-trouble", has_text="p: a number, over 0, below 1").wait_for()
+        opened.select_option("#field-goal", "indirect")
+        assert not opened.locator("#field-p").is_visible()
+        opened.fill("#field-codes", "8")
+        opened.fill("#field-note", HOSTILE)
+        opened.locator("#plan").click()
+        opened.locator("#plan-answer", has_text="8 hadamard").wait_for()
+        start.click()
+        opened.locator("#job-stage.done").wait_for()
+        shown = opened.locator("#picture[src*='/indirect/']")
+        shown.wait_for()
+        assert opened.locator("#picture-names button").all_inner_texts() == [
+            "indirect", "direct", "white",
+        ]  # fmt: skip
+        # Its bytes are those on the disk.
+        job = opened.locator("#picture-of").inner_text().rpartition(", ")[2]
+        told = opened.request.get(f"{opened.url}{shown.get_attribute('src')}")
+        assert told.body() == (here.state / f"captures/{job}/preview/indirect.png").read_bytes()
+        assert opened.locator("#runs tr").count() == 1
+        # Nobody who has seen the address gets in by it.
+        again = opened.request.get(here.address)
+        assert again.status == 403
+        opened.set_viewport_size({"width": 390, "height": 800})
+        assert opened.evaluate("document.documentElement.scrollWidth") == 390
+
+
+def test_the_page_outlives_the_daemon_and_cancels(chromium: Any, tmp_path: Path) -> None:
+    config = bench_rig.config(tmp_path)
+    with bench(tmp_path, config) as here, page(chromium, here) as opened:
+        opened.locator("#start:enabled").wait_for()
+        here.stop()
+        opened.locator("#state.away").wait_for()
+        assert "does not answer" in opened.locator("#trouble").inner_text()
+        assert opened.locator("#start").is_disabled()
+        here.start()
+        opened.locator("#start:enabled").wait_for()
+        assert opened.locator("#trouble").is_hidden()
+        opened.fill("#field-codes", "2048")
+        opened.click("#start")
+        opened.locator("#cancel:enabled").click()
+        opened.locator("#job-stage.cancelled").wait_for()
+        opened.locator("#state.idle").wait_for()
+
+
+@pytest.mark.long
+def test_focus_is_shown_photo_by_photo(chromium: Any, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.toml"
+    truth.write_text("[mask]\ncontrast = 450.0\n[camera]\nblur_quads = 1.0\n")
+    config = Config(
+        projector=PanelConfig(size_px=(128, 96)),
+        mask=PanelConfig(size_px=(160, 120)),
+        camera=CameraConfig(profile="450d", frame_quads=(288, 216), seed=5),
+        scene=SceneConfig(kind="card", grid=(12, 16)),
+        bench=BenchConfig(truth=str(truth)),
+        server=ServerConfig(state_dir=str(tmp_path / "state")),
+    )
+    with bench(tmp_path, config) as here, page(chromium, here) as opened:
+        opened.locator("#focus:enabled").click()
+        card = opened.locator("#attention-text", has_text="white card")
+        card.wait_for()
+        opened.click("#proceed")
+        opened.locator(
+            "#focus-now", has_text=re.compile(r"^now 0\.[0-9]{3}, best so far")
+        ).wait_for()
+        opened.check("#by-itself")
+        opened.click("#proceed")
+        opened.locator("#focus-now", has_text="focus: good").wait_for()
+        assert opened.locator("#focus-found li").count() == 2
+        assert opened.locator("#focus-chart circle").count() >= 4
+        opened.locator("#job-stage.done").wait_for()
+
+
+def test_a_report_runs_as_a_page_of_no_origin(chromium: Any, tmp_path: Path) -> None:
+    job = "20260101T120301Z-7f3a"
+    run = tmp_path / "state" / "captures" / job
+    run.mkdir(parents=True)
+    (run / "report.html").write_text(
+        "<!doctype html><p id=a>no</p><script>a.textContent = 'ran'; let c = 'none';"
+        "try { c = document.cookie } catch (e) { c = e.name };"
+        "a.textContent += ' ' + origin + ' ' + c;"
+        "fetch('../runs').then(() => a.textContent += ' reached', () => a.textContent += ' alone')"
+        "</script>"
+    )
+    with bench(tmp_path, bench_rig.config(tmp_path)) as here, page(chromium, here) as opened:
+        link = opened.locator("#runs a")
+        link.wait_for()
+        with opened.context.expect_page() as told:
+            link.click()
+        text = told.value.locator("#a", has_text="alone")
+        text.wait_for(timeout=LONG_MS)
+        assert text.inner_text() == "ran null SecurityError alone"

@@ -1,0 +1,180 @@
+"""`pdcd runs`: what it lists, shows, verifies and removes, and how it is told which runs."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from pdcd.cli import runs as runs_cli
+from pdcd.cli.main import main
+from pdcd.cli.moment import moment
+from pdcd.errors import ConfigError
+from pdcd.request import CaptureRequest
+from pdcd.runs.entry import Page, RunQuery
+from pdcd.runs.index import runs
+from tests.run_folders import cut, finished, job
+from tests.unit.cli.cli_stubs import (
+    StubClient,
+    last_object,
+    no_configuration,
+    stub_daemon,
+)
+
+FAILED = {
+    "event": "failed", "kind": "sync", "message": "the panels " + "missed refreshes " * 20,
+    "taken": "1 of 3 shots",
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    no_configuration(monkeypatch, tmp_path)
+
+
+@pytest.fixture
+def state(tmp_path: Path) -> Path:
+    """Where captures of this user go that need no daemon."""
+    folder = tmp_path / ".local" / "state" / "pdcd"
+    captures = folder / "captures"
+    labels = {"goal": "off-diagonal", "name": "Chart in milk", "tags": ["glass", "wax"],
+              "note": "a long note " * 40}  # fmt: skip
+    finished(captures, job(1), request=labels)
+    finished(captures, job(2), summary={"rms_error": None, "exposure_s": 1234.5})
+    cut(captures, job(3), FAILED)
+    finished(folder / "preview", job(4), request={"goal": "white"})
+    return folder
+
+
+def told(capsys: pytest.CaptureFixture[str], *words: object, code: int = 0) -> list[str]:
+    assert main(["runs", *map(str, words)]) == code
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_list_fits_a_terminal_and_says_why_a_run_failed(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = told(capsys)
+    assert max(map(len, lines)) <= 80
+    rows = {line.split()[0]: line.split()[1:] for line in lines if not line.startswith(" ")}
+    assert list(rows) == ["job", job(1), job(2), job(3)]  # the newest last
+    assert rows[job(1)] == ["good", "off-diagonal", "8", "0.5", "s", "3.21", "%"]
+    assert rows[job(2)] == ["good", "indirect", "8", "1234", "s", "+-2", "%"]
+    assert rows[job(3)] == ["failed", "indirect", "8"]
+    assert any(line.startswith("    Chart in milk #glass #wax a long note") for line in lines)
+    assert any("the panels missed refreshes" in line for line in lines)
+    assert len(lines) == 4 + 1 + 3
+
+
+def test_json_has_a_run_a_line_and_filters_choose(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def jobs(*words: str) -> list[str]:
+        return [json.loads(line)["job"] for line in told(capsys, "--json", *words)]
+
+    assert jobs() == [job(1), job(2), job(3)]
+    assert jobs("--all") == [job(1), job(2), job(3), job(4)]
+    assert jobs("--failed") == [job(3)]
+    assert jobs("--goal", "off-diagonal") == [job(1)]
+    assert jobs("--tag", "glass", "--tag", "wax") == [job(1)]
+    assert jobs("--tag", "glass", "--tag", "paper") == []
+    assert jobs("--since", "2026-01-01T00:00:02+00:00") == [job(2), job(3)]
+    assert jobs("--state-dir", str(state / "preview" / job(4))) == []
+
+
+def test_a_daemon_is_asked_for_its_runs_first_page_after_page(
+    state: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[RunQuery] = []
+    every = runs(state)
+
+    class Finder(StubClient):
+        asked = []  # noqa: RUF012
+
+        def find(self, query: RunQuery) -> Page:
+            asked.append(query)
+            more = None if query.before else "captures/x"
+            part = every[:1] if more else every[1:]
+            return Page(state_folder="/srv/pdcd", runs=part, more=more)
+
+    monkeypatch.setattr(runs_cli, "Client", Finder)
+    assert len(told(capsys, "--json", "--tag", "wax")) == 3
+    assert [query.before for query in asked] == [None, "captures/x"]
+    assert asked[0].tags == ("wax",) and asked[0].newest == 50
+
+
+def test_one_run_is_shown_by_its_name(state: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = told(capsys, "show", job(3))
+    rows = dict(line.split(maxsplit=1) for line in lines)
+    assert rows["state"] == "failed" and rows["taken"] == "1 of 3 shots"
+    assert rows["why"].startswith("the panels missed")
+    (line,) = told(capsys, "show", "Chart in milk", "--json")
+    assert json.loads(line)["run"]["tags"] == ["glass", "wax"]
+    told(capsys, "show", "nobody", code=2)
+
+
+def test_what_is_in_front_of_a_command_is_not_lost(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`runs --tag wax prune --keep 0` must not remove what has no such tag."""
+    for words in (["--tag", "wax"], ["--goal", "white"], ["--failed"], ["--since", "1d"]):
+        told(capsys, *words, "prune", "--keep", "0", "--yes", code=2)
+        told(capsys, *words, "show", job(1), code=2)
+    assert len(runs(state)) == 3
+
+
+def test_prune_says_what_goes_and_removes_nothing_unasked(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told(capsys, "prune", code=2)
+    told(capsys, "prune", "--failed", code=2)  # nobody is there to agree
+    told(capsys, "prune", "--failed", "--json", code=2)
+    lines = told(capsys, "prune", "--failed", "--dry-run")
+    assert str(state) in lines[0] and max(map(len, lines[1:])) <= 80
+    assert [line.split()[0] for line in lines if line.startswith("2026")] == [job(3)]
+    (line,) = told(capsys, "prune", "--failed", "--dry-run", "--json")
+    assert (json.loads(line)["run"]["job"], json.loads(line)["removed"]) == (job(3), False)
+    assert len(runs(state)) == 3
+    told(capsys, "prune", "--failed", "--yes")
+    assert [run.job for run in runs(state)] == [job(2), job(1)]
+    told(capsys, "prune", "--keep", "1", "--older-than", "2026-02-01", "--yes")
+    assert [run.job for run in runs(state)] == [job(2)]
+    assert told(capsys, "prune", "--failed", "--yes") == [f"nothing to remove in {state}"]
+
+
+def test_labels_are_typed_with_a_capture_and_refused_where_they_cannot_be(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon = stub_daemon(monkeypatch)
+    words = ["--name", "Chart, 2nd", "--tag", "glass", "--tag", "v-1", "--note", "so\nit is"]
+    assert main(["capture", "white", *words]) == 0
+    (request,) = (a for asked in daemon.asked if isinstance(asked, tuple) for a in asked[:1])
+    assert isinstance(request, CaptureRequest)
+    assert (request.name, request.tags, request.note) == (
+        "Chart, 2nd",
+        ("glass", "v-1"),
+        "so\nit is",
+    )
+    for option, text in (
+        ("--name", "a/b"), ("--name", " a"), ("--name", "a\n"), ("--name", "x" * 81),
+        ("--tag", "a b"), ("--tag", ""), ("--tag", "a\n"), ("--note", "\x1b[2J"),
+        ("--note", "\u202eabc"), ("--note", "x" * 4097),
+    ):  # fmt: skip
+        assert main(["capture", "white", f"{option}={text}", "--json"]) == 2
+        error = last_object(capsys.readouterr().out)["error"]
+        assert "it takes" in error["message"], (option, text)
+
+
+def test_a_moment_is_a_date_or_how_long_ago() -> None:
+    now = datetime(2026, 3, 8, 12, tzinfo=UTC)
+    assert moment("90m", "--since", now) == now - timedelta(minutes=90)
+    assert moment("2w", "--since", now) == datetime(2026, 2, 22, 12, tzinfo=UTC)
+    assert moment("2026-01-02T03:04:05+01:00", "--since") == datetime(
+        2026, 1, 2, 2, 4, 5, tzinfo=UTC
+    )
+    assert moment("2026-01-02", "--since") == datetime(2026, 1, 2).astimezone(UTC)
+    for text in ("", "yesterday", "-1d", "999999w", "1y", "2026-13-01", "0001-01-01T00:00+14:00"):
+        with pytest.raises(ConfigError, match="--since"):
+            moment(text, "--since")

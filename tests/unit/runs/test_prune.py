@@ -1,0 +1,111 @@
+"""Runs are removed: those that were meant, and nothing else, whatever happens meanwhile."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.runs.entry import RunQuery
+from pdcd.runs.index import runs
+from pdcd.runs.prune import Unwanted, remove, unwanted
+from tests.run_folders import cut, finished, job
+
+FAILED = {"event": "failed", "kind": "sync", "message": "late"}
+
+
+def meant(state: Path, query: RunQuery | None = None, **fields: Any) -> list[str]:
+    return [one.run.job for one in unwanted(state, query or RunQuery(), **fields)]
+
+
+def first(state: Path, **fields: Any) -> Unwanted:
+    return next(unwanted(state, RunQuery(), **fields))
+
+
+def test_what_is_named_together_holds_together(tmp_path: Path) -> None:
+    captures = tmp_path / "captures"
+    for day in (1, 2, 3, 4):
+        finished(captures, job(0, day), request={"tags": ["odd"] * (day % 2)})
+        cut(captures, job(1, day), FAILED)
+    finished(captures, job(2), "-partial", state="partial")
+    (finished(captures, job(3)) / "capture.json").write_text("{")  # damaged: it may be all there is
+    finished(tmp_path / "preview", job(9))
+    before = datetime(2026, 1, 3, tzinfo=UTC)
+    leftovers = [job(1, day) for day in (4, 3, 2, 1)]
+    assert meant(tmp_path, leftovers=True) == leftovers
+    assert meant(tmp_path, leftovers=True, keep=1) == leftovers[1:]
+    assert meant(tmp_path, leftovers=True, keep=1, older_than=before) == leftovers[2:]
+    assert meant(tmp_path, leftovers=True, keep=3, older_than=before) == leftovers[3:]
+    assert meant(tmp_path, RunQuery(tags=("odd",)), keep=1) == [job(0)]
+    older = meant(tmp_path, older_than=datetime(2026, 1, 2, tzinfo=UTC))
+    assert older == [job(3), job(2), job(1), job(0)]
+    assert job(9) not in meant(tmp_path)
+
+
+def test_a_run_goes_with_all_that_is_in_it_and_nothing_else(tmp_path: Path) -> None:
+    captures, outside = tmp_path / "captures", tmp_path / "outside"
+    outside.mkdir()
+    (outside / "precious").write_text("x")
+    place = finished(captures, job(1))
+    (place / "raw").mkdir()
+    (place / "raw" / "a.dng").write_bytes(b"x" * 1000)
+    (place / "raw" / "a.dng").chmod(0o440)
+    (place / "out").symlink_to(outside)
+    finished(captures, job(2))
+    one = first(tmp_path, keep=1)
+    assert one.run.job == job(1) and one.size_bytes > 1000 and not one.removed
+    gone = remove(tmp_path, one)
+    assert gone.removed and gone.why is None
+    assert sorted(p.name for p in captures.iterdir()) == [job(2)]
+    assert (outside / "precious").read_text() == "x"
+
+
+def test_a_run_that_goes_on_is_never_removed(tmp_path: Path) -> None:
+    place = cut(tmp_path, job(1), FAILED)
+    one = first(tmp_path)
+    held = os.open(place, os.O_RDONLY)
+    fcntl.flock(held, fcntl.LOCK_EX)  # as it does that fills it
+    try:
+        assert meant(tmp_path) == []
+        kept = remove(tmp_path, one)
+    finally:
+        os.close(held)
+    assert not kept.removed and "still being filled" in (kept.why or "")
+    assert (place / "ledger.jsonl").exists()
+    assert remove(tmp_path, one).removed
+
+
+def test_nothing_outside_the_state_folder_is_removed(tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    place = finished(state / "captures", job(1))
+    one = first(state)
+    elsewhere = finished(tmp_path / "elsewhere", job(1))
+    shutil.rmtree(place)
+    place.symlink_to(elsewhere)  # its name has come to mean something else
+    assert not remove(state, one).removed
+    place.unlink()
+    place.parent.rmdir()
+    place.parent.symlink_to(tmp_path / "elsewhere")
+    assert not remove(state, one).removed
+    outside = Unwanted(run=one.run, size_bytes=0)
+    assert "does not lie" in (remove(tmp_path / "another", outside).why or "")
+    assert (elsewhere / "capture.json").exists()
+
+
+def test_an_interrupted_removal_leaves_nothing_that_looks_like_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finished(tmp_path, job(1))
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "rmtree", lambda *a, **k: (_ for _ in ()).throw(OSError(5, "broken")))
+        kept = remove(tmp_path, first(tmp_path))
+    assert not kept.removed and "broken" in (kept.why or "")
+    (left,) = runs(tmp_path)
+    assert left.state == "unfinished" and left.folder.endswith(f"{job(1)}.removed")
+    assert remove(tmp_path, first(tmp_path, leftovers=True)).removed
+    assert not list(tmp_path.iterdir())
