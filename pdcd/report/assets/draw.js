@@ -48,7 +48,7 @@ function axes(context, width, height, x, y) {
   context.lineWidth = 1;
   context.strokeRect(left, top, right - left, bottom - top);
   context.textAlign = "center";
-  for (const tick of ticks(x.low, x.high, Math.max(2, Math.floor((right - left) / 90)))) {
+  for (const tick of ticks(x.low, x.high, Math.max(3, Math.floor((right - left) / 70)))) {
     context.fillText(written(tick), clamp(across(tick), left + 8, right - 8), bottom + 12);
     context.beginPath(); context.moveTo(across(tick), bottom); context.lineTo(across(tick), bottom + 3); context.stroke();
   }
