@@ -16,7 +16,7 @@ def row(args: argparse.Namespace) -> int:
     down, right = args.cell
     found = matrix_row(args.folder, (down, right), args.photo)
     path = args.out or args.folder / row_name(found.photo, (down, right))
-    write_png(path, found.picture())
+    write_png(path, found.picture((down, right)))
     figures = {"wanted": _figures(found.wanted), "realised": _figures(found.realised)}
     if args.json:
         say_json({"photo": found.photo, "cell": [down, right], "file": str(path), **figures})
