@@ -78,7 +78,7 @@ class Arguments(TypedDict, total=False):
     white_patch: tuple[float, float]
     out: str | Path
     name: str
-    tags: Sequence[str]
+    tags: str | Sequence[str]
     note: str
 
 
@@ -107,6 +107,8 @@ def asked(
         elif name == "prior" and not _in_words(value):
             arrays[name] = _transport(value, grid, faults)
         else:
+            if name == "tags" and isinstance(value, str):
+                value = [value]  # else its letters would be
             try:
                 values[name] = convert_field(plain(value), FIELDS[name], name)
             except ValueError as err:

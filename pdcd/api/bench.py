@@ -49,10 +49,17 @@ class Bench(ABC):
 
     @abstractmethod
     def take(
-        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+        self,
+        request: CaptureRequest,
+        arrays: Arrays = NONE,
+        *,
+        on_event: OnEvent | None = None,
+        report: bool = False,
     ) -> CaptureResult:
         """Take the photo of a request and tell how that ended; nothing is raised for what goes
         wrong once the job has begun. `capture` is the same by keywords.
+
+        report : write its page (`pdcd.report`) at once, if that costs little.
 
         An interrupt ends the job in good order and is delivered afterwards.
         """
@@ -86,7 +93,7 @@ class Bench(ABC):
         """
         request, arrays = asked(goal, arguments, lambda: self.grid)
         with shown(progress) as on_event:
-            result = self.take(request, arrays, on_event=on_event)
+            result = self.take(request, arrays, on_event=on_event, report=True)
         return finished(result)
 
     def __enter__(self) -> Self:

@@ -59,8 +59,13 @@ class Connected(Bench):
         return self.client.plan(request, arrays=arrays, queue=self._queue)
 
     def take(
-        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+        self,
+        request: CaptureRequest,
+        arrays: Arrays = NONE,
+        *,
+        on_event: OnEvent | None = None,
+        report: bool = False,
     ) -> CaptureResult:
-        """Take the photo of a request (see `Bench.take`)."""
+        """Take the photo of a request (see `Bench.take`); the daemon decides on the page."""
         with held_back(raises=True):
             return self.client.capture(request, arrays=arrays, queue=self._queue, on_event=on_event)

@@ -93,11 +93,16 @@ class LocalBench(Bench):
         return self._engine.plan(*self._read(request, arrays))
 
     def take(
-        self, request: CaptureRequest, arrays: Arrays = NONE, *, on_event: OnEvent | None = None
+        self,
+        request: CaptureRequest,
+        arrays: Arrays = NONE,
+        *,
+        on_event: OnEvent | None = None,
+        report: bool = False,
     ) -> CaptureResult:
         """Take the photo of a request (see `Bench.take`)."""
         with held_back() as interrupted:
-            return self.take_until(interrupted, request, arrays, on_event)
+            return self.take_until(interrupted, request, arrays, on_event, report=report)
 
     def take_until(
         self,

@@ -16,15 +16,15 @@ from pdcd.api.progress import Shown, shown
 from pdcd.errors import DecodeError
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import Patterns, fit, levels_of
-from pdcd.printable import one_line
 from pdcd.request import Figure, Quality
+from pdcd.runs.folder import sha256_of
 from pdcd.runs.frame_table import COLUMNS
 from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.inside import opened
+from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.patterns import read_patterns, stored_arrays
 from pdcd.runs.record import Manifest
-from pdcd.runs.verify import Check
+from pdcd.runs.verify import sound_manifest
 from pdcd.words import NormaliseName, VerdictName
 
 if TYPE_CHECKING:
@@ -59,28 +59,21 @@ class Codes:
 
 
 class Run:
-    """One run. Its attributes are read when they are first asked for; nothing is written.
+    """One run. Its attributes are read when they are first asked for; only `report` writes.
 
     All raise DecodeError for a file that is lost or changed.
     """
 
     def __init__(self, folder: Path) -> None:
-        check = Check(lambda: None)
-        check.look(folder, None, ())
-        # One that lacks shots says so by itself.
-        faults = [fault for fault in check.found if fault.what != "partial"]
-        if check.read is None or faults:
-            why = f"{faults[0].path}: {faults[0].detail}" if faults else "it has no manifest"
-            raise DecodeError(
-                f"{one_line(str(folder))} is not a whole and unchanged run: {why}",
-                hint="see pdcd verify; of one that was cut, pdcd decode --partial makes a run",
-            )
+        self.manifest: Manifest = sound_manifest(folder, ())
+        """Everything that capture.json tells (docs/run-folder.md)."""
         self.folder = folder.absolute()
         """Where it lies."""
-        self.manifest: Manifest = check.read
-        """Everything that capture.json tells (docs/run-folder.md)."""
-        self.manifest_sha256: str = check.sha256 or ""
-        self._sound: set[str] = set()
+
+    @cached_property
+    def manifest_sha256(self) -> str:
+        """Of capture.json: kept elsewhere, it proves that nothing of the run was forged."""
+        return sha256_of(self.folder / MANIFEST)
 
     @property
     def job(self) -> str:
@@ -139,6 +132,17 @@ class Run:
     def sigma(self) -> Floats:
         """Standard deviation of `image`, the same shape; infinite where nothing is known."""
         return np.asarray(self._probe["sigma"])
+
+    @cached_property
+    def truth(self) -> Floats | None:
+        """What `image` is in truth, the same shape; None where nobody knows the scene, NaN where a
+        cell cannot be compared. `rms_error` is by quads where the camera has more than cells."""
+        from pdcd.planning.known import TRUTH, read_truth
+
+        cells = self.manifest.run.cells
+        if TRUTH not in self.manifest.files or cells is None:
+            return None
+        return read_truth(self.checked(TRUTH).parent, cells).on_cells(cells)
 
     @property
     def sigma_kind(self) -> str:
@@ -227,19 +231,18 @@ class Run:
                 on_event=on_event,
             )
 
+    def report(self, out: Path | str | None = None) -> Path:
+        """Write the page of the run, one file for a browser, and return where it is.
+
+        out : the file; None: `report.html` in the run's folder. Raises NoSpaceError and DiskError.
+        """
+        from pdcd.report.write import write
+
+        return write(self.folder, None if out is None else Path(out))
+
     def checked(self, name: str) -> Path:
         """Path of one file of the run, which is as the manifest says. Raises DecodeError."""
-        if name not in self._sound:
-            check = Check(lambda: None)
-            with opened(self.folder) as folder:
-                check.read = self.manifest
-                check.files(folder, [name])
-            for fault in check.found:
-                raise DecodeError(
-                    f"{name} of {one_line(str(self.folder))}: {fault.detail}",
-                    hint="see pdcd verify; restore it from a copy",
-                )
-            self._sound.add(name)
+        sound_manifest(self.folder, (name,))
         return self.folder / name
 
     def __repr__(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, overload
 
@@ -100,8 +100,3 @@ def _written(value: Value) -> str:
     if value is None:
         return ""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def joined(parts: Sequence[Table]) -> Table:
-    """The rows of several tables, one after the other."""
-    return Table(row for part in parts for row in part)

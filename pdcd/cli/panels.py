@@ -29,6 +29,7 @@ MOCK = "mock"
 NOTHING_TO_SEE = "these are the mock bench's panels, which exist as numbers only: nothing to see"
 """What to say where the driver is `MOCK`, lest one look for a window."""
 
+SIDES = "left: projector", "right: mask"
 LOOP_S = 60.0
 """Length of one pass of `pdcd show --loop`; a few black refreshes lie between two."""
 
@@ -138,19 +139,24 @@ def _play(display: Display, frames: Frames, end_s: float) -> None:
 
 def _draw(args: argparse.Namespace, config: Config, frames: Frames | None) -> None:
     """Draw what would be on the mock's panels."""
+    import numpy as np
+
     from pdcd.bench.placed import panels_of
     from pdcd.capture.show import sheet
+    from pdcd.pictures.captions import strip
     from pdcd.pictures.develop import write_png
 
     what = "all codes" if args.loop else _picture(args.pattern, args.index)
-    sizes = (f"{p.size_px[0]} x {p.size_px[1]} px" for p in (config.projector, config.mask))
+    sizes = [f"{p.size_px[0]} x {p.size_px[1]} px" for p in (config.projector, config.mask)]
     tell("{}: would be on a projector of {} and a mask of {}".format(what, *sizes))
     if frames is None:
         tell(NOTHING_TO_SEE)
         return
     name = "loop" if args.loop else args.pattern
     path = args.out if args.out is not None else Path(f"show-{name}.png")
-    write_png(path, sheet(frames, panels_of(config)))
+    drawn = sheet(frames, panels_of(config))
+    notes = [f"{side} of {size}" for side, size in zip(SIDES, sizes, strict=True)]
+    write_png(path, np.concatenate([drawn, strip(drawn.shape[1], what, notes, ())]))
     say(str(path))
 
 

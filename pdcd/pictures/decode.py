@@ -22,6 +22,7 @@ from pdcd.runs.folder import sha256_of
 from pdcd.runs.verify import whole_manifest
 
 TRANSPORT = "transport.npz"
+TRANSPORT_PICTURE = "preview/transport.png"
 
 
 class Compared(msgspec.Struct, frozen=True):
@@ -86,7 +87,7 @@ def _write_transport(folder: Path, found: Sliced, goal: Goal) -> None:
     where = "all of T"
     if goal.rows is not None:
         where = f"T: camera row {goal.rows[1]}, projector row {goal.rows[0]}"
-    write_png(folder / "preview" / "transport.png", picture_of(found, where))
+    write_png(folder / TRANSPORT_PICTURE, picture_of(found, where))
 
 
 @contextmanager

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pictures.balance import Balance, by_patch, by_white_photo
-from pdcd.pictures.brightness import WHITE, Brightness, Look, brightest, step_of, usual
+from pdcd.pictures.brightness import WHITE, Brightness, Look, step_of, usual
 from pdcd.pictures.captions import strip
 from pdcd.pictures.develop import write_png
 from pdcd.pictures.sigma import Barred
@@ -32,6 +32,8 @@ HATCH = (44, 62)
 """Greys of the lines where nothing is known, and between them."""
 GREYS = (0.0, 0.125, 0.25, 0.5, 1.0)
 """Of the scale, linear."""
+SIGNED = (-1.0, -0.25, 0.0, 0.25, 1.0)
+"""Of the scale of a signed picture."""
 
 _CODES = np.rint(255.0 * np.linspace(0.0, 1.0, 65536) ** (1.0 / GAMMA)).astype(np.uint8)
 
@@ -58,7 +60,7 @@ class Previews:
         for seen in self._seen.values():
             seen.image[...] *= np.array(self.balance.factors, np.float32)
         self._brightness = Brightness(
-            {n: Look(brightest(s.image, s.known), s.sigma) for n, s in self._seen.items()}
+            {n: Look.of(s.image, s.known, s.sigma) for n, s in self._seen.items()}
         )
         self.warnings: tuple[str, ...] = ()
         if view.white_patch is not None and self.balance.source != "patch":
@@ -73,15 +75,18 @@ class Previews:
         """The preview of that name with its caption, (H, W, 3) uint8."""
         seen, factor = self._seen[name], self.factor(name)
         scale = self._brightness.scale * factor
-        drawn = self._enlarged(coded(seen.image * np.float32(scale)), cv2.INTER_LINEAR)
+        shown, greys = (signed, SIGNED) if self._brightness.signed(name) else (coded, GREYS)
+        drawn = self._enlarged(shown(seen.image * np.float32(scale)), cv2.INTER_LINEAR)
         notes = [f"white balance: {self.balance.source}"]
+        if shown is signed:
+            notes.append("signed: middle grey is 0")
         if not seen.known.all():
             known = self._enlarged(seen.known.view(np.uint8), cv2.INTER_NEAREST)
             _hatch(drawn, known == 0)
             notes.append("hatched: not known")
-        greys = [(int(coded(np.float32(g))), f"{g / scale:.2g}") for g in GREYS]
+        marks = [(int(shown(np.float32(g))), f"{g / scale:.2g}") for g in greys]
         title = f"{name}  x {factor:g}" if factor >= 1.0 else f"{name}  x 1/{1.0 / factor:g}"
-        return np.concatenate([drawn, strip(drawn.shape[1], title, notes, greys)])
+        return np.concatenate([drawn, strip(drawn.shape[1], title, notes, marks)])
 
     def _enlarged(self, drawn: Bytes, how: int) -> Bytes:
         """What is smaller than a preview, as large as one."""
@@ -118,6 +123,13 @@ def coded(linear: NDArray[np.float32] | np.float32) -> Bytes:
     """Linear values -> pixels of gamma 2.2, uint8; below 0 is black, above 1 white."""
     fine = np.clip(linear, 0.0, 1.0) * np.float32(65535.0)
     found: Bytes = _CODES[(fine + np.float32(0.5)).astype(np.uint16)]
+    return found
+
+
+def signed(linear: NDArray[np.float32] | np.float32) -> Bytes:
+    """The same around a middle grey that is 0: below it is darker, above brighter."""
+    half = coded(np.abs(linear)).astype(np.int16) >> 1
+    found: Bytes = np.where(np.asarray(linear) < 0.0, 127 - half, 128 + half).astype(np.uint8)
     return found
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
+from pdcd.pictures.captions import strip
 from pdcd.pictures.combine import Shown, divided_by_row, realised_photo
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import record_errors
@@ -22,6 +23,11 @@ from pdcd.runs.verify import whole_manifest
 from pdcd.words import NormaliseName
 
 Floats = NDArray[np.float64]
+
+WIDTH_PX = 960
+"""Least width of a picture of a row."""
+BETWEEN = (29, 95, 168)
+"""Colour of what parts wanted and realised."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +43,24 @@ class MatrixRow:
     wanted: Floats
     realised: Floats
 
-    def picture(self) -> NDArray[np.uint8]:
-        """Both side by side, wanted left, one cell apart, (H, W, 3) uint8, linear in the weight.
+    def picture(self, cell: tuple[int, int]) -> NDArray[np.uint8]:
+        """Both side by side, wanted left, one cell apart, with a strip below, (H, W, 3) uint8.
 
-        White is the largest weight; black is 0, or as far below 0 where there are negative ones.
+        Linear in the weight: white is the largest, black is 0, or as far below 0 where there are
+        negative ones. cell : row and column of the camera cell.
         """
         both = np.concatenate([self.wanted, self.realised], axis=1)
         top = max(float(np.abs(both).max()), np.finfo(np.float64).tiny)
         low = -top if self.wanted.min() < 0.0 else 0.0
-        gap = np.full((both.shape[0], 1), 0.5 * (low + top))
-        shown = np.concatenate([self.wanted, gap, self.realised], axis=1)
-        grey = (shown - low) / (top - low)
-        return blocks(grey)
+        rows, cols = self.wanted.shape
+        shown = np.concatenate([self.wanted, np.zeros((rows, 1)), self.realised], axis=1)
+        drawn = blocks((shown - low) / (top - low), WIDTH_PX)
+        side = len(drawn) // rows
+        drawn[:, side * cols : side * (cols + 1)] = BETWEEN
+        title = f"paths to cell {cell[0]} {cell[1]}, photo {self.photo}"
+        marks = [(round(255 * s), f"{low + s * (top - low):.2g}") for s in (0.0, 0.25, 0.5, 1.0)]
+        notes = ("left: weights as wanted", "right: as realised")
+        return np.concatenate([drawn, strip(drawn.shape[1], title, notes, marks)])
 
 
 @dataclass(frozen=True, eq=False)

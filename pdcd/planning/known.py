@@ -50,6 +50,12 @@ class Known:
         scale = float(np.sum(truth**2))
         return float(np.sqrt(np.sum((found - truth) ** 2) / scale)) if scale else None
 
+    def on_cells(self, cells: CellMap) -> Floats:
+        """Means over the cells, (rows, cols, 3) float64; NaN where a cell cannot be compared."""
+        seen = self.seen if self.of_cells else cells.seen(self.seen)
+        image = self.image if self.of_cells else cells.mean(self.image, self.seen)
+        return np.where(seen[:, None], image, np.nan).reshape(*cells.grid, 3).astype(np.float64)
+
     def on_quads(self, cells: CellMap) -> tuple[NDArray[np.floating], Bools]:
         """The same on the camera's quads, (h, w, 3) and (h, w)."""
         if not self.of_cells:

@@ -12,7 +12,7 @@ from pdcd.runs.record import RunRecord, ShotRecord
 
 MOST_SHOTS = 64
 """Shots that are told one by one."""
-LOOKED_AT = 300
+LOOKED_AT = 150
 """Rows and columns of quads that are looked at."""
 TOP_PERCENT = 99.9
 """The brightest sample is that which so many stay below."""

@@ -33,8 +33,10 @@ class Table:
 
 
 def percent(share: object) -> str:
-    """A share as a percentage of three digits; "-" for none."""
-    return f"{100.0 * share:.3g} %" if isinstance(share, float | int) else "-"
+    """A share as a percentage of three digits or more; "-" for none."""
+    if not isinstance(share, float | int):
+        return "-"
+    return f"{100.0 * share:.0f} %" if abs(share) >= 10.0 else f"{100.0 * share:.3g} %"
 
 
 def figures(manifest: Manifest, material: Material) -> Rows:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pictures.balance import by_patch, by_white_photo
-from pdcd.pictures.brightness import WHITE, Brightness, Look, brightest, usual
+from pdcd.pictures.brightness import WHITE, Brightness, Look, usual
 from pdcd.pictures.sigma import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
 from pdcd.report.packing import least_step, linear, logarithmic
@@ -81,7 +81,7 @@ class _Seen:
         some = self.thinned
         known = self.known[some]
         image = self.image[some] * np.array(factors, np.float32)
-        return Look(brightest(image, known), usual(self.sigma[some], known))
+        return Look.of(image, known, usual(self.sigma[some], known))
 
     @property
     def thinned(self) -> tuple[slice, slice]:
@@ -97,7 +97,7 @@ def layers(pictures: Mapping[str, Barred], view: View, truth: Truth | None) -> L
     across, down = view.quads()
     quads = max(across / size_px[0], down / size_px[1], 1.0) ** 2
     names = _chosen(list(pictures))
-    seen = {name: _sampled(pictures[name], sampler, quads) for name in names}
+    seen = _sampled({name: pictures[name] for name in names}, sampler, quads)
     balance = _balance(seen, view)
     brightness = Brightness({name: one.balanced(balance) for name, one in seen.items()})
     jobs: list[tuple[str, str, Singles, Singles | None, float]] = [
@@ -111,6 +111,7 @@ def layers(pictures: Mapping[str, Barred], view: View, truth: Truth | None) -> L
         packed = list(pool.map(lambda job: _packed(*job), jobs))
     for one in packed:
         one["factor"] = brightness.factor(one["name"])
+        one["signed"] = brightness.signed(one["name"])
     left_out = tuple(name for name in pictures if name not in names)
     return Layers(packed, size_px, quads, brightness.scale, balance, left_out)
 
@@ -129,17 +130,25 @@ def _chosen(names: list[str]) -> list[str]:
     return first
 
 
-def _sampled(picture: Barred, sampler: Sampler, quads: float) -> _Seen:
-    known = all_known(picture.sigma, picture.image)
-    image, seen = sampler(picture.image, known)
-    variance, _ = sampler(picture.sensor**2, known)
-    code, _ = sampler(picture.code, known)
-    sensor = np.maximum(variance, np.float32(0.0)) / np.float32(quads)
-    sigma: Singles = np.sqrt(sensor + code**2)
-    image[~seen], sigma[~seen] = np.nan, np.inf
-    found = _Seen(image, sigma, seen, 0.0)
-    some = found.thinned
-    return replace(found, noise=math.sqrt(usual(sensor[some], seen[some])))
+def _sampled(pictures: Mapping[str, Barred], sampler: Sampler, quads: float) -> dict[str, _Seen]:
+    """Pictures of one run; all images before all errors, as a sampler remembers what was known."""
+    known = {name: all_known(one.sigma, one.image) for name, one in pictures.items()}
+    images = {name: sampler(one.image, known[name]) for name, one in pictures.items()}
+    # Where several quads share a pixel, one of them tells what the error of each is.
+    every = slice(None, None, int(math.sqrt(quads) + 0.01))
+    found = {}
+    for name, one in pictures.items():
+        some = np.ascontiguousarray(known[name][every, every])
+        variance, _ = sampler(one.sensor[every, every] ** 2, some)
+        code, _ = sampler(one.code[every, every], some)
+        sensor = np.maximum(variance, np.float32(0.0)) / np.float32(quads)
+        sigma: Singles = np.sqrt(sensor + code**2)
+        image, seen = images[name]
+        image[~seen], sigma[~seen] = np.nan, np.inf
+        shown = _Seen(image, sigma, seen, 0.0)
+        thin = shown.thinned
+        found[name] = replace(shown, noise=math.sqrt(usual(sensor[thin], seen[thin])))
+    return found
 
 
 def _balance(seen: Mapping[str, _Seen], view: View) -> tuple[float, float, float]:

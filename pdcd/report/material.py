@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pdcd.pictures.darkroom import Decoded
+from pdcd.pictures.decode import TRANSPORT_PICTURE as PICTURE
 from pdcd.planning.known import Known
 from pdcd.report.budget import budget
 from pdcd.report.layers import MOST_PICTURES, Layers, Truth, layers, size_of
@@ -16,7 +17,7 @@ from pdcd.runs.record import RunRecord
 
 DEFAULT_S = 0.3
 """A page that costs less of a processor than that is made at the end of every capture."""
-FIXED_S = 0.02
+FIXED_S, SHOT_S = 0.02, 3e-3
 VALUE_S, WEIGHT_S, REFRESH_S = 9e-8, 1e-7, 1e-5
 """Costs by size: of each value of a picture, of each entry of the factors, of each refresh."""
 
@@ -32,6 +33,8 @@ class Material:
     answer: str
     kind: str
     """How the error of the codes was found: measured or modelled."""
+    slice_png: bytes = b""
+    """The picture of entries of T, where they were photographed."""
 
 
 def foreseen_s(record: RunRecord, decoded: Decoded) -> float:
@@ -45,6 +48,7 @@ def foreseen_s(record: RunRecord, decoded: Decoded) -> float:
     quads = 3 * decoded.cells.frame[0] * decoded.cells.frame[1] * pictures
     return (
         FIXED_S
+        + SHOT_S * len(record.shots)
         + VALUE_S * (values + 0.3 * quads)
         + WEIGHT_S * min(entries, MOST_WEIGHTS)
         + REFRESH_S * refreshes
@@ -64,6 +68,7 @@ def gathered(folder: Path, record: RunRecord, decoded: Decoded, known: Known | N
     truth = None
     if known is not None and record.homography is None:
         truth = Truth(*known.on_quads(decoded.cells))
+    sliced = decoded.transport
     return Material(
         layers=layers(decoded.pictures, decoded.view, truth),
         matrices=matrices(decoded.recipe, {**decoded.shots, **decoded.sums}, record.normalise),
@@ -71,4 +76,5 @@ def gathered(folder: Path, record: RunRecord, decoded: Decoded, known: Known | N
         budget=budget(record, decoded.shots),
         answer=decoded.recipe.answer_name,
         kind=decoded.answer.kind,
+        slice_png=b"" if sliced is None else (folder / PICTURE).read_bytes(),
     )

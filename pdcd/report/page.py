@@ -40,6 +40,7 @@ def page(manifest: Manifest, material: Material) -> str:
         "style": style,
         "head": _head(manifest, material),
         "pictures_note": _pictures_note(manifest, material),
+        "slice": _slice(material.slice_png),
         "tables": "".join(_table(one) for one in tables(manifest, material)),
         "made": text(f"made by pdcd {__version__}"),
         "data": _data(_told(manifest, material)),
@@ -79,9 +80,10 @@ def _head(manifest: Manifest, material: Material) -> str:
         f'<p class="quiet">{text(manifest.job)}: {text(where)}, '
         f"{text(_when(manifest.started_utc))}, rig {text(manifest.drivers.get('name', '?'))}</p>",
     ]
-    for name in ("name", "tag", "tags", "note"):
+    for name in ("name", "tags", "note"):
         if request.get(name):
-            lines.append(f'<p class="said">{text(name)}: {text(_listed(request[name]))}</p>')
+            said = "<br>".join(text(line) for line in _listed(request[name]).split("\n"))
+            lines.append(f'<p class="said">{name}: {said}</p>')
     rows = "".join(
         f"<div><dt>{text(name)}</dt><dd>{text(value)}</dd></div>"
         for name, value in figures(manifest, material)
@@ -106,6 +108,17 @@ def _verdict(manifest: Manifest) -> str:
     return (
         f'<p id="verdict" class="verdict {text(verdict)}">{text(verdict)}</p>'
         f'<ul class="reasons">{items}</ul>{tail}'
+    )
+
+
+def _slice(png: bytes) -> str:
+    if not png:
+        return ""
+    data = base64.b64encode(png).decode("ascii")
+    title = "Entries of the transport matrix"
+    return (
+        f"<section><h2>{title}</h2>"
+        f'<img class="slice" alt="{title}" src="data:image/png;base64,{data}"></section>'
     )
 
 

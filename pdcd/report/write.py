@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pdcd.errors import disk_errors
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.decode import record_errors
+from pdcd.pictures.decode import TRANSPORT_PICTURE, record_errors
 from pdcd.pictures.watch import Watch
 from pdcd.planning.known import TRUTH, read_truth
 from pdcd.report.material import Material, gathered
@@ -30,8 +30,10 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
     watch = watch or Watch()
     manifest = sound_manifest(folder, ("codes.npz", FRAMES), watch)
     partly, kept = manifest.state == "partial", TRUTH in manifest.files
-    if kept:
-        sound_manifest(folder, (TRUTH,), watch)
+    more = [TRUTH] if kept else []
+    if manifest.run.goal.name == "transport":
+        more.append(TRANSPORT_PICTURE)
+    sound_manifest(folder, more, watch)
     with record_errors(folder):
         darkroom = Darkroom(folder, manifest.run)
         decoded = darkroom.decoded(watch, partly=partly)
@@ -49,7 +51,7 @@ def written(folder: Path, manifest: Manifest, material: Material, out: Path | No
         made.unlink(missing_ok=True)
         # Never through a link that somebody put there; the rename then replaces any.
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-        with os.fdopen(os.open(made, flags, 0o644), "wb") as file:
+        with os.fdopen(os.open(made, flags, 0o666), "wb") as file:
             file.write(text)
         made.replace(path)
     return path

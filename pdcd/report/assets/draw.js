@@ -48,7 +48,7 @@ function axes(context, width, height, x, y) {
   context.lineWidth = 1;
   context.strokeRect(left, top, right - left, bottom - top);
   context.textAlign = "center";
-  for (const tick of ticks(x.low, x.high, Math.max(2, Math.floor((right - left) / 90)))) {
+  for (const tick of ticks(x.low, x.high, Math.max(3, Math.floor((right - left) / 70)))) {
     context.fillText(written(tick), clamp(across(tick), left + 8, right - 8), bottom + 12);
     context.beginPath(); context.moveTo(across(tick), bottom); context.lineTo(across(tick), bottom + 3); context.stroke();
   }
@@ -84,6 +84,11 @@ const GAMMA = new Uint8ClampedArray(4096);
 for (let i = 0; i < 4096; i++) GAMMA[i] = Math.round(255 * Math.pow(i / 4095, 1 / 2.2));
 RAMPS.grey = ramp([[0, 0, 0], [255, 255, 255]]);
 for (let i = 0; i < 256; i++) RAMPS.grey.fill(GAMMA[Math.round((i / 255) * 4095)], 3 * i, 3 * i + 3);
+RAMPS.around = new Uint8ClampedArray(256 * 3);
+for (let i = 0; i < 256; i++) {
+  const linear = i / 127.5 - 1, shown = GAMMA[Math.round(Math.abs(linear) * 4095)] >> 1;
+  RAMPS.around.fill(linear < 0 ? 127 - shown : 128 + shown, 3 * i, 3 * i + 3);
+}
 const RAMP_LINEAR = ramp([[0, 0, 0], [255, 255, 255]]);
 
 // The value that a share of all known ones stays below.

@@ -21,7 +21,7 @@ function viewsOf(data) {
     const id = one.kind === "truth" ? `${one.name}: truth` : one.name;
     const values = () => unpack(one.values);
     const sigma = one.sigma ? async () => full(await unpack(one.sigma), one.sigma.shape) : null;
-    views.push({ id, kind: "light", values, sigma, factor: one.factor, step: one.values.step });
+    views.push({ id, kind: "light", values, sigma, factor: one.factor, negative: one.signed, step: one.values.step });
     if (one.sigma) views.push({ id: `${one.name}: sigma`, kind: "sigma", values: sigma, off: one.sigma.off });
     if (one.kind !== "truth") continue;
     const shown = data.pictures.find((p) => p.name === one.name && p.kind === "picture");
@@ -58,7 +58,7 @@ function pictureViewer(data, onCell) {
   }));
   const stage = $("stage");
   stage.style.aspectRatio = `${width} / ${height}`;
-  stage.style.maxWidth = `calc(80vh * ${width / height})`;
+  stage.style.maxWidth = `calc(75vh * ${width / height})`;
   for (const side of sides) {
     side.canvas.width = width;
     side.canvas.height = height;
@@ -89,7 +89,10 @@ function pictureViewer(data, onCell) {
         out[o] = out[o + 1] = out[o + 2] = line;
       } else if (view.kind === "light") {
         for (let c = 0; c < 3; c++) {
-          out[o + c] = GAMMA[clamp(Math.round(values[c * pixels + i] / top * data.balance[c] * 4095), 0, 4095)];
+          const linear = values[c * pixels + i] / top * data.balance[c];
+          const shown = GAMMA[Math.min(Math.round(Math.abs(linear) * 4095), 4095)];
+          // Around a middle grey where there is light below 0 to be seen, as previews are.
+          out[o + c] = view.negative ? (linear < 0 ? 127 - (shown >> 1) : 128 + (shown >> 1)) : linear < 0 ? 0 : shown;
         }
       } else {
         const at = view.kind === "sigma" ? grey[i] / top : 0.5 + 0.5 * grey[i] / top;
@@ -108,6 +111,7 @@ function pictureViewer(data, onCell) {
     const unit = view.unit || "scene units";
     let words = `${view.id}${shown}`;
     if (view.step) words += `, rounded to \u00b1${written(view.step / 2)} scene units`;
+    if (view.negative) words += "; middle grey is 0";
     if (view.off) words += `, rounded to \u00b1${written(100 * view.off)} %`;
     side.told.textContent = words;
     legend(side.legend, view, top, unit);
@@ -115,8 +119,8 @@ function pictureViewer(data, onCell) {
   }
 
   function legend(canvas, view, top, unit) {
-    const [context, wide] = sharp(canvas), low = view.kind === "signed" ? -top : 0;
-    const table = view.kind === "light" ? RAMPS.grey : RAMPS[view.kind];
+    const [context, wide] = sharp(canvas), low = view.kind === "signed" || view.negative ? -top : 0;
+    const table = view.kind !== "light" ? RAMPS[view.kind] : view.negative ? RAMPS.around : RAMPS.grey;
     for (let x = 0; x < wide; x++) {
       const k = 3 * Math.round((255 * x) / Math.max(wide - 1, 1));
       context.fillStyle = `rgb(${table[k]} ${table[k + 1]} ${table[k + 2]})`;
@@ -159,7 +163,7 @@ function pictureViewer(data, onCell) {
       });
       context.stroke();
     });
-    for (const mark of view.kind === "signed" ? [-top, top] : [top]) {
+    for (const mark of view.kind === "signed" || view.negative ? [-top, top] : [top]) {
       if (mark < low || mark > end) continue;
       context.strokeStyle = colour("--ink");
       context.setLineDash([4, 3]);

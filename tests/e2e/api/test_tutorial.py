@@ -23,6 +23,7 @@ TOLD = {
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)
 @pytest.mark.filterwarnings("ignore")  # of the notebook's machinery, not ours
 def test_the_tutorial_runs(tmp_path: Path) -> None:
     cells = [c for c in tutorial.executed(tmp_path).cells if c.cell_type == "code"]
@@ -42,7 +43,7 @@ def test_an_example_runs_as_a_script(name: str, tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=120.0,
+        timeout=170.0,
     )
     assert re.search(TOLD[name], run.stdout), run.stdout
     assert not [line for line in run.stderr.splitlines() if "Error" in line]

@@ -18,6 +18,7 @@ import pytest
 
 from pdcd.cli.main import main
 from pdcd.client import Client
+from pdcd.pictures.captions import HEIGHT_PX
 from tests.e2e.server._server_harness import Daemon, threaded_daemon
 
 
@@ -118,9 +119,13 @@ def test_the_mock_bench_draws_what_would_be_on_its_panels(
         assert out == "show-grid.png\n"
         assert main(["show", "star", "--out", str(tmp_path / "star.png")]) == 0
         assert main(["show", "bar"]) == 0
-        for name, height in (("show-grid", 1208), ("star", 1208), ("show-bar", 6 * 308)):
+        for name, height in (("show-grid", 1208), ("star", 1208), ("show-bar", 1848)):
             picture = cv2.imread(str(tmp_path / f"{name}.png"))
-            assert picture is not None and picture.shape[0] == height and picture.max() == 255
+            assert (
+                picture is not None
+                and picture.shape[0] == height + HEIGHT_PX
+                and picture.max() == 255
+            )
         assert main(["show", "black"]) == 0
         assert "nothing to see" in told(capsys)[1]
         assert main(["show", "code", "--index", "999"]) == 2

@@ -12,7 +12,8 @@ import pytest
 import pdcd
 from pdcd.api.local import configured
 from pdcd.bench.tables import Config, DisplayConfig, FaultsConfig, LimitsConfig, RigConfig
-from pdcd.errors import Cancelled, ConfigError, RequestError
+from pdcd.capture.engine import Engine
+from pdcd.errors import Cancelled, ConfigError, DeviceLost, RequestError
 from pdcd.runs.events import Event
 from tests.bench_rig import GRID, config, transport
 
@@ -92,6 +93,31 @@ def test_its_error_tells_where_what_was_taken_lies(tmp_path: Path) -> None:
         bench.capture("indirect", progress=False)
     (kept,) = (tmp_path / "state" / "captures").iterdir()
     assert caught.value.__notes__ == [f"What was taken lies in {kept}"]
+
+
+def test_devices_that_did_not_open_may_be_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+    start, stop = Engine.start, Engine.stop
+
+    def starts(self: Engine) -> None:
+        calls.append("start")
+        if len(calls) == 1:
+            raise DeviceLost("it is not there", device="camera")
+        start(self)
+
+    def stops(self: Engine) -> None:
+        calls.append("stop")
+        stop(self)
+
+    monkeypatch.setattr(Engine, "start", starts)
+    monkeypatch.setattr(Engine, "stop", stops)
+    with pdcd.local(config(tmp_path)) as bench:
+        with pytest.raises(DeviceLost):
+            bench.capture("white", progress=False)
+        assert bench.capture("white", progress=False).goal == "white"
+    assert calls == ["start", "stop", "start", "stop"]
 
 
 def test_an_interrupt_ends_the_job_first_and_is_felt_then(tmp_path: Path) -> None:

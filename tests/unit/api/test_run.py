@@ -13,12 +13,14 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import pdcd
 from pdcd.bench.tables import CameraConfig, ScheduleConfig
 from pdcd.errors import ConfigError, DecodeError, RequestError
 from pdcd.request import Quality
-from tests.bench_rig import GRID, config
+from pdcd.runs.verify import verify
+from tests.bench_rig import GRID, config, transport
 
 
 @pytest.fixture(scope="module")
@@ -168,3 +170,38 @@ def test_a_notebook_shows_it_and_runs_nothing_of_it(folder: Path) -> None:
         picture = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None and picture.shape[1] == 320
     assert "<td>RMS error</td>" in shown and str(folder) in shown
+
+
+def _shares(run: pdcd.Run, truth: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.sum((run.image - truth) ** 2) / np.sum(truth**2)))
+
+
+def test_its_truth_is_that_of_the_scene(folder: Path) -> None:
+    run, matrix = pdcd.open(folder), transport()
+    truth = np.repeat((matrix.sum(axis=1) - np.diag(matrix)).reshape(*GRID, 1), 3, axis=2)
+    assert run.truth is not None and np.allclose(run.truth, truth, rtol=1e-6)
+    assert run.rms_error == pytest.approx(_shares(run, truth), rel=1e-4)
+    unknown = pdcd.open(folder)
+    del unknown.manifest.files["truth.npz"]  # as where nobody knows the scene
+    assert unknown.truth is None
+
+
+@pytest.mark.long
+def test_its_truth_on_a_camera_of_any_frame(tmp_path: Path) -> None:
+    """Frames that the grid does not divide: cells have the means of what their quads see."""
+    rig = config(tmp_path, camera=CameraConfig(noise="none", frame_quads=(31, 22)))
+    with pdcd.local(rig, folder=tmp_path / "runs") as bench:
+        run = bench.capture("direct", codes=128, progress=False)
+    assert run.truth is not None and run.truth.shape == (*GRID, 3)
+    known = np.isfinite(run.truth)
+    wanted = np.repeat(np.diag(transport()).reshape(*GRID, 1), 3, axis=2)
+    for found in (run.truth, run.image):
+        assert known.any() and np.allclose(found[known], wanted[known], rtol=0.1)
+        assert not np.allclose(found[known], wanted[::-1][known], rtol=0.1)
+
+
+def test_its_page_is_written_and_the_run_stays_whole(folder: Path, tmp_path: Path) -> None:
+    run = pdcd.open(folder)
+    assert "report.html" in {path.name for path in folder.iterdir()}  # it was cheap
+    assert run.report(tmp_path / "page.html").read_text().startswith("<!")
+    assert run.report() == folder / "report.html" and verify(folder).whole

@@ -14,7 +14,7 @@ import pytest
 import pdcd
 from pdcd.api.ledger import NAME
 from pdcd.api.local import LocalBench
-from pdcd.api.task import ENDING, Record
+from pdcd.api.task import ENDING, Record, key_of
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
 from pdcd.request import CaptureRequest, CaptureResult
@@ -96,6 +96,22 @@ def test_it_goes_on_where_it_was_ended(rig: Config, tmp_path: Path) -> None:
     np.savez(scene.path, transport=2.0 * transport(), grid=np.array((3, 4)))
     other = pdcd.sweep(rig, requests, workers=0, folder=place, progress=False)
     assert not {*_jobs(other)} & {*_jobs(mended)}
+
+
+def test_a_capture_is_named_by_all_that_makes_it() -> None:
+    plane, request = np.eye(2), CaptureRequest(goal="illuminated")
+    names = {
+        key_of({"a": 1}, request, {"illumination": plane}, 0),
+        key_of({"a": 2}, request, {"illumination": plane}, 0),
+        key_of({"a": 1}, CaptureRequest(goal="illuminated", seed=1), {"illumination": plane}, 0),
+        key_of({"a": 1}, request, {"illumination": plane * 2.0}, 0),
+        key_of({"a": 1}, request, {"illumination": plane.ravel()}, 0),
+        key_of({"a": 1}, request, {"illumination": b"of a file"}, 0),
+        key_of({"a": 1}, request, {"illumination": plane}, 1),
+    }
+    assert len(names) == 7
+    out = CaptureRequest(goal="illuminated", out="/elsewhere")
+    assert key_of({"a": 1}, out, {"illumination": np.eye(2)}, 0) in names
 
 
 def test_two_sweeps_do_not_fill_one_folder(rig: Config, tmp_path: Path) -> None:

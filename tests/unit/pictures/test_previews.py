@@ -79,8 +79,33 @@ def test_noise_is_not_brightened_until_it_looks_like_light() -> None:
     alone = Previews({"loud": loud}, VIEW)
     seen = alone.drawn("loud")[:240]
     assert 30 < seen.mean() < 60  # half of it negative, the rest about 255 * 0.125^(1/2.2) = 99
+
+
+def test_light_below_zero_is_darker_than_the_grey_of_none() -> None:
+    halves = flat(0.4)
+    halves[:, :32], halves[:12] = -0.15, 0.0
+    made = Previews({"white": picture(flat(0.9)), "halves": picture(halves)}, VIEW)
+    assert made.factor("halves") == 2.0
+    drawn = made.drawn("halves")
+    none, below, above = (drawn[at][0] for at in ((20, 100), (150, 60), (150, 260)))
+    assert none == 128
+    assert above == 128 + round(255 * 0.8 ** (1 / 2.2)) // 2
+    assert below == 127 - round(255 * 0.3 ** (1 / 2.2)) // 2
+    assert drawn[HEIGHT_PX // 2 - HEIGHT_PX, -MARGIN_PX - 3 * STEP_PX + 4, 0] == 128  # the scale
     dark = Previews({"white": picture(flat(0.0)), "dark": picture(-flat(1.0))}, VIEW)
-    assert dark.factor("dark") == 1.0 and middle(dark.drawn("dark")) == [0] * 3
+    assert middle(dark.drawn("dark"))[0] < 30
+
+
+def test_a_few_glints_do_not_leave_all_else_nearly_black() -> None:
+    """Two in a hundred places are 200 times as bright as the others."""
+    glints = flat(0.01)
+    glints.reshape(-1, 3)[::50] = 2.0
+    made = Previews({"white": picture(glints)}, VIEW)
+    assert made.factor("white") == 1.0
+    assert np.median(made.drawn("white")[:240]) > 70  # by the brightest hundredth it was 23
+    lit = flat(0.01)
+    lit[:8] = 2.0  # a sixth of it: what was lit on purpose
+    assert np.median(Previews({"white": picture(lit)}, VIEW).drawn("white")[:240]) < 30
 
 
 def test_paper_in_the_white_photo_makes_all_pictures_neutral() -> None:

@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 
 from pdcd.capture.engine import Engine
+from pdcd.capture.salvage import decode_partial
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.offload.desk import Desk
 from pdcd.report import material, page, write
 from pdcd.report.packing import least_step, logarithmic
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.events import Armed
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify
 from tests import bench_rig
@@ -31,7 +33,7 @@ def captured(folder: Path, *, report: bool = True, **fields: Any) -> CaptureResu
     engine = Engine.from_config(bench_rig.config(folder))
     engine.start()
     result = engine.capture(
-        CaptureRequest(goal="indirect", codes=8, **fields),
+        CaptureRequest(**{"goal": "indirect", "codes": 8, **fields}),
         job="job",
         emit=lambda _: None,
         cancelled=lambda: False,
@@ -102,6 +104,31 @@ def test_a_changed_run_gets_no_page(tmp_path: Path) -> None:
     with pytest.raises(DecodeError, match=r"frames.csv"):
         write(folder)
     assert not (folder / "report.html").exists()
+
+
+def test_a_run_that_was_cut_has_a_page_that_says_so(tmp_path: Path) -> None:
+    engine = Engine.from_config(bench_rig.config(tmp_path))
+    armed: list[str] = []
+    engine.start()
+    cut = engine.capture(
+        CaptureRequest(goal="indirect", codes=8, parts=4, out=str(tmp_path)),
+        job="job",
+        emit=lambda event: armed.append(event.shot) if isinstance(event, Armed) else None,
+        cancelled=lambda: "coded-3" in armed,
+    )
+    engine.stop()
+    made = decode_partial(Path(str(cut.folder)))
+    assert made.missing == ("coded-3", "coded-4")
+    text = write(Path(made.folder)).read_text()
+    assert "missing shots: coded-3, coded-4" in text
+    found = verify(Path(made.folder))
+    assert [finding.what for finding in found.findings] == ["partial"]
+
+
+def test_entries_of_t_are_on_the_page(tmp_path: Path) -> None:
+    folder = Path(str(captured(tmp_path, goal="transport", rows=(0, 1)).folder))
+    picture = base64.b64encode((folder / "preview/transport.png").read_bytes()).decode()
+    assert picture in write(folder).read_text()
 
 
 def test_a_truth_that_does_not_fit_is_refused(tmp_path: Path) -> None:
