@@ -75,6 +75,7 @@ def test_a_page_that_does_not_read_is_given_up_and_thinned_news_first() -> None:
         assert not (await read(page))["here"]
         for frame in range(2 * module.UNREAD):
             told._heard(progress(frame))
+        assert [queue.qsize() for queue in told._pages] == [module.UNREAD // 2]
         held = [await read(page) for _ in range(module.UNREAD // 2)]
         assert [each["frame"] for each in held] == list(range(module.UNREAD // 2))
         for _ in range(module.UNREAD + 1):
