@@ -1,7 +1,9 @@
-"""A real browser without a network: Debian's chromium, driven by playwright."""
+"""A real browser: Debian's chromium, driven by playwright."""
 
 from __future__ import annotations
 
+import gc
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,15 +43,26 @@ class Tab:
 
 
 @contextmanager
-def browser() -> Iterator[Tab]:
-    """A tab of a browser that cannot reach anything. Skips the test where there is no browser."""
+def launched() -> Iterator[Any]:
+    """A browser, to open profiles in. Skips the test where there is none."""
     program = tools.program("chromium")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as play:
         chromium = play.chromium.launch(executable_path=program, headless=True)
         try:
-            context = chromium.new_context(offline=True, viewport={"width": 1100, "height": 800})
-            yield Tab(context.new_page())
+            yield chromium
         finally:
             chromium.close()
+    # Playwright leaves streams of its own open, of which Python warns when it finds them.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        gc.collect()
+
+
+@contextmanager
+def browser() -> Iterator[Tab]:
+    """A tab of a browser that cannot reach anything. Skips the test where there is no browser."""
+    with launched() as chromium:
+        context = chromium.new_context(offline=True, viewport={"width": 1100, "height": 800})
+        yield Tab(context.new_page())

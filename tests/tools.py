@@ -135,6 +135,10 @@ THINGS: Mapping[str, Thing] = {
         "udevadm verify", "udev", ("udevadm",), ("verify", "--help"), r"^udevadm verify \["
     ),
     "bash": _versioned("bash", "bash", r"^GNU bash, version"),
+    # Shells that complete commands, and a judge of manual pages.
+    "zsh": _versioned("zsh", "zsh", r"^zsh \d"),
+    "fish": _versioned("fish", "fish", r"^fish, version"),
+    "mandoc": Tool("mandoc", "mandoc", ("mandoc",), ("-T", "lint"), r"^mandoc: <stdin>: "),
     "socat": Tool("socat", "socat", ("socat",), ("-V",), r"^socat version \d"),
     "git": _versioned("git", "git", r"^git version"),
     "jq": _versioned("jq", "jq", r"^jq-\d"),

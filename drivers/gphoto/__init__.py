@@ -1,5 +1,5 @@
 """Cameras that libgphoto2 knows: shutter and readout, by the extra ``pdcd[gphoto2]``."""
 
-from drivers.gphoto.camera import GphotoReadout, GphotoShutter
+from .camera import GphotoReadout, GphotoShutter
 
 __all__ = ["GphotoReadout", "GphotoShutter"]

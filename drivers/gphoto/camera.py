@@ -14,13 +14,14 @@ import logging
 from contextlib import suppress
 from pathlib import Path, PurePath
 
-from drivers.gphoto.session import CameraFile, Session
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig, TriggerConfig
 from pdcd.errors import ConfigError, DecodeError, ExposureError, NoSpaceError, PdcdError
 from pdcd.sensor.profile import load_profile, responsivity_e
 from pdcd.sensor.raw import RAW_SUFFIXES
 from pdcd.sensor.tiff import read_tags
+
+from .session import CameraFile, Session
 
 logger = logging.getLogger(__name__)
 

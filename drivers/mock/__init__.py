@@ -4,9 +4,9 @@ Ordinary drivers that share one `Bench`: the panels write down when they showed 
 when it was open, and the camera integrates the scene over both, exactly, and writes a real DNG.
 """
 
-from drivers.mock.bench import Bench
-from drivers.mock.camera import MockReadout
-from drivers.mock.display import MockDisplay
-from drivers.mock.shutter import MockShutter
+from .bench import Bench
+from .camera import MockReadout
+from .display import MockDisplay
+from .shutter import MockShutter
 
 __all__ = ["Bench", "MockDisplay", "MockReadout", "MockShutter"]

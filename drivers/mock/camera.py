@@ -11,14 +11,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.bench import Bench
-from drivers.mock.dng import dng_bytes
-from drivers.mock.options import refuse_options
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig
 from pdcd.bench.truth import TrueSensor
 from pdcd.errors import ConfigError, ExposureError
 from pdcd.sensor.profile import IsoRow, SensorProfile, expose, load_profile, responsivity_e
+
+from .bench import Bench
+from .dng import dng_bytes
+from .options import refuse_options
 
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
 """f/1 to f/256 in third stops: wider than any lens, so that any number of codes can be exposed."""

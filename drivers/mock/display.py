@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.bench import Bench
-from drivers.mock.options import refuse_options
 from pdcd.bench.devices import Clock, DisplayInfo, DriverContext
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
@@ -19,6 +17,9 @@ from pdcd.frames.bitplanes import check_binary
 from pdcd.frames.draw import check_fit
 from pdcd.frames.frames import BLACK, FrameLog, Frames
 from pdcd.probing.panel import apart_s
+
+from .bench import Bench
+from .options import refuse_options
 
 REPORT_S = 0.1
 """Time between progress reports and looks at `cancelled`."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.mock.bench import Bench
-from drivers.mock.options import refuse_options
 from pdcd.bench.devices import Clock, DriverContext
 from pdcd.bench.tables import TriggerConfig
+
+from .bench import Bench
+from .options import refuse_options
 
 
 class Lag:

@@ -15,13 +15,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.ptp.codes import Operation, Response, hex_name
-from drivers.ptp.datasets import DeviceInfo
-from drivers.ptp.faults import DEVICE, Unanswered
-from drivers.ptp.options import ReleaseName
-from drivers.ptp.transport import Reply
 from pdcd.bench.devices import Clock
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
+
+from .codes import Operation, Response, hex_name
+from .datasets import DeviceInfo
+from .faults import DEVICE, Unanswered
+from .options import ReleaseName
+from .transport import Reply
 
 logger = logging.getLogger(__name__)
 

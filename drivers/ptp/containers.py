@@ -17,8 +17,9 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from drivers.ptp.codes import ContainerType
 from pdcd.errors import DecodeError
+
+from .codes import ContainerType
 
 HEADER_BYTES = 12
 UNKNOWN_LENGTH = 0xFFFFFFFF

@@ -11,8 +11,8 @@ import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from drivers.ptp.codes import Operation
-from drivers.ptp.containers import Buffer, WireError
+from .codes import Operation
+from .containers import Buffer, WireError
 
 _NAME_CHARACTERS = 254  # a u8 counts them together with the terminating zero
 

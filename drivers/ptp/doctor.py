@@ -9,16 +9,17 @@ import os
 from collections.abc import Iterator
 from typing import Any
 
-from drivers.ptp.codes import CUSTOM_LONG_EXPOSURE_NR, SHUTTER_BULB, Property
-from drivers.ptp.eos import EosCamera, backend_of
-from drivers.ptp.faults import DEVICE
-from drivers.ptp.holders import HINT, holders, in_words, node_of
-from drivers.ptp.options import PtpOptions, options_of
-from drivers.ptp.usb_port import PERMISSION_HINT, find, in_short, still_images
-from drivers.ptp.values import f_numbers, isos
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.findings import Finding, State, fault
 from pdcd.errors import PdcdError
+
+from .codes import CUSTOM_LONG_EXPOSURE_NR, SHUTTER_BULB, Property
+from .eos import EosCamera, backend_of
+from .faults import DEVICE
+from .holders import HINT, holders, in_words, node_of
+from .options import PtpOptions, options_of
+from .usb_port import PERMISSION_HINT, find, in_short, still_images
+from .values import f_numbers, isos
 
 _ASKED_S = 60.0
 _DIAL_HINT = "turn the mode dial to M"

@@ -13,8 +13,11 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
-from drivers.ptp.bulb import Bulb, choose_method
-from drivers.ptp.codes import (
+from pdcd.bench.devices import Clock, DriverContext
+from pdcd.errors import ExposureError, PdcdError
+
+from .bulb import Bulb, choose_method
+from .codes import (
     DESTINATION_RAM,
     PC_HDD_ROOM,
     SHUTTER_BULB,
@@ -25,13 +28,13 @@ from drivers.ptp.codes import (
     Response,
     hex_name,
 )
-from drivers.ptp.containers import WireError
-from drivers.ptp.datasets import (
+from .containers import WireError
+from .datasets import (
     pack_property_bytes,
     pack_property_set,
     parse_custom_functions,
 )
-from drivers.ptp.events import (
+from .events import (
     AvailList,
     EosRecord,
     ObjectAdded,
@@ -40,14 +43,12 @@ from drivers.ptp.events import (
     parse_events,
     raw_quality,
 )
-from drivers.ptp.faults import DEVICE, OutOfStep
-from drivers.ptp.keepalive import PERIOD_S, KeepAlive
-from drivers.ptp.options import PtpOptions, options_of
-from drivers.ptp.session import Session
-from drivers.ptp.transport import Reply
-from drivers.ptp.values import not_ready
-from pdcd.bench.devices import Clock, DriverContext
-from pdcd.errors import ExposureError, PdcdError
+from .faults import DEVICE, OutOfStep
+from .keepalive import PERIOD_S, KeepAlive
+from .options import PtpOptions, options_of
+from .session import Session
+from .transport import Reply
+from .values import not_ready
 
 logger = logging.getLogger(__name__)
 
@@ -408,7 +409,7 @@ class EosCamera:
 def backend_of(context: DriverContext, options: PtpOptions) -> object:
     """The pyusb backend of this rig; None is the machine's libusb."""
     if options.usb == "virtual" and context.shared.usb_backend is None:
-        from drivers.virtual_camera import bench_backend  # not needed by a real camera
+        from ..virtual_camera import bench_backend  # not needed by a real camera
 
         context.shared.usb_backend = bench_backend(context)
     return context.shared.usb_backend

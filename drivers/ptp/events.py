@@ -19,9 +19,9 @@ import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from drivers.ptp.codes import EosEvent, Property
-from drivers.ptp.containers import Buffer, WireError
-from drivers.ptp.datasets import Reader
+from .codes import EosEvent, Property
+from .containers import Buffer, WireError
+from .datasets import Reader
 
 _RECORD_BYTES = 8
 _END = struct.pack("<II", _RECORD_BYTES, EosEvent.END)

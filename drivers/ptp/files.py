@@ -12,13 +12,14 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from drivers.ptp.codes import ObjectFormat, Operation, Response, hex_name
-from drivers.ptp.eos import EosCamera
-from drivers.ptp.events import ObjectAdded
-from drivers.ptp.faults import DEVICE
-from drivers.ptp.transport import BLOCK_B
 from pdcd.bench.devices import RawFile
 from pdcd.errors import ExposureError
+
+from .codes import ObjectFormat, Operation, Response, hex_name
+from .eos import EosCamera
+from .events import ObjectAdded
+from .faults import DEVICE
+from .transport import BLOCK_B
 
 logger = logging.getLogger(__name__)
 

@@ -27,10 +27,11 @@ from contextlib import suppress
 
 import msgspec
 
-from drivers.ptp.eos import EosCamera
-from drivers.ptp.options import PtpOptions
 from pdcd.bench.clock import RealClock
 from pdcd.errors import PdcdError
+
+from .eos import EosCamera
+from .options import PtpOptions
 
 logger = logging.getLogger(__name__)
 

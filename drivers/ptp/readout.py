@@ -8,15 +8,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-from drivers.ptp.codes import Property
-from drivers.ptp.eos import EosCamera
-from drivers.ptp.faults import DEVICE
-from drivers.ptp.files import download, suffix_of, wait_for_photo
-from drivers.ptp.values import f_numbers, isos
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, ExposureError, PdcdError
 from pdcd.sensor.profile import load_profile, responsivity_e
+
+from .codes import Property
+from .eos import EosCamera
+from .faults import DEVICE
+from .files import download, suffix_of, wait_for_photo
+from .values import f_numbers, isos
 
 logger = logging.getLogger(__name__)
 

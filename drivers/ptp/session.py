@@ -24,10 +24,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 
-from drivers.ptp.codes import Operation, Response, hex_name
-from drivers.ptp.containers import WireError
-from drivers.ptp.datasets import DeviceInfo
-from drivers.ptp.faults import (
+from pdcd.bench.devices import Clock
+from pdcd.errors import ConfigError, DeviceLost, PdcdError
+
+from .codes import Operation, Response, hex_name
+from .containers import WireError
+from .datasets import DeviceInfo
+from .faults import (
     DEVICE,
     POWER_CYCLE,
     Gone,
@@ -36,10 +39,8 @@ from drivers.ptp.faults import (
     Unanswered,
     WireFault,
 )
-from drivers.ptp.transport import Reply, Transport
-from drivers.ptp.usb_port import UsbPort, find, in_short
-from pdcd.bench.devices import Clock
-from pdcd.errors import ConfigError, DeviceLost, PdcdError
+from .transport import Reply, Transport
+from .usb_port import UsbPort, find, in_short
 
 logger = logging.getLogger(__name__)
 

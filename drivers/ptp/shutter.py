@@ -7,13 +7,14 @@ import weakref
 
 import msgspec
 
-from drivers.guard import Guard
-from drivers.ptp.eos import SHUTTER, EosCamera
 from pdcd.bench.devices import Clock, DriverContext
 from pdcd.bench.tables import TriggerConfig
 from pdcd.errors import ConfigError
 
-GUARDIAN: tuple[str, ...] = (sys.executable, "-m", "drivers.ptp.guardian")
+from ..guard import Guard
+from .eos import SHUTTER, EosCamera
+
+GUARDIAN: tuple[str, ...] = (sys.executable, "-P", "-m", f"{__package__}.guardian")
 """Closes the shutter should this process be killed; its socket and the camera's options follow."""
 _ANSWER_S = 20.0
 """Bound of the guardian's answers; its start takes half a second."""

@@ -13,8 +13,10 @@ from __future__ import annotations
 import array
 from dataclasses import dataclass
 
-from drivers.ptp.codes import ContainerType, Response
-from drivers.ptp.containers import (
+from pdcd.bench.devices import Clock
+
+from .codes import ContainerType, Response
+from .containers import (
     HEADER_BYTES,
     WireError,
     pack_data_header,
@@ -22,9 +24,8 @@ from drivers.ptp.containers import (
     parse_header,
     parse_message,
 )
-from drivers.ptp.faults import OutOfStep, TimedOut
-from drivers.ptp.usb_port import UsbPort
-from pdcd.bench.devices import Clock
+from .faults import OutOfStep, TimedOut
+from .usb_port import UsbPort
 
 TRANSACTION_S = 8.0
 """Longest wait for each transfer of a transaction."""

@@ -15,9 +15,10 @@ from typing import Any
 import usb.core
 import usb.util
 
-from drivers.ptp.faults import DEVICE, OutOfStep, Stalled, WireFault, wire_fault
-from drivers.ptp.holders import HINT, holders, in_words, node_of
 from pdcd.errors import DeviceLost, DriverUnavailable
+
+from .faults import DEVICE, OutOfStep, Stalled, WireFault, wire_fault
+from .holders import HINT, holders, in_words, node_of
 
 CANON = 0x04A9
 STILL_IMAGE = (6, 1, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drivers.ptp.codes import (
+from .codes import (
     APERTURE_CODES,
     CUSTOM_LONG_EXPOSURE_NR,
     ISO_CODES,

@@ -1,5 +1,5 @@
 """A bulb release on a serial port: a modem line with an optocoupler, or a box that takes bytes."""
 
-from drivers.serial_shutter.shutter import SerialShutter
+from .shutter import SerialShutter
 
 __all__ = ["SerialShutter"]

@@ -24,8 +24,9 @@ from contextlib import contextmanager
 
 import serial
 
-from drivers.serial_shutter.options import Options
 from pdcd.errors import ConfigError, DeviceLost, ExposureError
+
+from .options import Options
 
 _HINTS = {
     errno.ENOENT: "is it plugged in? see /dev/serial/by-id",

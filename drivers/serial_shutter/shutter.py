@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from drivers.serial_shutter.look import look
-from drivers.serial_shutter.options import Options, options_of
-from drivers.serial_shutter.port import Port
-from drivers.serial_shutter.watchdog import Alarm, Guardian, Watchdog
 from pdcd.bench.devices import Clock, DriverContext
 from pdcd.bench.findings import Finding
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost, ExposureError, PdcdError
+
+from .look import look
+from .options import Options, options_of
+from .port import Port
+from .watchdog import Alarm, Guardian, Watchdog
 
 _POLL_NS = 1_000_000
 _LONGEST_NS = 2_000_000_000

@@ -15,9 +15,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from drivers.guard import Guard
-from drivers.serial_shutter.guardian import release
 from pdcd.errors import PdcdError
+
+from ..guard import Guard
+from .guardian import release
 
 logger = logging.getLogger(__name__)
 

@@ -8,20 +8,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.ptp.codes import APERTURE_CODES, ISO_CODES
-from drivers.virtual_camera.body import Body
-from drivers.virtual_camera.faults import Script, WireFault
-from drivers.virtual_camera.films import BenchFilm, PlainFilm, chart_film
-from drivers.virtual_camera.model import (
+from pdcd.bench.devices import DriverContext
+
+from ..ptp.codes import APERTURE_CODES, ISO_CODES
+from .body import Body
+from .faults import Script, WireFault
+from .films import BenchFilm, PlainFilm, chart_film
+from .model import (
     BULB_BODY,
     CABLE_BODY,
     RELEASE_BODY,
     THIRD_STOPS,
     Model,
 )
-from drivers.virtual_camera.shutter import Exposure, Film
-from drivers.virtual_camera.usb_backend import VirtualUsb
-from pdcd.bench.devices import DriverContext
+from .shutter import Exposure, Film
+from .usb_backend import VirtualUsb
 
 __all__ = [
     "BULB_BODY",

@@ -24,18 +24,19 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
-from drivers.ptp.codes import EosEvent, ExposureMode, FocusMode, Operation, Property, Response
-from drivers.ptp.containers import WireError
-from drivers.ptp.datasets import parse_property_set
-from drivers.ptp.events import EosRecord, ObjectAdded, Plain, pack_events
-from drivers.virtual_camera.develop import Develop, at_once
-from drivers.virtual_camera.faults import Occasions, Script
-from drivers.virtual_camera.model import BULB_BODY, Model
-from drivers.virtual_camera.objects import reading
-from drivers.virtual_camera.properties import Properties
-from drivers.virtual_camera.reply import OK, Reply, failed
-from drivers.virtual_camera.shutter import Film, Shutter, Store
 from pdcd.bench.devices import Clock
+
+from ..ptp.codes import EosEvent, ExposureMode, FocusMode, Operation, Property, Response
+from ..ptp.containers import WireError
+from ..ptp.datasets import parse_property_set
+from ..ptp.events import EosRecord, ObjectAdded, Plain, pack_events
+from .develop import Develop, at_once
+from .faults import Occasions, Script
+from .model import BULB_BODY, Model
+from .objects import reading
+from .properties import Properties
+from .reply import OK, Reply, failed
+from .shutter import Film, Shutter, Store
 
 DATA_OUT = frozenset(
     {Operation.EOS_SET_DEVICE_PROP_VALUE_EX, Operation.SET_DEVICE_PROP_VALUE, 0x100C, 0x100D}

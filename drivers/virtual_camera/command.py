@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.virtual_camera.body import Body
-from drivers.virtual_camera.develop import Develop, meanwhile
-from drivers.virtual_camera.films import SENSOR_450D, chart_film, scene_film
-from drivers.virtual_camera.ptpip import PtpIpServer
-from drivers.virtual_camera.shutter import Film
 from pdcd.bench.clock import RealClock
+
+from .body import Body
+from .develop import Develop, meanwhile
+from .films import SENSOR_450D, chart_film, scene_film
+from .ptpip import PtpIpServer
+from .shutter import Film
 
 
 def serve(port: int, *, scene: str, small: bool, say: Callable[[str], None]) -> None:

@@ -10,7 +10,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
-from drivers.ptp.codes import ExposureMode, FocusMode
+from ..ptp.codes import ExposureMode, FocusMode
 
 WireKind = Literal[
     "stall",  # the answer's endpoint halts; after clear-halt the answer is there

@@ -8,15 +8,16 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.bench import Bench
-from drivers.mock.camera import BenchSensor
-from drivers.mock.dng import dng_bytes
-from drivers.mock.shutter import Lag
-from drivers.virtual_camera.shutter import Exposure
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import SceneConfig
 from pdcd.scene.build import build_scene
 from pdcd.sensor.profile import load_profile
+
+from ..mock.bench import Bench
+from ..mock.camera import BenchSensor
+from ..mock.dng import dng_bytes
+from ..mock.shutter import Lag
+from .shutter import Exposure
 
 _BRIGHTEST_E_PER_S = 20_000.0
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, replace
 
-from drivers.ptp.codes import DESTINATION_RAM, SHUTTER_BULB, ObjectFormat, Operation
-from drivers.ptp.datasets import DeviceInfo
+from ..ptp.codes import DESTINATION_RAM, SHUTTER_BULB, ObjectFormat, Operation
+from ..ptp.datasets import DeviceInfo
 
 DESTINATION_CARD = 2
 STORAGE = 0x00020001

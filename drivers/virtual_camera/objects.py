@@ -5,12 +5,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from drivers.ptp.codes import EosEvent, Operation, Response
-from drivers.ptp.datasets import pack_string, pack_u16s, pack_u32s
-from drivers.virtual_camera.model import STORAGE, Model
-from drivers.virtual_camera.properties import Properties
-from drivers.virtual_camera.reply import Reply, failed
-from drivers.virtual_camera.shutter import Store
+from ..ptp.codes import EosEvent, Operation, Response
+from ..ptp.datasets import pack_string, pack_u16s, pack_u32s
+from .model import STORAGE, Model
+from .properties import Properties
+from .reply import Reply, failed
+from .shutter import Store
 
 _P = tuple[int, ...]
 _ALL_FORMATS = (0, 0xFFFFFFFF)

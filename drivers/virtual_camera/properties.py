@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from drivers.ptp.codes import (
+from ..ptp.codes import (
     APERTURE_CODES,
     CUSTOM_LONG_EXPOSURE_NR,
     DESTINATION_RAM,
@@ -13,10 +13,10 @@ from drivers.ptp.codes import (
     ExposureMode,
     Property,
 )
-from drivers.ptp.datasets import pack_custom_functions
-from drivers.ptp.events import AvailList, EosRecord, PropValue
-from drivers.virtual_camera.faults import Script
-from drivers.virtual_camera.model import DESTINATION_CARD, RAW_FORMAT, STORAGE, Model
+from ..ptp.datasets import pack_custom_functions
+from ..ptp.events import AvailList, EosRecord, PropValue
+from .faults import Script
+from .model import DESTINATION_CARD, RAW_FORMAT, STORAGE, Model
 
 _CARD_SHOTS = 92
 

@@ -21,10 +21,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 
-from drivers.ptp.datasets import Reader
-from drivers.virtual_camera.body import DATA_OUT, Body
-from drivers.virtual_camera.reply import Reply
 from pdcd.errors import DecodeError
+
+from ..ptp.datasets import Reader
+from .body import DATA_OUT, Body
+from .reply import Reply
 
 logger = logging.getLogger(__name__)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.ptp.codes import Response
-from drivers.virtual_camera.faults import WireKind
+from ..ptp.codes import Response
+from .faults import WireKind
 
 
 @dataclass(frozen=True)

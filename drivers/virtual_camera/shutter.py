@@ -9,13 +9,14 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.ptp.codes import EosEvent, ObjectFormat
-from drivers.ptp.datasets import ObjectInfo
-from drivers.ptp.events import EosRecord, ObjectAdded, Plain
-from drivers.virtual_camera.develop import Develop, at_once
-from drivers.virtual_camera.faults import Script
-from drivers.virtual_camera.model import STORAGE
 from pdcd.bench.devices import Clock
+
+from ..ptp.codes import EosEvent, ObjectFormat
+from ..ptp.datasets import ObjectInfo
+from ..ptp.events import EosRecord, ObjectAdded, Plain
+from .develop import Develop, at_once
+from .faults import Script
+from .model import STORAGE
 
 logger = logging.getLogger(__name__)
 

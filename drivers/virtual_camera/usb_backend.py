@@ -23,8 +23,8 @@ from typing import Any
 import usb.backend
 import usb.core
 
-from drivers.ptp.codes import ClassRequest, ContainerType, Response
-from drivers.ptp.containers import (
+from ..ptp.codes import ClassRequest, ContainerType, Response
+from ..ptp.containers import (
     HEADER_BYTES,
     WireError,
     pack_data_header,
@@ -32,9 +32,9 @@ from drivers.ptp.containers import (
     parse_header,
     parse_message,
 )
-from drivers.virtual_camera.body import DATA_OUT, Body
-from drivers.virtual_camera.model import USB_ID
-from drivers.virtual_camera.reply import Reply
+from .body import DATA_OUT, Body
+from .model import USB_ID
+from .reply import Reply
 
 BULK_IN, BULK_OUT, INTERRUPT_IN = 0x81, 0x02, 0x83
 PACKET_BYTES = 512

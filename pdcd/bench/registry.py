@@ -11,6 +11,8 @@ import importlib
 import logging
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 from pdcd.bench.devices import DriverContext, Maturity
@@ -23,17 +25,20 @@ ROLES: tuple[Role, ...] = get_args(Role)
 GROUP = "pdcd.drivers"
 """Entry-point group of drivers that other packages bring."""
 
+PACKAGE = "pdcd._drivers" if (Path(__file__).parents[1] / "_drivers").is_dir() else "drivers"
+"""Where pdcd's own drivers are: in a checkout beside it, in an installed wheel within it."""
+
 DRIVERS: Mapping[tuple[str, str], str] = {
-    ("display", "mock"): "drivers.mock:MockDisplay",
-    ("display", "x11"): "drivers.x11:X11Display",
-    ("shutter", "gphoto2"): "drivers.gphoto:GphotoShutter",
-    ("shutter", "mock"): "drivers.mock:MockShutter",
-    ("shutter", "ptp"): "drivers.ptp.shutter:PtpShutter",
-    ("shutter", "serial"): "drivers.serial_shutter:SerialShutter",
-    ("readout", "folder"): "drivers.folder:FolderReadout",
-    ("readout", "gphoto2"): "drivers.gphoto:GphotoReadout",
-    ("readout", "mock"): "drivers.mock:MockReadout",
-    ("readout", "ptp"): "drivers.ptp.readout:PtpReadout",
+    ("display", "mock"): f"{PACKAGE}.mock:MockDisplay",
+    ("display", "x11"): f"{PACKAGE}.x11:X11Display",
+    ("shutter", "gphoto2"): f"{PACKAGE}.gphoto:GphotoShutter",
+    ("shutter", "mock"): f"{PACKAGE}.mock:MockShutter",
+    ("shutter", "ptp"): f"{PACKAGE}.ptp.shutter:PtpShutter",
+    ("shutter", "serial"): f"{PACKAGE}.serial_shutter:SerialShutter",
+    ("readout", "folder"): f"{PACKAGE}.folder:FolderReadout",
+    ("readout", "gphoto2"): f"{PACKAGE}.gphoto:GphotoReadout",
+    ("readout", "mock"): f"{PACKAGE}.mock:MockReadout",
+    ("readout", "ptp"): f"{PACKAGE}.ptp.readout:PtpReadout",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 
@@ -113,6 +118,12 @@ def describe_drivers() -> list[dict[str, str | bool | None]]:
             }
         )
     return rows
+
+
+def own_module(name: str) -> ModuleType:
+    """A module of pdcd's own drivers, by its name among them ("ptp.doctor"): what a command asks
+    for that knows which driver it is about. Raises ImportError."""
+    return importlib.import_module(f"{PACKAGE}.{name}")
 
 
 def _import(role: str, name: str, target: str) -> DriverClass:

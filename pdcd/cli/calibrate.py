@@ -17,7 +17,7 @@ from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
 from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import say, say_compared, say_notes, say_result, say_table
+from pdcd.cli.output import say, say_compared, say_notes, say_result, say_table, say_text
 from pdcd.client import Client, OnEvent
 from pdcd.errors import ConfigError
 from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
@@ -112,7 +112,7 @@ def _say_step(step: StepEnded) -> None:
     if step.figures:
         say_table([["  figure", "value", "limit", "verdict"], *map(_row, step.figures)])
     for text in step.advice:
-        say(f"  {text}")
+        say_text(f"  {text}")
 
 
 def _row(figure: FigureRecord) -> list[str]:

@@ -52,7 +52,7 @@ def demo(args: argparse.Namespace) -> int:
 @contextmanager
 def _daemon(socket: Path, state: Path, config: Path, log: Path) -> Iterator[Client]:
     """A client of a daemon of its own, which is stopped in the end."""
-    command = [sys.executable, "-m", "pdcd", "serve"]
+    command = [sys.executable, "-P", "-m", "pdcd", "serve"]
     command += ["--config", str(config), "--socket", str(socket), "--state-dir", str(state)]
     with log.open("wb") as out, subprocess.Popen(command, stderr=out) as process:
         try:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import signal
 from collections.abc import Iterable
 
 from pdcd.bench.config import load
 from pdcd.bench.findings import Finding
+from pdcd.bench.registry import own_module
 from pdcd.cli.exits import DONE, FAILED
-from pdcd.cli.output import say, say_json, say_table
+from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.errors import ConfigError
 
 
@@ -27,8 +27,8 @@ def camera(args: argparse.Namespace) -> int:
     from pdcd.bench.devices import DriverContext
     from pdcd.capture.sight import examine
 
-    # By name, as the registry loads drivers: pdcd imports none of them.
-    doctor = importlib.import_module("drivers.ptp.doctor")
+    # By name, as it loads drivers: pdcd imports none of them.
+    doctor = own_module("ptp.doctor")
     # Cameras keep their own time, whatever clock the rest of the rig would run on.
     config = load(args.config)
     context = DriverContext(config=config, clock=RealClock())
@@ -61,8 +61,8 @@ def _report(findings: Iterable[Finding], *, as_json: bool) -> int:
     say_table([[f.state, f.what, f.found] for f in found])
     for finding in found:
         if finding.hint is not None:
-            say(f"{finding.what}: {finding.hint}")
-    say(_verdict(found, faults))
+            say_text(f"{finding.what}: {finding.hint}")
+    say_text(_verdict(found, faults))
     return FAILED if faults else DONE
 
 

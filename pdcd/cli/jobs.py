@@ -51,7 +51,8 @@ def list_jobs(args: argparse.Namespace) -> int:
         if r.job not in known
     ]
     rows += [[j.job, j.kind, j.state, j.goal, j.owner.user, j.folder or ""] for j in jobs]
-    say_table([["job", "kind", "state", "goal", "user", "folder"], *rows])
+    # Scripts read it line by line.
+    say_table([["job", "kind", "state", "goal", "user", "folder"], *rows], whole=True)
     return DONE
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import msgspec
 
 from pdcd.api.progress import tell
 from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code
+from pdcd.cli.tables import fitted, width, wrapped
 from pdcd.errors import PdcdError
 from pdcd.printable import one_line
 from pdcd.request import CaptureResult, Figure, Quality
@@ -17,9 +17,6 @@ from pdcd.runs.later import REPORT
 
 Value = float | int | str
 """What the summary of a run holds beside the verdict."""
-
-WIDTH = 80
-"""Columns of a terminal that sentences are wrapped to."""
 
 
 def percent(share: Value) -> str:
@@ -74,13 +71,16 @@ def say_compared(report: object, items: Iterable[tuple[str, bool]], *, as_json: 
     return DONE if all(identical for _, identical in found) else FAILED
 
 
-def say_table(rows: Sequence[Sequence[str]]) -> None:
-    """Print rows in aligned columns."""
-    shown = [[one_line(cell) for cell in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
-    for row in shown:
-        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        say("  ".join(cells).rstrip())
+def say_table(rows: Sequence[Sequence[str]], *, whole: bool = False) -> None:
+    """Print rows in aligned columns, no wider than the terminal; or `whole`, each on one line."""
+    for line in fitted(rows, sys.maxsize if whole else width()):
+        say(line)
+
+
+def say_text(text: str) -> None:
+    """Print a sentence in lines no longer than the terminal is wide."""
+    for line in wrapped(text, width()):
+        say(line)
 
 
 def say_result(result: CaptureResult, *, as_json: bool) -> int:
@@ -144,5 +144,4 @@ def say_verdict(quality: Quality | None, warnings: Iterable[str]) -> None:
         reasons = [(quality.verdict, text) for text in quality.reasons]
         notes = [*reasons, *(("remark", text) for text in quality.remarks), *notes]
     for head, text in notes:
-        for line in textwrap.wrap(one_line(f"{head}: {text}"), WIDTH, subsequent_indent="  "):
-            say(line)
+        say_text(f"{head}: {text}")

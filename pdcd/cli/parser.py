@@ -23,7 +23,7 @@ from pdcd.words import MovingName, PatternName, StepName
 
 EXIT_CODES = (
     "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
-    "130 cancelled"
+    "6 denied, 130 cancelled"
 )
 
 Add = Callable[[str, str, str], argparse.ArgumentParser]
@@ -257,6 +257,14 @@ def _run_commands(add: Add) -> None:
     virtual.add_argument("--small", action="store_true", help="files of 192 x 128 samples")
     _snr_options(add("snr", "snr:snr", "compare one coded photo with many photos without a mask"))
     add("version", "tools:version", "print the version")
+    shell = add("completion", "completion:completion", "print a script that completes commands")
+    shell.add_argument("shell", choices=("bash", "zsh", "fish"))
+    shell.description = (
+        "Print a script by which a shell completes commands, options and files. For bash into "
+        "~/.local/share/bash-completion/completions/pdcd, for zsh into _pdcd in a folder of "
+        "$fpath, for fish into ~/.config/fish/completions/pdcd.fish."
+    )
+    add("man", "manual:man", "print the manual page")
 
 
 def _with_commands(runs: argparse.ArgumentParser) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import say, say_json, say_table
+from pdcd.cli.output import say_json, say_table, say_text
 from pdcd.pictures.develop import write_png
 from pdcd.pictures.row import Floats, matrix_row
 from pdcd.runs.later import row_name
@@ -21,7 +21,7 @@ def row(args: argparse.Namespace) -> int:
     if args.json:
         say_json({"photo": found.photo, "cell": [down, right], "file": str(path), **figures})
         return DONE
-    say(f"photo {found.photo}, cell {down} {right}; wanted and realised side by side: {path}")
+    say_text(f"photo {found.photo}, cell {down} {right}; wanted and realised side by side: {path}")
     say_table(
         [
             ["", *figures["wanted"]],

@@ -17,8 +17,9 @@ from pdcd.bench.folders import state_dir
 from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.moment import moment
-from pdcd.cli.output import WIDTH, percent, say, say_json, say_table, say_verdict
+from pdcd.cli.output import percent, say, say_json, say_table, say_verdict
 from pdcd.cli.runs_parser import LISTED
+from pdcd.cli.tables import WIDTH
 from pdcd.client import Client, Unreachable
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
@@ -26,6 +27,7 @@ from pdcd.request import LABELS, CaptureRequest, Quality
 from pdcd.runs.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.index import at, find, named, one
+from pdcd.runs.later import REPORT
 from pdcd.runs.record import Manifest
 
 NEWEST = 50
@@ -268,6 +270,8 @@ def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
     if manifest is not None:
         size = sum(record.size_bytes or 0 for record in manifest.files.values())
         rows.append(["files", f"{len(manifest.files)}, {size / 2**20:.1f} MiB"])
+        report = Path(run.folder) / REPORT
+        rows.append(["report", str(report) if report.is_file() else None])
     return [[str(label), value] for label, value in rows if value]
 
 

@@ -9,7 +9,7 @@ from itertools import product
 import msgspec
 
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import say, say_json, say_table
+from pdcd.cli.output import say, say_json, say_table, say_text
 from pdcd.sensor import snr as model
 from pdcd.sensor.appendix import PrintedRow, appendix_rows
 from pdcd.sensor.profile import SensorProfile, load_profile
@@ -87,14 +87,17 @@ def _verdict(read_noise_e: float) -> str:
 
 def _say_appendix(rows: tuple[PrintedRow, ...]) -> None:
     say("appendix of the paper (profile mark2)")
-    table = [["quantity", "printed", "ours", "dark shot noise", "note"]]
+    table = [["quantity", "printed", "ours", "dark shot noise"]]
     for row in rows:
         # Two digits more than the paper's show how its last one came about.
         places = len(row.printed.partition(".")[2])
         places += 2 if places else 0
         shot = "" if row.shot is None else f"{row.shot:.{places}f}"
-        table.append([row.quantity, row.printed, f"{row.ours:.{places}f}", shot, row.note])
+        table.append([row.quantity, row.printed, f"{row.ours:.{places}f}", shot])
     say_table(table)
+    for row in rows:
+        if row.note:
+            say_text(f"{row.quantity}: {row.note}")
 
 
 def _say_sensor(
@@ -128,12 +131,14 @@ def _say_sensor(
             + [f"{ratio_db:.2f} dB" for ratio_db in (row.paper_db, row.shot_db)]
         )
     say_table(table)
-    say("signed: a difference as large as all of the light; smaller ones cost pair and sum alike")
+    say_text(
+        "signed: a difference as large as all of the light; smaller ones cost pair and sum alike"
+    )
 
 
 def _say_break_even(rows: list[BreakEven]) -> None:
     say("the mask stops paying (read noise, the same in all photos)")
-    table = [["light", "transmission"]]
+    table = [["light", "mask passes"]]
     table[0] += [
         f"{goal} goal, {THERMAL_TERMS[thermal]}"
         for goal, thermal in product(model.GOALS, model.THERMALS)

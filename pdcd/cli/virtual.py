@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import sys
 
+from pdcd.bench.registry import own_module
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say
 from pdcd.errors import ConfigError
@@ -17,8 +17,8 @@ def virtual_camera(args: argparse.Namespace) -> int:
     """Serve the virtual camera until interrupted. Raises ConfigError for a port out of range."""
     if not 0 <= args.port <= MOST_PORT:
         raise ConfigError(f"--port {args.port} is not between 0 and {MOST_PORT}")
-    # By name, as the registry loads drivers: pdcd imports none of them.
-    command = importlib.import_module("drivers.virtual_camera.command")
+    # By name, as it loads drivers: pdcd imports none of them.
+    command = own_module("virtual_camera.command")
 
     def say_now(line: str) -> None:
         say(line)

@@ -60,7 +60,7 @@ class DisplayProcess:
         mine, its = pair()
         # A session of its own: the terminal's Ctrl-C and hang-up are not for it.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "pdcd.presenter", str(its.fileno())],
+            [sys.executable, "-P", "-m", "pdcd.presenter", str(its.fileno())],
             pass_fds=(its.fileno(),),
             start_new_session=True,
             stdin=subprocess.DEVNULL,

@@ -15,14 +15,14 @@ from aiohttp import web
 from pdcd.client import INTAKE_TIMEOUT_S
 from pdcd.errors import PdcdError
 from pdcd.request import CalibrateRequest, CaptureRequest
-from pdcd.server.aside import aside
 from pdcd.server.messages import MAX_LINE, JobParams, NoParams
-from pdcd.web.asks import ENGINE_S, WAIT_S, Asks
-from pdcd.web.door import ENTER, Asked, Door, Refused
+from pdcd.web.asks import ENGINE_S, Asks
+from pdcd.web.door import ENTER, REPORT, Asked, Door, Refused
 from pdcd.web.guard import REQUEST_S, Guards
 from pdcd.web.news import News, TooMany
 from pdcd.web.pages import ALWAYS, INDEX, OURS, REPORTS, page_files
 from pdcd.web.shelf import Shelf
+from pdcd.web.turns import WAIT_S, Turns
 
 logger = logging.getLogger(__name__)
 
@@ -69,16 +69,20 @@ DETACHED = ("capture", "calibrate")
 class Site:
     """The addresses of one server."""
 
-    def __init__(self, door: Door, guards: Guards | None, asks: Asks, news: News, shelf: Shelf):
-        """guards : set later, as they stand before the server that this is for."""
-        self.guards = guards
+    def __init__(self, door: Door, guards: Guards, asks: Asks, news: News, shelf: Shelf) -> None:
+        """guards : of the connections by which requests come."""
+        self._guards = guards
         self._door = door
         self._asks = asks
         self._news = news
         self._shelf = shelf
         self._files = page_files()
-        self._disk = asyncio.Semaphore(DISK_AT_A_TIME)
+        self._disk = Turns(DISK_AT_A_TIME, "the disk")
         self._refusals = 0
+
+    async def close(self) -> None:
+        """Wait no more for the disk."""
+        await self._disk.close()
 
     def app(self) -> web.Application:
         """What the server serves."""
@@ -90,7 +94,7 @@ class Site:
         app.router.add_get(f"{room}/runs", self._runs)
         app.router.add_get(f"{room}/run/{{job}}", self._run)
         app.router.add_get(f"{room}/picture/{{job}}/{{name}}/{{look:[0-9]+}}", self._picture)
-        app.router.add_get(f"{room}/report/{{job}}", self._report)
+        app.router.add_get(f"{room}/report/{{job}}", self._to_report)
         for name in WANTS:
             app.router.add_post(f"{room}/{name}", self._post)
         app.router.add_get(f"{room}/{{name}}", self._file)
@@ -132,7 +136,7 @@ class Site:
         return _error(status, "refused", why)
 
     async def _let_in(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        headers = [(name.decode(), value.decode(errors="replace"))
+        headers = [(name.decode("latin-1"), value.decode(errors="replace"))
                    for name, value in request.raw_headers]  # fmt: skip
         asked = Asked.of(request.method, request.raw_path, headers)
         self._door.look(asked)
@@ -141,9 +145,10 @@ class Site:
             return web.Response(
                 status=303, headers={"Location": f"{self._door.room}/", "Set-Cookie": cookie}
             )
+        if asked.path.startswith(REPORT):
+            return await self._report(self._door.job_of(asked), request)
         self._door.check(asked)
-        if self.guards is not None:
-            self.guards.known(request.transport, REQUEST_S)
+        self._guards.known(request.transport, REQUEST_S)
         return await handler(request)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
@@ -159,8 +164,7 @@ class Site:
             response = web.StreamResponse(headers={**ALWAYS, "Content-Security-Policy": OURS})
             response.content_type = "text/event-stream"
             response.force_close()
-            if self.guards is not None:
-                self.guards.known(request.transport, None)
+            self._guards.known(request.transport, None)
             try:
                 await response.prepare(request)
                 await _written(response, first)
@@ -181,18 +185,26 @@ class Site:
         return _json({**described, "schema": {"request": request_schema}})
 
     async def _runs(self, request: web.Request) -> web.StreamResponse:
-        return _json({"runs": await self._read(self._shelf.runs)})
+        return _json({"runs": await self._disk.do(self._shelf.runs)})
 
     async def _run(self, request: web.Request) -> web.StreamResponse:
-        return _json(await self._read(self._shelf.run, request.match_info["job"]))
+        return _json(await self._disk.do(self._shelf.run, request.match_info["job"]))
 
     async def _picture(self, request: web.Request) -> web.StreamResponse:
         job, name = request.match_info["job"], request.match_info["name"]
-        data = await self._read(self._shelf.picture, job, name)
+        data = await self._disk.do(self._shelf.picture, job, name)
         return web.Response(body=data, content_type="image/png")
 
-    async def _report(self, request: web.Request) -> web.StreamResponse:
-        data = await self._read(self._shelf.report, request.match_info["job"])
+    async def _to_report(self, request: web.Request) -> web.StreamResponse:
+        job = request.match_info["job"]
+        if not (await self._disk.do(self._shelf.run, job)).report:
+            raise Refused(404, "that run has no report")
+        return web.Response(status=303, headers={"Location": self._door.ticket(job)})
+
+    async def _report(self, job: str, request: web.Request) -> web.StreamResponse:
+        """The page of a run, for who has a ticket to it."""
+        self._guards.known(request.transport, REQUEST_S)
+        data = await self._disk.do(self._shelf.report, job)
         return web.Response(
             body=data,
             content_type="text/html",
@@ -211,19 +223,13 @@ class Site:
             asked = msgspec.json.decode(body, type=wants.params)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as err:
             raise Refused(400, f"the body is not what it should be: {err}") from err
-        if self.guards is not None:
-            self.guards.known(request.transport, LONG_S)
+        self._guards.known(request.transport, LONG_S)
         if isinstance(asked, JobParams) and name == "cancel":
             return _json(await self._asks.cancel(asked.job))
         params = msgspec.to_builtins(asked)
         if name in DETACHED:
             params["detach"] = True
         return _json(await self._asks.ask(wants.method, params, answer_s=wants.answer_s))
-
-    async def _read(self, function: Callable[..., Any], *args: str) -> Any:
-        """What a call returns that reads the disk, which may be slow."""
-        async with self._disk:
-            return await aside(function, *args)
 
 
 async def _written(response: web.StreamResponse, data: bytes) -> None:

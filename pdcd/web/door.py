@@ -16,6 +16,10 @@ from http.cookies import CookieError, SimpleCookie
 
 ENTER = "/enter/"
 """What the printed address begins with; the token follows."""
+REPORT = "/report/"
+"""What the address of a report begins with; a ticket follows."""
+MOST_TICKETS = 64
+"""Reports that can be loaded again, the last that were opened."""
 
 _PATH = re.compile(r"/[A-Za-z0-9._/-]{0,255}")
 """What an address of ours may look like: no query, and nothing to be decoded."""
@@ -70,6 +74,7 @@ class Door:
         self._token: str | None = secrets.token_urlsafe(32)
         self._key: str | None = None
         self._cookie = f"pdcd-{port}"
+        self._tickets: dict[str, str] = {}
 
     @property
     def address(self) -> str:
@@ -120,6 +125,26 @@ class Door:
         self._token = None
         self._key = secrets.token_urlsafe(32)
         return f"{self._cookie}={self._key}; Path={self.room}/; HttpOnly; SameSite=Strict"
+
+    def ticket(self, job: str) -> str:
+        """An address at which the report of a run can be had without the key.
+
+        A report may be anybody's page, so it must not learn where the page of the key lies: whoever
+        listens at another port could have the cookie sent there.
+        """
+        ticket = secrets.token_urlsafe(24)
+        self._tickets[ticket] = job
+        while len(self._tickets) > MOST_TICKETS:
+            del self._tickets[next(iter(self._tickets))]
+        return f"{REPORT}{ticket}"
+
+    def job_of(self, asked: Asked) -> str:
+        """The run whose report is meant by a ticket. Raises Refused."""
+        given = asked.path.removeprefix(REPORT)
+        for ticket, job in self._tickets.items():
+            if asked.method == "GET" and _same(given, ticket):
+                return job
+        raise Refused(404, "this address is no more: open the report from the page")
 
     def check(self, asked: Asked) -> None:
         """Refuse who has no key. Raises Refused."""

@@ -75,7 +75,14 @@ async def serving(sock: sockets.socket, socket: Path, state: Path) -> AsyncItera
     host, port = sock.getsockname()[:2]
     door, asks = Door(host, port), Asks(socket)
     news = News(socket, asks)
-    site = Site(door, None, asks, news, Shelf(state))
+
+    def protocol() -> asyncio.Protocol:
+        if runner.server is None:
+            raise RuntimeError("connections are taken once the runner is set up")
+        return runner.server()
+
+    guards = Guards(protocol)
+    site = Site(door, guards, asks, news, Shelf(state))
     runner = web.AppRunner(
         site.app(),
         handle_signals=False,
@@ -89,10 +96,6 @@ async def serving(sock: sockets.socket, socket: Path, state: Path) -> AsyncItera
         max_headers=MOST_HEADERS,
     )
     await runner.setup()
-    inner = runner.server
-    if inner is None:
-        raise RuntimeError("the runner was set up and has no server")
-    guards = site.guards = Guards(inner)
     server = await asyncio.get_running_loop().create_server(guards, sock=sock)
     news.start()
     try:
@@ -102,6 +105,7 @@ async def serving(sock: sockets.socket, socket: Path, state: Path) -> AsyncItera
         await news.close()
         guards.end()
         await runner.cleanup()
+        await site.close()
         await asks.close()
 
 

@@ -3,6 +3,7 @@ that make a browser send its cookie along. The same seed gives the same requests
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 from collections.abc import Callable, Iterator, Mapping
@@ -41,6 +42,9 @@ class _Maker:
     def __init__(self, inside: Inside, seed: int) -> None:
         self.inside = inside
         self.random = random.Random(seed)
+        pictures = (f"picture/{JOB}/{name}/0" for name in ("secret", "pipe", "folder", "large"))
+        traps = (f"{inside.room}/{path}" for path in (f"report/{JOB}", *pictures))
+        self.traps = itertools.cycle(list(traps))
 
     def text(self, letters: str = "abcXYZ019-_", most: int = 50) -> str:
         return "".join(self.random.choices(letters, k=self.random.randint(1, most)))
@@ -114,10 +118,9 @@ class _Maker:
         return self.head(method, f"/enter/{token}", skip=("cookie",)) + b"{}" * (method == "POST")
 
     def other_room(self) -> bytes:
-        path = self.random.choice(
-            ["/", "/main.js", "/capture", f"/{self.text()}/", self.inside.room]
-        )
-        return self.head("GET", path)
+        ticket = f"/report/{self.random.choice(['', JOB, self.text(), self.inside.token])}"
+        paths = ["/", "/main.js", "/capture", f"/{self.text()}/", self.inside.room, ticket]
+        return self.head("GET", self.random.choice(paths))
 
     # Pages of others, in the browser that has the key.
 
@@ -195,12 +198,8 @@ class _Maker:
         return self.head("GET", self.random.choice(paths))
 
     def led_away(self) -> bytes:
-        room = self.inside.room
-        return self.head("GET", self.random.choice([
-            f"{room}/report/{JOB}", f"{room}/picture/{JOB}/secret/0",
-            f"{room}/picture/{JOB}/pipe/0",
-            f"{room}/picture/{JOB}/folder/0", f"{room}/picture/{JOB}/large/0",
-        ]))  # fmt: skip
+        """Things on the disk that are not what they are called, one after the other."""
+        return self.head("GET", next(self.traps))
 
     def huge_body(self) -> bytes:
         path = f"{self.inside.room}/{self.random.choice(POSTS)}"

@@ -71,12 +71,17 @@ async def sent(host: str, port: int, data: bytes) -> bytes:
             except ConnectionError:
                 pass
     finally:
-        writer.close()
-        try:
-            await writer.wait_closed()
-        except ConnectionError:
-            pass
+        await parted(writer)
     return found
+
+
+async def parted(writer: asyncio.StreamWriter) -> None:
+    """Close a connection, whoever was first."""
+    writer.close()
+    try:
+        await writer.wait_closed()
+    except ConnectionError:
+        pass
 
 
 async def _read(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:

@@ -14,11 +14,15 @@ CAPTURES = (
 
 
 @cache
-def _imports(file: Path) -> frozenset[str]:
+def _imports(file: Path, root: Path) -> frozenset[str]:
     """Modules that a file imports by the words of its import lines, `a.b.c` and `a.b` for each."""
+    above = file.relative_to(root).parent.parts
     found: set[str] = set()
     text = file.read_text(encoding="utf-8").replace("(\n", " ")
-    for package, names in re.findall(r"^\s*from ([\w.]+) import ([^\n]*)", text, re.MULTILINE):
+    for named, names in re.findall(r"^\s*from ([\w.]+) import ([^\n]*)", text, re.MULTILINE):
+        dots = len(named) - len(named.lstrip("."))
+        base = above[: len(above) + 1 - dots] if dots else ()
+        package = ".".join(filter(None, (*base, named.lstrip("."))))
         found |= {package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))}
     found |= set(re.findall(r"^\s*import ([\w.]+)", text, re.MULTILINE))
     return frozenset(found)
@@ -38,14 +42,14 @@ def related(path: str, root: Path) -> list[str]:
     module = _module(path)
     users = {module if path.count("/") == 1 else module.rsplit(".", 1)[0]}
     for file in sorted((root / "drivers").rglob("*.py")):
-        if module in _imports(file):
+        if module in _imports(file, root):
             users.add(_module(file.parent.relative_to(root).as_posix()))
     users -= {"drivers"}
     every = sorted((root / "tests").rglob("*.py"))
     helpers = {
         _module(file.relative_to(root).as_posix())
         for file in every
-        if not file.name.startswith("test_") and module in _imports(file)
+        if not file.name.startswith("test_") and module in _imports(file, root)
     }
     room = path.split("/")[1] if path.startswith("pdcd/") else "drivers"
     ranks: dict[str, int] = {}
@@ -53,7 +57,7 @@ def related(path: str, root: Path) -> list[str]:
         name = file.relative_to(root).as_posix()
         if not file.name.startswith("test_"):
             continue
-        knows = _imports(file)
+        knows = _imports(file, root)
         unit = "/unit/" in name
         near = f"/{room}/" in name and (
             room != "drivers"

@@ -119,6 +119,8 @@ def test_related_tests_are_those_of_the_module_and_its_room() -> None:
     assert "tests/unit/frames/test_pixels.py" in found
     assert found[-1].startswith("tests/e2e/capture/")
     assert not any("ptp" in name for name in related("drivers/serial_shutter/port.py", ROOT))
+    # Drivers name each other relatively.
+    assert "tests/unit/drivers/test_ptp_guardian.py" in related("drivers/guard.py", ROOT)
 
 
 PROGRAM = """

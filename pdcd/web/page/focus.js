@@ -55,7 +55,7 @@ export class FocusCard {
     chart.replaceChildren(
       drawn("path", { class: "axis", d: `M${LEFT} ${TOP}V${BOTTOM}H${RIGHT}` }),
       ...[0, 0.5, 1].map((depth) => drawn("text", { x: 6, y: y(depth) + 3 }, depth)),
-      drawn("text", { x: LEFT, y: 114 }, "depth of the stripes, photo by photo"),
+      drawn("text", { x: LEFT, y: 114 }, "depth, photo by photo"),
       ...names,
       ...this.#seen.flatMap(line),
     );

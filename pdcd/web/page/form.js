@@ -99,9 +99,10 @@ function field(name, schema, words, unsaid) {
     input = el("input", { type: "file", id, accept: ".npy,.npz,.png" });
     read = () => (input.files.length ? content(input.files[0]) : undefined);
   } else {
-    input = el("input", { type: "text", id, autocomplete: "off", maxlength: what.each?.maxLength, value: standing });
+    const many = what.kind === "list" ? "several, with spaces between" : null;
+    input = el("input", { type: "text", id, autocomplete: "off", maxlength: what.each?.maxLength, value: many ? null : standing, placeholder: many });
     const parse = {
-      list: (text) => text.split(",").map((each) => each.trim()).filter(Boolean),
+      list: (text) => text.split(/[\s,]+/).filter(Boolean),
       json: (text) => JSON.parse(text),
       text: (text) => text,
     }[what.kind];

@@ -49,7 +49,7 @@ export class JobCard {
   state(status) {
     const running = status?.running ?? null;
     for (const each of [running, ...(status?.queued ?? [])]) {
-      if (each) this.#kinds.set(each.job, `${each.kind} ${each.goal}`);
+      if (each) this.#kinds.set(each.job, `${each.kind} ${each.goal} by ${each.owner.user}`);
     }
     by("cancel").disabled = running === null;
     if (running) {

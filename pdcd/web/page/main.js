@@ -34,7 +34,8 @@ function buttons() {
 
 function showState() {
   const now = state.here ? (state.status?.state ?? "reached") : "away";
-  by("state").textContent = state.here ? now : "daemon away";
+  const waiting = state.status?.queued.length ?? 0;
+  by("state").textContent = state.here ? now + (waiting ? `, ${waiting} waiting` : "") : "daemon away";
   by("state").className = now;
   say(by("trouble"), state.here ? "" : `The daemon does not answer: ${state.why}`);
   jobs.state(state.status);
@@ -55,7 +56,7 @@ async function describe() {
 async function runs() {
   const found = await trying(() => listRuns((job) => trying(() => pictures.show(job))));
   if (found && pictures.empty) {
-    const last = found.find((run) => run.state === "done");
+    const last = found.find((run) => run.entry.state === "done");
     if (last) await trying(() => pictures.show(last.job));
   }
 }

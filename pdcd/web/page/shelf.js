@@ -1,6 +1,6 @@
 // Runs on disk and their pictures.
 
-import { by, el, say } from "./dom.js";
+import { by, el, say, short } from "./dom.js";
 import { get } from "./server.js";
 
 let looks = 0;
@@ -37,28 +37,44 @@ export class PictureCard {
     image.src = `picture/${run.job}/${name}/${looks}`;
     image.alt = `${name} of ${run.job}`;
     image.hidden = false;
-    say(by("picture-of"), [name, run.goal && `goal ${run.goal}`, run.job].filter(Boolean).join(", "));
+    const { goal, name: called } = run.entry ?? {};
+    say(by("picture-of"), [called, name, goal && `goal ${goal}`, run.job].filter(Boolean).join(", "));
   }
+}
+
+/** How far off its picture is: measured against a known truth, or as the run itself expects. */
+function error({ rms_error: known, rms_sigma: expected }) {
+  if (typeof known === "number") return `${short(100 * known)} %`;
+  return typeof expected === "number" ? `about ${short(100 * expected)} %` : "";
+}
+
+function row(run, onShow) {
+  const told = run.entry;
+  const button = el("button", { type: "button" }, "show");
+  button.addEventListener("click", () => onShow(run.job));
+  const last = el("td", {}, button);
+  if (run.report) {
+    // Of no use to a hostile report: neither who opened it nor where from.
+    last.append(el("a", { href: `report/${run.job}`, target: "_blank", rel: "noopener noreferrer" }, "report"));
+  }
+  const state = told.kind === "preview" ? `${told.state}, quick look` : told.state;
+  return el(
+    "tr", {},
+    el("td", {}, told.started_utc?.slice(0, 19).replace("T", " ") ?? run.job),
+    el("td", {}, told.goal ?? ""),
+    el("td", { class: "more" }, told.codes === null ? "" : String(told.codes)),
+    el("td", { class: "more" }, error(told)),
+    el("td", { class: `state ${told.state} ${told.verdict ?? ""}`, title: told.reason }, [state, told.verdict].filter(Boolean).join(", ")),
+    el("td", { class: "more words", title: told.note || null }, [told.name, told.tags.join(" "), told.note].filter(Boolean).join("; ")),
+    el("td", { class: "more" }, told.user ?? ""),
+    last,
+  );
 }
 
 /** Fill the list of runs; `onShow(job)` is called for the one that is to be shown. Returns them. */
 export async function listRuns(onShow) {
   const { runs } = await get("runs");
   by("runs-none").hidden = runs.length > 0;
-  by("runs").replaceChildren(
-    ...runs.map((run) => {
-      const button = el("button", { type: "button" }, "show");
-      button.addEventListener("click", () => onShow(run.job));
-      const last = el("td", {}, button);
-      if (run.report) {
-        last.append(el("a", { href: `report/${run.job}`, target: "_blank", rel: "noopener" }, "report"));
-      }
-      const time = run.started_utc?.slice(0, 19).replace("T", " ") ?? run.job;
-      return el(
-        "tr", {},
-        el("td", {}, time), el("td", {}, run.goal ?? ""), el("td", { class: run.state }, run.state), el("td", { class: "by" }, run.user ?? ""), last,
-      );
-    }),
-  );
+  by("runs").replaceChildren(...runs.map((run) => row(run, onShow)));
   return runs;
 }

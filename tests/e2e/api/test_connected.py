@@ -55,7 +55,7 @@ def test_the_bench_of_a_daemon_is_that_of_this_process(tmp_path: Path) -> None:
     told: list[Event] = []
 
     def interrupt(event: Event) -> None:
-        if event.type == "shutter_open":
+        if event.type == "queued":  # long before a mock exposure could be over
             signal.raise_signal(signal.SIGINT)
 
     with pdcd.local(rig, folder=tmp_path / "here") as own:

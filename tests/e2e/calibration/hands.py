@@ -34,6 +34,7 @@ class Hands:
     f_number: float = 36.0
     session: Session = field(init=False)
     asked: list[str] = field(default_factory=list)
+    numbers: list[tuple[float | None, float | None]] = field(default_factory=list)
     benches: list[Config] = field(default_factory=list)
     photos: int = 0
 
@@ -71,6 +72,7 @@ class Hands:
                     wanted = script.send(self._taken(wanted))
                 else:
                     self.asked.append(wanted.text)
+                    self.numbers.append((wanted.now, wanted.best))
                     if self.benches:
                         self.rig = Rig(self.benches.pop(0))
                         self.rig.connect()

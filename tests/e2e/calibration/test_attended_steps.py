@@ -73,5 +73,8 @@ def test_focus_tells_a_number_until_nobody_turns(tmp_path: Path) -> None:
     seen = [float(text.split("now ")[1].split(",")[0]) for text in one.asked]
     assert seen[0] < seen[1] - 0.05 < seen[2] - 0.1
     assert len(one.asked) < 10
+    for told, (now, best) in zip(seen, one.numbers, strict=True):
+        assert now is not None and best is not None
+        assert now == pytest.approx(told, abs=6e-4) and best >= now
     assert {figure.name for figure in outcome.figures} == {"focus.mask", "focus.projector"}
     assert outcome.picture is not None

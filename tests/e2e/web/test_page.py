@@ -19,45 +19,35 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from tests import bench_rig
+from tests.browser import READY_MS, Tab, launched
 from tests.e2e.web._bench import Bench, bench
-from tests.tools import needs, program
+from tests.tools import needs
 
 pytestmark = needs("chromium")
-LONG_MS = 60_000
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>"
 
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     """A browser for all tests of this file; each has a profile of its own."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as play:
-        launched = play.chromium.launch(executable_path=program("chromium"), headless=True)
-        yield launched
-        launched.close()
+    with launched() as made:
+        yield made
 
 
 @contextmanager
 def page(chromium: Any, here: Bench) -> Iterator[Any]:
     """A page that was opened at the printed address; fails on any error of its scripts."""
-    faults: list[str] = []
     context = chromium.new_context(viewport={"width": 1280, "height": 900})
     try:
-        opened = context.new_page()
-        opened.set_default_timeout(LONG_MS)
-        opened.on("pageerror", lambda error: faults.append(str(error)))
-        opened.on("dialog", lambda dialog: faults.append(dialog.message))
-        opened.on(
-            "console",
-            lambda said: faults.append(said.text) if said.type in ("error", "warning") else None,
-        )
-        opened.goto(here.address)
-        yield opened
+        tab = Tab(context.new_page())
+        tab.page.set_default_timeout(READY_MS)
+        tab.page.goto(here.address)
+        yield tab.page
     finally:
         context.close()
     # A daemon that is away, or refuses, is told of by the status of an answer.
-    assert not [fault for fault in faults if "Failed to load resource" not in fault]
+    assert not [fault for fault in tab.faults if "Failed to load resource" not in fault]
+    assert all(url.startswith(here.address.partition("/enter/")[0]) for url in tab.asked)
 
 
 def test_a_photo_from_the_form_ends_with_a_picture(chromium: Any, tmp_path: Path) -> None:
@@ -93,6 +83,12 @@ def test_a_photo_from_the_form_ends_with_a_picture(chromium: Any, tmp_path: Path
         told = opened.request.get(f"{opened.url}{shown.get_attribute('src')}")
         assert told.body() == (here.state / f"captures/{job}/preview/indirect.png").read_bytes()
         assert opened.locator("#runs tr").count() == 1
+        # The report of the run works where it can reach nothing.
+        with opened.context.expect_page() as report:
+            opened.locator("#runs a").click()
+        shown_there = Tab(report.value)
+        shown_there.page.wait_for_selector("body[data-ready=yes]", timeout=READY_MS)
+        assert shown_there.faults == []
         # Nobody who has seen the address gets in by it.
         again = opened.request.get(here.address)
         assert again.status == 403
@@ -154,6 +150,7 @@ def test_a_report_runs_as_a_page_of_no_origin(chromium: Any, tmp_path: Path) -> 
         "<!doctype html><p id=a>no</p><script>a.textContent = 'ran'; let c = 'none';"
         "try { c = document.cookie } catch (e) { c = e.name };"
         "a.textContent += ' ' + origin + ' ' + c;"
+        "a.textContent += ' ' + document.referrer + (opener || '') + location.pathname;"
         "fetch('../runs').then(() => a.textContent += ' reached', () => a.textContent += ' alone')"
         "</script>"
     )
@@ -163,5 +160,8 @@ def test_a_report_runs_as_a_page_of_no_origin(chromium: Any, tmp_path: Path) -> 
         with opened.context.expect_page() as told:
             link.click()
         text = told.value.locator("#a", has_text="alone")
-        text.wait_for(timeout=LONG_MS)
-        assert text.inner_text() == "ran null SecurityError alone"
+        text.wait_for(timeout=READY_MS)
+        said = text.inner_text()
+        assert re.fullmatch(r"ran null SecurityError /report/[\w-]{32} alone", said), said
+        # Not even where the page lies, for then the cookie could be had.
+        assert opened.url.split("/")[3] not in told.value.url

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 import pytest
 
 from pdcd.web import guard
+from pdcd.web.app import MOST_BYTES, SMALL_BYTES
 from pdcd.web.door import ENTER
 from pdcd.web.serve import bound, serving
 from tests.e2e.server._server_harness import nothing_left
-from tests.hostile.web_trial import exchanged, sent, trial
+from tests.hostile.web_trial import exchanged, parted, sent, trial
 
 
 @pytest.fixture(autouse=True)
@@ -38,12 +40,14 @@ def test_10000_hostile_requests_are_refused(tmp_path: Path) -> None:
     attacked(tmp_path, 2, 10_000)
 
 
-async def _opened(
-    host: str, port: int, data: bytes
-) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+@asynccontextmanager
+async def _opened(host: str, port: int, data: bytes) -> AsyncIterator[asyncio.StreamReader]:
     reader, writer = await asyncio.open_connection(host, port)
-    writer.write(data)
-    return reader, writer
+    try:
+        writer.write(data)
+        yield reader
+    finally:
+        await parted(writer)
 
 
 async def _cut(reader: asyncio.StreamReader) -> bool:
@@ -56,7 +60,7 @@ async def _cut(reader: asyncio.StreamReader) -> bool:
 def test_who_says_nothing_or_comes_in_crowds_has_little_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guard, "STRANGER_S", 0.3)
+    monkeypatch.setattr(guard, "STRANGER_S", 1.5)
     monkeypatch.setattr(guard, "STRANGERS", 4)
 
     async def scenario() -> None:
@@ -67,19 +71,16 @@ def test_who_says_nothing_or_comes_in_crowds_has_little_time(
             inside = await exchanged(host, port, door)
             who = f"host: {inside.host}\r\ncookie: {inside.cookie}"
             news = f"GET {inside.room}/events HTTP/1.1\r\n{who}\r\n\r\n"
-            reader, page = await _opened(host, port, news.encode())
-            assert b"daemon" in await reader.readuntil(b"\n\n")
-            slow = [await _opened(host, port, b"GET / HTTP/1.1\r\nho") for _ in range(4)]
-            await asyncio.sleep(0.05)
-            fifth = await _opened(host, port, b"GET / HTTP/1.1\r\n\r\n")
-            assert await _cut(fifth[0])
-            assert all([await _cut(one) for one, _ in slow])
-            # Who has the key stays, and there is room again.
-            assert not reader.at_eof()
+            async with AsyncExitStack() as held:
+                page = await held.enter_async_context(_opened(host, port, news.encode()))
+                assert b"daemon" in await page.readuntil(b"\n\n")
+                half = b"GET / HTTP/1.1\r\nho"
+                five = [await held.enter_async_context(_opened(host, port, half)) for _ in range(5)]
+                assert all([await _cut(one) for one in five])
+                # Who has the key stays, and there is room again.
+                assert not page.at_eof()
             answer = await sent(host, port, b"GET / HTTP/1.1\r\nhost: x\r\n\r\n")
             assert answer.startswith(b"HTTP/1.1 403")
-            for writer in (page, fifth[1], *(one for _, one in slow)):
-                writer.close()
 
     asyncio.run(scenario())
 
@@ -99,3 +100,22 @@ def test_the_token_is_good_once_however_many_try(tmp_path: Path) -> None:
     for word in (b"HttpOnly", b"SameSite=Strict", b"Content-Security-Policy: default-src 'none'"):
         assert word in good
     assert threading.active_count() == 1
+
+
+def test_a_body_that_is_too_long_is_not_waited_for(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        sock = bound("127.0.0.1", 0)
+        host, port = sock.getsockname()
+        async with serving(sock, tmp_path / "none", tmp_path) as door:
+            inside = await exchanged(host, port, door)
+            for name, most in (("cancel", SMALL_BYTES), ("capture", MOST_BYTES)):
+                for length, status in ((most + 1, b"413"), (10**9 - 1, b"413"), (2, b"400")):
+                    head = (
+                        f"POST {inside.room}/{name} HTTP/1.1\r\nhost: {inside.host}\r\n"
+                        f"origin: http://{inside.host}\r\ncookie: {inside.cookie}\r\n"
+                        f"content-type: application/json\r\ncontent-length: {length}\r\n\r\n"
+                    )
+                    answer = await sent(host, port, head.encode() + b"[]")
+                    assert answer[9:12] == status
+
+    asyncio.run(scenario())

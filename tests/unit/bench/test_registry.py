@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +12,7 @@ import pytest
 
 from pdcd.bench import registry
 from pdcd.errors import DriverUnavailable
+from tests.places import ROOT
 
 
 class FakeDriver:
@@ -167,3 +169,13 @@ def test_description_tells_what_works_and_why_the_rest_does_not(
     assert "libvendor is too old" in str(bad["reason"])
     assert rows["shutter", "acme"]["origin"] == "acme-pdcd"
     assert len(rows) == 6
+
+
+def test_drivers_do_not_name_their_own_package() -> None:
+    """In the wheel it is called otherwise, and somebody else's may be called so."""
+    for file in (ROOT / "drivers").rglob("*.py"):
+        code = file.read_text(encoding="utf-8")
+        named = re.search(r"""^\s*(from|import) drivers\b|["']drivers\.""", code, re.MULTILINE)
+        assert named is None, f"{file}: {named and named.group()}"
+    assert registry.PACKAGE == "drivers"  # these tests run in the sources
+    assert registry.own_module("ptp.doctor").__name__ == "drivers.ptp.doctor"

@@ -107,7 +107,8 @@ def test_a_daemon_is_asked_for_its_runs_first_page_after_page(
 
 def test_one_run_is_shown_by_its_name(state: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = told(capsys, "show", job(3))
-    rows = dict(line.split(maxsplit=1) for line in lines)
+    assert max(map(len, lines[:-1])) <= 80  # the last is the path of the folder
+    rows = {line.split()[0]: " ".join(line.split()[1:]) for line in lines}
     assert rows["state"] == "failed" and rows["taken"] == "1 of 3 shots"
     assert rows["why"].startswith("the panels missed")
     (line,) = told(capsys, "show", "Chart in milk", "--json")

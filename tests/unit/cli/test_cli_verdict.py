@@ -8,7 +8,8 @@ import pytest
 
 from pdcd.capture.account import TOLD, told
 from pdcd.cli.main import main
-from pdcd.cli.output import WIDTH, say_result
+from pdcd.cli.output import say_result
+from pdcd.cli.tables import WIDTH
 from pdcd.request import CaptureResult, Quality
 from pdcd.runs import events
 from tests.unit.cli.cli_stubs import StubClient, no_configuration, stub_daemon

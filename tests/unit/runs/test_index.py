@@ -154,6 +154,10 @@ def test_nothing_is_waited_for_and_no_link_followed(
     leftover.mkdir()
     os.mkfifo(leftover / "ledger.jsonl")
     os.mkfifo(leftover / "log.jsonl")
+    with walk.opened_state(state) as (top, owners):
+        for led_away in (job(8), f"more/{job(8)}"):  # what a name has come to mean since
+            with pytest.raises(OSError), walk.opened_run(top, led_away, owners):
+                pass
     found = runs(state)
     assert states(found) == [
         (job(9), "unfinished"), *((job(second), "damaged") for second in range(7, 0, -1)),

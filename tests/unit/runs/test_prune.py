@@ -97,6 +97,24 @@ def test_nothing_outside_the_state_folder_is_removed(tmp_path: Path) -> None:
     assert (elsewhere / "capture.json").exists()
 
 
+def test_a_folder_that_takes_the_name_meanwhile_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = finished(tmp_path, job(1))
+    one, lock = first(tmp_path), fcntl.flock
+
+    def swapped(folder: int, how: int) -> None:
+        lock(folder, how)
+        if how & fcntl.LOCK_EX:
+            place.rename(tmp_path / "moved")
+            finished(tmp_path, job(1))
+
+    monkeypatch.setattr(fcntl, "flock", swapped)
+    kept = remove(tmp_path, one)
+    assert not kept.removed and "another folder" in (kept.why or "")
+    assert (place / "capture.json").exists() and (tmp_path / "moved" / "capture.json").exists()
+
+
 def test_an_interrupted_removal_leaves_nothing_that_looks_like_a_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

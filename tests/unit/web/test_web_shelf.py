@@ -32,12 +32,8 @@ def test_the_picture_of_the_goal_comes_first(tmp_path: Path) -> None:
     shelf = Shelf(tmp_path)
     found = shelf.run(JOB)
     assert found.pictures == ("indirect", "direct", "white")
-    assert (found.state, found.goal, found.user, found.report) == (
-        "done",
-        "indirect",
-        "anna",
-        False,
-    )
+    assert found.entry is not None and not found.report
+    assert (found.entry.state, found.entry.goal, found.entry.user) == ("done", "indirect", "anna")
     assert shelf.picture(JOB, "direct") == b"direct"
 
 

@@ -1,0 +1,37 @@
+"""`pdcd completion SHELL`: a script by which a shell completes commands, options, values."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from pdcd.cli.commands import commands, groups
+from pdcd.cli.exits import DONE
+from pdcd.cli.parser import build_parser
+from pdcd.errors import ConfigError
+
+
+def completion(args: argparse.Namespace) -> int:
+    """Print the script for a shell. Raises ConfigError where the library for it is missing."""
+    sys.stdout.write(script(args.shell))
+    return DONE
+
+
+def script(shell: str) -> str:
+    """The script for bash, zsh or fish."""
+    try:
+        import shtab
+    except ImportError as err:
+        raise ConfigError(
+            "the Python package shtab is not installed", hint="pip install shtab"
+        ) from err
+    parser = build_parser()
+    for of in (parser, *(command.parser for command in commands(parser))):
+        for _, actions in groups(of):
+            for action in actions:
+                if action.type is Path:
+                    kind = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
+                    action.complete = kind  # type: ignore[attr-defined]
+    made: str = shtab.complete(parser, shell)
+    return made.rstrip("\n") + "\n"

@@ -1,0 +1,122 @@
+"""What pages are told: from where they come in, and not more than they read."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncGenerator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.runs import events
+from pdcd.web import news as module
+from pdcd.web.asks import Asks
+from pdcd.web.news import News, TooMany
+
+
+class NoAnswers(Asks):
+    """A daemon that is always idle."""
+
+    def __init__(self) -> None:
+        super().__init__(Path("/nowhere"))
+        self.asked = 0
+
+    async def ask(self, method: str, params: object = None, **unused: object) -> Any:
+        self.asked += 1
+        await asyncio.sleep(0)
+        return {"state": "idle"}
+
+
+async def read(page: AsyncGenerator[bytes, None]) -> dict[str, Any]:
+    data = await asyncio.wait_for(anext(page), 5.0)
+    told: dict[str, Any] = json.loads(data.removeprefix(b"data: "))
+    return told
+
+
+def progress(frame: int, job: str = "one") -> events.Event:
+    return events.Progress(job=job, shot="coded", frame=frame, frames=900, missed=0)
+
+
+def test_a_page_that_comes_late_is_told_what_matters() -> None:
+    async def scenario() -> None:
+        asks = NoAnswers()
+        told = News(Path("/nowhere"), asks)
+        told._arrived()
+        told._heard(events.Queued(job="one", ahead=0))
+        told._heard(events.Started(job="one", goal="white"))
+        for frame in range(500):
+            told._heard(progress(frame))
+        await asyncio.sleep(0.01)
+        assert 1 <= asks.asked <= 3
+        page = told.page()
+        first = await read(page)
+        assert first["here"] and first["status"] == {"state": "idle"}
+        assert [(await read(page))["type"] for _ in range(2)] == ["queued", "started"]
+        assert (await read(page))["frame"] == 499
+        # Of a job that has ended nothing is told once another one begins.
+        told._heard(events.Done(job="one"))
+        told._heard(events.Queued(job="two", ahead=0))
+        late = told.page()
+        await read(late)
+        assert (await read(late))["job"] == "two"
+        await page.aclose()
+        await late.aclose()
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_a_page_that_does_not_read_is_given_up_and_thinned_news_first() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), NoAnswers())
+        page = told.page()
+        assert not (await read(page))["here"]
+        for frame in range(2 * module.UNREAD):
+            told._heard(progress(frame))
+        held = [await read(page) for _ in range(module.UNREAD // 2)]
+        assert [each["frame"] for each in held] == list(range(module.UNREAD // 2))
+        for _ in range(module.UNREAD + 1):
+            told._heard(events.Armed(job="one", shot="coded", frames=9))
+        with pytest.raises(StopAsyncIteration):
+            await anext(page)
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_no_more_pages_than_there_are_places() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), NoAnswers())
+        pages = [told.page() for _ in range(module.PAGES)]
+        for page in pages:
+            await read(page)
+        with pytest.raises(TooMany):
+            await anext(told.page())
+        await pages[0].aclose()
+        again = told.page()
+        await read(again)
+        for page in (*pages, again):
+            await page.aclose()
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_a_daemon_that_stays_away_is_told_of_once() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), NoAnswers())
+        page = told.page()
+        await read(page)
+        told._arrived()
+        assert (await read(page))["here"]
+        for _ in range(3):
+            told._gone("no daemon answers")
+        gone = await read(page)
+        assert (gone["here"], gone["why"], gone["status"]) == (False, "no daemon answers", None)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(anext(page), 0.05)
+        await told.close()
+
+    asyncio.run(scenario())
