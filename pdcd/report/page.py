@@ -131,6 +131,7 @@ def _pictures_note(manifest: Manifest, material: Material) -> str:
         )
     else:
         words.append("A pixel is about one Bayer quad.")
+    words.append("Colours have the white balance of the previews; values have none.")
     words.append(
         "Sigma: image \u00b1 1.96 sigma is meant to hold the truth for 95 % of all values."
     )

@@ -244,7 +244,10 @@ function pictureViewer(data, onCell) {
     const other = others.find((p) => p.name === "white") || others[0];
     sides[0].select.value = other ? other.name : data.answer;
     sides[1].select.value = data.answer;
-    if (!other && views.length > 1) sides[0].select.value = views[1].id;
+    if (!other) {
+      const truth = views.find((v) => v.id === `${data.answer}: truth`);
+      sides[0].select.value = (truth || views[Math.min(1, views.length - 1)]).id;
+    }
     divide();
     await Promise.all(sides.map(load));
     show();

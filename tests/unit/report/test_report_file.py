@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from tests import bench_rig
 EVIL = "</script><b onclick=x()>&amp;{{data}}\u202e\x1b[2J"
 
 
-def captured(folder: Path, *, report: bool = True, **fields: Any) -> CaptureResult:
+def captured(folder: Path, **fields: Any) -> CaptureResult:
     folder.mkdir(exist_ok=True)
     engine = Engine.from_config(bench_rig.config(folder))
     engine.start()
@@ -37,17 +38,30 @@ def captured(folder: Path, *, report: bool = True, **fields: Any) -> CaptureResu
         job="job",
         emit=lambda _: None,
         cancelled=lambda: False,
-        report=report,
+        report=True,
     )
     engine.stop()
     assert result.state == "done", result.error
     return result
 
 
-def test_a_capture_ends_with_its_page(tmp_path: Path) -> None:
-    result = captured(tmp_path)
-    folder = Path(str(result.folder))
-    assert "report.html" in result.files
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> CaptureResult:
+    """A run with a page and a hostile note."""
+    return captured(tmp_path_factory.mktemp("kept"), note=EVIL)
+
+
+@pytest.fixture
+def folder(kept: CaptureResult, tmp_path: Path) -> Path:
+    """A copy of it without the page, that may be spoilt."""
+    copy = Path(shutil.copytree(str(kept.folder), tmp_path / "run"))
+    (copy / "report.html").unlink()
+    return copy
+
+
+def test_a_capture_ends_with_its_page(kept: CaptureResult) -> None:
+    folder = Path(str(kept.folder))
+    assert "report.html" in kept.files
     assert "report.html" not in read_manifest(folder).files
     assert verify(folder).later == ("report.html",)
     made = (folder / "report.html").read_bytes()
@@ -58,11 +72,16 @@ def test_a_capture_ends_with_its_page(tmp_path: Path) -> None:
 def test_no_page_where_it_is_dear_or_unwanted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    unwanted = captured(tmp_path, report=False)
     monkeypatch.setattr(material, "DEFAULT_S", 0.0)
-    for number, result in enumerate((unwanted, captured(tmp_path / "dear"))):
-        assert "report.html" not in result.files, number
-        assert verify(Path(str(result.folder))).later == ()
+    result = captured(tmp_path)
+    assert "report.html" not in result.files
+    assert verify(Path(str(result.folder))).later == ()
+    engine = Engine.from_config(bench_rig.config(tmp_path))
+    monkeypatch.undo()
+    engine.start()
+    plain = bench_rig.capture(engine, CaptureRequest(goal="white", codes=4), job="plain")
+    engine.stop()
+    assert "report.html" not in plain.files
 
 
 def test_a_page_that_cannot_be_made_costs_the_run_nothing(
@@ -76,8 +95,7 @@ def test_a_page_that_cannot_be_made_costs_the_run_nothing(
     assert "report.html" not in result.files and verify(Path(str(result.folder))).whole
 
 
-def test_texts_of_others_are_escaped(tmp_path: Path) -> None:
-    folder = Path(str(captured(tmp_path, note=EVIL).folder))
+def test_texts_of_others_are_escaped(folder: Path) -> None:
     text = write(folder).read_text()
     assert "\u202e" not in text and "\x1b" not in text
     assert text.count("<script") == 2 and text.count("</script") == 2
@@ -87,8 +105,8 @@ def test_texts_of_others_are_escaped(tmp_path: Path) -> None:
     assert told["job"] == "job"
 
 
-def test_the_policy_allows_the_one_script_and_nothing_from_anywhere(tmp_path: Path) -> None:
-    text = write(Path(str(captured(tmp_path, report=False).folder))).read_text()
+def test_the_policy_allows_the_one_script_and_nothing_from_anywhere(folder: Path) -> None:
+    text = write(folder).read_text()
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
     assert policy is not None and policy[1].startswith("default-src 'none'; ")
     script = text.rsplit("<script>", 1)[1].split("</script>")[0]
@@ -97,8 +115,7 @@ def test_the_policy_allows_the_one_script_and_nothing_from_anywhere(tmp_path: Pa
     assert not re.search(r"(?i)https?://|src=|@import|url\(", text.split('id="data"')[0])
 
 
-def test_a_changed_run_gets_no_page(tmp_path: Path) -> None:
-    folder = Path(str(captured(tmp_path, report=False).folder))
+def test_a_changed_run_gets_no_page(folder: Path) -> None:
     with (folder / "frames.csv").open("a") as file:
         file.write("x")
     with pytest.raises(DecodeError, match=r"frames.csv"):
@@ -131,17 +148,15 @@ def test_entries_of_t_are_on_the_page(tmp_path: Path) -> None:
     assert picture in write(folder).read_text()
 
 
-def test_a_truth_that_does_not_fit_is_refused(tmp_path: Path) -> None:
-    folder = Path(str(captured(tmp_path, report=False).folder))
+def test_a_truth_that_does_not_fit_is_refused(folder: Path) -> None:
     np.savez(folder / "truth.npz", image=np.zeros(3))
     with pytest.raises(DecodeError, match=r"truth.npz"):
         write(folder)
 
 
 def test_the_command_says_where_the_page_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = Path(str(captured(tmp_path, report=False).folder))
     out = tmp_path / "page.html"
     assert main(["report", str(folder), "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
