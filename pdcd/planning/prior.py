@@ -22,7 +22,7 @@ from pdcd.errors import RequestError
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import Sent
 from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.presets import OFF_AXIS, PRESETS, builder_of
+from pdcd.scene.presets import builder_of, kinds
 from pdcd.scene.scene import Scene
 
 MOST_CELLS = 6144
@@ -111,7 +111,7 @@ def _preset(name: str, grid: tuple[int, int]) -> Scene:
     if build is None:
         raise RequestError(
             f"the prior scene:{name} is no preset scene",
-            hint=f"one of {', '.join(sorted([*PRESETS, *OFF_AXIS]))}",
+            hint=f"one of {', '.join(kinds())}",
         )
     return build(grid, {})
 

@@ -10,7 +10,7 @@ from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
 from pdcd.scene.card import CARD, card
 from pdcd.scene.matrix import load_matrix
-from pdcd.scene.presets import OFF_AXIS, PRESETS, builder_of
+from pdcd.scene.presets import builder_of, kinds
 from pdcd.scene.scene import Scene
 
 
@@ -35,7 +35,7 @@ def build_scene(config: SceneConfig) -> Scene:
     else:
         raise ConfigError(
             f"[scene] kind: unknown kind {config.kind!r}",
-            hint=f"one of {', '.join(sorted([*PRESETS, *OFF_AXIS, CARD, 'matrix']))}",
+            hint=f"one of {', '.join(sorted([*kinds(), CARD, 'matrix']))}",
         )
     if config.ambient == 0.0:
         return scene

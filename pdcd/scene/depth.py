@@ -32,6 +32,7 @@ from pdcd.scene.effects import Array, Effect, LowRank
 from pdcd.scene.radiosity import closed_exchange, limited
 from pdcd.scene.scene import Scene
 from pdcd.scene.solids import Rectangle, clear, first_met
+from pdcd.scene.texture import Drawing
 
 WIDTH, HEIGHT = 4.0 / 3.0, 1.0
 PLANE = 2.0
@@ -111,18 +112,24 @@ class OffAxis:
         return np.where(which >= 0, np.nan_to_num(cosine * PLANE**2 / square), 0.0)
 
 
-def off_axis_scene(name: str, rig: OffAxis) -> Scene:
+def off_axis_scene(name: str, rig: OffAxis, paint: Paint | None = None) -> Scene:
     """Return the scene that an off-axis rig sees."""
     direct = rig.albedo * rig.facing[:, None]
+    painted = 1.0 if paint is None else paint.cells
     effects: tuple[Effect, ...] = (
-        *coloured_displaced(rig.grid, direct, rig.displacement),
-        *between_surfaces(rig),
+        *coloured_displaced(rig.grid, direct * painted, rig.displacement),
+        *between_surfaces(rig, painted),
     )
-    return Scene(name, rig.grid, effects)
+    if paint is None:
+        return Scene(name, rig.grid, effects)
+    return Scene(name, rig.grid, effects, None, paint.direct, paint.indirect)
 
 
-def between_surfaces(rig: OffAxis) -> tuple[LowRank, ...]:
-    """Return what surfaces throw at each other, one effect a colour, of the rank of all patches."""
+def between_surfaces(rig: OffAxis, painted: Array | float = 1.0) -> tuple[LowRank, ...]:
+    """Return what surfaces throw at each other, one effect a colour, of the rank of all patches.
+
+    painted : what paint lets through of the light of each camera cell, (N, 1) or 1.
+    """
     patches = Patches(rig.surfaces)
     kernel = limited(patches.kernel, patches.area)
     onto, seen = patches.weights(*rig.lit), patches.weights(*rig.seen)
@@ -133,10 +140,20 @@ def between_surfaces(rig: OffAxis) -> tuple[LowRank, ...]:
         table = np.array([one.albedo[channel] for one in rig.surfaces] + [0.0])
         exchange = closed_exchange(kernel, patches.area, table[patches.surface])
         leaving = flux * table[rig.lit[0]][:, None] * onto
-        arriving = table[rig.seen[0]][:, None] * (seen @ exchange)
+        arriving = painted * table[rig.seen[0]][:, None] * (seen @ exchange)
         name = f"between surfaces, {colour}"
         effects.append(LowRank(name, arriving, leaving, tint=np.eye(3)[channel]))
     return tuple(effects)
+
+
+@dataclass(frozen=True, eq=False)
+class Paint:
+    """A pattern on surfaces: what it leaves of the light of cells (N, 1), and the detail of direct
+    and of indirect light (`pdcd.scene.texture`). Light between surfaces does not know of it."""
+
+    cells: Array
+    direct: Drawing
+    indirect: Drawing
 
 
 @dataclass(frozen=True)

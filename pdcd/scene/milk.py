@@ -27,6 +27,8 @@ def milk(
     *,
     sigma: float,
     tint: Array,
+    forward: float = FORWARD,
+    veil: float = VEIL,
 ) -> tuple[Effect, ...]:
     """Return the effects of a surface seen through a milky medium.
 
@@ -40,16 +42,17 @@ def milk(
         Reflectance of the surface, slope included.
     sigma : standard deviation of the blur, in the unit of `pitch`
     tint : (3,) colour of the medium
+    forward, veil : shares of the scattered light, see `FORWARD` and `VEIL`
     """
     kept = np.exp(-2.0 * depth)
     scattered = 1.0 - kept
     effects: list[Effect] = [*coloured_direct(albedo * kept[:, None])]
     if scattered.any():
         # The square root on either side keeps the path the same both ways.
-        gate = np.sqrt(FORWARD * scattered * albedo.mean(axis=1))
+        gate = np.sqrt(forward * scattered * albedo.mean(axis=1))
         effects.append(
             Kernel("blur", grid, gaussian(grid, pitch, sigma), gate, gate, tint=tint),
         )
         even = scattered[:, None]
-        effects.append(LowRank("veil", VEIL * even, even / even.sum(), tint=tint))
+        effects.append(LowRank("veil", veil * even, even / even.sum(), tint=tint))
     return tuple(effects)

@@ -124,7 +124,11 @@ class Relief:
 
 
 def radiosity(
-    name: str, relief: Relief, albedo: Array, tints: Sequence[Array]
+    name: str,
+    relief: Relief,
+    albedo: Array,
+    tints: Sequence[Array],
+    patches: tuple[int, int] = PATCHES,
 ) -> tuple[Radiosity, ...]:
     """Return the inter-reflection of a matte relief, one effect for each column of `albedo`.
 
@@ -134,9 +138,10 @@ def radiosity(
         Reflectance of the cells in C colours.
     tints : C arrays (3,)
         The colour that each column of `albedo` stands for.
+    patches : patches along rows and columns, at most
     """
     rows, cols = relief.height.shape
-    shape = (min(rows, PATCHES[0]), min(cols, PATCHES[1]))
+    shape = (min(rows, patches[0]), min(cols, patches[1]))
     down, across = hat_weights(rows, shape[0]), hat_weights(cols, shape[1])
     cell = relief.pitch[0] * relief.pitch[1]
     kernel = form_kernel(relief, shape)

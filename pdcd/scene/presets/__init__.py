@@ -6,7 +6,7 @@ from typing import Any
 
 from pdcd.scene.scene import Scene
 
-__all__ = ["OFF_AXIS", "PRESETS", "builder_of"]
+__all__ = ["OFF_AXIS", "PRESETS", "STAGED", "builder_of", "kinds"]
 
 Builder = Callable[[tuple[int, int], Mapping[str, Any]], Scene]
 
@@ -40,6 +40,21 @@ OFF_AXIS: dict[str, Builder] = {
 light does not come back where it fell."""
 
 
+STAGED: dict[str, Builder] = {
+    "still-life": _later("still_life", "still_life"),
+    "ball-wax-book": _later("ball_book", "ball_wax_book"),
+    "chart-in-milk": _later("chart", "chart_in_milk"),
+    "glass-and-balls": _later("styrofoam", "styrofoam"),
+}
+"""The same, of scenes that were set up to be looked at, after the figures of the paper. What is
+measured on every one of `PRESETS` is not measured on them."""
+
+
 def builder_of(kind: str) -> Builder | None:
-    """Return the builder of a preset by its name, of either kind; None where there is none."""
-    return PRESETS.get(kind) or OFF_AXIS.get(kind)
+    """Return the builder of a preset by its name, of any kind; None where there is none."""
+    return PRESETS.get(kind) or STAGED.get(kind) or OFF_AXIS.get(kind)
+
+
+def kinds() -> list[str]:
+    """Return the names of all presets, in their order."""
+    return sorted([*PRESETS, *STAGED, *OFF_AXIS])

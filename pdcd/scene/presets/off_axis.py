@@ -1,7 +1,7 @@
 """Scenes with depth before an off-axis rig: a box before a wall, a V-wedge, boxes at four depths.
 
 Options of all: `baseline`, the camera's distance to the right of the projector, in heights of the
-field; of the box also `disparity`, that of its front in cells.
+field; of the box also `disparity`, that of its front in cells, and `painted`.
 """
 
 from __future__ import annotations
@@ -28,9 +28,16 @@ SHELF = (1.6, 2.0, 2.3, 2.6)
 
 
 def box_before_wall(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
-    """A red box before a grey wall (`baseline`, `disparity`: of the box's front, in cells)."""
-    baseline = _number("off-axis-box", options, ("baseline", "disparity"), "baseline", BASELINE)
-    disparity = _number("off-axis-box", options, ("baseline", "disparity"), "disparity", 0.0)
+    """A red box before a grey wall (`baseline`, `disparity`: of the box's front, in cells;
+    `painted`: true for boards and letters on it, and for bricks)."""
+    numbers = {name: value for name, value in options.items() if name != "painted"}
+    baseline = _number("off-axis-box", numbers, ("baseline", "disparity"), "baseline", BASELINE)
+    disparity = _number("off-axis-box", numbers, ("baseline", "disparity"), "disparity", 0.0)
+    painted = options.get("painted", False)
+    if not isinstance(painted, bool):
+        raise ConfigError(
+            f"[scene] options of 'off-axis-box': painted = {painted!r}", hint="true or false"
+        )
     _check_baseline(baseline)
     rig = OffAxis(grid, baseline, ())
     least, most = rig.disparity_cells(FAR - DEEP), rig.disparity_cells(0.5 * PLANE)
@@ -41,8 +48,12 @@ def box_before_wall(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
         )
     front = rig.distance(disparity)
     red = box((-0.05, -0.15, front), (0.55, FLOOR, front + DEEP), RED)
-    surfaces = (*red, *_room(baseline))
-    return off_axis_scene("off-axis-box", OffAxis(grid, baseline, surfaces))
+    rig = OffAxis(grid, baseline, (*red, *_room(baseline)))
+    if not painted:
+        return off_axis_scene("off-axis-box", rig)
+    from pdcd.scene.presets.painted import painted_box
+
+    return off_axis_scene("off-axis-box", rig, painted_box(rig))
 
 
 def wedge(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:

@@ -36,7 +36,7 @@ def mirror_and_vase(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     """Build a painted vase with a mirror to its left; `seed` sets the painting."""
     seed = seed_of("mirror-and-vase", options)
     canvas = Canvas(grid)
-    glass = _mirror(canvas, 0.0)
+    glass = on_glass(canvas, 0.0)
     relief = Relief(_height(canvas), canvas.pitch)
     albedo = canvas.cells(_matte(canvas, seed))
     direct = albedo * relief.cosine.reshape(-1, 1)
@@ -58,8 +58,8 @@ def _matte(raster: Raster, seed: int) -> Array:
     image[raster.y > TABLE_EDGE] = (0.40, 0.26, 0.15)
     image[_vase(raster)] = (0.70, 0.70, 0.68)
     _paint(raster, image, np.random.default_rng(seed))
-    image[_mirror(raster, 0.07)] = (0.45, 0.30, 0.10)
-    image[_mirror(raster, 0.0)] = 0.0
+    image[on_glass(raster, 0.07)] = (0.45, 0.30, 0.10)
+    image[on_glass(raster, 0.0)] = 0.0
     return image
 
 
@@ -68,8 +68,8 @@ def _texture(seed: int) -> Array:
     """Draw all in detail: wallpaper, glaze, gold leaf, and in the glass what it shows."""
     raster = detail()
     image = _matte(raster, seed)
-    glass, vase = _mirror(raster, 0.0), _vase(raster)
-    frame, table = _mirror(raster, 0.07) & ~glass, (raster.y > TABLE_EDGE) & ~vase
+    glass, vase = on_glass(raster, 0.0), _vase(raster)
+    frame, table = on_glass(raster, 0.07) & ~glass, (raster.y > TABLE_EDGE) & ~vase
     leaf = np.clip(grain(0.5), 0.7, 2.0)
     for shape, factors in (
         (~(glass | vase | frame | table), 1.0 + 0.05 * np.sign(np.sin(300.0 * raster.x))),
@@ -104,7 +104,7 @@ def _radius(y: Array) -> Array:
     return radius
 
 
-def _mirror(raster: Raster, border: float) -> Shape:
+def on_glass(raster: Raster, border: float) -> Shape:
     """Return the mirror: it stands on the table, its left edge nearer to the camera."""
     across = (raster.x - MIRROR_X) / MIRROR_HALF
     half = 0.70 - 0.07 * across + border

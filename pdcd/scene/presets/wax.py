@@ -33,15 +33,25 @@ def wax_disk(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     body = canvas.cells(_disk(canvas))
     # The key lies deep: light of the shallow kernel never gets there.
     open_ = body * (1.0 - BLOCKED * canvas.cells(_key(canvas)))
-    shallow = gaussian(grid, canvas.pitch, SHALLOW)
-    deep = gaussian(grid, canvas.pitch, DEEP)
     effects: tuple[Effect, ...] = (
         *coloured_direct(canvas.cells(_surface(canvas, np.random.default_rng(seed)))),
-        Kernel("just below", grid, shallow, body, body, tint=rgb(*LIGHT_SHALLOW)),
-        Kernel("deep inside", grid, deep, open_, open_, tint=rgb(*LIGHT_DEEP)),
+        *inside(canvas, body, open_),
     )
     texture = partial(_texture, seed)
     return Scene("wax-disk", grid, effects, texture=texture, indirect_texture=_glow)
+
+
+def inside(canvas: Canvas, body: Array, open_: Array, size: float = 1.0) -> tuple[Kernel, Kernel]:
+    """Return what comes out of wax: from just below, and from deep inside.
+
+    body, open_ : (N,) share of cells through which light gets in and out, just below and deep
+    size : of the whole piece; 1 is the disk of `wax_disk`
+    """
+    shallow, deep = (gaussian(canvas.grid, canvas.pitch, size * far) for far in (SHALLOW, DEEP))
+    return (
+        Kernel("just below", canvas.grid, shallow, body, body, tint=rgb(*LIGHT_SHALLOW)),
+        Kernel("deep inside", canvas.grid, deep, open_, open_, tint=rgb(*LIGHT_DEEP)),
+    )
 
 
 def _disk(raster: Raster) -> Shape:

@@ -18,7 +18,7 @@ GRID = (24, 32)
 CELL_MEANS = {
     "open-book": (0.02, 0.02),
     "wax-disk": (0.02, 0.03),
-    "disco-ball": (0.06, 0.40),
+    "disco-ball": (0.06, 0.30),
     "milky-bottle": (0.03, 0.04),
     "mirror-and-vase": (0.08, 0.20),
 }
