@@ -242,6 +242,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`), and photos
     of far light may be corrected for smooth light. Runs from before that have it in one piece, and
     have these as they were taken."""
+    by_light: bool = False
+    """Whether photos of matched cells with a share of the rest, and those under stripes, are scaled
+    by all the light they keep (`pdcd.probing.deviation.weight_s`). Earlier runs are not."""
 
     @property
     def coded(self) -> int:

@@ -73,9 +73,15 @@ def weight_s(realised: Factors, wanted: Wanted) -> float:
     Direct light in one photo with indirect is one entry of a row against N - 1, so that factor
     follows the indirect light alone. Where codes are even, they show that slightly less, or more,
     than p times as long as direct light; with `by_direct` this is not taken out on direct light.
+    Windows of parts of cells smear what is finer than a cell: half of the light from a matched cell
+    that is not the own, and of the edges of stripes, comes from the cells beside. The
+    least-squares factor takes that for light lost, and the photo would be too bright; with
+    `by_light` the factor is that of all the light.
     Falls back to the mean open time where the wanted matrix is zero everywhere (one single cell
     has no indirect light).
     """
+    if wanted.by_light:
+        return _light_weight_s(realised, wanted)
     if wanted.by_direct and wanted.uniform is not None:
         return float(realised.coaxial.mean()) / wanted.uniform[0]
     partner = wanted.matched if wanted.by_direct else None
@@ -86,6 +92,12 @@ def weight_s(realised: Factors, wanted: Wanted) -> float:
     inner, norm = row_weights_s(realised, wanted)
     total = float(norm.sum())
     return float(inner.sum()) / total if total > 0.0 else float(realised.open_s.mean())
+
+
+def _light_weight_s(realised: Factors, wanted: Wanted) -> float:
+    """Light of all paths but those of direct light over what it was to be, in seconds."""
+    kept = realised.total_s - realised.trace_s
+    return kept / float(wanted.others(np.ones((1, wanted.cells))).sum())
 
 
 def _matched_weight_s(realised: Factors, wanted: Wanted, partner: NDArray[np.int64]) -> float:

@@ -257,14 +257,15 @@ class Full:
 class Wanted:
     """``sum of weight * part``, each column times `light` where an illumination is given.
 
-    With `by_direct` photos are scaled by the direct light they keep
-    (`pdcd.probing.deviation.weight_s`).
+    With `by_direct` photos are scaled by the direct light they keep, with `by_light` by all light
+    but the direct (`pdcd.probing.deviation.weight_s`).
     """
 
     grid: Grid
     parts: tuple[tuple[float, Part], ...]
     light: Floats | None = None
     by_direct: bool = False
+    by_light: bool = False
 
     @property
     def cells(self) -> int:
@@ -341,7 +342,7 @@ class Wanted:
 
     def under(self, light: Floats | None) -> Wanted:
         """The same under an illumination of the projector (N,)."""
-        return Wanted(self.grid, self.parts, light, self.by_direct)
+        return Wanted(self.grid, self.parts, light, self.by_direct, self.by_light)
 
     @property
     def uniform(self) -> tuple[float, float] | None:

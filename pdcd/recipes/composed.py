@@ -265,7 +265,7 @@ class _Composition:
         )  # fmt: skip
         self._maker.coded(
             "coded", Coded(how, False, p), (p, everything), (1.0 - p, match),
-            light=self._light, gain=gain, by_direct=True,
+            light=self._light, gain=gain, by_direct=True, by_light=how is not None,
         )  # fmt: skip
         self._terms.append((level * coded / p, "coded"))
         if coded < 1.0:

@@ -34,7 +34,8 @@ def _all_but_matched(maker: Maker, name: str = "coded", light: Floats | None = N
     """A photo of all light but that from the matched cell; cells without one stay closed."""
     everything, match = _parts(maker)
     program = Coded(maker.target.partner, True)
-    maker.coded(name, program, (1.0, everything), (-1.0, match), light=light)
+    striped = light is not None
+    maker.coded(name, program, (1.0, everything), (-1.0, match), light=light, by_light=striped)
 
 
 def _parts(maker: Maker) -> tuple[Outer, Match]:
@@ -80,7 +81,10 @@ def _fraction(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     p = maker.target.goal.p or 0.0
     everything, match = _parts(maker)
     program = Coded(maker.target.partner, False, p)
-    maker.coded("coded", program, (p, everything), (1.0 - p, match), by_direct=True)
+    maker.coded(
+        "coded", program, (p, everything), (1.0 - p, match),
+        by_direct=True, by_light=maker.target.partner is not None,
+    )  # fmt: skip
     return {"fraction": ((1.0, "coded"),)}
 
 

@@ -71,14 +71,22 @@ def _whole(target: Target, how: How) -> Recipe:
         target,
         maker.programs,
         tuple(maker.shots),
-        # Runs from before had photos of far light as they were taken.
-        tuple(p if how.structure else replace(p, beyond=0) for p in maker.photos),
+        tuple(_as_then(photo, how) for photo in maker.photos),
         pictures,
         split=tuple(maker.split),
     )
     if how.pilot:
         recipe = _with_pilot(recipe, how.pilot)
     return recipe if how.coded else _pilot_alone(recipe)
+
+
+def _as_then(photo: Photo, how: How) -> Photo:
+    """A photo as runs of that time had it: see `How.structure` and `How.by_light`."""
+    if not how.structure:
+        photo = replace(photo, beyond=0)
+    if not how.by_light:
+        photo = replace(photo, wanted=replace(photo.wanted, by_light=False))
+    return photo
 
 
 def _with_pilot(recipe: Recipe, count: int) -> Recipe:

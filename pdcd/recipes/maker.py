@@ -62,11 +62,13 @@ class Maker:
         light: Floats | None = None,
         gain: Floats | None = None,
         by_direct: bool = False,
+        by_light: bool = False,
         rows: bool = False,
     ) -> None:
         """A photo of one coded shot, under `light` beside the goal's own, the mask's levels times
         `gain`, (N,) each; with `rows` each cell is divided by its own weight."""
-        wanted = replace(self.wanted(*parts, light=light, gain=gain), by_direct=by_direct)
+        wanted = self.wanted(*parts, light=light, gain=gain)
+        wanted = replace(wanted, by_direct=by_direct, by_light=by_light)
         self.programs[name] = _seen(program, light, gain)
         self.photo(name, wanted, [(1.0, Shot(name, name))], rows or isinstance(program, Far))
         if isinstance(program, Far) and wanted.light is None and gain is None:
