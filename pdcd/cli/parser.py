@@ -255,6 +255,9 @@ def _run_commands(add: Add) -> None:
         "--scene", default="chart", metavar="KIND", help="a scene of the mock bench; default: chart"
     )
     virtual.add_argument("--small", action="store_true", help="files of 192 x 128 samples")
+    _figures_options(
+        add("figures", "figures:figures", "take the paper's experiments again, as one page")
+    )
     _snr_options(add("snr", "snr:snr", "compare one coded photo with many photos without a mask"))
     add("version", "tools:version", "print the version")
     shell = add("completion", "completion:completion", "print a script that completes commands")
@@ -265,6 +268,28 @@ def _run_commands(add: Add) -> None:
         "$fpath, for fish into ~/.config/fish/completions/pdcd.fish."
     )
     add("man", "manual:man", "print the manual page")
+
+
+def _figures_options(parser: argparse.ArgumentParser) -> None:
+    """Add which figures, how finely, and where to."""
+    parser.add_argument(
+        "number", nargs="*", metavar="N", help="such as 1, 12, table-1, appendix; default: all"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the page")
+    quality = parser.add_mutually_exclusive_group()
+    quality.add_argument(
+        "--quick",
+        action="store_true",
+        help="a coarser camera and fewer codes, some two minutes on two cores (the default)",
+    )
+    quality.add_argument(
+        "--full", action="store_true", help="the camera's own resolution, the paper's codes; hours"
+    )
+    parser.add_argument(
+        "--no-plots", action="store_false", dest="plots", help="leave out what needs matplotlib"
+    )
+    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: 2")
+    json_option(parser)
 
 
 def _with_commands(runs: argparse.ArgumentParser) -> None:

@@ -1,0 +1,58 @@
+"""`pdcd figures`: the paper's experiments on the virtual bench, as one page."""
+
+from __future__ import annotations
+
+import argparse
+
+import msgspec
+
+from pdcd.api.progress import tell
+from pdcd.cli.exits import DONE, FAILED
+from pdcd.cli.output import say, say_json
+from pdcd.figures.catalog import figures_of
+from pdcd.figures.figure import FULL, QUICK
+from pdcd.figures.make import Ahead, make
+from pdcd.figures.store import PAGE
+
+
+def figures(args: argparse.Namespace) -> int:
+    """Make the figures; fails where one could not be made, or a number left its bounds."""
+    mode = FULL if args.full else QUICK
+    outcome = make(
+        figures_of(args.number),
+        args.out.absolute(),
+        mode,
+        workers=args.workers,
+        plots=args.plots,
+        tell=_Teller(),
+    )
+    if args.json:
+        said = {"page": str(args.out.absolute() / PAGE), "held": outcome.held}
+        say_json({**said, "figures": msgspec.to_builtins(outcome.made), "failed": outcome.failed})
+        return DONE if outcome.held else FAILED
+    for one in outcome.made:
+        lost = [n.what for n in one.numbers if not n.held]
+        lost += [f"RMS error of {c.name}" for c in one.captures if not c.held]
+        say(f"{one.number}: {'held' if not lost else 'NOT HELD: ' + '; '.join(lost)}")
+    for number, why in outcome.failed.items():
+        say(f"{number}: could not be made: {why}")
+    say(f"page  {args.out.absolute() / PAGE}")
+    return DONE if outcome.held else FAILED
+
+
+class _Teller:
+    """Says how far the work is, when that has changed."""
+
+    def __init__(self) -> None:
+        self._last = -1
+
+    def __call__(self, ahead: Ahead) -> None:
+        if ahead.taken == self._last:
+            return
+        self._last = ahead.taken
+        left = "" if ahead.left_s is None else f", about {_time(ahead.left_s)} left"
+        tell(f"{ahead.taken} of {ahead.of} captures{left}")
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

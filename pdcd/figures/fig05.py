@@ -1,0 +1,148 @@
+"""Figure 5: a slice of the transport matrix, one row of cells under one row of the projector.
+
+Entry (n, m) is the light that camera cell n of the row receives from projector cell m of the same
+row. It is measured by lighting half of the row's cells at a time (S-matrices, as by Schechner).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.figures.figure import Drawn, Figure, Mode, Number, Panel, Photo, Plot, Row, Take
+from pdcd.figures.plot import colour, finish
+
+PLACE = 0.525
+"""Where the row lies, as a share of the field's height: across rod, wax, book, mirror and globe."""
+PARTS: dict[str, tuple[float, float]] = {
+    "caustics of the glass rod: streaks": (0.0, 0.20),
+    "wax: a band along the diagonal": (0.12, 0.42),
+    "book: a fan to either side": (0.38, 0.66),
+    "mirror: lines across": (0.64, 0.98),
+}
+"""Magnified parts, as shares of the field's width."""
+DEEPEST = 1e-3
+"""Share of the brightest entries that is still shown."""
+MAGNIFIED = 12
+
+
+def row_of(mode: Mode) -> int:
+    """The row of cells that is photographed."""
+    return int(PLACE * mode.grid[0])
+
+
+def takes(mode: Mode) -> dict[str, Take]:
+    """The slice, and the scene itself."""
+    row = row_of(mode)
+    return {
+        # A still-life under one row of light has detail within its cells: a cell of many values is
+        # measured as its mean, which lies some per cent beside what its own transport says.
+        "slice": Take("still-life", "transport", {"rows": (row, row)}, bound=0.15, said="S-matrix"),
+        "scene": Take("still-life", "white", said="all light"),
+    }
+
+
+def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+    """The scene with its row marked, the slice beside its truth, and four parts of it."""
+    found, truth = entries(photos["slice"])
+    top = float(np.percentile(truth.diagonal(), 95.0))
+    whole = (
+        Panel(marked(photos["scene"].image, row_of(mode), mode.grid[0]), "the scene, row marked"),
+        Panel(shades(found, top), "slice, measured", kind="grey"),
+        Panel(shades(truth, top), "slice, truth", kind="grey"),
+    )
+    cols = mode.grid[1]
+    parts = []
+    for words, (left, right) in PARTS.items():
+        part = slice(int(left * cols), int(np.ceil(right * cols)))
+        parts.append(Panel(shades(found[part, part], top), words, kind="grey"))
+    rows = (
+        Row(whole, "Brightness of the slice goes by the logarithm, over three decades"),
+        Row(tuple(parts), "Parts of the measured slice"),
+    )
+    return Drawn(rows, (_profile(found, truth, cols),), tuple(_numbers(found, truth)))
+
+
+def entries(photo: Photo) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Measured and true entries in one grey, (C, J); 0 where nothing is known."""
+    if photo.transport is None or photo.transport_truth is None:
+        raise ValueError("no entries were photographed")
+    return np.nan_to_num(photo.transport).mean(axis=-1), photo.transport_truth.mean(axis=-1)
+
+
+def shades(entries: NDArray[Any], top: float) -> NDArray[np.uint8]:
+    """Entries as pixels by the logarithm: `top` is white, `DEEPEST` of it black."""
+    share = np.log10(np.maximum(entries / top, DEEPEST)) / np.log10(DEEPEST)
+    drawn: NDArray[np.uint8] = np.rint(255.0 * np.clip(1.0 - share, 0.0, 1.0)).astype(np.uint8)
+    return drawn
+
+
+def marked(image: NDArray[Any], row: int, rows: int) -> NDArray[Any]:
+    """A picture with thin lines above and below one row of cells."""
+    shown = np.array(image)
+    bright = np.float32(np.nanpercentile(image, 99.0)) * np.array([1.0, 0.8, 0.1], np.float32)
+    for edge in (row, row + 1):
+        at = round(edge / rows * len(shown))
+        shown[at : at + max(len(shown) // 300, 1)] = bright
+    return shown
+
+
+def _numbers(found: NDArray[Any], truth: NDArray[Any]) -> list[Number]:
+    near = np.abs(np.subtract.outer(*2 * (np.arange(len(found)),))) <= 1
+    both = (found, found.T)
+    # Off the diagonal a path and its way back carry the same light through the same colours; what
+    # is left is noise, and detail within cells.
+    away = ~near
+    reciprocal = float(np.sum(both[0][away] * both[1][away]) / np.sum(np.square(both[0])[away]))
+    far = float(np.corrcoef(found[away], truth[away])[0, 1])
+    return [
+        Number(
+            "share of light within one cell of the diagonal",
+            float(found[near].sum() / found.sum()),
+            least=float(truth[near].sum() / truth.sum()) - 0.06,
+            most=float(truth[near].sum() / truth.sum()) + 0.06,
+            percent=True,
+        ),
+        Number("correlation with the truth further off the diagonal", far, least=0.85),
+        Number("a path and its way back, correlated, further off", reciprocal, least=0.7),
+    ]
+
+
+def _profile(found: NDArray[Any], truth: NDArray[Any], cols: int) -> Plot:
+    def draw(axes: Any) -> None:
+        for index, (words, at) in enumerate((("wax", 0.25), ("book", 0.46), ("mirror", 0.76))):
+            cell = int(at * cols)
+            shades_of = {"lw": 1.0, "color": colour(index)}
+            axes.plot(truth[cell], "--", **shades_of)
+            axes.plot(found[cell], "-", label=f"camera cell {cell}, {words}", **shades_of)
+        axes.set_yscale("symlog", linthresh=1e-3)
+        finish(
+            axes,
+            "Rows of the slice: measured (line), truth (dashed)",
+            "projector cell",
+            "light at full power, scene units",
+        )
+
+    return Plot(
+        "rows", draw, "Three rows of the slice: where the light of one camera cell is from."
+    )
+
+
+FIGURE = Figure(
+    "5",
+    "A slice of the transport matrix",
+    see=(
+        "Most light stays near the diagonal; glass throws streaks off it, wax is a band, the book "
+        "a fan, the mirror lines across."
+    ),
+    paper="One row of its scene by multiplexed light (Schechner et al.), one photo a pattern.",
+    unlike=(
+        "the paper's slice has a row for every pixel, this one for every cell; our scene has no "
+        "unicorn and no peppers."
+    ),
+    takes=takes,
+    drawn=drawn,
+)

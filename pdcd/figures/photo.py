@@ -1,0 +1,159 @@
+"""One capture on the bench of the figures, and what is kept of it: pictures beside their truth.
+
+The run folder itself, RAW files and all, is left once its pictures are on the field's raster: a
+page of figures takes some hundred photos of up to 25 MB each.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.api.arguments import asked
+from pdcd.api.bench import Bench, finished
+from pdcd.api.local import local
+from pdcd.api.run import Run
+from pdcd.bench.placed import frame_of
+from pdcd.bench.tables import Config
+from pdcd.errors import Cancelled, PdcdError
+from pdcd.figures.bench import bench_of
+from pdcd.figures.figure import Mode, Photo, Take
+from pdcd.offload.truths import pictures_in_truth
+from pdcd.optics.bench import OpticalBench
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.decode import TRANSPORT
+from pdcd.pictures.upright import Sampler, View
+from pdcd.planning.known import TRUTH, read_truth
+from pdcd.planning.truth import entries
+from pdcd.scene.build import build_scene
+from pdcd.words import GoalName
+
+Heard = Callable[[], None]
+ASPECT = 0.75
+"""Height of the field over its width."""
+
+
+def photographs(
+    takes: Mapping[str, Take], mode: Mode, heard: Heard = lambda: None
+) -> Iterator[tuple[str, Photo]]:
+    """Take captures that share a bench (`Take.stands`), one after the other, with their names.
+
+    Runs go to a scratch folder, which is gone afterwards. `heard` is called now and then, and may
+    raise to end the work. Raises PdcdError, whose message names the capture that failed.
+    """
+    with tempfile.TemporaryDirectory(prefix="pdcd-figures-") as scratch:
+        folder = Path(scratch)
+        config = bench_of(next(iter(takes.values())), mode, folder)
+        truth = _Truth(config)
+        with local(config, folder=folder) as bench:
+            for name, take in takes.items():
+                keywords = dict(take.asked)
+                if "codes" in keywords and not take.all_codes:
+                    keywords["codes"] = mode.codes(keywords["codes"])
+                try:
+                    run = _run(bench, take.goal, keywords, heard)
+                except Cancelled:
+                    raise
+                except PdcdError as err:
+                    said = f"{take.goal} before {take.scene}: {err.message}"
+                    raise PdcdError(said, device=err.device, hint=err.hint) from err
+                yield name, truth.photo(run, mode, heard)
+                shutil.rmtree(run.folder)
+
+
+def _run(bench: Bench, goal: GoalName, keywords: Mapping[str, Any], heard: Heard) -> Run:
+    """Take one photo by keywords, as `Bench.capture` does, but without a report."""
+    request, arrays = asked(goal, keywords, lambda: bench.grid)
+    return finished(bench.take(request, arrays, on_event=lambda event: heard()))
+
+
+class _Truth:
+    """The scene of a bench as its camera would see it of perfect runs."""
+
+    def __init__(self, config: Config) -> None:
+        self._scene = build_scene(config.scene)
+        frame = frame_of(config, config.schedule.cells or self._scene.grid)
+        self._optics = OpticalBench(config, self._scene, frame)
+
+    def photo(self, run: Run, mode: Mode, heard: Heard) -> Photo:
+        """A run beside its truth."""
+        record = run.manifest.run
+        recipe, cells = Darkroom(run.folder, record).recipe, record.cells
+        if cells is None:
+            raise PdcdError(f"{run.folder} does not say where its cells are")
+        sampler = Sampler(View.of(record, cells), (mode.width_px, round(mode.width_px * ASPECT)))
+        pictures, truths, errors = {}, {}, {}
+        kept = {}
+        if TRUTH in run.manifest.files:
+            kept[recipe.answer_name] = read_truth(run.checked(TRUTH).parent, cells).image
+        for name, truth in pictures_in_truth(recipe, self._optics, heard, kept).items():
+            image = run.pictures[name]
+            known = np.isfinite(image).all(axis=-1) & cells.known
+            pictures[name] = _on_field(sampler, image, known)
+            truths[name] = _on_field(sampler, truth, np.ones_like(known))
+            errors[name] = _error(image, truth, self._optics.inside & known)
+        transport, transport_truth = self._transport(run)
+        summary = msgspec.to_builtins(dict(run.summary))
+        return Photo(pictures, truths, errors, transport, transport_truth, summary, run.grid)
+
+    def _transport(self, run: Run) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+        if TRANSPORT not in run.manifest.files:
+            return None, None
+        with np.load(run.checked(TRANSPORT)) as data:
+            found = np.where(np.isfinite(data["sigma"]), data["transport"], np.nan)
+            seen, lit = data["camera_cells"], data["projector_cells"]
+        return found, entries(self._scene, seen, lit)
+
+
+def _on_field(sampler: Sampler, image: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:
+    seen, where = sampler(image, known)
+    seen[~where] = np.nan
+    return seen
+
+
+def _error(image: NDArray[Any], truth: NDArray[Any], where: NDArray[np.bool_]) -> float:
+    total = float(np.sum(truth[where] ** 2))
+    off = float(np.sum((image[where] - truth[where]) ** 2))
+    return float(np.sqrt(off / total)) if total else float("nan")
+
+
+def packed(photo: Photo) -> bytes:
+    """A photo as the bytes of an .npz file, which `unpacked` reads."""
+    arrays: dict[str, NDArray[Any]] = {}
+    for kind in ("pictures", "truths"):
+        arrays |= {f"{kind}.{name}": image for name, image in getattr(photo, kind).items()}
+    for name in ("transport", "transport_truth"):
+        if (value := getattr(photo, name)) is not None:
+            arrays[name] = value
+    said = {"errors": dict(photo.errors), "summary": dict(photo.summary), "grid": photo.grid}
+    arrays["said"] = np.frombuffer(json.dumps(said).encode(), np.uint8)
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **arrays)
+    return file.getvalue()
+
+
+def unpacked(path: Path) -> Photo:
+    """What `packed` made. Raises OSError, ValueError, KeyError or BadZipFile for a file that is not
+    whole."""
+    with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
+        said = json.loads(data["said"].tobytes())
+        arrays = {key: data[key] for key in data.files if key != "said"}
+    rows, cols = said["grid"]
+    return Photo(
+        pictures={k[9:]: image for k, image in arrays.items() if k.startswith("pictures.")},
+        truths={k[7:]: image for k, image in arrays.items() if k.startswith("truths.")},
+        errors=said["errors"],
+        transport=arrays.get("transport"),
+        transport_truth=arrays.get("transport_truth"),
+        summary=said["summary"],
+        grid=(rows, cols),
+    )

@@ -1,0 +1,69 @@
+"""Table 2: all seven rows, each photographed beside its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pdcd.figures.figure import Drawn, Figure, Grid, Mode, Photo, Take
+from pdcd.figures.tables import Asked, drawn_of, grid_of, mirror, spot, takes_of
+
+RADIUS = 2
+KERNEL = np.array([[0.0, -0.25, 0.0], [-0.25, 1.0, -0.25], [0.0, -0.25, 0.0]])
+"""The cell itself less its four neighbours."""
+
+
+def rows(grid: Grid) -> tuple[Asked, ...]:
+    """The table's rows, in its words."""
+    # With quarter windows rows 6 and 7 are too bright, by 36 % and 18 %: one number divides direct
+    # light, which is as sharp as pixels, and light between cells, which sub-shifts mix.
+    return (
+        Asked(1, "direct, retro-reflection and back-scattering", "direct", 0.06),
+        Asked(2, "all other indirect light", "indirect", 0.16),
+        Asked(
+            3, f"long-range indirect: from more than {RADIUS} cells away", "long-range", 0.55,
+            asked={"radius": RADIUS},
+        ),
+        Asked(
+            4, f"short-range indirect: from within {RADIUS} cells", "short-range", 0.50,
+            asked={"radius": RADIUS},
+        ),
+        Asked(
+            5, "transport masking: no light from the mirror to the wall beside it", "blocked",
+            0.05, None, asked={"region_a": spot(grid), "region_b": mirror(grid)},
+        ),
+        Asked(
+            6, "local de-scattering: direct less what came from the cell to the left",
+            "descattered", 0.45, "rademacher", signed=True, asked={"shift": (0, -1)},
+        ),
+        Asked(
+            7, "a filter: direct less a quarter of each neighbour", "filtered", 0.25,
+            "rademacher", signed=True, asked={"kernel": KERNEL},
+        ),
+    )  # fmt: skip
+
+
+def takes(mode: Mode) -> dict[str, Take]:
+    """Both photos of every row."""
+    return takes_of(rows(grid_of(mode)), mode)
+
+
+def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
+    """The contact sheet."""
+    return drawn_of(rows(grid_of(mode)), photos)
+
+
+FIGURE = Figure(
+    "table-2",
+    "Seven tasks by their probing matrices",
+    see="Row 5 takes the mirror's light off the wall and leaves all else as it is.",
+    paper="a table of matrices; Figures 1 and 8 to 12 show some of them.",
+    unlike=(
+        "distances in rows 3 and 4 are the larger of both. Rows 6 and 7 are too bright, by a third "
+        "and a sixth: with quarter windows one number cannot scale direct light and that of "
+        "neighbours at once."
+    ),
+    takes=takes,
+    drawn=drawn,
+)

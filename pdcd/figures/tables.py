@@ -1,0 +1,155 @@
+"""What Tables 1 and 2 share: each row photographed beside its truth and by the paper's codes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.figures.figure import (
+    OUR_CODES,
+    PAPERS_CODES,
+    Drawn,
+    Grid,
+    Mode,
+    Number,
+    Panel,
+    Photo,
+    Row,
+    Take,
+    codes_printed,
+)
+from pdcd.words import FamilyName, GoalName
+
+SCENE = "still-life"
+PRINTED = 512
+SMALL = (24, 32)
+LEAST_SHARE = 0.05
+"""Of the white photo's brightness: what is darker than that is brightened to it."""
+
+MIRROR_X, LANDS_X, SQUEEZE, HALF = 0.63, 0.92, 1.9, 0.15
+TOP, FOOT = -0.78, 0.28
+"""Of the scene's drawing, which is 8/3 wide and 2 high about its middle: where its mirror hangs,
+where the light of the mirror's middle lands, how much wider it lands, and the spot's half width."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A row of a table.
+
+    words : what is written above. coins : the paper's codes for it, None where it needs none: its
+    matrix is a sum of a few products. bound : of the error of our photo. signed : the picture has
+    both signs.
+    """
+
+    number: int
+    words: str
+    goal: GoalName
+    bound: float
+    coins: FamilyName | None = "bernoulli"
+    signed: bool = False
+    asked: Mapping[str, Any] = field(default_factory=dict)
+
+
+def grid_of(mode: Mode) -> Grid:
+    """Cells of the tables: the quick page has room for small pictures only."""
+    return min(mode.grid, SMALL) if mode.quick else mode.grid
+
+
+def takes_of(rows: tuple[Asked, ...], mode: Mode) -> dict[str, Take]:
+    """All light, and a photo of every row; in the full page another by the paper's codes."""
+    grid, coins = grid_of(mode), not mode.quick
+    found = {"white": Take(SCENE, "white", grid=grid, said="all light")}
+    codes = {"codes": codes_printed(PRINTED)}
+    for row in rows:
+        # What leaks is alike in both photos of a pair, and cancels; of few products it is little.
+        leaks = {} if row.coins == "bernoulli" else {"black_level": "none"}
+        asked = {**OUR_CODES, **codes, **leaks, **row.asked}
+        found[f"row {row.number}"] = Take(
+            SCENE,
+            row.goal,
+            asked,
+            bound=row.bound,
+            grid=grid,
+            said="our codes",
+        )
+        if row.coins is not None and coins:
+            asked = {**PAPERS_CODES, **codes, **leaks, "family": row.coins, **row.asked}
+            found[f"row {row.number}, paper"] = Take(
+                SCENE, row.goal, asked, grid=grid, said="the paper's codes"
+            )
+    return found
+
+
+def drawn_of(rows: tuple[Asked, ...], photos: Mapping[str, Photo]) -> Drawn:
+    """A row of pictures for each row of the table."""
+    level = float(np.nanpercentile(photos["white"].image, 99.0)) / 0.9
+    shown, numbers = [], []
+    for row in rows:
+        ours, papers = photos[f"row {row.number}"], photos.get(f"row {row.number}, paper")
+        white = max(float(np.nanpercentile(np.abs(ours.truth), 99.0)) / 0.9, LEAST_SHARE * level)
+        panels = [
+            Panel(ours.image, "photo", white, signed=row.signed),
+            Panel(ours.truth, "truth", white, signed=row.signed),
+        ]
+        if papers is not None:
+            panels.append(Panel(papers.image, "the paper's codes", white, signed=row.signed))
+            numbers.append(
+                Number(
+                    f"row {row.number}: error of the paper's codes over ours",
+                    papers.error / ours.error,
+                    least=1.0,
+                )
+            )
+        title = f"Row {row.number}: {row.words}"
+        shown.append(Row(tuple(panels), title, small=True))
+    return Drawn(tuple(shown), numbers=tuple(numbers))
+
+
+def centres(grid: Grid) -> tuple[NDArray[Any], NDArray[Any]]:
+    """x and y of all cells in the scene's drawing, (rows, cols) each."""
+    rows, cols = grid
+    x = ((np.arange(cols) + 0.5) / cols * 2.0 - 1.0) * 4.0 / 3.0
+    y = (np.arange(rows) + 0.5) / rows * 2.0 - 1.0
+    right, down = np.meshgrid(x, y)
+    return right, down
+
+
+def spot(grid: Grid) -> NDArray[Any]:
+    """Camera cells on which the mirror throws its light, (rows, cols), 0 or 1."""
+    x, y = centres(grid)
+    inside = (np.abs(x - LANDS_X) < HALF) & (y > TOP) & (y < FOOT)
+    return inside.astype(np.float64)
+
+
+def mirror(grid: Grid) -> NDArray[Any]:
+    """Projector cells that light the mirror, (rows, cols), 0 or 1."""
+    x, y = centres(grid)
+    inside = (np.abs(x - MIRROR_X) < 0.12) & (y > TOP - 0.06) & (y < FOOT + 0.06)
+    return inside.astype(np.float64)
+
+
+def by_the_mirror(grid: Grid) -> NDArray[Any]:
+    """The projector cell whose light the mirror brings to each camera cell; -1 beside the spot."""
+    rows, cols = grid
+    x, _ = centres(grid)
+    seen = MIRROR_X - (x - LANDS_X) / SQUEEZE
+    column = np.floor((seen * 0.75 + 1.0) / 2.0 * cols)
+    cell = np.arange(rows)[:, None] * cols + column
+    return np.where(spot(grid) > 0.0, cell, -1.0)
+
+
+def itself(grid: Grid) -> NDArray[Any]:
+    """Every cell's own number, (rows, cols)."""
+    rows, cols = grid
+    return np.arange(rows * cols, dtype=np.float64).reshape(rows, cols)
+
+
+def stripes(grid: Grid) -> NDArray[Any]:
+    """An illumination of broad vertical stripes, (rows, cols), 0.15 or 1."""
+    rows, cols = grid
+    lit = (np.arange(cols) * 8 // cols) % 2 == 0
+    return np.where(lit, 1.0, 0.15) * np.ones((rows, 1))
