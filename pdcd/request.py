@@ -244,7 +244,8 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     have these as they were taken."""
     by_light: bool = False
     """Whether photos of matched cells with a share of the rest, and those under stripes, are scaled
-    by all the light they keep (`pdcd.probing.deviation.weight_s`). Earlier runs are not."""
+    by all the light they keep, and sums of direct and matched light by the direct light
+    (`pdcd.probing.deviation.weight_s`). Earlier runs are not."""
 
     @property
     def coded(self) -> int:

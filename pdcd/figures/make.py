@@ -110,6 +110,9 @@ class _Work:
 
     def run(self, workers: int, tell: Callable[[Ahead], None]) -> None:
         """Take and draw all of them."""
+        # More threads of the linear algebra gain nothing on arrays of this size and wait for each
+        # other; processes get this when they start.
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
         context = multiprocessing.get_context("spawn")
         unwanted = context.Event()
         pool = ProcessPoolExecutor(

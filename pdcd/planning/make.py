@@ -32,6 +32,9 @@ from pdcd.recipes.recipe import Recipe
 from pdcd.request import CaptureRequest, How
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
 
+BY_LIGHT = ("descattered", "filtered", "fraction", "off-diagonal", "relit", "split")
+"""Goals with photos that are not scaled by what fits the wanted matrix best, see `How.by_light`."""
+
 
 def make_plan(
     request: CaptureRequest,
@@ -134,7 +137,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         white=request.white,
         buckets=config.camera.buckets if request.method == "pairs" else 1,
         structure=request.goal in ("relit", "long-range", "short-range"),
-        by_light=request.goal in ("fraction", "off-diagonal", "split", "relit"),
+        by_light=request.goal in BY_LIGHT,
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(

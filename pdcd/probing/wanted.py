@@ -299,13 +299,13 @@ class Wanted:
 
     @property
     def matched(self) -> Indices | None:
-        """The partners (N,) of matched cells, where these are not the cells themselves."""
-        for _, part in self.parts:
-            within = part.part if isinstance(part, Gained) else part
-            if isinstance(within, Match):
-                own = np.array_equal(within.partner, np.arange(self.cells))
-                return None if own else within.partner
-        return None
+        """The partners (N,) of matched cells, where these are not the cells themselves and no cell
+        has several."""
+        within = (part.part if isinstance(part, Gained) else part for _, part in self.parts)
+        matches = [part.partner for part in within if isinstance(part, Match)]
+        if len(matches) != 1 or np.array_equal(matches[0], np.arange(self.cells)):
+            return None
+        return matches[0]
 
     def others(self, images: Floats) -> Floats:
         """Return ``sum over m != n of W_nm x_rm``, (R, N), for images x (R, N)."""

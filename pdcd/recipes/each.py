@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -164,7 +165,7 @@ def _descattered(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     here = np.where(there >= 0, np.arange(target.cells), -1)
     parts = ((1.0, Match(here)), (-1.0, Match(there)))
     taps = ((1.0, here), (-1.0, target.goal.shift))
-    maker.signed("difference", lambda positive: Signed(taps, positive), *parts)
+    maker.signed("difference", lambda positive: Signed(taps, positive), *parts, by_direct=True)
     return {"descattered": ((1.0, "difference"),)}
 
 
@@ -172,17 +173,20 @@ def _filtered(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     """``sum_w f_w T_{n, n-w}``: tap w of the kernel pairs n with n - w (Table 2, row 7; X11)."""
     target = maker.target
     kernel = target.matrices["kernel"]
-    if np.count_nonzero(kernel) >= MANY_TAPS:
-        part = Kernel(target.grid, kernel)
-        maker.signed("filtered", lambda positive: Convolved(kernel, positive), (1.0, part))
-        return {"filtered": ((1.0, "filtered"),)}
     centre = (kernel.shape[0] // 2, kernel.shape[1] // 2)
+    direct = bool(kernel[centre] != 0.0)
+    if np.count_nonzero(kernel) >= MANY_TAPS:
+        convolved = partial(Convolved, kernel)
+        part = (1.0, Kernel(target.grid, kernel))
+        maker.signed("filtered", convolved, part, by_direct=direct)
+        return {"filtered": ((1.0, "filtered"),)}
     taps = []
     for down, right in zip(*np.nonzero(kernel), strict=True):
         shift = (centre[0] - int(down), centre[1] - int(right))
         taps.append((float(kernel[down, right]), shift))
     parts = [(weight, Match(shifted(target.grid, shift))) for weight, shift in taps]
-    maker.signed("filtered", lambda positive: Signed(tuple(taps), positive), *parts)
+    signed = partial(Signed, tuple(taps))
+    maker.signed("filtered", signed, *parts, by_direct=direct)
     return {"filtered": ((1.0, "filtered"),)}
 
 

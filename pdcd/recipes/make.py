@@ -71,7 +71,7 @@ def _whole(target: Target, how: How) -> Recipe:
         target,
         maker.programs,
         tuple(maker.shots),
-        tuple(_as_then(photo, how) for photo in maker.photos),
+        tuple(_as_then(photo, how, target.goal.name) for photo in maker.photos),
         pictures,
         split=tuple(maker.split),
     )
@@ -80,12 +80,14 @@ def _whole(target: Target, how: How) -> Recipe:
     return recipe if how.coded else _pilot_alone(recipe)
 
 
-def _as_then(photo: Photo, how: How) -> Photo:
+def _as_then(photo: Photo, how: How, goal: str) -> Photo:
     """A photo as runs of that time had it: see `How.structure` and `How.by_light`."""
     if not how.structure:
         photo = replace(photo, beyond=0)
     if not how.by_light:
-        photo = replace(photo, wanted=replace(photo.wanted, by_light=False))
+        by_direct = photo.wanted.by_direct and goal not in ("descattered", "filtered")
+        wanted = replace(photo.wanted, by_light=False, by_direct=by_direct)
+        photo = replace(photo, wanted=wanted)
     return photo
 
 

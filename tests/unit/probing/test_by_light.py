@@ -1,4 +1,4 @@
-"""Scale of photos whose windows smear what they keep: all their light, not what fits."""
+"""Scale of photos whose windows smear what they keep: their light, not what fits."""
 
 from __future__ import annotations
 
@@ -36,7 +36,38 @@ def test_stripes_that_are_smeared_are_scaled_by_all_their_light() -> None:
     assert fits < 0.9 * all_light
 
 
+def test_direct_light_less_that_of_a_neighbour_is_scaled_by_the_direct_light() -> None:
+    """Light of the matched cell comes from around it, too; direct light is as long as it was."""
+    seconds = 3.0
+    own, beside = np.arange(CELLS), np.roll(np.arange(CELLS), 1)
+    there = np.zeros((CELLS, CELLS))
+    for weight, cells in ((-0.5, beside), (-0.25, np.roll(own, 2)), (0.25, beside)):
+        there[own, cells] += seconds * weight
+    realised = Factors(np.eye(CELLS), there, np.full(CELLS, seconds), np.full(CELLS, seconds))
+    wanted = Wanted(GRID, ((1.0, Match(own)), (-1.0, Match(beside))))
+    np.testing.assert_allclose(weight_s(realised, replace(wanted, by_direct=True)), seconds)
+    fits = float(np.sum((there + seconds * np.eye(CELLS)) * wanted.dense()) / (2 * CELLS))
+    np.testing.assert_allclose(weight_s(realised, wanted), fits)
+    assert fits < 0.7 * seconds
+
+
+def test_filters_without_direct_light_are_scaled_by_what_fits() -> None:
+    kernel = np.array([[0.0, 0.5, 0.0], [0.5, 0.0, 0.5], [0.0, 0.5, 0.0]])
+    for centre, scaled in ((0.0, False), (-2.0, True)):
+        kernel[1, 1] = centre
+        target = dense_recipe.target(GRID, "filtered", {"kernel": kernel})
+        (photo,) = recipe_of(target, How(by_light=True)).photos
+        assert photo.wanted.by_direct is scaled
+
+
 def test_runs_from_before_are_scaled_as_they_were() -> None:
+    kernel = np.array([[0.0, -1.0, 0.0], [-1.0, 5.0, -1.0], [0.0, -1.0, 0.0]])
+    for target in (
+        dense_recipe.target(GRID, "descattered", {}, shift=(0, 1)),
+        dense_recipe.target(GRID, "filtered", {"kernel": kernel}),
+    ):
+        for how, scaled in ((How(), False), (How(by_light=True), True)):
+            assert {p.wanted.by_direct for p in recipe_of(target, how).photos} == {scaled}
     for goal, more in (("split", {"period": 4}), ("fraction", {"p": 0.25, "shift": (0, 1)})):
         target = dense_recipe.target(GRID, goal, {}, **more)
         for how, scaled in ((How(), False), (How(by_light=True), True)):
