@@ -55,7 +55,7 @@ def fake_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script = tmp_path / "python"
     module = fake_drm_presenter.__name__
     script.write_text(
-        f'#!/bin/sh\nshift 2\ncd {ROOT}\nexec {sys.executable} -m {module} "$@"\n',
+        f'#!/bin/sh\nshift 3\ncd {ROOT}\nexec {sys.executable} -m {module} "$@"\n',
         encoding="utf-8",
     )
     script.chmod(0o755)

@@ -149,7 +149,9 @@ class TestManyCells:
 
     @pytest.mark.parametrize("window", ["whole", "quarter"])
     @pytest.mark.parametrize(
-        "grid", sampled([((48, 64),), ((7, 11),), ((37, 50),), ((1, 1),), ((5, 130),)], 2)
+        "grid",
+        [(48, 64), (37, 50), (5, 130)]
+        + [pytest.param(grid, marks=pytest.mark.long) for grid in ((7, 11), (1, 1))],
     )
     def test_cells_that_do_not_divide_the_panels(
         self, opened: tuple[X11Display, Screen], window: str, grid: tuple[int, int]

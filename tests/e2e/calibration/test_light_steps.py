@@ -105,6 +105,7 @@ def test_both_are_computed_again_bit_for_bit(done: Calibrated) -> None:
     assert {"step light", "camera.profile", PROFILE, ARRAYS} <= {item.name for item in found.items}
 
 
+@pytest.mark.long
 def test_a_mock_body_stays_what_it_is_when_its_profile_was_measured(
     engine: Engine, done: Calibrated
 ) -> None:

@@ -100,6 +100,7 @@ def test_the_loop_is_not_for_a_daemon(tmp_path: Path, capsys: pytest.CaptureFixt
         assert running.engine.lit is None
 
 
+@pytest.mark.long
 def test_the_mock_bench_draws_what_would_be_on_its_panels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -255,6 +255,7 @@ def test_what_no_similarity_explains_calls_for_a_new_calibration() -> None:
     assert verdicts(checked(replace(BENCH, mask=bent)))["mask.place"] is BAD
 
 
+@pytest.mark.long
 def test_errors_of_a_movement_are_as_said() -> None:
     ratios = []
     for seed in range(30):

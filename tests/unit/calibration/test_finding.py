@@ -62,6 +62,7 @@ def test_dots_of_the_mask_are_found_upside_down_and_on_texture() -> None:
     assert abs(found_.turn_deg) > 170.0
 
 
+@pytest.mark.long
 def test_errors_of_dots_are_honest() -> None:
     way = small_way(turn_deg=7.0)
     ratios = []

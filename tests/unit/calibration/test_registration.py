@@ -114,6 +114,7 @@ def test_errors_are_as_large_as_said() -> None:
     assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.6
 
 
+@pytest.mark.long
 def test_blur_is_found_on_either_axis() -> None:
     _, _, coarse, fine = measured()
     found = blur(coarse, fine, one().camera, one().bench.projector, one().mask)
@@ -134,6 +135,7 @@ def test_slow_panels_move_no_stripes() -> None:
     assert np.abs(np.mean(found[0].offset_px - found[1].offset_px)) < 0.01
 
 
+@pytest.mark.long
 def test_texture_and_smooth_light_drop_out() -> None:
     plain, rough = deepcopy(some()), deepcopy(some())
     texture = np.random.default_rng(1).random(rough.bench.albedo.shape)

@@ -111,6 +111,7 @@ def test_finds_gamma(gamma: float) -> None:
     assert max(f.verdict for f in found.figures()) == Verdict.GOOD
 
 
+@pytest.mark.long
 def test_errors_are_those_it_tells() -> None:
     pulls, lights = [], []
     for seed in range(10):

@@ -24,6 +24,7 @@ from pdcd.probing.panel import Panel, offset_cells
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import Factors, bench_factors, collect
 from tests import bench_rig, oracles
+from tests.sampled import sampled
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +161,7 @@ SCANS: dict[str, tuple[dict[str, object], dict[str, object]]] = {
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("scans", list(SCANS))
+@pytest.mark.parametrize("scans", sampled(list(SCANS), 2))
 def test_rows_one_after_the_other(window: str, scans: str) -> None:
     projector, mask = (told(p, **s) for p, s in zip((PROJECTOR, MASK), SCANS[scans], strict=True))
     want, coaxial = followed(projector, mask, window).means()
@@ -172,6 +173,7 @@ def test_rows_one_after_the_other(window: str, scans: str) -> None:
     np.testing.assert_allclose(got.open_s, at_once.open_s, rtol=1e-3)
 
 
+@pytest.mark.long
 def test_misregistered_rows() -> None:
     projector = told(PROJECTOR, scan_s=0.011)
     mask = told(MASK, scan_s=-0.014, offset_px=(1.0, -2.0))  # a quarter and half a cell
