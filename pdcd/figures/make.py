@@ -81,16 +81,10 @@ def make(
 
 def _page(store: Store, mode: Mode, outcome: Outcome, waiting: Sequence[Figure]) -> None:
     """Write the page of all figures that are there, whoever asked for them."""
-    left = {figure.number for figure in waiting}
-    known = [number for number in FILES if number not in left | set(outcome.failed)]
-    made = []
-    for number in known:
-        try:
-            made.append(store.made(figure_of(number)))
-        except ModuleNotFoundError:
-            continue
-    shown = [one for one in made if one is not None]
-    store.write(PAGE, page(shown, mode, outcome.failed, [f.number for f in waiting]).encode())
+    left = {figure.number for figure in waiting} | set(outcome.failed)
+    found = [store.made(figure_of(number)) for number in FILES if number not in left]
+    made = [one for one in found if one is not None]
+    store.write(PAGE, page(made, mode, outcome.failed, [f.number for f in waiting]).encode())
 
 
 class _Work:
@@ -100,13 +94,20 @@ class _Work:
         self, store: Store, mode: Mode, figures: Sequence[Figure], outcome: Outcome, plots: bool
     ) -> None:
         self._store, self._mode, self._outcome, self._plots = store, mode, outcome, plots
-        self._takes = {figure.number: dict(figure.takes(mode)) for figure in figures}
         self._left = {figure.number: figure for figure in figures}
+        self._takes = {figure.number: dict(figure.takes(mode)) for figure in figures}
+        self._names = {
+            number: {name: store.photo_name(take) for name, take in takes.items()}
+            for number, takes in self._takes.items()
+        }
+        """Of each figure: its captures' names, and those of their photos."""
         self._all = {
-            store.photo_name(t): t for takes in self._takes.values() for t in takes.values()
+            self._names[number][name]: take
+            for number, takes in self._takes.items()
+            for name, take in takes.items()
         }
         self._begun_s = time.monotonic()
-        self._at_first = self._weight()
+        self._at_first = self._weight(self._taken())
 
     def run(self, workers: int, tell: Callable[[Ahead], None]) -> None:
         """Take and draw all of them."""
@@ -139,7 +140,7 @@ class _Work:
         """Captures that are not there yet, those before one bench together; by file name."""
         benches: dict[str, list[tuple[str, Take]]] = {}
         for name, take in self._all.items():
-            if not self._store.has_photo(take):
+            if not self._store.has(name):
                 benches.setdefault(take.stands, []).append((name, take))
         return [
             dict(some[start : start + TOGETHER])
@@ -152,53 +153,53 @@ class _Work:
         error = job.exception()
         if error is None:
             return
-        for number, takes in self._takes.items():
-            lost = [name for name, t in takes.items() if self._store.photo_name(t) in group]
-            missing = [n for n in lost if not self._store.has_photo(takes[n])]
-            if missing and number in self._left:
+        lost = {name for name in group if not self._store.has(name)}
+        for number, names in self._names.items():
+            if number in self._left and not lost.isdisjoint(names.values()):
                 self._outcome.failed[number] = str(error)
                 del self._left[number]
 
     def _draw_ready(self) -> None:
         """Draw every figure whose photos are all there."""
         for number, figure in list(self._left.items()):
-            takes = self._takes[number]
-            if not all(self._store.has_photo(take) for take in takes.values()):
+            names = self._names[number]
+            if not all(map(self._store.has, names.values())):
                 continue
             del self._left[number]
-            photos = {name: self._store.photo(take) for name, take in takes.items()}
+            photos = {name: self._store.photo(file) for name, file in names.items()}
             whole = {name: photo for name, photo in photos.items() if photo is not None}
-            if len(whole) < len(takes):
-                self._store.forget(takes, {})
+            if len(whole) < len(names):
+                self._store.forget(names.values())
                 self._outcome.failed[number] = "a photo of it was damaged; make it again"
                 continue
+            takes = self._takes[number]
             try:
                 write_figure(self._store, figure, self._mode, takes, whole, plots=self._plots)
             except PdcdError as err:
                 self._outcome.failed[number] = str(err)
                 continue
-            wanted = [self._takes[other] for other in self._left]
-            self._store.forget(takes, {k: v for some in wanted for k, v in some.items()})
+            wanted = {file for other in self._left for file in self._names[other].values()}
+            self._store.forget(set(names.values()) - wanted)
             _page(self._store, self._mode, self._outcome, list(self._left.values()))
 
-    def _weight(self) -> float:
-        """Roughly what the captures that are there have cost, in units of a cheap one."""
-        drawn = {n for n in self._takes if n not in self._left}
-        done = {self._store.photo_name(t) for n in drawn for t in self._takes[n].values()}
-        return sum(_cost(t) for n, t in self._all.items() if n in done or self._store.has_photo(t))
+    def _taken(self) -> set[str]:
+        """Photos that are there, or were: those of figures that are done with are gone."""
+        done = {
+            f for n, names in self._names.items() if n not in self._left for f in names.values()
+        }
+        return done | set(filter(self._store.has, self._all))
+
+    def _weight(self, taken: set[str]) -> float:
+        """Roughly what they have cost, in units of a cheap one."""
+        return sum(_cost(self._all[name]) for name in taken)
 
     def _ahead(self) -> Ahead:
-        weight, whole = self._weight(), sum(_cost(take) for take in self._all.values())
+        taken = self._taken()
+        weight, whole = self._weight(taken), self._weight(set(self._all))
         gained = weight - self._at_first
         spent_s = time.monotonic() - self._begun_s
         left_s = spent_s * (whole - weight) / gained if gained > 0.0 else None
-        taken = (
-            len(self._all)
-            if not self._left
-            else sum(self._store.has_photo(t) for t in self._all.values())
-            + sum(len(self._takes[n]) for n in self._takes if n not in self._left)
-        )
-        return Ahead(min(taken, len(self._all)), len(self._all), tuple(self._left), left_s)
+        return Ahead(len(taken), len(self._all), tuple(self._left), left_s)
 
 
 def _cost(take: Take) -> float:

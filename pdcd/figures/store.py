@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -111,6 +111,7 @@ class Store:
         self.folder, self._mode = folder, mode
         self._program = program_digest()
         self._plots = plots
+        self._prints: dict[Figure, str] = {}
         with disk_errors(str(folder)):
             (folder / DATA / PHOTOS).mkdir(parents=True, exist_ok=True)
 
@@ -125,8 +126,11 @@ class Store:
 
     def fingerprint(self, figure: Figure) -> str:
         """Of all that a figure depends on: its captures, the mode, every line of the program."""
-        takes = {name: told(take) for name, take in figure.takes(self._mode).items()}
-        return digest([self._program, asdict(self._mode), takes, self._plots])
+        if figure not in self._prints:
+            takes = {name: told(take) for name, take in figure.takes(self._mode).items()}
+            inputs = [self._program, asdict(self._mode), takes, self._plots]
+            self._prints[figure] = digest(inputs)
+        return self._prints[figure]
 
     def put(self, made: Made) -> None:
         """Note that a figure is made; its pictures are there."""
@@ -137,27 +141,25 @@ class Store:
         write_whole(self.folder / name, data)
 
     def photo_name(self, take: Take) -> str:
-        """Name of the file of a capture's photo."""
+        """Name of the file of a capture's photo. Looks at every number of its arrays."""
         return f"{DATA}/{PHOTOS}/{digest([self._program, asdict(self._mode), told(take)])[:24]}.npz"
 
-    def photo(self, take: Take) -> Photo | None:
-        """The photo of a capture, if it was taken by this program."""
+    def photo(self, name: str) -> Photo | None:
+        """The photo of that name, if it was taken."""
         try:
-            return unpacked(self.folder / self.photo_name(take))
+            return unpacked(self.folder / name)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return None
 
-    def has_photo(self, take: Take) -> bool:
-        """Whether it was taken; files are whole or not there."""
-        return (self.folder / self.photo_name(take)).is_file()
+    def has(self, name: str) -> bool:
+        """Whether there is a photo of that name; files are whole or not there."""
+        return (self.folder / name).is_file()
 
-    def forget(self, takes: Mapping[str, Take], but: Mapping[str, Take]) -> None:
-        """Remove the photos of captures, but for those that other figures still need."""
-        kept = {self.photo_name(take) for take in but.values()}
+    def forget(self, names: Iterable[str]) -> None:
+        """Remove photos."""
         with disk_errors(str(self.folder)):
-            for take in takes.values():
-                if (name := self.photo_name(take)) not in kept:
-                    (self.folder / name).unlink(missing_ok=True)
+            for name in names:
+                (self.folder / name).unlink(missing_ok=True)
 
     def _record(self, number: str) -> Path:
         return self.folder / DATA / f"fig-{number}.json"

@@ -106,7 +106,7 @@ def test_photos_come_back_as_they_were(tmp_path: Path) -> None:
     assert back.grid == PHOTO.grid and back.transport is None
     store = Store(tmp_path, TINY)
     store.write(store.photo_name(TAKE), path.read_bytes()[:-20])
-    assert store.photo(TAKE) is None
+    assert store.photo(store.photo_name(TAKE)) is None
 
 
 @pytest.mark.usefixtures("alone")
