@@ -245,11 +245,10 @@ class Darkroom:
                 parts[name].append(of_cells(part, cells))
         return {name: self._measured(p, parts[name], cells) for name, p in whole.items()}
 
-    @staticmethod
-    def _measured(picture: Picture, parts: list[Picture], cells: CellMap) -> Barred:
+    def _measured(self, picture: Picture, parts: list[Picture], cells: CellMap) -> Barred:
         """A picture with the code error that its parts, as means of cells, show."""
         coarse = of_cells(picture, cells)
-        code = measured(coarse, parts).code
+        code = measured(coarse, parts, by_chance=self._record.how.bars).code
         return barred(picture, shared_out(code, picture, coarse, cells), "measured")
 
     def _sums_up(self, shots: Mapping[str, Shown]) -> bool:

@@ -58,8 +58,10 @@ class Limits:
     dark: float = 5.0
     """Mean light of a shot over its standard error: below, no light can be shown to be there."""
     error: tuple[float, float] = (0.3, 1.0)
-    """RMS error of the answer, by its sigma or by light below zero, over the RMS of the light that
+    """RMS error of the answer, by its sigma, over the RMS of the light that
     is left when the error is taken off. At 1 half of the picture's power is error."""
+    below: tuple[float, float] = (0.15, 1.0)
+    """The same by light below zero alone, which shows as little as half of the error."""
     unsure: tuple[float, float] = (0.5, 0.9)
     """Share of the field where sigma is larger than the RMS of the answer."""
     stray: tuple[float, float] = (0.25, 1.0)
@@ -231,12 +233,12 @@ def negative_light(image: Floats, sensor: Floats, limits: Limits = LIMITS) -> It
     noise = float(np.mean(sensor[known] ** 2))
     # Noise is found by itself, and scatters below zero where there is no light.
     share = _of_the_rest(max(below - noise, 0.0), power)
-    grade = graded(share, limits.error)
+    grade = graded(share, limits.below)
     if grade:
         yield Finding(
             grade,
             f"the answer has light below zero, which is error: it is off by {_error(share)} or "
-            f"more (RMS, limit {_percent(limits.error[0])}); the codes err on other light, which "
+            f"more (RMS, limit {_percent(limits.below[0])}); the codes err on other light, which "
             "is much more than what is wanted; take more codes",
         )
 

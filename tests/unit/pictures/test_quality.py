@@ -101,7 +101,7 @@ def test_an_error_in_few_places_is_less_sure() -> None:
     assert grades(quality.error_of(image, even, 0.0 * image, 1000, True)) == []
 
 
-@pytest.mark.parametrize(("error", "grade"), [(0.1, []), (0.6, [DOUBTFUL]), (20.0, [BAD])])
+@pytest.mark.parametrize(("error", "grade"), [(0.05, []), (0.3, [DOUBTFUL]), (20.0, [BAD])])
 def test_light_below_zero_is_error(error: float, grade: list[Grade]) -> None:
     """A third of the field has light, all of it errs; noise below zero is no finding."""
     truth = np.where(np.arange(4000) % 3 == 0, 1.0, 0.0)[:, None] * np.ones(3)

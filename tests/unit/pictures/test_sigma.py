@@ -70,6 +70,22 @@ def test_equal_parts_have_no_code_error() -> None:
     assert np.all(measured(mean(parts), parts).sigma == 0.0)
 
 
+def test_parts_that_agree_by_chance_amid_others_that_do_not() -> None:
+    """All parts miss the light of one pixel, in a patch that errs; the rest hardly does."""
+    truth, error = np.ones(SHAPE), np.full(SHAPE, 0.001)
+    error[8:13, 8:13] = 0.2
+    parts = parts_of(truth, error, 4, 0)
+    for part in parts:
+        part.image[10, 10] = 0.0
+    before, now = (measured(mean(parts), parts, by_chance=wide) for wide in (False, True))
+    missed = np.abs(now.image - truth)[10, 10]
+    assert np.all(missed > 100.0 * before.sigma[10, 10])
+    assert np.all(missed < 20.0 * now.sigma[10, 10])
+    away = np.ones(SHAPE[:2], np.bool_)
+    away[7:14, 7:14] = False
+    np.testing.assert_array_equal(now.sigma[away], before.sigma[away])
+
+
 def test_saturated_pixels_stay_unknown() -> None:
     parts = parts_of(np.ones(SHAPE), np.full(SHAPE, 0.1), 4, 0)
     whole = mean(parts)
