@@ -245,8 +245,8 @@ def _place(
 
 
 def _late(skew_s: float, refresh_s: float) -> str:
-    """What a changed lag means."""
-    refreshes = round(skew_s / refresh_s)
+    """What a changed lag means; of NaN, where no lag explains the strips, nothing more."""
+    refreshes = round(skew_s / refresh_s) if np.isfinite(skew_s) else 0
     if refreshes and abs(skew_s - refreshes * refresh_s) < 0.25 * refresh_s:
         return (
             f"the mask is {refreshes:+d} refresh(es) later: set display.mask_delay_refreshes, "
