@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.placed import panels_from
 from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.frames.patterns import Patterns, none
@@ -35,6 +36,7 @@ from pdcd.pictures.software import software_sums, summed_matrices
 from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
 from pdcd.pictures.watch import Watch
+from pdcd.probing.borders import drawn_apart_share
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.arrays import target_with
@@ -70,6 +72,8 @@ class Decoded:
     """How the camera saw the field, for pictures that are to be upright on it."""
     sums: dict[str, Exposed] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
+    apart: float = 0.0
+    """Share of the field in which the panels show different cells."""
 
     @property
     def answer(self) -> Barred:
@@ -95,7 +99,7 @@ class Decoded:
         """
         shots = {**self.shots, **self.sums}
         return {
-            p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive)
+            p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive, self.apart)
             for p in self.recipe.photos
         }
 
@@ -182,7 +186,7 @@ class Darkroom:
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
         view = View.of(self._record, cells)
-        return Decoded(recipe, shots, pictures, cells, view, sums)
+        return Decoded(recipe, shots, pictures, cells, view, sums, _apart(self._record))
 
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed], CellMap]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
@@ -397,6 +401,14 @@ def _watched(chunks: Iterator[Factors], alive: Alive) -> Iterator[Factors]:
     for chunk in chunks:
         alive()
         yield chunk
+
+
+def _apart(record: RunRecord) -> float:
+    """Share of the field in which the panels showed different cells, each as one window."""
+    if not any(shot.window == "whole" for shot in record.shots):
+        return 0.0
+    panels = panels_from(record.projector, record.mask)
+    return drawn_apart_share(panels.projector, panels.mask, record.grid)
 
 
 def _warped(picture: Barred, homography: Homography) -> Barred:

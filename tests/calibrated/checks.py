@@ -9,11 +9,13 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from pdcd.calibration.figures import Verdict
 from tests.e2e.calibration.check_rig import CHANGES, Change, Truth, calibrated, later, verdicts
 
 
@@ -44,10 +46,16 @@ def _bench(seed: int, unchanged: int, folder: Path, told: dict[str, list[bool]])
     for number, change in enumerate(now, 1):
         there = replace(change.of(truth), seed=1000 * seed + number)
         found = verdicts(later(reference, folder / f"{seed}-{number}", there).run_check())
-        told.setdefault(change.name, []).append(found == change.found)
-        if found != change.found:
+        # Of a mask that moved the lag may be unknown.
+        right = change.found.items() <= found.items() and _worst(found) == _worst(change.found)
+        told.setdefault(change.name, []).append(right)
+        if not right:
             sys.stdout.write(f"bench {seed}, {change.name}: {found}\n")
             sys.stdout.flush()
+
+
+def _worst(found: Mapping[str, Verdict]) -> Verdict:
+    return max(found.values(), default=Verdict.GOOD)
 
 
 if __name__ == "__main__":

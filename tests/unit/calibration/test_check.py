@@ -304,6 +304,9 @@ def test_photos_that_say_nothing_are_refused() -> None:
     ):
         found = check(nothing, THEN, BENCH.camera, Map.filling(PROJECTOR_PX), GUARD_PX, T_S)
         assert verdicts(found) == {figure: BAD}
+    shifted = replace(moved(BENCH, 1.0).look(3, STRIPS)[0], skew_s=unknown)
+    found = check(shifted, THEN, BENCH.camera, Map.filling(PROJECTOR_PX), GUARD_PX, T_S)
+    assert verdicts(found) == {"mask.place": REFIT, "mask.skew_s": REFIT}
     with pytest.raises(CalibrationError, match="strips are black"):
         skew_change(np.zeros(18), STRIPS, np.full(18, 1e-4), lambda s: STRIPS, 0.0, T_S)
     with pytest.raises(CalibrationError, match="no lag explains"):
