@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ from pdcd.figures.figure import (
     OUR_CODES,
     PAPERS_CODES,
     Drawn,
+    Figure,
     Grid,
     Mode,
     Number,
@@ -57,6 +58,27 @@ class Asked:
 def grid_of(mode: Mode) -> Grid:
     """Cells of the tables: the quick page has room for small pictures only."""
     return min(mode.grid, SMALL) if mode.quick else mode.grid
+
+
+def table_of(
+    number: str,
+    title: str,
+    rows: Callable[[Grid], tuple[Asked, ...]],
+    *,
+    see: str,
+    paper: str,
+    unlike: str,
+) -> Figure:
+    """A table as a figure. rows : its rows on a grid of cells; the words are as of `Figure`."""
+    return Figure(
+        number,
+        title,
+        see=see,
+        paper=paper,
+        unlike=unlike,
+        takes=lambda mode: takes_of(rows(grid_of(mode)), mode),
+        drawn=lambda mode, photos: drawn_of(rows(grid_of(mode)), photos),
+    )
 
 
 def takes_of(rows: tuple[Asked, ...], mode: Mode) -> dict[str, Take]:
