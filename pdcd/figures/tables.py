@@ -23,6 +23,7 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.picture import white_of
 from pdcd.words import FamilyName, GoalName
 
 SCENE = "still-life"
@@ -108,11 +109,11 @@ def takes_of(rows: tuple[Asked, ...], mode: Mode) -> dict[str, Take]:
 
 def drawn_of(rows: tuple[Asked, ...], photos: Mapping[str, Photo]) -> Drawn:
     """A row of pictures for each row of the table."""
-    level = float(np.nanpercentile(photos["white"].image, 99.0)) / 0.9
+    level = white_of(photos["white"].image)
     shown, numbers = [], []
     for row in rows:
         ours, papers = photos[f"row {row.number}"], photos.get(f"row {row.number}, paper")
-        white = max(float(np.nanpercentile(np.abs(ours.truth), 99.0)) / 0.9, LEAST_SHARE * level)
+        white = max(white_of(ours.truth), LEAST_SHARE * level)
         panels = [
             Panel(ours.image, "photo", white, signed=row.signed),
             Panel(ours.truth, "truth", white, signed=row.signed),
