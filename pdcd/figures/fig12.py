@@ -30,6 +30,7 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.places import share_in
 from pdcd.scene.presets.canvas import WIDTH, Raster
 from pdcd.scene.presets.vase import on_glass
 
@@ -110,10 +111,7 @@ def _row(pictures: Mapping[str, Image], title: str) -> Row:
 def left(photo: Photo) -> float:
     """Indirect light in the direct picture, over all indirect light, as the least-squares share of
     the true indirect picture in what is wrong with the direct one."""
-    wrong = photo.pictures["direct"] - photo.truths["direct"]
-    known = np.isfinite(wrong) & np.isfinite(photo.truths["indirect"])
-    indirect = photo.truths["indirect"][known]
-    return float(wrong[known] @ indirect / (indirect @ indirect))
+    return share_in(photo.pictures["direct"] - photo.truths["direct"], photo.truths["indirect"])
 
 
 def retro(pictures: Mapping[str, Image]) -> float:
