@@ -31,6 +31,7 @@ from pdcd.figures.figure import (
     codes_printed,
 )
 from pdcd.figures.places import share_in
+from pdcd.figures.plot import finish
 from pdcd.scene.presets.canvas import WIDTH, Raster
 from pdcd.scene.presets.vase import on_glass
 
@@ -140,10 +141,13 @@ def _line(photo: Photo) -> Any:
             axes.plot(x[part], light[part], label=words, lw=1.2)
         glass = np.flatnonzero(glass_of(photo.image)[row.start + 2])
         axes.axvspan(x[glass[0]], x[glass[-1]], color="0.9")
-        axes.set_xlabel("place in the picture; grey: the glass of the mirror")
-        axes.set_ylabel("brightness, 1 is white paper")
         axes.set_ylim(bottom=0.0)
-        axes.legend()
+        finish(
+            axes,
+            "A line through the mirror",
+            "place in the picture; grey: the glass of the mirror",
+            "brightness, 1 is white paper",
+        )
 
     return draw
 
