@@ -7,6 +7,7 @@ Python callers share one definition and one JSON Schema.
 from __future__ import annotations
 
 import secrets
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
@@ -366,6 +367,18 @@ class Quality(msgspec.Struct, frozen=True, kw_only=True):
 
 Figure = float | int | str | Quality | None
 """What the summary of a run holds."""
+
+
+def quality_of(summary: Mapping[str, Figure]) -> Quality | None:
+    """The verdict in the summary of a run; None in runs of versions without one."""
+    found = summary.get("quality")
+    return found if isinstance(found, Quality) else None
+
+
+def figure_of(summary: Mapping[str, Figure], name: str) -> float | int | str | None:
+    """A number or a word of the summary of a run; None for what is not known, and the verdict."""
+    found = summary.get(name)
+    return None if isinstance(found, Quality) else found
 
 
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):

@@ -16,7 +16,7 @@ from pdcd.api.progress import Shown, shown
 from pdcd.errors import DecodeError
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import Patterns, fit, levels_of
-from pdcd.request import Figure, Quality
+from pdcd.request import Figure, Quality, quality_of
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.frame_table import COLUMNS
 from pdcd.runs.frame_table import NAME as FRAMES
@@ -99,8 +99,7 @@ class Run:
     @property
     def quality(self) -> Quality | None:
         """The verdict with its reasons; None in runs of early versions."""
-        found = self.summary.get("quality")
-        return found if isinstance(found, Quality) else None
+        return quality_of(self.summary)
 
     @property
     def verdict(self) -> VerdictName | None:

@@ -19,8 +19,9 @@ from importlib.resources import files
 from typing import Any
 
 from pdcd.printable import one_line
-from pdcd.report.facts import MOST_ROWS, Table, figures, quality, tables
+from pdcd.report.facts import MOST_ROWS, Table, figures, tables
 from pdcd.report.material import Material
+from pdcd.request import quality_of
 from pdcd.runs.record import Manifest
 from pdcd.version import __version__
 
@@ -93,7 +94,7 @@ def _head(manifest: Manifest, material: Material) -> str:
 
 
 def _verdict(manifest: Manifest) -> str:
-    found = quality(manifest)
+    found = quality_of(manifest.summary)
     verdict = "unknown" if found is None else found.verdict
     sides = [] if found is None else [("reason", r) for r in found.reasons]
     told = manifest.summary
