@@ -412,4 +412,9 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 def new_job_id() -> str:
     """Name of a new job: UTC time to the second and four random hex digits."""
-    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
+    return f"{job_time(datetime.now(UTC))}-{secrets.token_hex(2)}"
+
+
+def job_time(moment: datetime) -> str:
+    """What the names of jobs of a moment begin with; they sort by time."""
+    return f"{moment.astimezone(UTC):%Y%m%dT%H%M%SZ}"
