@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,8 +17,8 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import Patterns, fit, levels_of
 from pdcd.request import Figure, Quality, quality_of
 from pdcd.runs.folder import sha256_of
-from pdcd.runs.frame_table import COLUMNS
 from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.frame_table import read_columns
 from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.patterns import read_patterns, stored_arrays
@@ -173,18 +172,7 @@ class Run:
     @cached_property
     def frames(self) -> dict[str, NDArray[Any]]:
         """frames.csv by column: "shot" str, all others int64, an entry for each refresh."""
-        path = self.checked(FRAMES)
-        try:
-            with path.open(newline="") as file:
-                head, *lines = csv.reader(file)
-            columns = dict(zip(head, zip(*lines, strict=True), strict=True)) if lines else {}
-            return {
-                name: np.array(columns.get(name, ()), dtype=np.str_ if name == "shot" else np.int64)
-                for name in COLUMNS
-                if name in head
-            }
-        except (ValueError, OverflowError, csv.Error) as err:
-            raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
+        return read_columns(self.checked(FRAMES))
 
     def row(self, row: int, column: int, photo: str | None = None) -> MatrixRow:
         """Weights of the paths from every projector cell to one camera cell, as wanted and as
