@@ -23,7 +23,7 @@ from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.patterns import read_patterns, stored_arrays
 from pdcd.runs.record import Manifest
-from pdcd.runs.verify import sound_manifest
+from pdcd.runs.verify import PROBE, sound_manifest
 from pdcd.words import NormaliseName, VerdictName
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PROBE = "probe.npz"
 PANELS = ("primal", "dual")
 
 

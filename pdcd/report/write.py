@@ -12,6 +12,7 @@ from pdcd.report.material import Material, gathered
 from pdcd.report.page import page
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.later import REPORT
+from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.put import put_file
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import sound_manifest
@@ -27,7 +28,7 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
     other refusal of the disk.
     """
     watch = watch or Watch()
-    manifest = sound_manifest(folder, ("codes.npz", FRAMES), watch)
+    manifest = sound_manifest(folder, (CODES, FRAMES), watch)
     partly, kept = manifest.state == "partial", TRUTH in manifest.files
     more = [TRUTH] if kept else []
     if manifest.run.goal.name == "transport":

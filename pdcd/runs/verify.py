@@ -19,13 +19,17 @@ import msgspec
 from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError
 from pdcd.printable import one_line
+from pdcd.runs.folder import LOG
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, read_file
 from pdcd.runs.later import made_later
 from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, parsed
+from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.record import FileRecord, Manifest
 
-NEEDED = ("codes.npz", FRAMES, "probe.npz", "log.jsonl")
+PROBE = "probe.npz"
+"""The answer over the cells, with its error."""
+NEEDED = (CODES, FRAMES, PROBE, LOG)
 """Files that every run has, beside the RAW files of its shots."""
 MAX_FINDINGS, MAX_WORDS = 1000, 300
 """Most findings that are told of one folder, and most letters of each."""
