@@ -76,15 +76,12 @@ class Verified(msgspec.Struct, frozen=True, kw_only=True):
     for them, and nothing rests on them."""
 
 
-def verify(
-    folder: Path, *, manifest_sha256: str | None = None, alive: Alive = lambda: None
-) -> Verified:
+def verify(folder: Path, *, manifest_sha256: str | None = None) -> Verified:
     """Look at all of a run folder. Raises nothing for what is wrong with it.
 
-    `manifest_sha256` is what the manifest is to have, where that is known from elsewhere. `alive`
-    is called now and then, and may raise to end the work.
+    `manifest_sha256` is what the manifest is to have, where that is known from elsewhere.
     """
-    check = Check(alive)
+    check = Check()
     check.look(folder, manifest_sha256, None)
     found = check.found
     return Verified(
@@ -106,14 +103,13 @@ def whole_manifest(
 ) -> Manifest:
     """The manifest of a run of which nothing has changed, or none of the files of those names.
 
-    Raises DecodeError, which says what has.
+    `alive` is called now and then, and may raise to end the work. Raises DecodeError, which says
+    what has.
     """
     return _manifest(folder, names, alive, ())
 
 
-def sound_manifest(
-    folder: Path, names: Collection[str] | None = None, alive: Alive = lambda: None
-) -> Manifest:
+def sound_manifest(folder: Path, names: Collection[str], alive: Alive = lambda: None) -> Manifest:
     """The same, also of a run of which shots are missing, which is else as it was."""
     return _manifest(folder, names, alive, ("partial",))
 
@@ -146,7 +142,7 @@ class Check:
     none = "this is no finished run"
     """What is said where nothing lists the files."""
 
-    def __init__(self, alive: Alive) -> None:
+    def __init__(self, alive: Alive = lambda: None) -> None:
         self._alive = alive
         self.read: Manifest | None = None
         self.sha256: str | None = None
