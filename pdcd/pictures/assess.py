@@ -157,17 +157,17 @@ def _direct_left(
     if photo.wanted.uniform is None or photo.wanted.uniform[0] != 0.0:
         return
     there, left = (thin.inside(thin.pick(p.image)) for p in (direct, decoded.answer))
-    weight = max(abs(deviations[photo.name].diagonal_mean), _at_borders(decoded))
+    weight = max(abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo))
     yield from quality.direct_left(weight, there, left)
 
 
-def _at_borders(decoded: Decoded) -> float:
+def _at_borders(decoded: Decoded, photo: Photo) -> float:
     """RMS over the quads of the weight of direct light that gets through between cells.
 
     It lies along the borders of cells, in lines that are one quad wide or, where quads are finer
     than that, as wide as the panels are apart.
     """
-    apart, cells = decoded.apart, decoded.cells
+    apart, cells = decoded.apart_in(photo), decoded.cells
     (height, width), (rows, cols) = cells.frame, cells.grid
     seen = np.count_nonzero(cells.known) / (height * width)
     quad = float(np.sqrt(rows * cols / max(seen * height * width, 1.0)))

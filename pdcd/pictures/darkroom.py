@@ -43,7 +43,7 @@ from pdcd.recipes.arrays import target_with
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers, taken_parts
 from pdcd.recipes.possible import possible
-from pdcd.recipes.recipe import Recipe, Shot
+from pdcd.recipes.recipe import Photo, Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import RunRecord, ShotRecord
@@ -72,8 +72,8 @@ class Decoded:
     """How the camera saw the field, for pictures that are to be upright on it."""
     sums: dict[str, Exposed] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
-    apart: float = 0.0
-    """Share of the field in which the panels show different cells."""
+    apart: Mapping[str, float] = field(default_factory=dict)
+    """Share of the field in which the panels showed different cells, of shots of whole cells."""
 
     @property
     def answer(self) -> Barred:
@@ -87,6 +87,10 @@ class Decoded:
             return None
         return sliced(self.recipe, self.shots, self.cells)
 
+    def apart_in(self, photo: Photo) -> float:
+        """Share of the field in which the panels showed different cells in all shots of a photo."""
+        return min(self.apart.get(name, 0.0) for _, name in photo.shots)
+
     @cached_property
     def cell_means(self) -> Barred:
         """The answer's means over the cells, (rows, cols, 3)."""
@@ -99,7 +103,7 @@ class Decoded:
         """
         shots = {**self.shots, **self.sums}
         return {
-            p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive, self.apart)
+            p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive, self.apart_in(p))
             for p in self.recipe.photos
         }
 
@@ -403,12 +407,14 @@ def _watched(chunks: Iterator[Factors], alive: Alive) -> Iterator[Factors]:
         yield chunk
 
 
-def _apart(record: RunRecord) -> float:
-    """Share of the field in which the panels showed different cells, each as one window."""
-    if not any(shot.window == "whole" for shot in record.shots):
-        return 0.0
+def _apart(record: RunRecord) -> dict[str, float]:
+    """What `Decoded.apart` says."""
+    whole = [shot.name for shot in record.shots if shot.window == "whole"]
+    if not whole:
+        return {}
     panels = panels_from(record.projector, record.mask)
-    return drawn_apart_share(panels.projector, panels.mask, record.grid)
+    share = drawn_apart_share(panels.projector, panels.mask, record.grid)
+    return dict.fromkeys(whole, share)
 
 
 def _warped(picture: Barred, homography: Homography) -> Barred:
