@@ -107,7 +107,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
-            _direct_left(photos, decoded, deviations, thin),
+            _direct_left(record, photos, decoded, deviations, thin),
             # Entries of T have no parts that could measure anything.
             quality.sigma_of("" if decoded.transport is not None else answer.kind),
             _pair_sum(decoded, thin),
@@ -147,7 +147,11 @@ def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
 
 
 def _direct_left(
-    photos: list[Photo], decoded: Decoded, deviations: dict[str, Deviation], thin: Thinned
+    record: RunRecord,
+    photos: list[Photo],
+    decoded: Decoded,
+    deviations: dict[str, Deviation],
+    thin: Thinned,
 ) -> Iterator[Finding]:
     """What is direct light in an answer of one photo without any."""
     direct = decoded.pictures.get("direct")
@@ -157,8 +161,11 @@ def _direct_left(
     if photo.wanted.uniform is None or photo.wanted.uniform[0] != 0.0:
         return
     there, left = (thin.inside(thin.pick(p.image)) for p in (direct, decoded.answer))
-    weight = max(abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo))
-    yield from quality.direct_left(weight, there, left)
+    weight, drawn = abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo)
+    if drawn > 0.0:
+        yield from quality.direct_left(max(weight, drawn), there, left, taken_out=False)
+    else:
+        yield from quality.direct_left(weight, there, left, taken_out=record.unmixed)
 
 
 def _at_borders(decoded: Decoded, photo: Photo) -> float:

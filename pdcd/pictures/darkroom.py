@@ -236,6 +236,7 @@ class Darkroom:
                 cells,
                 normalise=record.normalise,
                 smooth=record.smooth,
+                unmix=record.unmixed,
                 alive=alive,
             )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -128,11 +130,15 @@ def test_a_probing_matrix_far_from_the_wanted_one() -> None:
 def test_direct_light_in_a_picture_without_any() -> None:
     direct, answer = np.full((50, 3), 10.0), np.ones((50, 3))
     direct[0], answer[1] = np.nan, np.inf
-    assert grades(quality.direct_left(0.01, direct, answer)) == []
-    assert grades(quality.direct_left(0.02, direct, answer)) == [DOUBTFUL]
-    (found,) = quality.direct_left(0.06, direct, answer)
+    left = partial(quality.direct_left, direct=direct, answer=answer)
+    assert grades(left(0.01, taken_out=False)) == []
+    assert grades(left(0.02, taken_out=False)) == [DOUBTFUL]
+    (found,) = left(0.06, taken_out=False)
     assert found.grade == BAD and found.text.startswith("60 % of the picture is direct light")
-    assert grades(quality.direct_left(0.06, direct, 0.0 * direct)) == []
+    assert grades(left(0.04, taken_out=True)) == []
+    (found,) = left(0.06, taken_out=True)
+    assert found.grade == DOUBTFUL and "as strong as 60 % of the picture was taken" in found.text
+    assert grades(quality.direct_left(0.06, direct, 0.0 * direct, taken_out=False)) == []
 
 
 def test_a_modelled_sigma_is_a_remark() -> None:
