@@ -18,7 +18,7 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.request import ARRAYS, LABELS, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.request import ARRAYS, LABELS, CaptureRequest, CaptureResult, PlanSummary, in_words
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
@@ -146,7 +146,7 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     """
     fields = {
         "goal": args.goal,
-        "prior": args.prior if _in_words(args.prior) else None,
+        "prior": args.prior if in_words(args.prior) else None,
         "pilot": args.pilot,
         "smooth": args.smooth,
         "parts": args.parts,
@@ -200,7 +200,7 @@ def _range(disparity: list[int] | None) -> list[int] | None:
 def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
     """The files that were named, by the request's field; this command opens them itself."""
     given: dict[str, Path | None] = {name: getattr(args, name) for name in ARRAYS}
-    if args.prior is not None and not _in_words(args.prior):
+    if args.prior is not None and not in_words(args.prior):
         given["prior"] = Path(args.prior)
     return {name: path for name, path in given.items() if path is not None}
 
@@ -212,10 +212,6 @@ def _both_rows(rows: list[int] | None) -> tuple[int, int] | None:
     if len(rows) > 2:
         raise ConfigError("--rows takes one row of cells, or two", hint="such as --rows 12 20")
     return rows[0], rows[-1]
-
-
-def _in_words(prior: str | None) -> bool:
-    return prior is not None and prior.startswith(("scene:", "decay:"))
 
 
 def _plan(
