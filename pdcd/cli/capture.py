@@ -36,11 +36,7 @@ GUARDS = {
 
 def capture(args: argparse.Namespace) -> int:
     """Take a photo; the exit code tells how it ended."""
-    given = [name for name in ("socket", "detach", "queue") if getattr(args, name)]
-    if args.local and given:
-        raise ConfigError(
-            f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
-        )
+    refuse_with_local(args, "socket", "detach", "queue")
     asked = request_of(args, out=args.out)
     result = take(args, asked, arrays_of(args), detach=args.detach, queue=args.queue)
     return say_result(result, as_json=args.json)
@@ -133,6 +129,15 @@ def plan(args: argparse.Namespace) -> int:
     return DONE
 
 
+def refuse_with_local(args: argparse.Namespace, *names: str) -> None:
+    """Raise ConfigError where --local was typed with one of these options, which ask a daemon."""
+    given = [name for name in names if getattr(args, name)]
+    if args.local and given:
+        raise ConfigError(
+            f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
+        )
+
+
 def daemon_socket(args: argparse.Namespace) -> Path:
     """Path of the daemon's socket: as given, else as the configuration says."""
     given: Path | None = args.socket
@@ -218,8 +223,7 @@ def _plan(
     args: argparse.Namespace, request: CaptureRequest, files: Mapping[str, Path]
 ) -> PlanSummary:
     """Ask the daemon, unless told to plan here; plan here too when no daemon was named or found."""
-    if args.local and args.socket is not None:
-        raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
+    refuse_with_local(args, "socket")
     if not args.local and args.config is None:
         try:
             with Client(daemon_socket(args)) as client:
