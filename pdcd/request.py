@@ -9,7 +9,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeGuard
 
 import msgspec
 from msgspec import Meta
@@ -87,6 +87,12 @@ ARRAYS = (
     "illumination", "warp", "warp_b", "region_a", "region_b", "disparities", "kernel", "matrix",
 )  # fmt: skip
 """Fields of a request that are arrays; `prior` may be one."""
+
+
+def in_words(prior: object) -> TypeGuard[str]:
+    """Whether a prior is said in words, and is no array or name of a file."""
+    return isinstance(prior, str) and prior.startswith(("scene:", "decay:"))
+
 
 MOST_CELLS = 65536
 """No panel has more pixels along a side; what the rig's own grid allows is less

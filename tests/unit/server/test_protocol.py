@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError
+from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError, error_fields
 from pdcd.request import CaptureRequest
 from pdcd.server import messages
 from pdcd.server.messages import CODES, METHODS, JobParams, StartParams
@@ -394,7 +394,7 @@ def test_the_schema_covers_every_method_and_refers_to_what_is_there() -> None:
 
 
 def test_the_fields_of_an_error_are_those_of_a_result() -> None:
-    assert messages.error_fields(PdcdError("m", hint="h")) == {
+    assert error_fields(PdcdError("m", hint="h")) == {
         "kind": "internal",
         "message": "m",
         "device": None,
