@@ -210,9 +210,17 @@ def verdict_on(folder: Path, truth: str) -> Quality:
         ("", ""),
         # Projector and mask are larger than they are believed to be: to the camera, all is nearer.
         ("[camera]\nplace = { scale = 1.15 }\n", "light outside"),
-        ("[camera]\nplace = { scale = 1.6, offset_px = [90.0, -70.0] }\n", "light outside"),
+        pytest.param(
+            "[camera]\nplace = { scale = 1.6, offset_px = [90.0, -70.0] }\n",
+            "light outside",
+            marks=pytest.mark.long,
+        ),
         # The projector alone: beside the field the mask is black, so that no light is seen there.
-        ("[projector]\nplace = { scale = 1.4 }\n", "no direct light in the scene"),
+        pytest.param(
+            "[projector]\nplace = { scale = 1.4 }\n",
+            "no direct light in the scene",
+            marks=pytest.mark.long,
+        ),
         ("[projector]\nplace = { offset_px = [40.0, 0.0] }\n", "no direct light in the scene"),
     ],
 )

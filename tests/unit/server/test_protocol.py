@@ -304,7 +304,7 @@ NEARLY = st.fixed_dictionaries(
 ).map(lambda value: json.dumps(value).encode())
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(deadline=None, derandomize=True, max_examples=20)
 @given(st.lists(st.binary(max_size=200) | NEARLY | NEARLY, max_size=8), st.integers(1, 64))
 def test_no_bytes_make_the_connection_raise(lines: list[bytes], cut: int) -> None:
     stream = b"\n".join(lines) + b"\n"
