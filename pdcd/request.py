@@ -253,6 +253,10 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     """Whether photos of matched cells with a share of the rest, and those under stripes, are scaled
     by all the light they keep, and sums of direct and matched light by the direct light
     (`pdcd.probing.deviation.weight_s`). Earlier runs are not."""
+    bars: bool = False
+    """Whether modelled error bars of far light go by the weight of each cell and by the roughness
+    of all light (`pdcd.pictures.sigma_model`), and measured ones know that parts may agree by
+    chance (`pdcd.pictures.sigma`). Earlier runs have theirs as they were."""
 
     @property
     def coded(self) -> int:

@@ -25,6 +25,7 @@ from pdcd.runs.views import OwnerView
 
 if TYPE_CHECKING:
     from pdcd.capture.engine import Engine
+    from pdcd.optics.bench import OpticalBench
     from pdcd.recipes.arrays import Given
 
 Configured = Config | Path | str | Mapping[str, Any] | None
@@ -77,6 +78,11 @@ class LocalBench(Bench):
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
         return self._engine.grid
+
+    @property
+    def optics(self) -> OpticalBench | None:
+        """The virtual bench that photos are made of (`Engine.optics`)."""
+        return self._engine.optics
 
     def described(self) -> dict[str, Any]:
         """The configuration in plain values, its files by their content."""

@@ -49,7 +49,7 @@ def takes(mode: Mode) -> dict[str, Take]:
     """
     split = {**CODES, "period": PERIOD}
     return {
-        "direct": Take(SCENE, "direct", {**OUR_CODES, **CODES}, bound=0.10, said="our codes"),
+        "direct": Take(SCENE, "direct", {**OUR_CODES, **CODES}, bound=0.04, said="our codes"),
         "ours": Take(SCENE, "split", {**OUR_CODES, **split}, bound=0.35, said="our codes"),
         "paper": Take(
             SCENE, "split", {**PAPERS_CODES, **split}, bound=0.45, said="the paper's codes"

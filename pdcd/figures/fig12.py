@@ -56,11 +56,11 @@ def takes(mode: Mode) -> dict[str, Take]:
         codes = {"codes": codes_printed(printed)}
         # White light less what is indirect: the camera's noise of both, and a mirror's few paths.
         found[f"{kind}, ours"] = Take(
-            kind, "direct", {**OUR_CODES, **codes}, bound=0.06, said="our codes"
+            kind, "direct", {**OUR_CODES, **codes}, bound=0.034, said="our codes"
         )
         if not mode.quick or kind == next(iter(SCENES)):
             found[f"{kind}, paper's"] = Take(
-                kind, "direct", {**PAPERS_CODES, **codes}, bound=0.15, said="the paper's codes"
+                kind, "direct", {**PAPERS_CODES, **codes}, bound=0.053, said="the paper's codes"
             )
     return found
 
@@ -78,8 +78,8 @@ def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
             Number(
                 f"{kind}: indirect light left in the direct picture",
                 left(ours),
-                least=-0.10,
-                most=0.10,
+                least=-0.03,
+                most=0.03,
                 percent=True,
             )
         )
@@ -92,7 +92,7 @@ def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
     numbers += [
         # Wall and table seen in the glass are a fifth of white and more: not black.
         Number("direct share of the light of the mirror", share, least=0.15, most=0.6),
-        Number("its error against the truth", abs(share - true), most=0.03),
+        Number("its error against the truth", abs(share - true), most=0.01),
     ]
     caption = (
         "The mirror is not black in direct light: what it throws onto the wall at a point comes"

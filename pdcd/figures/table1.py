@@ -24,7 +24,7 @@ def rows(grid: Grid) -> tuple[Asked, ...]:
             2, "the same by a probing matrix, i_m in every row", "relit", 0.15, None,
             asked={"matrix": np.tile(light.ravel(), (cells, 1))},
         ),
-        Asked(3, "the diagonal of T", "diagonal", 0.06, "rademacher"),
+        Asked(3, "the diagonal of T", "diagonal", 0.05, "rademacher"),
         Asked(
             4, "an off-diagonal of T: light from the cell to the right", "off-diagonal", 0.90,
             "rademacher", asked={"shift": (0, 1)},
@@ -35,7 +35,7 @@ def rows(grid: Grid) -> tuple[Asked, ...]:
         ),
         Asked(
             6, "two entries a row: the path by the mirror, and half of the diagonal",
-            "two-samples", 0.12, "rademacher",
+            "two-samples", 0.11, "rademacher",
             asked={"warp": warp, "warp_b": itself(grid), "mix": (1.0, 0.5)},
         ),
         Asked(

@@ -15,7 +15,7 @@ KERNEL = np.array([[0.0, -0.25, 0.0], [-0.25, 1.0, -0.25], [0.0, -0.25, 0.0]])
 def rows(grid: Grid) -> tuple[Asked, ...]:
     """The table's rows, in its words."""
     return (
-        Asked(1, "direct, retro-reflection and back-scattering", "direct", 0.06),
+        Asked(1, "direct, retro-reflection and back-scattering", "direct", 0.05),
         Asked(2, "all other indirect light", "indirect", 0.16),
         Asked(
             3, f"long-range indirect: from more than {RADIUS} cells away", "long-range", 0.55,
@@ -27,14 +27,14 @@ def rows(grid: Grid) -> tuple[Asked, ...]:
         ),
         Asked(
             5, "transport masking: no light from the mirror to the wall beside it", "blocked",
-            0.05, None, asked={"region_a": spot(grid), "region_b": mirror(grid)},
+            0.034, None, asked={"region_a": spot(grid), "region_b": mirror(grid)},
         ),
         Asked(
             6, "local de-scattering: direct less what came from the cell to the left",
             "descattered", 0.10, "rademacher", signed=True, asked={"shift": (0, -1)},
         ),
         Asked(
-            7, "a filter: direct less a quarter of each neighbour", "filtered", 0.06,
+            7, "a filter: direct less a quarter of each neighbour", "filtered", 0.053,
             "rademacher", signed=True, asked={"kernel": KERNEL},
         ),
     )  # fmt: skip

@@ -29,6 +29,11 @@ from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
+LIGHT = (
+    "indirect", "direct", "fraction", "diagonal", "off-diagonal", "warped", "long-range",
+    "short-range", "keyed", "epipolar", "stereo",
+)  # fmt: skip
+"""Goals whose answer is light that paths bring, and so never below zero."""
 PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
 PER_CELL = 4
@@ -103,6 +108,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.saturation({n: _share(decoded.shots[n].saturated) for n in names}),
             _light(lit, decoded, thin),
             quality.answer_of(image, sigma, sensor),
+            _errors(record, decoded, image, sigma, sensor),
             _stray(names, planned, decoded, thin),
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
@@ -113,6 +119,27 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _pair_sum(decoded, thin),
         )
     )
+
+
+def _errors(
+    record: RunRecord, decoded: Decoded, image: Floats, sigma: Floats, sensor: Floats
+) -> Iterator[Finding]:
+    """How far the answer may be off, by its sigma and by light below zero.
+
+    A modelled sigma counts where it speaks of one photo of far light. Of a difference it is mostly
+    too large; but there light below zero shows what is wrong.
+    """
+    recipe = decoded.recipe
+    rule = recipe.answer
+    if decoded.transport is not None:
+        return
+    measured = decoded.answer.kind == "measured"
+    alone = [] if isinstance(rule, Extremes) else [name for _, name in rule]
+    far = any(p.beyond and alone == [p.name] for p in recipe.photos)
+    if measured or (far and record.how.bars):
+        yield from quality.error_of(image, sigma, sensor, recipe.target.cells, measured)
+    if recipe.target.goal.name in LIGHT:
+        yield from quality.negative_light(image, sensor)
 
 
 def _resting(decoded: Decoded) -> list[Photo]:

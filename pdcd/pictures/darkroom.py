@@ -246,7 +246,8 @@ class Darkroom:
         if len(numbers) < FEWEST_PARTS:
             known = learned is not None and record.scouted
             sharp = learned.sharp if known and learned is not None else None
-            return modelled(recipe, shots, scaled, whole, cells, alive, sharp)
+            bars = record.how.bars
+            return modelled(recipe, shots, scaled, whole, cells, alive, sharp, by_row=bars)
         parts: dict[str, list[Picture]] = {name: [] for name in whole}
         for number in numbers:
             for name, part in pictures_of(recipe, photos(only_parts(recipe, {number}))).items():
