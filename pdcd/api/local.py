@@ -25,6 +25,7 @@ from pdcd.runs.views import OwnerView
 
 if TYPE_CHECKING:
     from pdcd.capture.engine import Engine
+    from pdcd.optics.bench import OpticalBench
     from pdcd.recipes.arrays import Given
 
 Configured = Config | Path | str | Mapping[str, Any] | None
@@ -78,6 +79,11 @@ class LocalBench(Bench):
         """Rows and columns of code cells."""
         return self._engine.grid
 
+    @property
+    def optics(self) -> OpticalBench | None:
+        """The virtual bench that photos are made of (`Engine.optics`)."""
+        return self._engine.optics
+
     def described(self) -> dict[str, Any]:
         """The configuration in plain values, its files by their content."""
         return described(self._config)
@@ -108,10 +114,10 @@ class LocalBench(Bench):
         self,
         cancelled: Callable[[], bool],
         request: CaptureRequest,
-        arrays: Arrays = NONE,
-        on_event: OnEvent | None = None,
+        arrays: Arrays,
+        on_event: OnEvent | None,
         *,
-        report: bool = False,
+        report: bool,
     ) -> CaptureResult:
         """The same, ended when `cancelled()` says so, which is asked at every step; `report` is
         that of `Engine.capture`."""

@@ -25,6 +25,8 @@ from pdcd.offload.birth import Newborn
 from pdcd.offload.desk import Desk, Facts
 from pdcd.offload.hands import Hands, Here
 from pdcd.offload.keeper import Child
+from pdcd.optics.bench import OpticalBench
+from pdcd.optics.needed import optics_of
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
 from pdcd.planning.measured import with_grid
@@ -115,6 +117,13 @@ class Engine:
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
         return self._rig.grid
+
+    @property
+    def optics(self) -> OpticalBench | None:
+        """What a mock camera sees, pixel by pixel, once it is open; None for a real one, and where
+        the scene's cells say all there is to see."""
+        scene = self._rig.scene
+        return None if scene is None else optics_of(self._config, scene)
 
     def describe(self) -> RigView:
         """The rig: drivers, panels, camera, scene."""

@@ -6,11 +6,10 @@ import argparse
 
 import msgspec
 
-from pdcd.cli.capture import arrays_of, request_of, take
+from pdcd.cli.capture import arrays_of, refuse_with_local, request_of, take
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import figure, say, say_json, say_notes, say_result, say_table
-from pdcd.errors import ConfigError
-from pdcd.request import CaptureRequest, CaptureResult, Quality
+from pdcd.cli.output import say, say_json, say_notes, say_result, say_table
+from pdcd.request import CaptureRequest, CaptureResult, Quality, figure_of, quality_of
 from pdcd.words import MethodName
 
 COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
@@ -40,8 +39,7 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
 
 def compare(args: argparse.Namespace) -> int:
     """Take the photo by all methods, one after the other; ends at the first that fails."""
-    if args.local and args.socket is not None:
-        raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
+    refuse_with_local(args, "socket")
     asked, files = request_of(args, out=args.out), arrays_of(args)
     without_prior = {name: path for name, path in files.items() if name != "prior"}
     rows, results = [], []
@@ -72,18 +70,17 @@ def by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
 
 def _compared(method: MethodName, result: CaptureResult) -> Compared:
     summary = result.summary
-    quality = summary.get("quality")
     return Compared(
         method=method,
         job=result.job,
         folder=result.folder,
-        codes=figure(summary, "codes") if summary.get("family") != "none" else None,
-        raw_files=figure(summary, "shots"),
-        exposure_s=figure(summary, "exposure_s"),
-        rms_error=figure(summary, "rms_error"),
-        sigma_mean=figure(summary, "sigma_mean"),
-        wall_s=figure(summary, "wall_s"),
-        quality=quality if isinstance(quality, Quality) else None,
+        codes=figure_of(summary, "codes") if summary.get("family") != "none" else None,
+        raw_files=figure_of(summary, "shots"),
+        exposure_s=figure_of(summary, "exposure_s"),
+        rms_error=figure_of(summary, "rms_error"),
+        sigma_mean=figure_of(summary, "sigma_mean"),
+        wall_s=figure_of(summary, "wall_s"),
+        quality=quality_of(summary),
     )
 
 

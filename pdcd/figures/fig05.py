@@ -26,7 +26,6 @@ PARTS: dict[str, tuple[float, float]] = {
 """Magnified parts, as shares of the field's width."""
 DEEPEST = 1e-3
 """Share of the brightest entries that is still shown."""
-MAGNIFIED = 12
 
 
 def row_of(mode: Mode) -> int:
@@ -40,7 +39,7 @@ def takes(mode: Mode) -> dict[str, Take]:
     return {
         # A still-life under one row of light has detail within its cells: a cell of many values is
         # measured as its mean, which lies some per cent beside what its own transport says.
-        "slice": Take("still-life", "transport", {"rows": (row, row)}, bound=0.15, said="S-matrix"),
+        "slice": Take("still-life", "transport", {"rows": (row, row)}, bound=0.11, said="S-matrix"),
         "scene": Take("still-life", "white", said="all light"),
     }
 
@@ -102,12 +101,12 @@ def _numbers(found: NDArray[Any], truth: NDArray[Any]) -> list[Number]:
         Number(
             "share of light within one cell of the diagonal",
             float(found[near].sum() / found.sum()),
-            least=float(truth[near].sum() / truth.sum()) - 0.06,
-            most=float(truth[near].sum() / truth.sum()) + 0.06,
+            least=float(truth[near].sum() / truth.sum()) - 0.03,
+            most=float(truth[near].sum() / truth.sum()) + 0.03,
             percent=True,
         ),
-        Number("correlation with the truth further off the diagonal", far, least=0.85),
-        Number("a path and its way back, correlated, further off", reciprocal, least=0.7),
+        Number("correlation with the truth further off the diagonal", far, least=0.95),
+        Number("a path and its way back, correlated, further off", reciprocal, least=0.9),
     ]
 
 

@@ -23,6 +23,7 @@ from pdcd.figures.figure import (
     Row,
     Take,
 )
+from pdcd.figures.picture import white_of
 from pdcd.figures.plot import colour, finish
 from pdcd.sensor.profile import load_profile
 from pdcd.words import FamilyName, GoalName
@@ -34,6 +35,7 @@ SECONDS = 9.7
 """Exposure of each photo: one refresh for each pair of cells, at 60 Hz."""
 F_NUMBERS: dict[GoalName, float] = {"diagonal": 40.0, "indirect": 11.0}
 """Apertures at which codes expose the sensor well."""
+BOUNDS: dict[GoalName, float] = {"diagonal": 0.018, "indirect": 0.15}
 WAYS: dict[str, FamilyName] = {
     "naive": "isolation",
     "proportional": "confocal",
@@ -73,7 +75,7 @@ def takes(mode: Mode) -> dict[str, Take]:
                 all_codes=True,
                 # Exact but for noise, and for quads that see the borders of such large cells: only
                 # codes have light enough for a picture.
-                bound=0.15 if way == "codes" else None,
+                bound=BOUNDS[goal] if way == "codes" else None,
                 said="as in the paper" if way != "codes" else "more codes than cells: exact",
             )
     return found
@@ -84,7 +86,7 @@ def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
     rows = []
     for goal in GOALS:
         truth = photos[f"{goal}, codes"].truth
-        white = float(np.nanpercentile(truth, 99.0)) / 0.9
+        white = white_of(truth)
         panels = [Panel(photos[f"{goal}, {way}"].image, way, white) for way in WAYS]
         rows.append(Row((*panels, Panel(truth, "truth", white)), goal))
     error = {name: photo.error for name, photo in photos.items()}

@@ -33,6 +33,7 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.plot import finish
 from pdcd.scene.build import build_scene
 from pdcd.scene.displaced import Displaced
 from pdcd.scene.effects import Array
@@ -40,6 +41,9 @@ from pdcd.scene.effects import Array
 SCENE = "off-axis-box"
 DEPTHS = {"b": -2.0, "c": -1.0, "d": -0.5, "e": 0.0, "f": 0.5, "g": 2.0}
 """Disparity of the box's front, in cells, from far to near; that of (e) is blocked."""
+BOUNDS = {"b": 0.07, "c": 0.063, "d": 0.31, "e": 0.105, "f": 0.37, "g": 0.05}
+"""Half-blocked fronts differ by twice the share of a cell that panels are misplaced by; where (e)
+is blocked there is least light to be wrong about."""
 MISPLACED = 0.15
 """Cells by which the bench's panels may lie off where it believes them: 2 of 21 projector pixels,
 and what a map that is linear in each cell leaves."""
@@ -50,10 +54,9 @@ def takes(mode: Mode) -> dict[str, Take]:
     """The box at six depths, and at the blocked one by the paper's codes as well."""
     found = {}
     for name, disparity in DEPTHS.items():
-        # Half-blocked fronts differ by twice the share of a cell that panels are misplaced by.
-        bound = 0.12 if _kept(abs(disparity)) in (0.0, 1.0) else 0.4
-        found[name] = _take(disparity, {**OUR_CODES, "white": name == "e"}, bound, "our codes")
-    found["paper"] = _take(DEPTHS["e"], {**PAPERS_CODES, "white": False}, 0.5, "the paper's codes")
+        asked = {**OUR_CODES, "white": name == "e"}
+        found[name] = _take(disparity, asked, BOUNDS[name], "our codes")
+    found["paper"] = _take(DEPTHS["e"], {**PAPERS_CODES, "white": False}, 0.35, "the paper's codes")
     return found
 
 
@@ -97,9 +100,12 @@ def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
         fine = np.linspace(-2.2, 2.2, 400)
         axes.plot(fine, [_kept(abs(d)) for d in fine], lw=1.0, label="by geometry")
         axes.plot(list(DEPTHS.values()), list(found.values()), "o", label="photos")
-        axes.set_xlabel("disparity of the box's front, in cells")
-        axes.set_ylabel("direct light left of it")
-        axes.legend()
+        finish(
+            axes,
+            "The box's front",
+            "disparity of the box's front, in cells",
+            "direct light left of it",
+        )
 
     plot = Plot(
         "left", draw, "Direct light left of the box's front, by how far from the plane it is."

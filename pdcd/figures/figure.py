@@ -48,7 +48,7 @@ class Mode:
         return min(asked, max(asked // self.thrift, self.least_codes))
 
 
-QUICK = Mode("quick", (30, 40), (372, 248), 360, True, thrift=4)
+QUICK = Mode("quick", (30, 40), (336, 224), 320, True, thrift=4)
 FULL = Mode("full", (48, 64), (2145, 1428), 1280, False)
 """The frame of the paper's camera, an EOS 450D."""
 TINY = Mode("tiny", (12, 16), (120, 80), 100, True, thrift=4, least_codes=16)

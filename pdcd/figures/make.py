@@ -18,10 +18,11 @@ from pdcd.figures.figure import Figure, Mode, Take
 from pdcd.figures.page import page
 from pdcd.figures.photo import packed, photographs
 from pdcd.figures.plot import check_plots
-from pdcd.figures.store import PAGE, Made, Store, write_whole
+from pdcd.figures.store import PAGE, Made, Store
 from pdcd.figures.write import write_figure
+from pdcd.runs.put import put_file
 
-TOGETHER = 6
+TOGETHER = 8
 """Captures before one bench that one process takes in one go, at most."""
 LOOK_S = 0.5
 """How often is looked at how far all are."""
@@ -114,6 +115,8 @@ class _Work:
         # More threads of the linear algebra gain nothing on arrays of this size and wait for each
         # other; processes get this when they start.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
+        # The C library keeps freed memory of each thread to itself otherwise.
+        os.environ.setdefault("MALLOC_ARENA_MAX", "1")
         context = multiprocessing.get_context("spawn")
         unwanted = context.Event()
         pool = ProcessPoolExecutor(
@@ -137,16 +140,17 @@ class _Work:
             pool.shutdown(wait=True, cancel_futures=True)
 
     def _groups(self) -> list[dict[str, Take]]:
-        """Captures that are not there yet, those before one bench together; by file name."""
+        """Captures that are not there yet, those before one bench together; by file name. The
+        dearest come first, so that no process is left alone with them at the end."""
         benches: dict[str, list[tuple[str, Take]]] = {}
         for name, take in self._all.items():
             if not self._store.has(name):
                 benches.setdefault(take.stands, []).append((name, take))
-        return [
-            dict(some[start : start + TOGETHER])
-            for some in benches.values()
-            for start in range(0, len(some), TOGETHER)
-        ]
+        groups = []
+        for some in benches.values():
+            count = -(-len(some) // TOGETHER)
+            groups += [dict(some[part::count]) for part in range(count)]
+        return sorted(groups, key=lambda group: -sum(map(_cost, group.values())))
 
     def _ended(self, job: Future[None], group: Mapping[str, Take]) -> None:
         """Note what failed, for every figure that needs it."""
@@ -204,6 +208,8 @@ class _Work:
 
 def _cost(take: Take) -> float:
     """Roughly what a capture costs, in units of a cheap one."""
+    if take.goal == "transport":  # a photo for every column of the slice
+        return 8.0
     return 1.0 + int(take.asked.get("codes", 32)) / 64.0
 
 
@@ -226,4 +232,4 @@ def _take(folder: str, takes: Mapping[str, Take], mode: Mode) -> None:
             raise Cancelled("whoever wanted these figures is gone")
 
     for name, photo in photographs(takes, mode, heard):
-        write_whole(Path(folder) / name, packed(photo))
+        put_file(Path(folder) / name, packed(photo))

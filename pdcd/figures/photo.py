@@ -22,8 +22,6 @@ from pdcd.api.arguments import asked
 from pdcd.api.bench import Bench, finished
 from pdcd.api.local import local
 from pdcd.api.run import Run
-from pdcd.bench.placed import frame_of
-from pdcd.bench.tables import Config
 from pdcd.errors import Cancelled, PdcdError
 from pdcd.figures.bench import bench_of
 from pdcd.figures.figure import Mode, Photo, Take
@@ -34,7 +32,7 @@ from pdcd.pictures.decode import TRANSPORT
 from pdcd.pictures.upright import Sampler, View
 from pdcd.planning.known import TRUTH, read_truth
 from pdcd.planning.truth import entries
-from pdcd.scene.build import build_scene
+from pdcd.scene.scene import Scene
 from pdcd.words import GoalName
 
 Heard = Callable[[], None]
@@ -53,7 +51,6 @@ def photographs(
     with tempfile.TemporaryDirectory(prefix="pdcd-figures-") as scratch:
         folder = Path(scratch)
         config = bench_of(next(iter(takes.values())), mode, folder)
-        truth = _Truth(config)
         with local(config, folder=folder) as bench:
             for name, take in takes.items():
                 keywords = dict(take.asked)
@@ -66,7 +63,9 @@ def photographs(
                 except PdcdError as err:
                     said = f"{take.goal} before {take.scene}: {err.message}"
                     raise PdcdError(said, device=err.device, hint=err.hint) from err
-                yield name, truth.photo(run, mode, heard)
+                if bench.optics is None:
+                    raise PdcdError("the bench of the figures is not one of pixels")
+                yield name, _beside_truth(run, bench.optics, mode, heard)
                 shutil.rmtree(run.folder)
 
 
@@ -76,42 +75,35 @@ def _run(bench: Bench, goal: GoalName, keywords: Mapping[str, Any], heard: Heard
     return finished(bench.take(request, arrays, on_event=lambda event: heard()))
 
 
-class _Truth:
-    """The scene of a bench as its camera would see it of perfect runs."""
+def _beside_truth(run: Run, optics: OpticalBench, mode: Mode, heard: Heard) -> Photo:
+    """A run beside what it would be, were it perfect, of the bench that it was taken of."""
+    record = run.manifest.run
+    recipe, cells = Darkroom(run.folder, record).recipe, record.cells
+    if cells is None:
+        raise PdcdError(f"{run.folder} does not say where its cells are")
+    sampler = Sampler(View.of(record, cells), (mode.width_px, round(mode.width_px * ASPECT)))
+    pictures, truths, errors = {}, {}, {}
+    kept = {}
+    if TRUTH in run.manifest.files:
+        kept[recipe.answer_name] = read_truth(run.checked(TRUTH).parent, cells).image
+    for name, truth in pictures_in_truth(recipe, optics, heard, kept).items():
+        image = run.pictures[name]
+        known = np.isfinite(image).all(axis=-1) & cells.known
+        pictures[name] = _on_field(sampler, image, known)
+        truths[name] = _on_field(sampler, truth, np.ones_like(known))
+        errors[name] = _error(image, truth, optics.inside & known)
+    transport, transport_truth = _transport(run, optics.scene)
+    summary = msgspec.to_builtins(dict(run.summary))
+    return Photo(pictures, truths, errors, transport, transport_truth, summary, run.grid)
 
-    def __init__(self, config: Config) -> None:
-        self._scene = build_scene(config.scene)
-        frame = frame_of(config, config.schedule.cells or self._scene.grid)
-        self._optics = OpticalBench(config, self._scene, frame)
 
-    def photo(self, run: Run, mode: Mode, heard: Heard) -> Photo:
-        """A run beside its truth."""
-        record = run.manifest.run
-        recipe, cells = Darkroom(run.folder, record).recipe, record.cells
-        if cells is None:
-            raise PdcdError(f"{run.folder} does not say where its cells are")
-        sampler = Sampler(View.of(record, cells), (mode.width_px, round(mode.width_px * ASPECT)))
-        pictures, truths, errors = {}, {}, {}
-        kept = {}
-        if TRUTH in run.manifest.files:
-            kept[recipe.answer_name] = read_truth(run.checked(TRUTH).parent, cells).image
-        for name, truth in pictures_in_truth(recipe, self._optics, heard, kept).items():
-            image = run.pictures[name]
-            known = np.isfinite(image).all(axis=-1) & cells.known
-            pictures[name] = _on_field(sampler, image, known)
-            truths[name] = _on_field(sampler, truth, np.ones_like(known))
-            errors[name] = _error(image, truth, self._optics.inside & known)
-        transport, transport_truth = self._transport(run)
-        summary = msgspec.to_builtins(dict(run.summary))
-        return Photo(pictures, truths, errors, transport, transport_truth, summary, run.grid)
-
-    def _transport(self, run: Run) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
-        if TRANSPORT not in run.manifest.files:
-            return None, None
-        with np.load(run.checked(TRANSPORT)) as data:
-            found = np.where(np.isfinite(data["sigma"]), data["transport"], np.nan)
-            seen, lit = data["camera_cells"], data["projector_cells"]
-        return found, entries(self._scene, seen, lit)
+def _transport(run: Run, scene: Scene) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+    if TRANSPORT not in run.manifest.files:
+        return None, None
+    with np.load(run.checked(TRANSPORT)) as data:
+        found = np.where(np.isfinite(data["sigma"]), data["transport"], np.nan)
+        seen, lit = data["camera_cells"], data["projector_cells"]
+    return found, entries(scene, seen, lit)
 
 
 def _on_field(sampler: Sampler, image: NDArray[Any], known: NDArray[np.bool_]) -> NDArray[Any]:

@@ -39,8 +39,8 @@ from pdcd.scene.texture import cell_means
 
 Floats = NDArray[np.float64]
 
-KEPT = 2
-"""Ways of driving the panels of which all is kept: a white shot's and a coded one's."""
+KEPT = 3
+"""Ways of driving the panels of which all is kept: a white shot's, a coded one's, the truth's."""
 POINTS_PER_PX = 2
 """Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
 BLUR_REACH = 4.0
@@ -80,6 +80,11 @@ class OpticalBench:
         self._scene = scene
         self._kept: OrderedDict[tuple[Kind, Kind | None], _Driven] = OrderedDict()
         self._lit_kept: OrderedDict[Kind, tuple[PanelSites, sparse.csr_array]] = OrderedDict()
+
+    @property
+    def scene(self) -> Scene:
+        """What stands there."""
+        return self._scene
 
     @property
     def truth(self) -> Truth:

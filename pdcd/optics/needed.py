@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakValueDictionary
+
 from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
 from pdcd.frames.lattice import Lattice
@@ -10,6 +12,9 @@ from pdcd.optics.bench import OpticalBench
 from pdcd.probing.fine import cut_by_windows
 from pdcd.probing.panel import offset_cells
 from pdcd.scene.scene import Scene
+
+_made: WeakValueDictionary[tuple[int, int], OpticalBench] = WeakValueDictionary()
+"""Benches in use, by the identities of their configuration and scene, which they hold on to."""
 
 
 def windows_cut(config: Config, grid: tuple[int, int], window: str) -> bool:
@@ -26,6 +31,9 @@ def optics_of(config: Config, scene: Scene, *, cut: bool = False) -> OpticalBenc
     and the camera either sees a cell as one quad or there is nothing finer to see in it: no detail
     of the scene, and no edge of a window (`cut`). Raises ConfigError for a truth or a map that
     cannot be used.
+
+    As long as somebody holds a bench, who asks for one of the very same configuration and scene
+    gets that: where the camera looks is found once for its photos and for their truth.
     """
     camera, grid = config.camera, config.schedule.cells or scene.grid
     placed = any(p.place != Placing() for p in (config.projector, config.mask, camera))
@@ -33,4 +41,8 @@ def optics_of(config: Config, scene: Scene, *, cut: bool = False) -> OpticalBenc
     apart = camera.frame_quads is not None or grid != scene.grid
     if config.bench.truth is None and not (placed or fine or apart):
         return None
-    return OpticalBench(config, scene, frame_of(config, grid))
+    key = id(config), id(scene)
+    bench = _made.get(key)
+    if bench is None:
+        bench = _made[key] = OpticalBench(config, scene, frame_of(config, grid))
+    return bench

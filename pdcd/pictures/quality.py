@@ -79,6 +79,9 @@ class Limits:
     Misplaced panels have 0.5 to 1, and 14 to 54; others up to 0.2, and 3."""
     diagonal: tuple[float, float] = (0.1, 0.5)
     """Mean error of the weight of direct light, where a wanted weight of 1 is 1."""
+    direct_left: tuple[float, float] = (0.15, 0.5)
+    """Direct light that is left in an answer without any, over the RMS of the answer: its weight by
+    the realised matrix, times the direct light of the scene."""
     pair_sum: tuple[float, float] = (0.02, 0.1)
     """RMS difference of what a complement pair adds up to and of the floodlit photo, over the RMS
     of that, beyond the sensor's noise."""
@@ -88,6 +91,10 @@ class Limits:
 
 
 LIMITS = Limits()
+
+UNSURE = 1.0 / 3.0
+"""Share of direct light that was taken out which may be wrong: what leaks goes by the exponential
+of the panels' times, and these are known to some ten per cent where nobody measured them."""
 
 
 def verdict(findings: Iterable[Finding]) -> Quality:
@@ -374,6 +381,38 @@ def deviations(found: dict[str, Deviation], limits: Limits = LIMITS) -> Iterator
                 f"photo {name}: paths have weights that are {_percent(one.off_rms)} off (limit "
                 f"{_percent(limits.off_rms[0])}); take more codes",
             )
+
+
+def direct_left(
+    weight: float, direct: Floats, answer: Floats, *, taken_out: bool, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """An answer without direct light: how much of it is some all the same.
+
+    weight : of direct light in the photo, on average. direct, answer : (n, 3) both pictures.
+    taken_out : it was, by what is known of the panels (`pdcd.pictures.unmixed`); then `UNSURE` of
+    it counts.
+    """
+    known = np.isfinite(direct) & np.isfinite(answer)
+    squares = [float(np.sum(picture[known] ** 2)) for picture in (direct, answer)]
+    if not squares[1] > 0.0:
+        return
+    share = weight * float(np.sqrt(squares[0] / squares[1]))
+    grade = graded(UNSURE * share if taken_out else share, limits.direct_left)
+    if not grade:
+        return
+    advice = "take quarter windows, and look at contrast, guards and places of the panels"
+    limit = _percent(limits.direct_left[0])
+    if taken_out:
+        text = (
+            f"direct light as strong as {_percent(share)} of the picture was taken out of it, by "
+            f"what is known of the panels (limit {limit}, where a third of that may be wrong)"
+        )
+    else:
+        text = (
+            f"{_percent(share)} of the picture is direct light (limit {limit}), which has a weight "
+            f"of {_percent(weight)} in it"
+        )
+    yield Finding(grade, f"{text}; {advice}")
 
 
 def pair_sum(

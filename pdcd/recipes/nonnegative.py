@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -101,6 +100,9 @@ def _searched(camera: Floats, projector: Floats, start: int) -> Floats:
 def _mended(mix: Floats, camera: Floats, projector: Floats) -> Floats:
     """A mixture (r, r) near another with less negative entries in both sides: their squares are
     made small, by steepest ways."""
+    # A sixth of what a process for a job loads, and few jobs need it.
+    import scipy.optimize
+
     rank = len(mix)
 
     def negative(flat: Floats) -> tuple[float, Floats]:

@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.patterns import Patterns
@@ -44,15 +45,16 @@ from pdcd.runs.manifest import (
     DIGEST,
     MANIFEST,
     MAX_MANIFEST_BYTES,
-    digest_line,
     parsed,
     written,
 )
+from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.place import UNFINISHED, Place
 from pdcd.runs.record import FileRecord, Manifest
 from pdcd.version import __version__
 
-__all__ = ["MANIFEST", "RunFolder", "read_manifest", "sha256_of"]
+LOG = "log.jsonl"
+"""What happened in a run, a line an event."""
 
 
 class RunFolder:
@@ -148,7 +150,7 @@ class RunFolder:
     def log(self, event: Mapping[str, Any]) -> None:
         """Append one line to log.jsonl: `t_mono_ns`, `event` (its type) and what it says."""
         line = json.dumps(event)
-        with disk_errors(self._shown), (self.path / "log.jsonl").open("a") as file:
+        with disk_errors(self._shown), (self.path / LOG).open("a") as file:
             file.write(line + "\n")
 
     def files(self) -> tuple[str, ...]:
@@ -178,7 +180,7 @@ class RunFolder:
         manifest.
         """
         data = written(manifest)
-        return self.finish_with(data, MANIFEST, digest_line(data), DIGEST)
+        return self.finish_with(data, MANIFEST, digest_line(data, MANIFEST), DIGEST)
 
     def finish_with(self, data: bytes, record: str, line: bytes, digest: str) -> str:
         """The same with these bytes as what makes the folder whole: the file `record`, and the file
@@ -289,11 +291,11 @@ def write_patterns(
     for name, array in given.items():
         arrays[f"goal.{name}"] = array
     # Whole or not at all: shots that were taken already are decoded by what stands there.
-    made = folder / "codes.npz.new"
+    made = folder / f"{CODES}.new"
     with disk_errors(str(folder.resolve())):
         with made.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-        made.replace(folder / "codes.npz")
+        made.replace(folder / CODES)
 
 
 def sha256_of(path: Path) -> str:

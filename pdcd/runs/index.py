@@ -9,20 +9,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import msgspec
 
 from pdcd.errors import RequestError
 from pdcd.printable import one_line
+from pdcd.request import job_time
 from pdcd.runs.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.look import bare_entry, damaged, entry_of
 from pdcd.runs.walk import Spot, Walk, is_job, opened_run, opened_state, spot_in, spot_of, walked
 from pdcd.words import GoalName
-
-__all__ = ["Page", "RunEntry", "RunQuery", "find", "one", "runs", "search"]
 
 PAGE_BYTES = 2**26
 """Read for one page; more manifests are left to the next."""
@@ -143,7 +142,7 @@ def matches(entry: RunEntry, query: RunQuery) -> bool:
 def _by_name(spots: list[Spot], query: RunQuery) -> Iterator[Spot]:
     """The runs that may be wanted, as far as their names tell."""
     before = None if query.before is None else spot_of(query.before)
-    since = None if query.since is None else f"{query.since.astimezone(UTC):%Y%m%dT%H%M%SZ}"
+    since = None if query.since is None else job_time(query.since)
     for spot in spots:
         if since is not None and spot.job < since:
             return  # they go by time

@@ -59,9 +59,11 @@ def chart_in_milk(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
     return Scene("chart-in-milk", grid, tuple(effects), None, texture, indirect)
 
 
+@lru_cache(maxsize=1)
 def bars() -> list[tuple[Shape, Shape]]:
     """Return the upright bars of each block and the gaps between them, in pixels of a texture:
-    where the contrast of the chart is measured. The widest come first."""
+    where the contrast of the chart is measured. The widest come first. They are kept: copy what is
+    to be changed."""
     raster = detail()
     found = []
     for left, top, wide in BLOCKS:

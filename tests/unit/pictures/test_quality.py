@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -159,6 +161,20 @@ def test_a_probing_matrix_far_from_the_wanted_one() -> None:
     assert grades(quality.deviations(of(0.01, 0.5))) == []
     assert grades(quality.deviations(of(-0.2, 0.5))) == [DOUBTFUL]
     assert grades(quality.deviations(of(0.9, 5.0))) == [BAD, BAD]
+
+
+def test_direct_light_in_a_picture_without_any() -> None:
+    direct, answer = np.full((50, 3), 10.0), np.ones((50, 3))
+    direct[0], answer[1] = np.nan, np.inf
+    left = partial(quality.direct_left, direct=direct, answer=answer)
+    assert grades(left(0.01, taken_out=False)) == []
+    assert grades(left(0.02, taken_out=False)) == [DOUBTFUL]
+    (found,) = left(0.06, taken_out=False)
+    assert found.grade == BAD and found.text.startswith("60 % of the picture is direct light")
+    assert grades(left(0.04, taken_out=True)) == []
+    (found,) = left(0.06, taken_out=True)
+    assert found.grade == DOUBTFUL and "as strong as 60 % of the picture was taken" in found.text
+    assert grades(quality.direct_left(0.06, direct, 0.0 * direct, taken_out=False)) == []
 
 
 def test_a_modelled_sigma_is_a_remark() -> None:
