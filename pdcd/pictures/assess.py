@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pictures import quality
+from pdcd.pictures.answer_error import error_of, negative_light
 from pdcd.pictures.combine import Exposed
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_fingerprints
@@ -137,9 +138,9 @@ def _errors(
     alone = [] if isinstance(rule, Extremes) else [name for _, name in rule]
     far = any(p.beyond and alone == [p.name] for p in recipe.photos)
     if measured or (far and record.how.bars):
-        yield from quality.error_of(image, sigma, sensor, recipe.target.cells, measured)
+        yield from error_of(image, sigma, sensor, recipe.target.cells, measured)
     if recipe.target.goal.name in LIGHT:
-        yield from quality.negative_light(image, sensor)
+        yield from negative_light(image, sensor)
 
 
 def _resting(decoded: Decoded) -> list[Photo]:

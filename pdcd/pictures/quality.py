@@ -22,12 +22,6 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-UPPER = 1.645
-"""Standard deviations below which a normal number lies in 19 of 20 cases."""
-FREEDOM = 3.0
-"""Degrees of freedom of a sigma that the fewest parts have measured."""
-
-
 class Grade(IntEnum):
     """How heavily a finding weighs; remarks leave a photo good."""
 
@@ -58,8 +52,10 @@ class Limits:
     dark: float = 5.0
     """Mean light of a shot over its standard error: below, no light can be shown to be there."""
     error: tuple[float, float] = (0.3, 1.0)
-    """RMS error of the answer, by its sigma, over the RMS of the light that
-    is left when the error is taken off. At 1 half of the picture's power is error."""
+    """RMS error of the answer, by its sigma, over the RMS of the light that is left when the error
+    is taken off. At 1 half of the picture's power is error."""
+    modelled: float = 0.5
+    """The same by a modelled sigma, 1.2 to 18 times the true error: from here, doubtful."""
     below: tuple[float, float] = (0.15, 1.0)
     """The same by light below zero alone, which shows as little as half of the error."""
     unsure: tuple[float, float] = (0.5, 0.9)
@@ -120,8 +116,8 @@ def saturation(shares: dict[str, float], limits: Limits = LIMITS) -> Iterator[Fi
     if grade:
         yield Finding(
             grade,
-            f"shot {name}: {_percent(share)} of the field is saturated (limit "
-            f"{_percent(limits.saturated[0])}); close the aperture, or take fewer passes",
+            f"shot {name}: {percent(share)} of the field is saturated (limit "
+            f"{percent(limits.saturated[0])}); close the aperture, or take fewer passes",
         )
 
 
@@ -150,8 +146,8 @@ def light_of(
     if grade:
         yield Finding(
             grade,
-            f"shot {name} is under-exposed: its noise is {_percent(share)} of its light (limit "
-            f"{_percent(limits.noisy_shot[0])}); open the aperture, or expose longer",
+            f"shot {name} is under-exposed: its noise is {percent(share)} of its light (limit "
+            f"{percent(limits.noisy_shot[0])}); open the aperture, or expose longer",
         )
 
 
@@ -178,85 +174,17 @@ def answer_of(
     if grade:
         yield Finding(
             grade,
-            f"the sensor's noise is {_percent(share)} of the answer (limit "
-            f"{_percent(limits.noise[0])}); open the aperture, or expose longer",
+            f"the sensor's noise is {percent(share)} of the answer (limit "
+            f"{percent(limits.noise[0])}); open the aperture, or expose longer",
         )
     unsure = float(np.mean(sigma[known] > rms))
     grade = graded(unsure, limits.unsure)
     if grade:
         yield Finding(
             grade,
-            f"in {_percent(unsure)} of the field sigma is larger than the answer (limit "
-            f"{_percent(limits.unsure[0])}); take more codes, or parts to measure it",
+            f"in {percent(unsure)} of the field sigma is larger than the answer (limit "
+            f"{percent(limits.unsure[0])}); take more codes, or parts to measure it",
         )
-
-
-def error_of(
-    image: Floats, sigma: Floats, sensor: Floats, cells: int, sure: bool, limits: Limits = LIMITS
-) -> Iterator[Finding]:
-    """What sigma says of the whole answer; (n, C) each, of pixels in the field of `cells` cells.
-
-    The realised square error of few strong pixels scatters about what sigma leads one to expect,
-    and sigma itself about its own mean. So the figure is one that is kept in 19 of 20 photos; a
-    photo is bad only where sigma as it stands says so, and never by a model alone (not `sure`).
-    Where the sensor's noise is enough to find fault with, `answer_of` has done so.
-    """
-    known = np.isfinite(sigma) & np.isfinite(image)
-    if not known.any():
-        return
-    power, squares = float(np.mean(image[known] ** 2)), sigma[known] ** 2
-    total = float(np.sum(squares))
-    if not total > 0.0:
-        return
-    # Channels share their paths, and the quads of a cell its codes.
-    single = total**2 / float(np.sum(squares**2)) * min(cells / squares.size, 1.0 / 3.0)
-    spread = np.sqrt(2.0 / max(single, 1.0) * (1.0 + 1.0 / FREEDOM))
-    mean = float(np.mean(squares))
-    share = _of_the_rest(mean * (1.0 + UPPER * float(spread)), power)
-    noise = _of_the_rest(float(np.mean(sensor[known] ** 2)), power)
-    grade = min(graded(share, limits.error), Grade.DOUBTFUL)
-    if sure:
-        grade = max(grade, graded(_of_the_rest(mean, power), limits.error))
-    if grade > graded(noise, limits.noise):
-        yield Finding(
-            grade,
-            f"the answer may be off by {_error(share)} (RMS, limit {_percent(limits.error[0])}) "
-            "by its error bars: the codes err on sharp light, as of mirrors; take more codes",
-        )
-
-
-def negative_light(image: Floats, sensor: Floats, limits: Limits = LIMITS) -> Iterator[Finding]:
-    """Light below zero, in a picture that no path makes darker; (n, C) each, of pixels in the field
-
-    What is below zero is error for certain. Errors go as far up as down, so that of a picture that
-    is all error half of the squares are below zero; where there is light, less of it shows. No
-    model of the scene is needed.
-    """
-    known = np.isfinite(sensor) & np.isfinite(image)
-    if not known.any():
-        return
-    power = float(np.mean(image[known] ** 2))
-    below = 2.0 * float(np.mean(np.minimum(image[known], 0.0) ** 2))
-    noise = float(np.mean(sensor[known] ** 2))
-    # Noise is found by itself, and scatters below zero where there is no light.
-    share = _of_the_rest(max(below - noise, 0.0), power)
-    grade = graded(share, limits.below)
-    if grade:
-        yield Finding(
-            grade,
-            f"the answer has light below zero, which is error: it is off by {_error(share)} or "
-            f"more (RMS, limit {_percent(limits.below[0])}); the codes err on other light, which "
-            "is much more than what is wanted; take more codes",
-        )
-
-
-def _of_the_rest(error: float, power: float) -> float:
-    """RMS error over the RMS of what a picture has without it; both are mean squares."""
-    return float(np.sqrt(error / (power - error))) if error < power else np.inf
-
-
-def _error(share: float) -> str:
-    return _percent(share) if np.isfinite(share) else "as much as all that it shows"
 
 
 def stray_light(
@@ -270,8 +198,8 @@ def stray_light(
     if grade:
         yield Finding(
             grade,
-            f"ambient or stray light: shot {name} has {_percent(share)} of the light of the lit "
-            f"shot beyond what the panels let through (limit {_percent(limits.stray[0])}); darken "
+            f"ambient or stray light: shot {name} has {percent(share)} of the light of the lit "
+            f"shot beyond what the panels let through (limit {percent(limits.stray[0])}); darken "
             "the room, or cover the way of the light",
         )
 
@@ -287,8 +215,8 @@ def outside_field(
     if share >= limits.outside:
         yield Finding(
             Grade.DOUBTFUL,
-            f"ambient or stray light: shot {name} has {_percent(share)} of the field's light "
-            f"outside it (limit {_percent(limits.outside)}); darken the room, or check that "
+            f"ambient or stray light: shot {name} has {percent(share)} of the field's light "
+            f"outside it (limit {percent(limits.outside)}); darken the room, or check that "
             "[camera.place] says where the field lies",
         )
 
@@ -309,8 +237,8 @@ def placed(
         how += ["inverted"] if worst.share < 0.0 else []
         yield Finding(
             Grade.BAD,
-            f"a panel is {' and '.join(how)}: {_percent(abs(worst.share))} of the light "
-            f"follows codes that lie so (limit {_percent(least)}); {todo}",
+            f"a panel is {' and '.join(how)}: {percent(abs(worst.share))} of the light "
+            f"follows codes that lie so (limit {percent(least)}); {todo}",
         )
     own = [f.share for f in stack if f.name == "as believed"]
     if wrong or not (shares.size or own):
@@ -321,15 +249,15 @@ def placed(
     if middle < limits.inverted:
         yield Finding(
             Grade.BAD,
-            f"the coded photo has more light than all there is (direct light {_percent(middle)}, "
-            f"limit {_percent(limits.inverted)}): a panel is inverted, or there is much ambient "
+            f"the coded photo has more light than all there is (direct light {percent(middle)}, "
+            f"limit {percent(limits.inverted)}): a panel is inverted, or there is much ambient "
             "light; look at the polarisers of the mask, or measure with black_level ambient",
         )
     elif best < limits.direct:
         yield Finding(
             Grade.DOUBTFUL,
-            f"no direct light in the scene (at most {_percent(best)} in nine of ten places, limit "
-            f"{_percent(limits.direct)}): mask and projector do not show the same place, or one "
+            f"no direct light in the scene (at most {percent(best)} in nine of ten places, limit "
+            f"{percent(limits.direct)}): mask and projector do not show the same place, or one "
             f"is much out of focus; {todo}",
         )
 
@@ -370,16 +298,16 @@ def deviations(found: dict[str, Deviation], limits: Limits = LIMITS) -> Iterator
         if grade:
             yield Finding(
                 grade,
-                f"photo {name}: direct light has a weight that is {_percent(wrong)} off (limit "
-                f"{_percent(limits.diagonal[0])}); look at contrast, guards and offset of the "
+                f"photo {name}: direct light has a weight that is {percent(wrong)} off (limit "
+                f"{percent(limits.diagonal[0])}); look at contrast, guards and offset of the "
                 "panels, or take more codes",
             )
         grade = graded(one.off_rms, limits.off_rms)
         if grade:
             yield Finding(
                 grade,
-                f"photo {name}: paths have weights that are {_percent(one.off_rms)} off (limit "
-                f"{_percent(limits.off_rms[0])}); take more codes",
+                f"photo {name}: paths have weights that are {percent(one.off_rms)} off (limit "
+                f"{percent(limits.off_rms[0])}); take more codes",
             )
 
 
@@ -401,16 +329,16 @@ def direct_left(
     if not grade:
         return
     advice = "take quarter windows, and look at contrast, guards and places of the panels"
-    limit = _percent(limits.direct_left[0])
+    limit = percent(limits.direct_left[0])
     if taken_out:
         text = (
-            f"direct light as strong as {_percent(share)} of the picture was taken out of it, by "
+            f"direct light as strong as {percent(share)} of the picture was taken out of it, by "
             f"what is known of the panels (limit {limit}, where a third of that may be wrong)"
         )
     else:
         text = (
-            f"{_percent(share)} of the picture is direct light (limit {limit}), which has a weight "
-            f"of {_percent(weight)} in it"
+            f"{percent(share)} of the picture is direct light (limit {limit}), which has a weight "
+            f"of {percent(weight)} in it"
         )
     yield Finding(grade, f"{text}; {advice}")
 
@@ -430,8 +358,8 @@ def pair_sum(
     if grade:
         yield Finding(
             grade,
-            f"the pair of exposures does not add up to the white photo: it is {_percent(share)} "
-            f"off (limit {_percent(limits.pair_sum[0])}); look at ambient light and leaks "
+            f"the pair of exposures does not add up to the white photo: it is {percent(share)} "
+            f"off (limit {percent(limits.pair_sum[0])}); look at ambient light and leaks "
             "(black_level), a lamp that drifts, an aperture that does not come back, or a missed "
             "refresh",
         )
@@ -455,5 +383,6 @@ def _times(value: float, error: float) -> str:
     return f"{value / error:.2g}" if error > 0.0 else "0"
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
+    """A share of 1 in words."""
     return f"{100.0 * share:.3g} %"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pdcd.pictures import quality
+from pdcd.pictures.answer_error import error_of, negative_light
 from pdcd.pictures.placement import Fit
 from pdcd.pictures.quality import Finding, Grade
 from pdcd.probing.deviation import Deviation
@@ -88,19 +89,19 @@ def test_an_answer_below_its_noise() -> None:
 def test_an_answer_below_its_error_bars(share: float, sure: bool, grade: list[Grade]) -> None:
     """0.8 of what the picture shows is 1.33 of what is left of it without the error."""
     image = np.ones((1000, 3))
-    found = list(quality.error_of(image, share * image, 0.01 * image, 1000, sure))
+    found = list(error_of(image, share * image, 0.01 * image, 1000, sure))
     assert grades(found) == grade
     assert all(("all that it shows" in f.text) == (share > 1.0) for f in found)
     # What the sensor's noise explains was said of the sensor.
-    assert grades(quality.error_of(image, share * image, share * image, 1000, sure)) == []
+    assert grades(error_of(image, share * image, share * image, 1000, sure)) == []
 
 
 def test_an_error_in_few_places_is_less_sure() -> None:
     image, sigma = np.ones((1000, 3)), np.zeros((1000, 3))
     sigma[:20] = 0.25 * np.sqrt(50.0)
-    assert grades(quality.error_of(image, sigma, 0.0 * image, 1000, True)) == [DOUBTFUL]
+    assert grades(error_of(image, sigma, 0.0 * image, 1000, True)) == [DOUBTFUL]
     even = np.full((1000, 3), 0.25)
-    assert grades(quality.error_of(image, even, 0.0 * image, 1000, True)) == []
+    assert grades(error_of(image, even, 0.0 * image, 1000, True)) == []
 
 
 @pytest.mark.parametrize(("error", "grade"), [(0.05, []), (0.3, [DOUBTFUL]), (20.0, [BAD])])
@@ -109,9 +110,9 @@ def test_light_below_zero_is_error(error: float, grade: list[Grade]) -> None:
     truth = np.where(np.arange(4000) % 3 == 0, 1.0, 0.0)[:, None] * np.ones(3)
     noise = 0.3 * np.ones(truth.shape)
     image = truth + error * RNG.normal(size=truth.shape)
-    assert grades(quality.negative_light(image, 0.0 * noise)) == grade
+    assert grades(negative_light(image, 0.0 * noise)) == grade
     image = truth + noise * RNG.normal(size=truth.shape)
-    assert grades(quality.negative_light(image, noise)) == []
+    assert grades(negative_light(image, noise)) == []
 
 
 def test_light_in_the_black_shot_beyond_the_leak() -> None:
