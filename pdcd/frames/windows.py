@@ -129,11 +129,14 @@ def strip_numbers(name: str, atom: NDArray[np.int32]) -> NDArray[np.int32]:
     """
     guard = GUARDS[name]
     side = ATOMS - 2 * guard
-    cell, place = atom // ATOMS, atom % ATOMS
     inner = [guard, ATOMS - guard]
     if guard != ATOMS // 4:
         inner = [guard, side // 2, ATOMS - side // 2, ATOMS - guard]
-    return np.asarray(len(inner) * cell + np.searchsorted(inner, place, side="right"), np.int32)
+    place = np.arange(ATOMS)
+    of_place = np.searchsorted(inner, place, side="right").astype(np.int32)
+    found = of_place.take(atom % ATOMS)
+    found += np.int32(len(inner)) * (atom // ATOMS)
+    return found
 
 
 def strip_of(name: str, number: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -27,11 +27,11 @@ from pdcd.optics.histories import Histories
 from pdcd.optics.lit import Lit
 from pdcd.optics.lookup import MOST_PAIRS, Whole, every, rendered
 from pdcd.optics.products import Exposure, Products, Tables, distinct
-from pdcd.optics.raster import Raster
 from pdcd.optics.render import Detail, Picture, Renderer
 from pdcd.optics.setting import Setting, falloff
-from pdcd.optics.sights import NOWHERE, Away, CellGrid, Looks, look, pixels
+from pdcd.optics.sights import Away, CellGrid, Looks, look
 from pdcd.optics.sites import Kind, PanelSites
+from pdcd.optics.spread import CellLight
 from pdcd.scene.displaced import Displaced
 from pdcd.scene.effects import Array, Effect
 from pdcd.scene.scene import Scene
@@ -41,11 +41,8 @@ Floats = NDArray[np.float64]
 
 KEPT = 3
 """Ways of driving the panels of which all is kept: a white shot's, a coded one's, the truth's."""
-POINTS_PER_PX = 2
-"""Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
 BLUR_REACH = 4.0
 """Standard deviations after which the lens's blur is cut off."""
-CHUNK_POINTS = 1 << 20
 EDGE = 1e-9
 """Corners so little beyond the field lie on its edge."""
 
@@ -305,32 +302,15 @@ class OpticalBench:
         self._lit_kept.move_to_end(kind)
         return self._lit_kept[kind]
 
+    @cached_property
+    def _cell_light(self) -> CellLight:
+        return CellLight.of(self._setting, self._scene.grid)
+
     def _spread(self, sites: PanelSites) -> sparse.csr_array:
         """Share of each scene cell that each site of the projector lights, (sites, N)."""
-        (rows, cols), cells = self._scene.grid, self._scene.cells
         if not self._indirect:
-            return sparse.csr_array((len(sites), cells))
-        width, height = self.true.projector.size_px
-        points = POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
-        x, y = ((np.arange(count * points) + 0.5) / (count * points) for count in (cols, rows))
-        raster = Raster(self._setting.on_projector, x, y)
-        whole = sparse.csr_array((len(sites), cells))
-        across_cells = np.arange(x.size) // points
-        step = max(1, CHUNK_POINTS // (x.size * points))
-        for start in range(0, rows, step):
-            lines = np.arange(start * points, min(start + step, rows) * points)
-            place = [v.ravel() for v in raster.rows(lines[0], lines[-1] + 1)]
-            cell = ((lines // points * cols)[:, None] + across_cells).ravel()
-            key = pixels(sites.image, *place, missing=NOWHERE).astype(np.int64) * cells + cell
-            # Neighbours mostly light the same, so they are summed before they are sorted.
-            first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
-            light = np.diff(np.append(first, key.size)).astype(np.float64)
-            if self._uneven is not None:
-                light = np.add.reduceat(pixels(self._uneven, *place, missing=0.0), first)
-            on = key[first] >= 0
-            pair = np.divmod(key[first][on], cells)
-            whole += sparse.csr_array((light[on] / points**2, pair), shape=whole.shape)
-        return sparse.csr_array(whole)
+            return sparse.csr_array((len(sites), self._scene.cells))
+        return self._cell_light.by_site(sites, self._uneven)
 
 
 def _at_once(effect: Effect) -> bool:

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from pdcd.optics.products import COLOURS, Pairs
 from pdcd.optics.setting import Setting, Tap
@@ -109,19 +110,14 @@ class _Runs:
         counts = new.sum(axis=1)
         return cls(np.flatnonzero(new), np.cumsum(counts) - counts)
 
-    def products(self, left: Floats, right: Floats) -> Floats:
+    def sums(self, left: Floats, right: Floats) -> Floats:
         """Sums over each run of left times right, (n, a) and (n, b) of the samples: (P, a, b)."""
-        found = np.empty((self.first.size, left.shape[1], right.shape[1]))
-        lengths = np.diff(np.append(self.first, len(left)))
-        # Runs of one length are small matrices of one shape, which are quickest together.
-        for length in np.unique(lengths):
-            which = np.flatnonzero(lengths == length)
-            if which.size == lengths.size:
-                parts = [side.reshape(which.size, length, -1) for side in (left, right)]
-            else:
-                samples = self.first[which, None] + np.arange(length)
-                parts = [left[samples], right[samples]]
-            found[which] = parts[0].transpose(0, 2, 1) @ parts[1]
+        count, samples = self.first.size, np.arange(len(left), dtype=np.int32)
+        ends = np.append(self.first, len(left)).astype(np.int32)
+        found = np.empty((count, left.shape[1], right.shape[1]))
+        for column in range(right.shape[1]):
+            by_run = (np.ascontiguousarray(right[:, column]), samples, ends)
+            found[..., column] = sparse.csr_array(by_run, shape=(count, samples.size)) @ left
         return found
 
 
@@ -151,7 +147,7 @@ class _Open:
 
     runs: _Runs
     mask: Numbers
-    cell: Numbers
+    cell: NDArray[np.int32]
     share: Floats
 
 
@@ -253,13 +249,13 @@ class Renderer:
         runs = _Runs.of(sight)
         share = tap.share / self._setting.samples**2
         textures, uneven = self._detail.textures, self._detail.uneven
-        points = np.stack([x + tap.offset[0], y + tap.offset[1]], axis=-1)
+        points = np.array([x + tap.offset[0], y + tap.offset[1]]).T
         plain = np.ones((sight.size, 1))
         corners = plain if textures is None else self._cells.shares(*points.T)
 
         def weights(texture: Floats | None, light: Floats | None) -> Floats:
             left = corners * share if light is None else corners * (light * share)[:, None]
-            return runs.products(left, plain if texture is None else sampled(texture, points))
+            return runs.sums(left, plain if texture is None else sampled(texture, points))
 
         indirect = weights(textures and textures[1], None)
         direct = indirect
@@ -276,7 +272,7 @@ class Renderer:
         cell, mask = plain.at(x, y), self._sights.mask[sight.ravel()]
         runs = _Runs.of((mask * (plain.places + 1) + cell).reshape(sight.shape))
         share = np.full((sight.size, 1), 1.0 / self._setting.samples)
-        open_share = runs.products(share, share)[:, 0]
+        open_share = runs.sums(share, share)[:, 0]
         return _Open(runs, mask[runs.first], cell[runs.first], open_share)
 
     def _by_quad(self, samples: NDArray[_Scalar]) -> NDArray[_Scalar]:

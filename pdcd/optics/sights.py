@@ -26,7 +26,9 @@ _Kind = TypeVar("_Kind", np.int32, np.float64)
 ASIDE = 1e-9
 """Quads by which samples are moved: those that would lie on the border of two cells then fall to
 one side of it on both panels, whatever is rounded; far less than what any detail shows."""
-CHUNK_SAMPLES = 1 << 19
+CHUNK_SAMPLES = 1 << 16
+"""Samples that are looked at together: few enough that their numbers stay in the processor's cache.
+"""
 NOWHERE = -1
 """No site, or no cell: beside the panel, or beside the field."""
 
@@ -59,32 +61,42 @@ class CellGrid:
         across = [np.clip(col + i, 0, cols - 1) for i in (-1, 0)]
         return np.stack([r * cols + c for r in down for c in across], axis=1)
 
-    def at(self, x: Floats, y: Floats) -> Numbers:
+    def at(self, x: Floats, y: Floats) -> NDArray[np.int32]:
         """The place of points of the field; `NOWHERE` beside it, and for NaN."""
         rows, cols = self.grid
         with np.errstate(invalid="ignore"):
             inside = (x >= 0.0) & (x < 1.0) & (y >= 0.0) & (y < 1.0)
+        whole = bool(inside.all())
+        if not whole:
+            x, y = (np.where(inside, v, 0.0) for v in (x, y))
         more = 0.5 if self.smooth else 0.0
-        row = np.floor(np.where(inside, y, 0.0) * rows + more).astype(np.int64)
-        col = np.floor(np.where(inside, x, 0.0) * cols + more).astype(np.int64)
         across = cols + 1 if self.smooth else cols
-        return np.where(inside, row * across + col, NOWHERE)
+        found = (y * rows + more).astype(np.int32)
+        found *= across
+        found += (x * cols + more).astype(np.int32)
+        if not whole:
+            found[~inside] = NOWHERE
+        return found
 
     def shares(self, x: Floats, y: Floats) -> Floats:
         """How much each corner of the place of points (n,) counts there, (n, 4)."""
         rows, cols = self.grid
-        down, across = (
-            np.nan_to_num(v) - np.floor(np.nan_to_num(v)) for v in (y * rows + 0.5, x * cols + 0.5)
-        )
-        return np.stack(
-            [
-                (1.0 - down) * (1.0 - across),
-                (1.0 - down) * across,
-                down * (1.0 - across),
-                down * across,
-            ],
-            axis=-1,
-        )
+        down, across = (_fraction(v) for v in (y * rows + 0.5, x * cols + 0.5))
+        up, left = 1.0 - down, 1.0 - across
+        found = np.empty((x.size, 4))
+        for corner, (one, other) in enumerate(
+            ((up, left), (up, across), (down, left), (down, across))
+        ):
+            np.multiply(one, other, out=found[:, corner])
+        return found
+
+
+def _fraction(values: Floats) -> Floats:
+    """What is left of numbers beyond whole ones, 0 of those that are none; in their place."""
+    with np.errstate(invalid="ignore"):
+        values -= np.floor(values)
+    values[np.isnan(values)] = 0.0
+    return values
 
 
 @dataclass(frozen=True)
@@ -202,10 +214,11 @@ def look(
         of_taps = []
         for number, tap in enumerate(setting.taps):
             behind = pixels(lit.image, *looks.on_projector(chunk, number), missing=NOWHERE)
-            place = cells.at(x + tap.offset[0], y + tap.offset[1])
-            key = (before * np.int64(sites) + behind + 1) * places + place + 1
-            starts = np.flatnonzero(np.append(True, key[1:] != key[:-1])).astype(np.int32)
-            of_taps.append((starts, *np.unique(key[starts], return_inverse=True)))
+            at = cells.at(x + tap.offset[0], y + tap.offset[1])
+            starts = changes(before, behind, at)
+            key = before[starts] * np.int64(sites) + behind[starts] + 1
+            key = key * places + at[starts] + 1
+            of_taps.append((starts, *np.unique(key, return_inverse=True)))
         keys.append(of_taps)
     found: Numbers = np.unique(np.concatenate([own for taps in keys for _, own, _ in taps]))
     runs = [
@@ -220,15 +233,27 @@ def look(
     return Sights(before.astype(np.int64), behind.astype(np.int64) - 1, place - 1, runs)
 
 
+def changes(first: NDArray[np.int32], *others: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Where any of some numbers (n,) is another than before it; 0 is the first such place."""
+    new = np.ones(first.size, dtype=np.bool_)
+    np.not_equal(first[1:], first[:-1], out=new[1:])
+    for other in others:
+        new[1:] |= other[1:] != other[:-1]
+    return np.flatnonzero(new).astype(np.int32)
+
+
 def pixels(image: NDArray[_Kind], x: Floats, y: Floats, *, missing: float) -> NDArray[_Kind]:
     """Values of the pixels that points (n,) lie in; `missing` beside the device, and for NaN."""
     height, width = image.shape
     with np.errstate(invalid="ignore"):
         inside = (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
-    if inside.all():
-        return np.asarray(image.take(y.astype(np.int64) * width + x.astype(np.int64)))
-    column = np.where(inside, x, 0.0).astype(np.int64)
-    row = np.where(inside, y, 0.0).astype(np.int64)
-    found = np.asarray(image.take(row * width + column))
-    found[~inside] = missing
+    whole = bool(inside.all())
+    if not whole:
+        x, y = (np.where(inside, v, 0.0) for v in (x, y))
+    place = y.astype(np.int32)
+    place *= width
+    place += x.astype(np.int32)
+    found = np.asarray(image.take(place, mode="clip"))  # none is clipped: it is the quickest mode
+    if not whole:
+        found[~inside] = missing
     return found

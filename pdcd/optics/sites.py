@@ -69,11 +69,11 @@ class PanelSites:
         count = self._count
         self.delay_ns = band_delays_ns(timed.scan_s, bands)
         if bands == 1:
-            self.image = base.astype(np.int32)
+            self.image = base
             self._base = np.arange(count)
             self.band = np.zeros(count, dtype=np.int32)
         else:
-            whole = np.where(base > 0, band_of_row[:, None] * count + base, 0)
+            whole = np.where(base > 0, band_of_row[:, None] * np.int64(count) + base, 0)
             found, inverse = np.unique(whole, return_inverse=True)
             if found[0] != 0:  # every pixel lies on the field: black is a site all the same
                 found, inverse = np.append(0, found), inverse + 1
@@ -135,25 +135,28 @@ class PanelSites:
     def _count(self) -> int:
         return 1 + self._shape[0] * self._shape[1]
 
-    def _bases(self, panel: PanelView) -> NDArray[np.int64]:
+    def _bases(self, panel: PanelView) -> NDArray[np.int32]:
         """Site of each pixel as if all rows were set at once, (height, width); 0 is black."""
         if self._kind.window == PIXELS:
             width, height = panel.size_px
             if not self._kind.patterned:
-                return np.ones((height, width), dtype=np.int64)
-            return np.arange(1, width * height + 1).reshape(height, width)
-        atom = atoms(panel, self._kind.grid).astype(np.int64)
+                return np.ones((height, width), dtype=np.int32)
+            return np.arange(1, width * height + 1, dtype=np.int32).reshape(height, width)
+        atom = atoms(panel, self._kind.grid)
         outside = atom[..., 0] < 0
         if not self._kind.patterned:
-            return np.where(outside, 0, 1)
+            return np.where(outside, np.int32(0), np.int32(1))
         if self._kind.window == "whole":
             place = atom >> 2
         elif self._mask:
             fine = atoms(panel, self._kind.grid, ATOMS)
-            place = strip_numbers(self._kind.window, fine).astype(np.int64)
+            place = strip_numbers(self._kind.window, fine)
         else:
             place = atom >> 1
-        return np.where(outside, 0, 1 + place[..., 1] * self._shape[1] + place[..., 0])
+        found = place[..., 1] * np.int32(self._shape[1]) + place[..., 0]
+        found += 1
+        found[outside] = 0
+        return found
 
     @cached_property
     def _cell(self) -> NDArray[np.int64]:

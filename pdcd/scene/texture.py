@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
+from numpy.typing import NDArray
 
 from pdcd.scene.effects import Array
 
@@ -72,10 +73,19 @@ def sampled(texture: Array, points: Array) -> Array:
     Beyond the field its border goes on; a point that is NaN gets the first pixel.
     """
     height, width, _ = texture.shape
-    x = np.clip(np.nan_to_num(points[..., 0]) * width, 0.0, width - 1).astype(np.intp)
-    y = np.clip(np.nan_to_num(points[..., 1]) * height, 0.0, height - 1).astype(np.intp)
-    found: Array = texture[y, x]
+    x, y = (_whole(points[..., axis], size) for axis, size in enumerate((width, height)))
+    y *= width
+    y += x
+    found: Array = texture.reshape(height * width, -1).take(y, axis=0, mode="clip")
     return found
+
+
+def _whole(places: Array, size: int) -> NDArray[np.int32]:
+    """Pixels that places on a line of the field lie in, of so many; the first for NaN."""
+    found = places * size
+    np.clip(found, 0.0, size - 1, out=found)
+    found[np.isnan(found)] = 0.0
+    return found.astype(np.int32)
 
 
 def between(cells: Array, grid: tuple[int, int], points: Array) -> Array:

@@ -59,7 +59,7 @@ def open_book(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
 def _book(raster: Raster, seed: int) -> Array:
     """Draw the book: the reflectance of everything."""
     image = raster.fill((0.20, 0.13, 0.09))
-    image += 0.04 * np.sin(9 * raster.y + 2 * np.sin(3 * raster.x))[..., None]
+    image += 0.04 * np.sin(9 * raster.y + 2 * np.sin(3 * raster.x[:1]))[..., None]
     image[_spread(raster, PAGE_WIDTH + 0.10, 0.06)] = (0.36, 0.05, 0.05)
     image[_spread(raster, PAGE_WIDTH + 0.05, 0.02)] = (0.62, 0.58, 0.50)
     image[_spread(raster, PAGE_WIDTH, 0.0)] = PAPER
@@ -106,7 +106,7 @@ def _column(
 
 def _spread(raster: Raster, width: float, border: float) -> Shape:
     """Return both pages; their outer edges are nearer to the camera and look taller."""
-    far = np.abs(raster.x)
+    far = np.abs(raster.x[:1])  # alike in all rows
     tall = 0.70 + border + 0.14 * far + 0.05 * np.sin(np.pi * np.minimum(far / width, 1.0))
     inside: Shape = (far <= width) & (np.abs(raster.y) <= tall)
     return inside
