@@ -1,7 +1,8 @@
-"""Texts of others made fit to print: no forged lines in a log, no orders to a terminal."""
+"""Texts of others made fit to show: no forged lines in a log, no orders to terminal or browser."""
 
 from __future__ import annotations
 
+import html
 import json
 
 
@@ -23,6 +24,11 @@ def lines(text: str) -> str:
     """
     first, *more = (one_line(line) for line in text.split("\n"))
     return "\n".join([first, *("  " + line.removeprefix("  ") for line in more)])
+
+
+def as_html(words: object) -> str:
+    """Any text as HTML, also of a quoted attribute, that shows it and does nothing else."""
+    return html.escape(one_line(str(words)))
 
 
 def _escaped(character: str) -> str:

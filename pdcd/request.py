@@ -7,6 +7,7 @@ Python callers share one definition and one JSON Schema.
 from __future__ import annotations
 
 import secrets
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
@@ -368,6 +369,18 @@ Figure = float | int | str | Quality | None
 """What the summary of a run holds."""
 
 
+def quality_of(summary: Mapping[str, Figure]) -> Quality | None:
+    """The verdict in the summary of a run; None in runs of versions without one."""
+    found = summary.get("quality")
+    return found if isinstance(found, Quality) else None
+
+
+def figure_of(summary: Mapping[str, Figure], name: str) -> float | int | str | None:
+    """A number or a word of the summary of a run; None for what is not known, and the verdict."""
+    found = summary.get(name)
+    return None if isinstance(found, Quality) else found
+
+
 class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     """The end of a job: what `capture.wait` returns and `pdcd capture --json` prints last."""
 
@@ -399,4 +412,9 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 def new_job_id() -> str:
     """Name of a new job: UTC time to the second and four random hex digits."""
-    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(2)}"
+    return f"{job_time(datetime.now(UTC))}-{secrets.token_hex(2)}"
+
+
+def job_time(moment: datetime) -> str:
+    """What the names of jobs of a moment begin with; they sort by time."""
+    return f"{moment.astimezone(UTC):%Y%m%dT%H%M%SZ}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pdcd.errors import DecodeError
-from pdcd.printable import one_line
+from pdcd.printable import as_html
 
 if TYPE_CHECKING:
     from pdcd.api.run import Run
@@ -37,20 +36,18 @@ SHARES = (
 def run_html(run: Run) -> str:
     """A run as HTML without script, style sheet or network."""
     return (
-        f"<div><p><b>{_text(run.goal)}</b> <code>{_text(run.job)}</code></p>"
+        f"<div><p><b>{as_html(run.goal)}</b> <code>{as_html(run.job)}</code></p>"
         f"{_previews(run)}{_table(run)}{_notes(run)}</div>"
     )
 
 
 def table_html(heads: list[str], rows: list[list[str]]) -> str:
     """A table of texts."""
-    head = "".join(f"<th>{_text(name)}</th>" for name in heads)
-    body = "".join(f"<tr>{''.join(f'<td>{_text(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    head = "".join(f"<th>{as_html(name)}</th>" for name in heads)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{as_html(cell)}</td>' for cell in row)}</tr>" for row in rows
+    )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _text(words: object) -> str:
-    return html.escape(one_line(str(words)))
 
 
 def _table(run: Run) -> str:
@@ -71,7 +68,7 @@ def _near(folder: Path) -> bool:
 def _notes(run: Run) -> str:
     quality = run.quality
     told = [] if quality is None else [*quality.reasons, *quality.remarks]
-    items = "".join(f"<li>{_text(note)}</li>" for note in (*told, *run.warnings))
+    items = "".join(f"<li>{as_html(note)}</li>" for note in (*told, *run.warnings))
     return f"<ul>{items}</ul>" if items else ""
 
 
@@ -89,7 +86,7 @@ def _previews(run: Run) -> str:
             continue  # a view for eyes; whoever asks for the numbers is told
         source = "data:image/jpeg;base64," + base64.b64encode(data).decode("ascii")
         figures.append(
-            f'<img src="{source}" alt="{_text(name)}" title="{_text(name)}" width="{WIDTH_PX}">'
+            f'<img src="{source}" alt="{as_html(name)}" title="{as_html(name)}" width="{WIDTH_PX}">'
         )
     return f"<p>{' '.join(figures)}</p>" if figures else ""
 

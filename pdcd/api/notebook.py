@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import html
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from pdcd.api.progress import Left, Share, Show
+from pdcd.printable import as_html
 
 INTERVAL_S = 0.2
 """Least time between two changes of the line: each is a message to the browser."""
@@ -48,4 +48,4 @@ def line() -> Iterator[Show]:
 
 def _drawn(words: str, share: Share | None) -> str:
     value = f' value="{min(share[0] / share[1], 1.0):.3f}"' if share and share[1] > 0.0 else ""
-    return f'<progress max="1"{value}></progress> {html.escape(words)}'
+    return f'<progress max="1"{value}></progress> {as_html(words)}'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,15 +15,15 @@ from pdcd.api.progress import Shown, shown
 from pdcd.errors import DecodeError
 from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import Patterns, fit, levels_of
-from pdcd.request import Figure, Quality
+from pdcd.request import Figure, Quality, quality_of
 from pdcd.runs.folder import sha256_of
-from pdcd.runs.frame_table import COLUMNS
 from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.frame_table import read_columns
 from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.patterns import read_patterns, stored_arrays
 from pdcd.runs.record import Manifest
-from pdcd.runs.verify import sound_manifest
+from pdcd.runs.verify import PROBE, sound_manifest
 from pdcd.words import NormaliseName, VerdictName
 
 if TYPE_CHECKING:
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PROBE = "probe.npz"
 PANELS = ("primal", "dual")
 
 
@@ -99,8 +97,7 @@ class Run:
     @property
     def quality(self) -> Quality | None:
         """The verdict with its reasons; None in runs of early versions."""
-        found = self.summary.get("quality")
-        return found if isinstance(found, Quality) else None
+        return quality_of(self.summary)
 
     @property
     def verdict(self) -> VerdictName | None:
@@ -174,18 +171,7 @@ class Run:
     @cached_property
     def frames(self) -> dict[str, NDArray[Any]]:
         """frames.csv by column: "shot" str, all others int64, an entry for each refresh."""
-        path = self.checked(FRAMES)
-        try:
-            with path.open(newline="") as file:
-                head, *lines = csv.reader(file)
-            columns = dict(zip(head, zip(*lines, strict=True), strict=True)) if lines else {}
-            return {
-                name: np.array(columns.get(name, ()), dtype=np.str_ if name == "shot" else np.int64)
-                for name in COLUMNS
-                if name in head
-            }
-        except (ValueError, OverflowError, csv.Error) as err:
-            raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
+        return read_columns(self.checked(FRAMES))
 
     def row(self, row: int, column: int, photo: str | None = None) -> MatrixRow:
         """Weights of the paths from every projector cell to one camera cell, as wanted and as

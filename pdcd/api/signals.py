@@ -24,11 +24,12 @@ def signals_to(handler: Handler) -> Iterator[None]:
 
 
 @contextmanager
-def held_back(*, raises: bool = False) -> Iterator[Callable[[], bool]]:
+def held_back(*, raises: bool = False, delivers: bool = True) -> Iterator[Callable[[], bool]]:
     """Hold SIGINT and SIGTERM back until the context is left, and deliver them then.
 
     Yields what tells whether one came. With `raises` it raises KeyboardInterrupt inside as well; a
-    second one always does. In a thread that cannot handle signals nothing is held back.
+    second one always does. Without `delivers` none is delivered: the job's end says enough. In a
+    thread that cannot handle signals nothing is held back.
     """
     came: list[int] = []
 
@@ -42,5 +43,5 @@ def held_back(*, raises: bool = False) -> Iterator[Callable[[], bool]]:
         return
     with signals_to(note):
         yield lambda: bool(came)
-    if came:
+    if came and delivers:
         signal.raise_signal(came[0])

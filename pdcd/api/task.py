@@ -20,7 +20,7 @@ from pdcd.inputs.limits import Limits, Unsound
 from pdcd.inputs.opening import contents, open_own
 from pdcd.inputs.sending import Sendable
 from pdcd.recipes.arrays import MOST_ELEMENTS
-from pdcd.request import CaptureRequest, CaptureResult, Quality
+from pdcd.request import CaptureRequest, CaptureResult, figure_of, quality_of
 from pdcd.version import __version__
 
 logger = logging.getLogger(__name__)
@@ -69,14 +69,13 @@ def taken(task: Task) -> Record:
 def ended(request: CaptureRequest, result: CaptureResult) -> Record:
     """How a capture ended, as a row."""
     row: Record = dict.fromkeys(ENDING)
-    quality, error = result.summary.get("quality"), result.error or {}
+    quality, error = quality_of(result.summary), result.error or {}
     row |= {"goal": request.goal, "state": result.state, "job": result.job}
     row |= {"folder": result.folder, "manifest_sha256": result.manifest_sha256}
-    if isinstance(quality, Quality):
+    if quality is not None:
         row["verdict"] = quality.verdict
     for name in FIGURES:
-        value = result.summary.get(name)
-        row[name] = None if isinstance(value, Quality) else value
+        row[name] = figure_of(result.summary, name)
     return row | {"error_kind": error.get("kind"), "error": error.get("message")}
 
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
-from pdcd.bench.tables import Config
+from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError
 from pdcd.frames.atoms import check_cells
 from pdcd.frames.panels import PanelView
@@ -16,6 +16,8 @@ from pdcd.maps.map import Map
 from pdcd.maps.placing import placed
 from pdcd.maps.scale import covers, fewest_pixels
 from pdcd.maps.sound import check_share, share
+
+Role = Literal["projector", "mask"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,13 @@ class Panels:
 def panels_of(config: Config) -> Panels:
     """Both panels, placed. Raises ConfigError for a map that cannot be used, or that leaves most
     of the field without a pixel of the panel (`pdcd.maps.sound.LEAST_SHARE`)."""
-    return Panels(_panel(config, "projector"), _panel(config, "mask"))
+    return panels_from(config.projector, config.mask)
+
+
+def panels_from(projector: PanelConfig, mask: PanelConfig) -> Panels:
+    """The same of the tables of both."""
+    size_px = projector.size_px
+    return Panels(_view(projector, "projector", size_px), _view(mask, "mask", size_px))
 
 
 def camera_map(config: Config, frame: tuple[int, int]) -> Map:
@@ -113,10 +121,15 @@ FINELY = 512
 """Points a side at which a share of the field is told."""
 FRAME_PX = (300, 200)
 """Quads of a camera of which only the form counts, not how fine it is."""
-PANELS: tuple[Literal["projector", "mask"], ...] = ("projector", "mask")
+PANELS: tuple[Role, ...] = ("projector", "mask")
 
 
-def _panel(config: Config, role: Literal["projector", "mask"]) -> PanelView:
+def _panel(config: Config, role: Role) -> PanelView:
     panel = config.projector if role == "projector" else config.mask
-    map_ = placed(panel.place, panel.size_px, config.projector.size_px, role)
-    return PanelView(role, check_share(map_, role))
+    return _view(panel, role, config.projector.size_px)
+
+
+def _view(panel: PanelConfig, role: Role, projector_px: tuple[int, int]) -> PanelView:
+    return PanelView(
+        role, check_share(placed(panel.place, panel.size_px, projector_px, role), role)
+    )

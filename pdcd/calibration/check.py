@@ -131,7 +131,7 @@ def check(
     findings = (
         _place("mask.place", apart, apart_sigma, guard_px / 3.0, mask.left, culprit),
         _place("camera.place", bumped, bumped_sigma, CAMERA_PX, moved.left * px_by_quad, culprit),
-        _graded("mask.skew_s", skew, skew_sigma, "s", (GOOD_S, REFIT_S), _late(skew, refresh_s)),
+        _lag(skew, skew_sigma, refresh_s, moved=apart >= GOOD_PX),
         _lamp_finding(lamp, lamp_sigma, uneven),
         _graded(
             "mask.contrast", closed, closed_sigma, "", (GOOD_CLOSED, REFIT_CLOSED),
@@ -244,9 +244,18 @@ def _place(
     )
 
 
+def _lag(skew_s: float, sigma_s: float, refresh_s: float, *, moved: bool) -> Finding:
+    """The verdict on the lag. Strips of a mask that moved may say nothing of it."""
+    if moved and not np.isfinite(skew_s):
+        figure = Figure("mask.skew_s", skew_s, sigma_s, "s", "known", Verdict.DOUBTFUL)
+        return Finding(figure, "it cannot be told while the mask lies elsewhere: check again then")
+    limits = GOOD_S, REFIT_S
+    return _graded("mask.skew_s", skew_s, sigma_s, "s", limits, _late(skew_s, refresh_s))
+
+
 def _late(skew_s: float, refresh_s: float) -> str:
-    """What a changed lag means."""
-    refreshes = round(skew_s / refresh_s)
+    """What a changed lag means; of NaN, where no lag explains the strips, nothing more."""
+    refreshes = round(skew_s / refresh_s) if np.isfinite(skew_s) else 0
     if refreshes and abs(skew_s - refreshes * refresh_s) < 0.25 * refresh_s:
         return (
             f"the mask is {refreshes:+d} refresh(es) later: set display.mask_delay_refreshes, "

@@ -28,15 +28,15 @@ from pdcd.printable import one_line
 from pdcd.recipes.possible import possible
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import PlanSummary
-from pdcd.runs.folder import RunFolder
+from pdcd.runs.folder import LOG, RunFolder
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.inside import CHUNK_BYTES, fault_of, opened, opened_file, path_of
-from pdcd.runs.ledger import CODES, Kept, read_ledger
 from pdcd.runs.ledger import NAME as LEDGER
+from pdcd.runs.ledger import Kept, read_ledger
+from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.place import UNFINISHED, Place
 from pdcd.runs.record import FileRecord, MeterRecord, RunRecord
 
-LOG = "log.jsonl"
 MOST_BYTES = 2**32
 """Longest ledger or log that is copied."""
 TRIES = 1000

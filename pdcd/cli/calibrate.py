@@ -6,13 +6,11 @@ import argparse
 import select
 import signal
 import sys
-import threading
 from collections.abc import Callable
-from types import FrameType
 from typing import get_args
 
 from pdcd.api.progress import bar, tell
-from pdcd.api.signals import signals_to
+from pdcd.api.signals import held_back, signals_to
 from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
 from pdcd.cli.capture import daemon_socket
@@ -67,23 +65,16 @@ def _here(args: argparse.Namespace, request: CalibrateRequest, hear: OnEvent) ->
     """With the rig in this process; panels black and shutter closed on return."""
     from pdcd.capture.engine import Engine
 
-    interrupted = threading.Event()
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        if interrupted.is_set():
-            raise KeyboardInterrupt
-        interrupted.set()
-
     engine = Engine.from_config(load(args.config))
-    with signals_to(interrupt):
+    with held_back(delivers=False) as interrupted:
         try:
             engine.start()
             return engine.calibrate(
                 request,
                 job=new_job_id(),
                 emit=hear,
-                cancelled=interrupted.is_set,
-                proceed=_asker(interrupted.is_set),
+                cancelled=interrupted,
+                proceed=_asker(interrupted),
             )
         finally:
             engine.stop()

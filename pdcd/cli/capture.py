@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import argparse
 import signal
-import threading
 from collections.abc import Mapping
 from pathlib import Path
-from types import FrameType
 
 import msgspec
 
 from pdcd.api.local import local
 from pdcd.api.progress import bar
-from pdcd.api.signals import signals_to
+from pdcd.api.signals import held_back, signals_to
 from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.cli.exits import DONE
@@ -241,12 +239,5 @@ def _capture_here(
     config: Path | None, request: CaptureRequest, files: Mapping[str, Path], on_event: OnEvent
 ) -> CaptureResult:
     """Run one capture with the rig in this process; panels black and shutter closed on return."""
-    interrupted = threading.Event()
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        if interrupted.is_set():  # the second time, the user does not want to wait
-            raise KeyboardInterrupt
-        interrupted.set()
-
-    with signals_to(interrupt), local(config) as bench:
-        return bench.take_until(interrupted.is_set, request, files, on_event, report=True)
+    with held_back(delivers=False) as interrupted, local(config) as bench:
+        return bench.take_until(interrupted, request, files, on_event, report=True)

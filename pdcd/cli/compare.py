@@ -8,9 +8,9 @@ import msgspec
 
 from pdcd.cli.capture import arrays_of, request_of, take
 from pdcd.cli.exits import DONE
-from pdcd.cli.output import figure, say, say_json, say_notes, say_result, say_table
+from pdcd.cli.output import say, say_json, say_notes, say_result, say_table
 from pdcd.errors import ConfigError
-from pdcd.request import CaptureRequest, CaptureResult, Quality
+from pdcd.request import CaptureRequest, CaptureResult, Quality, figure_of, quality_of
 from pdcd.words import MethodName
 
 COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")
@@ -72,18 +72,17 @@ def by_method(request: CaptureRequest, method: MethodName) -> CaptureRequest:
 
 def _compared(method: MethodName, result: CaptureResult) -> Compared:
     summary = result.summary
-    quality = summary.get("quality")
     return Compared(
         method=method,
         job=result.job,
         folder=result.folder,
-        codes=figure(summary, "codes") if summary.get("family") != "none" else None,
-        raw_files=figure(summary, "shots"),
-        exposure_s=figure(summary, "exposure_s"),
-        rms_error=figure(summary, "rms_error"),
-        sigma_mean=figure(summary, "sigma_mean"),
-        wall_s=figure(summary, "wall_s"),
-        quality=quality if isinstance(quality, Quality) else None,
+        codes=figure_of(summary, "codes") if summary.get("family") != "none" else None,
+        raw_files=figure_of(summary, "shots"),
+        exposure_s=figure_of(summary, "exposure_s"),
+        rms_error=figure_of(summary, "rms_error"),
+        sigma_mean=figure_of(summary, "sigma_mean"),
+        wall_s=figure_of(summary, "wall_s"),
+        quality=quality_of(summary),
     )
 
 

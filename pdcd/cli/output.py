@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 
@@ -12,7 +12,7 @@ from pdcd.cli.exits import CANCELLED, DONE, FAILED, exit_code
 from pdcd.cli.tables import fitted, width, wrapped
 from pdcd.errors import PdcdError
 from pdcd.printable import one_line
-from pdcd.request import CaptureResult, Figure, Quality
+from pdcd.request import CaptureResult, Quality, figure_of, quality_of
 from pdcd.runs.later import REPORT
 
 Value = float | int | str
@@ -103,11 +103,11 @@ def say_result(result: CaptureResult, *, as_json: bool) -> int:
 
 def _say_plainly(result: CaptureResult) -> None:
     rows = [["job", result.job], ["state", result.state]]
-    quality = result.summary.get("quality")
-    if isinstance(quality, Quality):
+    quality = quality_of(result.summary)
+    if quality is not None:
         rows.append(["verdict", quality.verdict])
     for key, label, write in SUMMARY:
-        value = figure(result.summary, key)
+        value = figure_of(result.summary, key)
         if value is not None:
             rows.append([label, write(value)])
     if result.folder is not None:
@@ -125,16 +125,9 @@ def _say_plainly(result: CaptureResult) -> None:
     say_notes(result)
 
 
-def figure(summary: Mapping[str, Figure], key: str) -> Value | None:
-    """A value of the summary that is a number or a word."""
-    value = summary.get(key)
-    return None if isinstance(value, Quality) else value
-
-
 def say_notes(result: CaptureResult) -> None:
     """Print why a photo is not good, what else to know of it, and all warnings of the run."""
-    quality = result.summary.get("quality")
-    say_verdict(quality if isinstance(quality, Quality) else None, result.warnings)
+    say_verdict(quality_of(result.summary), result.warnings)
 
 
 def say_verdict(quality: Quality | None, warnings: Iterable[str]) -> None:

@@ -23,7 +23,7 @@ from pdcd.cli.tables import WIDTH
 from pdcd.client import Client, Unreachable
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
-from pdcd.request import LABELS, CaptureRequest, Quality
+from pdcd.request import LABELS, CaptureRequest, quality_of
 from pdcd.runs.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.index import at, find, named, one
@@ -82,8 +82,7 @@ def show(args: argparse.Namespace) -> int:
         return DONE
     say_table(_shown(run, manifest))
     if manifest is not None:
-        quality = manifest.summary.get("quality")
-        say_verdict(quality if isinstance(quality, Quality) else None, manifest.warnings)
+        say_verdict(quality_of(manifest.summary), manifest.warnings)
     return DONE
 
 

@@ -26,7 +26,6 @@ PARTS: dict[str, tuple[float, float]] = {
 """Magnified parts, as shares of the field's width."""
 DEEPEST = 1e-3
 """Share of the brightest entries that is still shown."""
-MAGNIFIED = 12
 
 
 def row_of(mode: Mode) -> int:

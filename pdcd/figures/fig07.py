@@ -23,6 +23,7 @@ from pdcd.figures.figure import (
     Row,
     Take,
 )
+from pdcd.figures.picture import white_of
 from pdcd.figures.plot import colour, finish
 from pdcd.sensor.profile import load_profile
 from pdcd.words import FamilyName, GoalName
@@ -85,7 +86,7 @@ def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
     rows = []
     for goal in GOALS:
         truth = photos[f"{goal}, codes"].truth
-        white = float(np.nanpercentile(truth, 99.0)) / 0.9
+        white = white_of(truth)
         panels = [Panel(photos[f"{goal}, {way}"].image, way, white) for way in WAYS]
         rows.append(Row((*panels, Panel(truth, "truth", white)), goal))
     error = {name: photo.error for name, photo in photos.items()}

@@ -25,6 +25,7 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.picture import white_of
 from pdcd.figures.places import patch
 from pdcd.figures.plot import colour, finish
 from pdcd.figures.tables import grid_of
@@ -69,7 +70,7 @@ def takes(mode: Mode) -> dict[str, Take]:
 def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
     """Photos from all light to the least indirect, and two points of them over p."""
     white = photos["white"].image
-    level = float(np.nanpercentile(white, 99.0)) / 0.9
+    level = white_of(white)
     rows = []
     for who, words in (("ours", "our codes"), ("paper", "the paper's codes")):
         panels = [Panel(white, "direct + indirect", level)]

@@ -32,6 +32,7 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.plot import finish
 from pdcd.scene.presets.chart import BLOCKS, bars
 
 SCENE = "chart-in-milk"
@@ -102,9 +103,12 @@ def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
             axes.plot(width, truth[number], ":", color=line.get_color())
         axes.set_xlim(left=0.0)
         axes.set_ylim(0.0, 1.1)
-        axes.set_xlabel("width of a bar, cells of 64 to a row")
-        axes.set_ylabel("contrast of the bars")
-        axes.legend()
+        finish(
+            axes,
+            "Bars of the chart",
+            "width of a bar, cells of 64 to a row",
+            "contrast of the bars",
+        )
 
     caption = "Contrast of each block of bars; dotted: the truth, through the same lens."
     return Drawn(rows, (Plot("contrast", draw, caption),), tuple(numbers))

@@ -29,6 +29,7 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.places import share_in
 from pdcd.scene.presets.ball_book import on_pages, on_wax
 from pdcd.scene.presets.canvas import Raster
 
@@ -59,6 +60,7 @@ def takes(mode: Mode) -> dict[str, Take]:
 def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
     """All, direct and indirect light; sharp and soft light by either codes and in truth."""
     direct, ours, paper = photos["direct"], photos["ours"], photos["paper"]
+    brightness = share_in(ours.pictures["indirect"], ours.truths["indirect"])
     first = tuple(
         Panel(direct.pictures[name], words)
         for name, words in (("white", "(a) white"), ("direct", "(b) direct"))
@@ -78,7 +80,7 @@ def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
     numbers = [
         *_shares(ours, "our codes"),
         # Four photos under stripes add up to all indirect light.
-        Number("indirect light of the striped photos over its truth", _scale(ours), 0.93, 1.07),
+        Number("indirect light of the striped photos over its truth", brightness, 0.93, 1.07),
         Number("RMS error of sharp light, our codes", ours.errors["high"], percent=True),
         Number("RMS error of sharp light, the paper's", paper.errors["high"], percent=True),
         Number("RMS error of soft light, our codes", ours.errors["low"], percent=True),
@@ -99,13 +101,6 @@ def _shares(photo: Photo, words: str) -> list[Number]:
         ),
         Number(f"sharp share of spots, {words}", share(pictures, "high", spots), least=0.5),
     ]
-
-
-def _scale(photo: Photo) -> float:
-    """Least-squares brightness of the indirect picture against its truth."""
-    seen, true = photo.pictures["indirect"], photo.truths["indirect"]
-    known = np.isfinite(seen) & np.isfinite(true)
-    return float(seen[known] @ true[known] / (true[known] @ true[known]))
 
 
 def spots_of(indirect: Image) -> NDArray[np.bool_]:

@@ -33,6 +33,7 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.plot import finish
 from pdcd.scene.build import build_scene
 from pdcd.scene.displaced import Displaced
 from pdcd.scene.effects import Array
@@ -99,9 +100,12 @@ def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
         fine = np.linspace(-2.2, 2.2, 400)
         axes.plot(fine, [_kept(abs(d)) for d in fine], lw=1.0, label="by geometry")
         axes.plot(list(DEPTHS.values()), list(found.values()), "o", label="photos")
-        axes.set_xlabel("disparity of the box's front, in cells")
-        axes.set_ylabel("direct light left of it")
-        axes.legend()
+        finish(
+            axes,
+            "The box's front",
+            "disparity of the box's front, in cells",
+            "direct light left of it",
+        )
 
     plot = Plot(
         "left", draw, "Direct light left of the box's front, by how far from the plane it is."

@@ -30,6 +30,8 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.places import share_in
+from pdcd.figures.plot import finish
 from pdcd.scene.presets.canvas import WIDTH, Raster
 from pdcd.scene.presets.vase import on_glass
 
@@ -110,10 +112,7 @@ def _row(pictures: Mapping[str, Image], title: str) -> Row:
 def left(photo: Photo) -> float:
     """Indirect light in the direct picture, over all indirect light, as the least-squares share of
     the true indirect picture in what is wrong with the direct one."""
-    wrong = photo.pictures["direct"] - photo.truths["direct"]
-    known = np.isfinite(wrong) & np.isfinite(photo.truths["indirect"])
-    indirect = photo.truths["indirect"][known]
-    return float(wrong[known] @ indirect / (indirect @ indirect))
+    return share_in(photo.pictures["direct"] - photo.truths["direct"], photo.truths["indirect"])
 
 
 def retro(pictures: Mapping[str, Image]) -> float:
@@ -142,10 +141,13 @@ def _line(photo: Photo) -> Any:
             axes.plot(x[part], light[part], label=words, lw=1.2)
         glass = np.flatnonzero(glass_of(photo.image)[row.start + 2])
         axes.axvspan(x[glass[0]], x[glass[-1]], color="0.9")
-        axes.set_xlabel("place in the picture; grey: the glass of the mirror")
-        axes.set_ylabel("brightness, 1 is white paper")
         axes.set_ylim(bottom=0.0)
-        axes.legend()
+        finish(
+            axes,
+            "A line through the mirror",
+            "place in the picture; grey: the glass of the mirror",
+            "brightness, 1 is white paper",
+        )
 
     return draw
 

@@ -18,8 +18,9 @@ from pdcd.figures.figure import Figure, Mode, Take
 from pdcd.figures.page import page
 from pdcd.figures.photo import packed, photographs
 from pdcd.figures.plot import check_plots
-from pdcd.figures.store import PAGE, Made, Store, write_whole
+from pdcd.figures.store import PAGE, Made, Store
 from pdcd.figures.write import write_figure
+from pdcd.runs.put import put_file
 
 TOGETHER = 8
 """Captures before one bench that one process takes in one go, at most."""
@@ -231,4 +232,4 @@ def _take(folder: str, takes: Mapping[str, Take], mode: Mode) -> None:
             raise Cancelled("whoever wanted these figures is gone")
 
     for name, photo in photographs(takes, mode, heard):
-        write_whole(Path(folder) / name, packed(photo))
+        put_file(Path(folder) / name, packed(photo))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.figures.figure import Panel, Row
+from pdcd.pictures.brightness import LEVEL, LEVEL_PERCENT
 from pdcd.pictures.captions import strip
 from pdcd.pictures.previews import coded
 
@@ -18,8 +19,6 @@ LEAST_PX = 480
 """Width of a picture, at least: what is narrower is enlarged, so that its strip can be read."""
 STRIP_PX = 600
 """Width of picture from which on the strip grows with it."""
-LEVEL, LEVEL_PERCENT = 0.9, 99.0
-"""The brightest hundredth of a row's first panel is shown as 0.9 or brighter, 1 being white."""
 SHOWN = (0.0, 0.25, 1.0)
 """Of the scale of greys, linear."""
 RIM = 0.008
@@ -30,15 +29,15 @@ UNKNOWN = 60
 
 def drawn(row: Row) -> list[Bytes]:
     """All panels of a row as they are to be seen, (H, W, 3) uint8 each, with their strips."""
-    usual = _white(row.panels[0].image)
+    usual = white_of(row.panels[0].image) or 1.0
     return [_panel(panel, panel.white or usual) for panel in row.panels]
 
 
-def _white(image: NDArray[Any]) -> float:
-    """Scene units that are shown as white where nobody says so."""
+def white_of(image: NDArray[Any]) -> float:
+    """Scene units that are shown as white, so that the brightest hundredth of a picture gets to
+    `LEVEL` or more; 0 for one without light."""
     known = image[np.isfinite(image)]
-    level = float(np.percentile(np.abs(known), LEVEL_PERCENT)) if known.size else 0.0
-    return level / LEVEL if level > 0.0 else 1.0
+    return float(np.percentile(np.abs(known), LEVEL_PERCENT)) / LEVEL if known.size else 0.0
 
 
 def _panel(panel: Panel, white: float) -> Bytes:

@@ -1,4 +1,4 @@
-"""Values of pictures at places of the field."""
+"""Values of pictures: at places of the field, and how much of one picture is in another."""
 
 from __future__ import annotations
 
@@ -16,3 +16,10 @@ def patch(image: Image, at: tuple[float, float]) -> float:
     half = max(round(HALF * width), 1)
     x, y = round(at[0] * width), round(at[1] * height)
     return float(np.nanmean(image[y - half : y + half + 1, x - half : x + half + 1, 1]))
+
+
+def share_in(image: Image, of: Image) -> float:
+    """How often a picture `of` is in an image of its shape, by least squares, where both are
+    known."""
+    known = np.isfinite(image) & np.isfinite(of)
+    return float(image[known] @ of[known] / (of[known] @ of[known]))

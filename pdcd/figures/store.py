@@ -24,6 +24,7 @@ import numpy as np
 from pdcd.errors import disk_errors
 from pdcd.figures.figure import Figure, Mode, Photo, Take
 from pdcd.figures.photo import unpacked
+from pdcd.runs.put import put_file
 from pdcd.version import __version__
 
 PAGE, DATA, PHOTOS = "index.html", "data", "photos"
@@ -138,7 +139,7 @@ class Store:
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file whole, or not at all."""
-        write_whole(self.folder / name, data)
+        put_file(self.folder / name, data)
 
     def photo_name(self, take: Take) -> str:
         """Name of the file of a capture's photo. Looks at every number of its arrays."""
@@ -163,14 +164,6 @@ class Store:
 
     def _record(self, number: str) -> Path:
         return self.folder / DATA / f"fig-{number}.json"
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file whole, or not at all. Raises NoSpaceError, or DiskError."""
-    with disk_errors(str(path)):
-        temporary = path.with_name(f".{path.name}.new")
-        temporary.write_bytes(data)
-        temporary.replace(path)
 
 
 def told(take: Take) -> object:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from pdcd.figures.figure import Drawn, Figure, Grid, Mode, Photo, Take
-from pdcd.figures.tables import Asked, by_the_mirror, drawn_of, grid_of, itself, stripes, takes_of
+from pdcd.figures.figure import Grid
+from pdcd.figures.tables import Asked, by_the_mirror, itself, stripes, table_of
 
 
 def rows(grid: Grid) -> tuple[Asked, ...]:
@@ -47,25 +45,14 @@ def rows(grid: Grid) -> tuple[Asked, ...]:
     )  # fmt: skip
 
 
-def takes(mode: Mode) -> dict[str, Take]:
-    """Both photos of every row."""
-    return takes_of(rows(grid_of(mode)), mode)
-
-
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
-    """The contact sheet."""
-    return drawn_of(rows(grid_of(mode)), photos)
-
-
-FIGURE = Figure(
+FIGURE = table_of(
     "table-1",
     "What probing matrices can ask for",
+    rows,
     see="Each photo looks like its truth; rows 1 and 2 are the same photo by two ways.",
     paper="a table of matrices; no photos of them are printed.",
     unlike=(
         "rows 4 and 5 want single paths from cell to cell, which quarter windows, made for panels "
         "that are not quite aligned, meet in a part of each cell only."
     ),
-    takes=takes,
-    drawn=drawn,
 )

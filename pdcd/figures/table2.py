@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from pdcd.figures.figure import Drawn, Figure, Grid, Mode, Photo, Take
-from pdcd.figures.tables import Asked, drawn_of, grid_of, mirror, spot, takes_of
+from pdcd.figures.figure import Grid
+from pdcd.figures.tables import Asked, mirror, spot, table_of
 
 RADIUS = 2
 KERNEL = np.array([[0.0, -0.25, 0.0], [-0.25, 1.0, -0.25], [0.0, -0.25, 0.0]])
@@ -42,22 +40,11 @@ def rows(grid: Grid) -> tuple[Asked, ...]:
     )  # fmt: skip
 
 
-def takes(mode: Mode) -> dict[str, Take]:
-    """Both photos of every row."""
-    return takes_of(rows(grid_of(mode)), mode)
-
-
-def drawn(mode: Mode, photos: Mapping[str, Photo]) -> Drawn:
-    """The contact sheet."""
-    return drawn_of(rows(grid_of(mode)), photos)
-
-
-FIGURE = Figure(
+FIGURE = table_of(
     "table-2",
     "Seven tasks by their probing matrices",
+    rows,
     see="Row 5 takes the mirror's light off the wall and leaves all else as it is.",
     paper="a table of matrices; Figures 1 and 8 to 12 show some of them.",
     unlike="distances in rows 3 and 4 are the larger of both.",
-    takes=takes,
-    drawn=drawn,
 )

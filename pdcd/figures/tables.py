@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ from pdcd.figures.figure import (
     OUR_CODES,
     PAPERS_CODES,
     Drawn,
+    Figure,
     Grid,
     Mode,
     Number,
@@ -22,6 +23,16 @@ from pdcd.figures.figure import (
     Take,
     codes_printed,
 )
+from pdcd.figures.picture import white_of
+from pdcd.scene.presets.canvas import WIDTH, Raster
+from pdcd.scene.presets.still_life import (
+    MIRROR_FOOT,
+    MIRROR_HALF,
+    MIRROR_LANDS,
+    MIRROR_TOP,
+    MIRROR_X,
+    SQUEEZE,
+)
 from pdcd.words import FamilyName, GoalName
 
 SCENE = "still-life"
@@ -30,10 +41,10 @@ SMALL = (24, 32)
 LEAST_SHARE = 0.05
 """Of the white photo's brightness: what is darker than that is brightened to it."""
 
-MIRROR_X, LANDS_X, SQUEEZE, HALF = 0.63, 0.92, 1.9, 0.15
-TOP, FOOT = -0.78, 0.28
-"""Of the scene's drawing, which is 8/3 wide and 2 high about its middle: where its mirror hangs,
-where the light of the mirror's middle lands, how much wider it lands, and the spot's half width."""
+HALF = 0.15
+"""Half width of the spot that the scene's mirror throws, without its rim."""
+TOP, FOOT = MIRROR_TOP + 0.02, MIRROR_FOOT - 0.02
+"""Heights of the drawing between which the spot is counted: a little within those of the mirror."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +68,27 @@ class Asked:
 def grid_of(mode: Mode) -> Grid:
     """Cells of the tables: the quick page has room for small pictures only."""
     return min(mode.grid, SMALL) if mode.quick else mode.grid
+
+
+def table_of(
+    number: str,
+    title: str,
+    rows: Callable[[Grid], tuple[Asked, ...]],
+    *,
+    see: str,
+    paper: str,
+    unlike: str,
+) -> Figure:
+    """A table as a figure. rows : its rows on a grid of cells; the words are as of `Figure`."""
+    return Figure(
+        number,
+        title,
+        see=see,
+        paper=paper,
+        unlike=unlike,
+        takes=lambda mode: takes_of(rows(grid_of(mode)), mode),
+        drawn=lambda mode, photos: drawn_of(rows(grid_of(mode)), photos),
+    )
 
 
 def takes_of(rows: tuple[Asked, ...], mode: Mode) -> dict[str, Take]:
@@ -86,11 +118,11 @@ def takes_of(rows: tuple[Asked, ...], mode: Mode) -> dict[str, Take]:
 
 def drawn_of(rows: tuple[Asked, ...], photos: Mapping[str, Photo]) -> Drawn:
     """A row of pictures for each row of the table."""
-    level = float(np.nanpercentile(photos["white"].image, 99.0)) / 0.9
+    level = white_of(photos["white"].image)
     shown, numbers = [], []
     for row in rows:
         ours, papers = photos[f"row {row.number}"], photos.get(f"row {row.number}, paper")
-        white = max(float(np.nanpercentile(np.abs(ours.truth), 99.0)) / 0.9, LEAST_SHARE * level)
+        white = max(white_of(ours.truth), LEAST_SHARE * level)
         panels = [
             Panel(ours.image, "photo", white, signed=row.signed),
             Panel(ours.truth, "truth", white, signed=row.signed),
@@ -109,35 +141,26 @@ def drawn_of(rows: tuple[Asked, ...], photos: Mapping[str, Photo]) -> Drawn:
     return Drawn(tuple(shown), numbers=tuple(numbers))
 
 
-def centres(grid: Grid) -> tuple[NDArray[Any], NDArray[Any]]:
-    """x and y of all cells in the scene's drawing, (rows, cols) each."""
-    rows, cols = grid
-    x = ((np.arange(cols) + 0.5) / cols * 2.0 - 1.0) * 4.0 / 3.0
-    y = (np.arange(rows) + 0.5) / rows * 2.0 - 1.0
-    right, down = np.meshgrid(x, y)
-    return right, down
-
-
 def spot(grid: Grid) -> NDArray[Any]:
     """Camera cells on which the mirror throws its light, (rows, cols), 0 or 1."""
-    x, y = centres(grid)
-    inside = (np.abs(x - LANDS_X) < HALF) & (y > TOP) & (y < FOOT)
+    drawing = Raster(grid)
+    inside = (np.abs(drawing.x - MIRROR_LANDS) < HALF) & (drawing.y > TOP) & (drawing.y < FOOT)
     return inside.astype(np.float64)
 
 
 def mirror(grid: Grid) -> NDArray[Any]:
     """Projector cells that light the mirror, (rows, cols), 0 or 1."""
-    x, y = centres(grid)
-    inside = (np.abs(x - MIRROR_X) < 0.12) & (y > TOP - 0.06) & (y < FOOT + 0.06)
+    drawing = Raster(grid)
+    inside = np.abs(drawing.x - MIRROR_X) < MIRROR_HALF + 0.03
+    inside &= (drawing.y > MIRROR_TOP - 0.04) & (drawing.y < MIRROR_FOOT + 0.04)
     return inside.astype(np.float64)
 
 
 def by_the_mirror(grid: Grid) -> NDArray[Any]:
     """The projector cell whose light the mirror brings to each camera cell; -1 beside the spot."""
     rows, cols = grid
-    x, _ = centres(grid)
-    seen = MIRROR_X - (x - LANDS_X) / SQUEEZE
-    column = np.floor((seen * 0.75 + 1.0) / 2.0 * cols)
+    seen = MIRROR_X - (Raster(grid).x - MIRROR_LANDS) / SQUEEZE
+    column = np.floor((seen / WIDTH + 0.5) * cols)
     cell = np.arange(rows)[:, None] * cols + column
     return np.where(spot(grid) > 0.0, cell, -1.0)
 

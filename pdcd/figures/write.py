@@ -7,13 +7,13 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-import cv2
 import numpy as np
 
 from pdcd.figures.figure import Drawn, Figure, Mode, Number, Photo, Row, Take
 from pdcd.figures.picture import drawn as drawn_row
 from pdcd.figures.plot import plotted
 from pdcd.figures.store import Captured, Made, Shown, ShownRow, Stated, Store
+from pdcd.pictures.develop import png_of
 
 
 def write_figure(
@@ -91,8 +91,7 @@ def _row(store: Store, number: str, k: int, row: Row) -> ShownRow:
     for index, (panel, pixels) in enumerate(zip(row.panels, drawn_row(row), strict=True)):
         words = re.sub(r"[^a-z0-9]+", "-", panel.caption.lower()).strip("-")[:40]
         file = f"fig-{number}-{k + 1}{chr(ord('a') + index)}-{words}.png"
-        _, data = cv2.imencode(".png", np.ascontiguousarray(pixels[..., ::-1]))
-        store.write(file, data.tobytes())
+        store.write(file, png_of(pixels))
         pictures.append(Shown(file, panel.caption))
     return ShownRow(row.title, tuple(pictures), row.small)
 

@@ -107,6 +107,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
+            _direct_left(photos, decoded, deviations, thin),
             # Entries of T have no parts that could measure anything.
             quality.sigma_of("" if decoded.transport is not None else answer.kind),
             _pair_sum(decoded, thin),
@@ -143,6 +144,35 @@ def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
     there, sums = (thin.inside(thin.pick(p.image)) for p in (flood, both))
     noise = sum(thin.inside(thin.pick(p.sensor)) ** 2 for p in (flood, both))
     yield from quality.pair_sum(sums, there, np.asarray(noise))
+
+
+def _direct_left(
+    photos: list[Photo], decoded: Decoded, deviations: dict[str, Deviation], thin: Thinned
+) -> Iterator[Finding]:
+    """What is direct light in an answer of one photo without any."""
+    direct = decoded.pictures.get("direct")
+    if direct is None or len(photos) != 1:
+        return
+    (photo,) = photos
+    if photo.wanted.uniform is None or photo.wanted.uniform[0] != 0.0:
+        return
+    there, left = (thin.inside(thin.pick(p.image)) for p in (direct, decoded.answer))
+    weight = max(abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo))
+    yield from quality.direct_left(weight, there, left)
+
+
+def _at_borders(decoded: Decoded, photo: Photo) -> float:
+    """RMS over the quads of the weight of direct light that gets through between cells.
+
+    It lies along the borders of cells, in lines that are one quad wide or, where quads are finer
+    than that, as wide as the panels are apart.
+    """
+    apart, cells = decoded.apart_in(photo), decoded.cells
+    (height, width), (rows, cols) = cells.frame, cells.grid
+    seen = np.count_nonzero(cells.known) / (height * width)
+    quad = float(np.sqrt(rows * cols / max(seen * height * width, 1.0)))
+    lines = max(min(2.0 * quad, 1.0), apart)
+    return apart / float(np.sqrt(lines))
 
 
 def _light(names: Iterable[str], decoded: Decoded, thin: Thinned) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.placed import panels_from
 from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.frames.patterns import Patterns, none
@@ -35,13 +36,14 @@ from pdcd.pictures.software import software_sums, summed_matrices
 from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
 from pdcd.pictures.watch import Watch
+from pdcd.probing.borders import drawn_apart_share
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.arrays import target_with
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers, taken_parts
 from pdcd.recipes.possible import possible
-from pdcd.recipes.recipe import Recipe, Shot
+from pdcd.recipes.recipe import Photo, Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import RunRecord, ShotRecord
@@ -70,6 +72,8 @@ class Decoded:
     """How the camera saw the field, for pictures that are to be upright on it."""
     sums: dict[str, Exposed] = field(default_factory=dict)
     """Weighted sums of single photos, which the recipe's photos name like shots."""
+    apart: Mapping[str, float] = field(default_factory=dict)
+    """Share of the field in which the panels showed different cells, of shots of whole cells."""
 
     @property
     def answer(self) -> Barred:
@@ -83,6 +87,10 @@ class Decoded:
             return None
         return sliced(self.recipe, self.shots, self.cells)
 
+    def apart_in(self, photo: Photo) -> float:
+        """Share of the field in which the panels showed different cells in all shots of a photo."""
+        return min(self.apart.get(name, 0.0) for _, name in photo.shots)
+
     @cached_property
     def cell_means(self) -> Barred:
         """The answer's means over the cells, (rows, cols, 3)."""
@@ -95,7 +103,7 @@ class Decoded:
         """
         shots = {**self.shots, **self.sums}
         return {
-            p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive)
+            p.name: deviation(realised_photo(p.shots, shots), p.wanted, alive, self.apart_in(p))
             for p in self.recipe.photos
         }
 
@@ -182,7 +190,7 @@ class Darkroom:
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
         view = View.of(self._record, cells)
-        return Decoded(recipe, shots, pictures, cells, view, sums)
+        return Decoded(recipe, shots, pictures, cells, view, sums, _apart(self._record))
 
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed], CellMap]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
@@ -397,6 +405,16 @@ def _watched(chunks: Iterator[Factors], alive: Alive) -> Iterator[Factors]:
     for chunk in chunks:
         alive()
         yield chunk
+
+
+def _apart(record: RunRecord) -> dict[str, float]:
+    """What `Decoded.apart` says."""
+    whole = [shot.name for shot in record.shots if shot.window == "whole"]
+    if not whole:
+        return {}
+    panels = panels_from(record.projector, record.mask)
+    share = drawn_apart_share(panels.projector, panels.mask, record.grid)
+    return dict.fromkeys(whole, share)
 
 
 def _warped(picture: Barred, homography: Homography) -> Barred:

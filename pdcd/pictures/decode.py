@@ -19,7 +19,7 @@ from pdcd.pictures.transport import Sliced, picture_of
 from pdcd.pictures.watch import Watch
 from pdcd.request import Goal
 from pdcd.runs.folder import sha256_of
-from pdcd.runs.verify import whole_manifest
+from pdcd.runs.verify import PROBE, whole_manifest
 
 TRANSPORT = "transport.npz"
 TRANSPORT_PICTURE = "preview/transport.png"
@@ -50,7 +50,7 @@ def write_pictures(folder: Path, decoded: Decoded) -> tuple[str, ...]:
     """
     with disk_errors(str(folder)):
         means = decoded.cell_means
-        with (folder / "probe.npz").open("wb") as file:
+        with (folder / PROBE).open("wb") as file:
             np.savez(
                 file,
                 image=means.image,

@@ -57,14 +57,20 @@ def warp(
     return np.asarray(warped, dtype=np.float64)
 
 
+def png_of(picture: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """An (H, W, 3) RGB picture as the content of a PNG file of as many bits a colour."""
+    _, data = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
+    return data.tobytes()
+
+
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
     """Write an (H, W, 3) uint8 RGB picture as PNG. Raises `NoSpaceError`, or
     `PdcdError` for any other refusal of the disk."""
     _check(path, picture)
     # Encoded in memory and written here, as cv2.imwrite reports a full disk only as False.
-    _, data = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
+    data = png_of(picture)
     with disk_errors(str(path)):
-        path.write_bytes(data.data)
+        path.write_bytes(data)
 
 
 def write_tiff(path: Path, image: NDArray[np.floating]) -> None:

@@ -68,6 +68,9 @@ class Limits:
     Misplaced panels have 0.5 to 1, and 14 to 54; others up to 0.2, and 3."""
     diagonal: tuple[float, float] = (0.1, 0.5)
     """Mean error of the weight of direct light, where a wanted weight of 1 is 1."""
+    direct_left: tuple[float, float] = (0.15, 0.5)
+    """Direct light that is left in an answer without any, over the RMS of the answer: its weight by
+    the realised matrix, times the direct light of the scene."""
     pair_sum: tuple[float, float] = (0.02, 0.1)
     """RMS difference of what a complement pair adds up to and of the floodlit photo, over the RMS
     of that, beyond the sensor's noise."""
@@ -295,6 +298,28 @@ def deviations(found: dict[str, Deviation], limits: Limits = LIMITS) -> Iterator
                 f"photo {name}: paths have weights that are {_percent(one.off_rms)} off (limit "
                 f"{_percent(limits.off_rms[0])}); take more codes",
             )
+
+
+def direct_left(
+    weight: float, direct: Floats, answer: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """An answer without direct light: how much of it is some all the same.
+
+    weight : of direct light in it, on average. direct, answer : (n, 3) both pictures.
+    """
+    known = np.isfinite(direct) & np.isfinite(answer)
+    squares = [float(np.sum(picture[known] ** 2)) for picture in (direct, answer)]
+    if not squares[1] > 0.0:
+        return
+    share = weight * float(np.sqrt(squares[0] / squares[1]))
+    grade = graded(share, limits.direct_left)
+    if grade:
+        yield Finding(
+            grade,
+            f"{_percent(share)} of the picture is direct light (limit "
+            f"{_percent(limits.direct_left[0])}), which has a weight of {_percent(weight)} in "
+            "it; take quarter windows, and look at contrast, guards and places of the panels",
+        )
 
 
 def pair_sum(

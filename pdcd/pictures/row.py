@@ -19,6 +19,7 @@ from pdcd.probing.deviation import row_weights_s, weight_s
 from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Photo
 from pdcd.runs.frame_table import NAME as FRAMES
+from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.verify import whole_manifest
 from pdcd.words import NormaliseName
 
@@ -89,7 +90,7 @@ def matrix_row(folder: Path, cell: tuple[int, int], photo: str | None = None) ->
     ConfigError
         There is no such cell or photo.
     """
-    record = whole_manifest(folder, ("codes.npz", FRAMES)).run
+    record = whole_manifest(folder, (CODES, FRAMES)).run
     rows, cols = record.grid
     if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
         raise ConfigError(

@@ -6,9 +6,10 @@ import struct
 import zlib
 from collections.abc import Mapping
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from pdcd.pictures.develop import png_of
 
 Words = NDArray[np.uint16]
 
@@ -73,8 +74,7 @@ def png_bytes(image: Words, told: Mapping[str, str], software: str) -> bytes:
 
     Each line of `told` becomes a tEXt chunk. All text is ASCII.
     """
-    _, encoded = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))
-    data = encoded.tobytes()
+    data = png_of(image)
     after_header = 8 + 12 + 13
     chunks = _chunk(b"gAMA", struct.pack(">I", 100_000))
     for name, words in {**told, "Software": software}.items():

@@ -14,9 +14,7 @@ from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smalles
 from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.errors import ConfigError
 from pdcd.frames.windows import ATOMS, GUARDS, whole_pixels, windows
-from pdcd.maps.placing import Placing
 from pdcd.maps.scale import fewest_pixels
-from pdcd.planning.borders import drawn_apart_px
 from pdcd.planning.guards import (
     WHOLE_CELL_LIMIT,
     choose_schedule,
@@ -25,6 +23,7 @@ from pdcd.planning.guards import (
     lag_rows,
     shares_of_cell,
 )
+from pdcd.probing.borders import by_maps, drawn_apart_px, drawn_apart_share
 from pdcd.words import ScheduleName
 
 MOST_LEAK = 0.005
@@ -70,7 +69,7 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
     misregistration, blur = shares_of_cell(config, cell_px)
     panels = panels_of(config)
     if asked == "auto":
-        if _placed(config):
+        if by_maps(config.projector, config.mask):
             apart_px = drawn_apart_px(panels.projector, panels.mask, grid, config.projector.size_px)
             misregistration = max(misregistration, apart_px / cell_px)
     elif not whole_pixels(asked, panels.mask, grid):
@@ -82,12 +81,6 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
             f"{ATOMS // math.gcd(GUARDS[asked], ATOMS)} of its pixels",
         )
     return choose_window(asked, misregistration, blur)
-
-
-def _placed(config: Config) -> bool:
-    """Whether a panel was said to lie otherwise than upright over the whole field. All others are
-    taken by what is typed of their misregistration, which whoever aligned them by hand knows."""
-    return any(panel.place != Placing() for panel in (config.projector, config.mask))
 
 
 def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
@@ -163,6 +156,15 @@ def reasons_for(
             gain = windows(larger).area / windows(window).area
             told.append(
                 f"--window {larger} has {gain:.3g} times the light, and fits how the panels meet"
+            )
+    if window == "whole" and by_maps(config.projector, config.mask):
+        panels = panels_of(config)
+        apart = drawn_apart_share(panels.projector, panels.mask, grid)
+        if apart > WHOLE_CELL_LIMIT:
+            told.append(
+                f"window whole: the panels draw different cells in {100.0 * apart:.2g} % of the "
+                "field, and as much of the direct light gets into an indirect photo; --window "
+                "quarter keeps it out"
             )
     if times_measured(config) and mask_lag_s is not None and schedule != "none":
         leak = schedule_leak(config, schedule, mask_lag_s)

@@ -111,17 +111,29 @@ def _matched_weight_s(realised: Factors, wanted: Wanted, partner: NDArray[np.int
 
 
 def deviation(
-    realised: Factors, wanted: Wanted, alive: Callable[[], None] = lambda: None
+    realised: Factors,
+    wanted: Wanted,
+    alive: Callable[[], None] = lambda: None,
+    apart: float = 0.0,
 ) -> Deviation:
-    """Compare the two, as exactly as `row_deviations`; `alive` may raise to end the work."""
+    """Compare the two, as exactly as `row_deviations`; `alive` may raise to end the work.
+
+    apart : share of the field in which both panels show different cells
+    (`pdcd.probing.borders`). Direct light has the weight of other paths there; it is counted in the
+    mean where all other paths are to have one weight.
+    """
     weight = weight_s(realised, wanted)
     scale = weight if weight != 0.0 else 1.0
     mean, variance, diagonal = row_deviations(realised, wanted, scale, alive)
     square = mean**2 + variance
+    direct = float(diagonal.mean())
+    if apart > 0.0 and wanted.uniform is not None:
+        there = float(mean.mean()) + wanted.uniform[1] - wanted.uniform[0]
+        direct += apart * (there - direct)
     return Deviation(
         weight_s=weight,
         diagonal_max=float(np.abs(diagonal).max()),
-        diagonal_mean=float(diagonal.mean()),
+        diagonal_mean=direct,
         off_rms=float(np.sqrt(square.mean())),
         off_rms_worst=float(np.sqrt(square.max())),
         off_max=_largest(realised, wanted, scale) if wanted.cells <= EXACT_CELLS else None,

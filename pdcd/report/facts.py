@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from pdcd.report.material import Material
-from pdcd.request import Quality
 from pdcd.runs.record import Manifest
 
 Rows = list[tuple[str, str]]
@@ -71,12 +70,6 @@ def tables(manifest: Manifest, material: Material) -> Iterator[Table]:
     yield Table("Versions", _flat(versions))
     files = [(name, f"{one.size_bytes} bytes", one.sha256) for name, one in manifest.files.items()]
     yield Table("Files", files, ("file", "size", "SHA-256"), closed=True)
-
-
-def quality(manifest: Manifest) -> Quality | None:
-    """The verdict; None in runs of versions without one."""
-    found = manifest.summary.get("quality")
-    return found if isinstance(found, Quality) else None
 
 
 def _budget(material: Material) -> Table:

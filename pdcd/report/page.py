@@ -11,16 +11,16 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
-import html
 import json
 import math
 import re
 from importlib.resources import files
 from typing import Any
 
-from pdcd.printable import one_line
-from pdcd.report.facts import MOST_ROWS, Table, figures, quality, tables
+from pdcd.printable import as_html, one_line
+from pdcd.report.facts import MOST_ROWS, Table, figures, tables
 from pdcd.report.material import Material
+from pdcd.request import quality_of
 from pdcd.runs.record import Manifest
 from pdcd.version import __version__
 
@@ -36,22 +36,17 @@ def page(manifest: Manifest, material: Material) -> str:
             f"default-src 'none'; script-src '{_digest(script)}'; style-src '{_digest(style)}'; "
             "img-src data:; base-uri 'none'; form-action 'none'"
         ),
-        "title": text(f"{manifest.run.goal.name}, {manifest.job}"),
+        "title": as_html(f"{manifest.run.goal.name}, {manifest.job}"),
         "style": style,
         "head": _head(manifest, material),
         "pictures_note": _pictures_note(manifest, material),
         "slice": _slice(material.slice_png),
         "tables": "".join(_table(one) for one in tables(manifest, material)),
-        "made": text(f"made by pdcd {__version__}"),
+        "made": as_html(f"made by pdcd {__version__}"),
         "data": _data(_told(manifest, material)),
         "script": script,
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _asset("page.html"))
-
-
-def text(words: object) -> str:
-    """Any text as HTML that shows it and does nothing else."""
-    return html.escape(one_line(str(words)), quote=True)
 
 
 def _told(manifest: Manifest, material: Material) -> dict[str, Any]:
@@ -76,16 +71,17 @@ def _head(manifest: Manifest, material: Material) -> str:
     request, scene = manifest.request, manifest.drivers.get("scene")
     where = f"virtual scene {scene}" if manifest.mock else "a real scene"
     lines = [
-        f"<h1>{text(manifest.run.goal.name)}</h1>",
-        f'<p class="quiet">{text(manifest.job)}: {text(where)}, '
-        f"{text(_when(manifest.started_utc))}, rig {text(manifest.drivers.get('name', '?'))}</p>",
+        f"<h1>{as_html(manifest.run.goal.name)}</h1>",
+        f'<p class="quiet">{as_html(manifest.job)}: {as_html(where)}, '
+        f"{as_html(_when(manifest.started_utc))}, "
+        f"rig {as_html(manifest.drivers.get('name', '?'))}</p>",
     ]
     for name in ("name", "tags", "note"):
         if request.get(name):
-            said = "<br>".join(text(line) for line in _listed(request[name]).split("\n"))
+            said = "<br>".join(as_html(line) for line in _listed(request[name]).split("\n"))
             lines.append(f'<p class="said">{name}: {said}</p>')
     rows = "".join(
-        f"<div><dt>{text(name)}</dt><dd>{text(value)}</dd></div>"
+        f"<div><dt>{as_html(name)}</dt><dd>{as_html(value)}</dd></div>"
         for name, value in figures(manifest, material)
     )
     lines += [_verdict(manifest), f'<dl class="figures">{rows}</dl>']
@@ -93,7 +89,7 @@ def _head(manifest: Manifest, material: Material) -> str:
 
 
 def _verdict(manifest: Manifest) -> str:
-    found = quality(manifest)
+    found = quality_of(manifest.summary)
     verdict = "unknown" if found is None else found.verdict
     sides = [] if found is None else [("reason", r) for r in found.reasons]
     told = manifest.summary
@@ -102,11 +98,11 @@ def _verdict(manifest: Manifest) -> str:
     sides += [("warning", w) for w in manifest.warnings[:MOST_ROWS]]
     if manifest.state == "partial":
         sides.insert(0, ("partial", f"missing shots: {', '.join(manifest.missing)}"))
-    items = "".join(f'<li class="{kind}"><b>{kind}</b> {text(w)}</li>' for kind, w in sides)
+    items = "".join(f'<li class="{kind}"><b>{kind}</b> {as_html(w)}</li>' for kind, w in sides)
     more = len(manifest.warnings) - MOST_ROWS
     tail = f"<p>and {more} more warnings, see capture.json</p>" if more > 0 else ""
     return (
-        f'<p id="verdict" class="verdict {text(verdict)}">{text(verdict)}</p>'
+        f'<p id="verdict" class="verdict {as_html(verdict)}">{as_html(verdict)}</p>'
         f'<ul class="reasons">{items}</ul>{tail}'
     )
 
@@ -141,18 +137,18 @@ def _pictures_note(manifest: Manifest, material: Material) -> str:
         words.append("The truth of the virtual scene was not kept, or is not known.")
     if pictures.left_out:
         words.append(f"Left out for room: {', '.join(pictures.left_out[:64])}.")
-    return text(" ".join(words))
+    return as_html(" ".join(words))
 
 
 def _table(one: Table) -> str:
-    heads = "".join(f"<th>{text(head)}</th>" for head in one.heads)
+    heads = "".join(f"<th>{as_html(head)}</th>" for head in one.heads)
     rows = "".join(
-        "<tr>" + "".join(f"<td>{text(cell)}</td>" for cell in row) + "</tr>"
+        "<tr>" + "".join(f"<td>{as_html(cell)}</td>" for cell in row) + "</tr>"
         for row in one.rows[:MOST_ROWS]
     )
     more = len(one.rows) - MOST_ROWS
     tail = f'<p class="quiet">and {more} more, see capture.json</p>' if more > 0 else ""
-    note = f'<p class="quiet">{text(one.note)}</p>' if one.note else ""
+    note = f'<p class="quiet">{as_html(one.note)}</p>' if one.note else ""
     kind = "wide" if one.heads else "pairs"
     head = f"<thead><tr>{heads}</tr></thead>" if heads else ""
     body = f'<div class="scroll"><table class="{kind}">{head}<tbody>{rows}</tbody></table></div>'
@@ -160,7 +156,7 @@ def _table(one: Table) -> str:
         body = '<p class="quiet">nothing</p>'
     opened = "" if one.closed else " open"
     return (
-        f"<details{opened}><summary><h2>{text(one.title)}</h2></summary>{note}{body}{tail}"
+        f"<details{opened}><summary><h2>{as_html(one.title)}</h2></summary>{note}{body}{tail}"
         "</details>"
     )
 

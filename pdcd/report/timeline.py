@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pdcd.errors import DecodeError
 from pdcd.report.packing import integers
-from pdcd.runs.frame_table import NAME
+from pdcd.runs.frame_table import NAME, read_columns
 from pdcd.runs.record import RunRecord, ShotRecord
 
 MOST_REFRESHES = 60_000
@@ -73,11 +71,11 @@ def _units(times_ns: Any, unit_ns: int) -> Any:
 
 def _table(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     """Columns `WANTED` of each shot, (5, refreshes) int64."""
-    rows: dict[str, list[list[int]]] = {}
-    try:
-        with path.open(newline="") as file:
-            for line in csv.DictReader(file):
-                rows.setdefault(line["shot"], []).append([int(line[name]) for name in WANTED])
-        return {name: np.array(some, dtype=np.int64).T for name, some in rows.items()}
-    except (OSError, KeyError, ValueError, TypeError, OverflowError, csv.Error) as err:
-        raise DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy") from err
+    columns = read_columns(path, ("shot", *WANTED))
+    names, shot, counts = np.unique(columns["shot"], return_inverse=True, return_counts=True)
+    rows = np.stack([columns[name] for name in WANTED])[:, np.argsort(shot, kind="stable")]
+    ends = np.cumsum(counts)
+    return {
+        str(name): rows[:, end - count : end]
+        for name, count, end in zip(names, counts, ends, strict=True)
+    }

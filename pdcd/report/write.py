@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-from pdcd.errors import disk_errors
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import TRANSPORT_PICTURE, record_errors
 from pdcd.pictures.watch import Watch
@@ -14,6 +12,8 @@ from pdcd.report.material import Material, gathered
 from pdcd.report.page import page
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.later import REPORT
+from pdcd.runs.patterns import NAME as CODES
+from pdcd.runs.put import put_file
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import sound_manifest
 
@@ -28,7 +28,7 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
     other refusal of the disk.
     """
     watch = watch or Watch()
-    manifest = sound_manifest(folder, ("codes.npz", FRAMES), watch)
+    manifest = sound_manifest(folder, (CODES, FRAMES), watch)
     partly, kept = manifest.state == "partial", TRUTH in manifest.files
     more = [TRUTH] if kept else []
     if manifest.run.goal.name == "transport":
@@ -45,13 +45,5 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
 def written(folder: Path, manifest: Manifest, material: Material, out: Path | None = None) -> Path:
     """Write a page whose parts are gathered; returns where it is. Raises as `write` does."""
     path = folder / REPORT if out is None else out
-    text = page(manifest, material).encode("utf-8")
-    made = path.with_name(f"{path.name}.new")
-    with disk_errors(str(path)):
-        made.unlink(missing_ok=True)
-        # Never through a link that somebody put there; the rename then replaces any.
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-        with os.fdopen(os.open(made, flags, 0o666), "wb") as file:
-            file.write(text)
-        made.replace(path)
+    put_file(path, page(manifest, material).encode("utf-8"))
     return path

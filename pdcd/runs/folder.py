@@ -48,11 +48,13 @@ from pdcd.runs.manifest import (
     parsed,
     written,
 )
+from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.place import UNFINISHED, Place
 from pdcd.runs.record import FileRecord, Manifest
 from pdcd.version import __version__
 
-__all__ = ["MANIFEST", "RunFolder", "read_manifest", "sha256_of"]
+LOG = "log.jsonl"
+"""What happened in a run, a line an event."""
 
 
 class RunFolder:
@@ -148,7 +150,7 @@ class RunFolder:
     def log(self, event: Mapping[str, Any]) -> None:
         """Append one line to log.jsonl: `t_mono_ns`, `event` (its type) and what it says."""
         line = json.dumps(event)
-        with disk_errors(self._shown), (self.path / "log.jsonl").open("a") as file:
+        with disk_errors(self._shown), (self.path / LOG).open("a") as file:
             file.write(line + "\n")
 
     def files(self) -> tuple[str, ...]:
@@ -289,11 +291,11 @@ def write_patterns(
     for name, array in given.items():
         arrays[f"goal.{name}"] = array
     # Whole or not at all: shots that were taken already are decoded by what stands there.
-    made = folder / "codes.npz.new"
+    made = folder / f"{CODES}.new"
     with disk_errors(str(folder.resolve())):
         with made.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-        made.replace(folder / "codes.npz")
+        made.replace(folder / CODES)
 
 
 def sha256_of(path: Path) -> str:

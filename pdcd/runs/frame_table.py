@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +54,30 @@ def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
             writer.writerow(COLUMNS)
         listed = zip(*(c.tolist() for c in columns), strict=True)
         writer.writerows((shot, *row) for row in listed)
+
+
+def read_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str, NDArray[Any]]:
+    """A whole table by column, an entry for each refresh: "shot" str, all others int64.
+
+    Columns of `ADDED` are left out where the table has none. Raises DecodeError for a damaged one.
+    """
+    try:
+        with path.open(newline="") as file:
+            head, *lines = csv.reader(file)
+        entries = zip(*lines, strict=True) if lines else [()] * len(head)
+        columns = dict(zip(head, entries, strict=True))
+        return {
+            name: np.array(columns[name], dtype=np.str_ if name == "shot" else np.int64)
+            for name in wanted
+            if name in columns or name not in ADDED
+        }
+    except (OSError, KeyError, ValueError, OverflowError, csv.Error) as err:
+        raise unreadable(path, err) from err
+
+
+def unreadable(path: Path, err: Exception) -> DecodeError:
+    """The error of a damaged table."""
+    return DecodeError(f"cannot read {path}: {err}", hint="restore it from a copy")
 
 
 class FrameTable:
@@ -107,9 +133,7 @@ class FrameTable:
                 if column in columns or column not in ADDED
             }
         except (OSError, OverflowError, IndexError, KeyError, ValueError, csv.Error) as err:
-            raise DecodeError(
-                f"cannot read {self._path}: {err}", hint="restore it from a copy"
-            ) from err
+            raise unreadable(self._path, err) from err
 
     def _read_on(self) -> None:
         """Sort the lines that came since the last time by their shots."""

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import msgspec
 
 from pdcd.errors import RequestError
 from pdcd.printable import one_line
+from pdcd.request import job_time
 from pdcd.runs.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.look import bare_entry, damaged, entry_of
@@ -143,7 +144,7 @@ def matches(entry: RunEntry, query: RunQuery) -> bool:
 def _by_name(spots: list[Spot], query: RunQuery) -> Iterator[Spot]:
     """The runs that may be wanted, as far as their names tell."""
     before = None if query.before is None else spot_of(query.before)
-    since = None if query.since is None else f"{query.since.astimezone(UTC):%Y%m%dT%H%M%SZ}"
+    since = None if query.since is None else job_time(query.since)
     for spot in spots:
         if since is not None and spot.job < since:
             return  # they go by time

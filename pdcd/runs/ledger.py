@@ -19,10 +19,10 @@ from pdcd.errors import DecodeError, disk_errors
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.inside import hashed, opened_file, read_file
+from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.record import Count, FileRecord, MeterRecord, RunRecord, Sha256, ShotRecord
 
 NAME = "ledger.jsonl"
-CODES = "codes.npz"
 MAX_BYTES = 2**26
 """Longest ledger that is read; a shot takes half a thousand bytes."""
 MAX_FIRST_BYTES = 2**20

@@ -14,6 +14,7 @@ import msgspec
 from pdcd.errors import DecodeError, of_kind
 from pdcd.request import MOST_TAGS
 from pdcd.runs.entry import RunEntry
+from pdcd.runs.folder import LOG
 from pdcd.runs.inside import opened_file, read_file
 from pdcd.runs.ledger import Begun, read_begun
 from pdcd.runs.manifest import MANIFEST
@@ -210,7 +211,7 @@ def _labels(asked: _Asked) -> dict[str, Any]:
 def _last_line(folder: int) -> tuple[_Last | None, int]:
     """The last whole line of log.jsonl, and the bytes that were read; None where there is none."""
     try:
-        with opened_file(folder, "log.jsonl") as descriptor:
+        with opened_file(folder, LOG) as descriptor:
             size = os.fstat(descriptor).st_size
             data = os.pread(descriptor, TAIL_BYTES, max(0, size - TAIL_BYTES))
         lines = data.rsplit(b"\n", 2)

@@ -11,12 +11,13 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
 import msgspec
 
 from pdcd.errors import BusyError, DiskError, PdcdError, RequestError, disk_errors
+from pdcd.request import job_time
 from pdcd.runs.entry import RunEntry, RunQuery
 from pdcd.runs.index import find
 from pdcd.runs.place import UNFINISHED
@@ -54,7 +55,7 @@ def unwanted(
     without a word; of them not the newest `keep`; of the rest those started before `older_than`.
     Raises DiskError when the folder cannot be read.
     """
-    limit = None if older_than is None else f"{older_than.astimezone(UTC):%Y%m%dT%H%M%SZ}"
+    limit = None if older_than is None else job_time(older_than)
     kept = 0
     for page in find(state, msgspec.structs.replace(query, previews=False)):
         for run in page.runs:

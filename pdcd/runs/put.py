@@ -10,10 +10,26 @@ from pathlib import Path
 from pdcd.errors import RequestError, disk_errors
 
 
-def put(folder: int, name: str, data: bytes, *, replace: bool, shown: str) -> None:
-    """Write a file into an open folder: durable, and by its name only when it is complete.
+def put_file(path: Path, data: bytes) -> None:
+    """Write a file that can be made again, in the place of any that is there.
+
+    Raises NoSpaceError, and DiskError for any other refusal of the disk. No half of it is left.
+    """
+    with disk_errors(str(path)):
+        folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            put(folder, path.name, data, replace=True, shown=str(path.parent), durable=False)
+        finally:
+            os.close(folder)
+
+
+def put(
+    folder: int, name: str, data: bytes, *, replace: bool, shown: str, durable: bool = True
+) -> None:
+    """Write a file into an open folder, by its name only when it is complete.
 
     folder : descriptor; `shown` is what people call it.
+    durable : whether it lasts when the power fails; else some of it may then be lost.
 
     Raises RequestError when there is such a file and it is not to be replaced, NoSpaceError, and
     DiskError for any other refusal of the disk. No half of a file is left.
@@ -25,13 +41,15 @@ def put(folder: int, name: str, data: bytes, *, replace: bool, shown: str) -> No
         try:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
+                if durable:
+                    file.flush()
+                    os.fsync(file.fileno())
             _name(folder, unfinished, name, replace=replace, shown=shown)
         finally:
             with suppress(FileNotFoundError):
                 os.unlink(unfinished, dir_fd=folder)
-        os.fsync(folder)
+        if durable:
+            os.fsync(folder)
 
 
 def refuse_taken(folder: int, name: str, shown: str) -> None:

@@ -19,13 +19,17 @@ import msgspec
 from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError
 from pdcd.printable import one_line
+from pdcd.runs.folder import LOG
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, read_file
 from pdcd.runs.later import made_later
 from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, parsed
+from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.record import FileRecord, Manifest
 
-NEEDED = ("codes.npz", FRAMES, "probe.npz", "log.jsonl")
+PROBE = "probe.npz"
+"""The answer over the cells, with its error."""
+NEEDED = (CODES, FRAMES, PROBE, LOG)
 """Files that every run has, beside the RAW files of its shots."""
 MAX_FINDINGS, MAX_WORDS = 1000, 300
 """Most findings that are told of one folder, and most letters of each."""
@@ -72,15 +76,12 @@ class Verified(msgspec.Struct, frozen=True, kw_only=True):
     for them, and nothing rests on them."""
 
 
-def verify(
-    folder: Path, *, manifest_sha256: str | None = None, alive: Alive = lambda: None
-) -> Verified:
+def verify(folder: Path, *, manifest_sha256: str | None = None) -> Verified:
     """Look at all of a run folder. Raises nothing for what is wrong with it.
 
-    `manifest_sha256` is what the manifest is to have, where that is known from elsewhere. `alive`
-    is called now and then, and may raise to end the work.
+    `manifest_sha256` is what the manifest is to have, where that is known from elsewhere.
     """
-    check = Check(alive)
+    check = Check()
     check.look(folder, manifest_sha256, None)
     found = check.found
     return Verified(
@@ -102,14 +103,13 @@ def whole_manifest(
 ) -> Manifest:
     """The manifest of a run of which nothing has changed, or none of the files of those names.
 
-    Raises DecodeError, which says what has.
+    `alive` is called now and then, and may raise to end the work. Raises DecodeError, which says
+    what has.
     """
     return _manifest(folder, names, alive, ())
 
 
-def sound_manifest(
-    folder: Path, names: Collection[str] | None = None, alive: Alive = lambda: None
-) -> Manifest:
+def sound_manifest(folder: Path, names: Collection[str], alive: Alive = lambda: None) -> Manifest:
     """The same, also of a run of which shots are missing, which is else as it was."""
     return _manifest(folder, names, alive, ("partial",))
 
@@ -142,7 +142,7 @@ class Check:
     none = "this is no finished run"
     """What is said where nothing lists the files."""
 
-    def __init__(self, alive: Alive) -> None:
+    def __init__(self, alive: Alive = lambda: None) -> None:
         self._alive = alive
         self.read: Manifest | None = None
         self.sha256: str | None = None

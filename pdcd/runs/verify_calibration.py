@@ -12,17 +12,15 @@ from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.inside import fault_of
 from pdcd.runs.record import FileRecord
-from pdcd.runs.verify import Alive, Check, Verified
+from pdcd.runs.verify import Check, Verified
 
 
-def verify_calibration(
-    folder: Path, *, manifest_sha256: str | None = None, alive: Alive = lambda: None
-) -> Verified:
+def verify_calibration(folder: Path, *, manifest_sha256: str | None = None) -> Verified:
     """Look at all of a calibration folder. Raises nothing for what is wrong with it.
 
     `manifest_sha256` is what its record is to have, where that is known from elsewhere.
     """
-    check = _CalibrationCheck(alive)
+    check = _CalibrationCheck()
     check.look(folder, manifest_sha256, None)
     record = check.record
     return Verified(

@@ -60,7 +60,7 @@ def check_fit(fit: Fit, window: str) -> None:
         raise _unfit(
             f"{frame} sees {100.0 * fit.seen:.3g} % of the cells, less than "
             f"{100.0 * LEAST_SEEN:g} %",
-            "mend [camera.place], or move the camera back",
+            "mend [camera.place] (a larger scale sees more), or move the camera back",
         )
     fewest = fit.across[0]
     needed = WINDOW_QUADS if window == "quarter" else 1.0

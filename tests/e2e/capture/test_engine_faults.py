@@ -16,7 +16,7 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost, ExposureError
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Event
-from pdcd.runs.folder import MANIFEST
+from pdcd.runs.manifest import MANIFEST
 from tests import bench_rig
 
 REQUEST = CaptureRequest(goal="indirect", codes=4)

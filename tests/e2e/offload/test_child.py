@@ -25,7 +25,8 @@ from pdcd.offload.keeper import Child
 from pdcd.pictures.watch import Watch
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Event, Planning
-from pdcd.runs.folder import MANIFEST, read_manifest
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.place import Place
 from tests import bench_rig

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import pdcd
 from drivers.mock.bench import Bench
 from pdcd.bench.tables import (
     BenchConfig,
@@ -172,20 +173,26 @@ SMALL = (12, 16)
 """Cells of the benches that are not what is believed."""
 
 
-def verdict_on(folder: Path, truth: str) -> Quality:
-    """Of a bench that really is as `truth` says. Its camera is believed to see 60 % more than the
-    field either way, its panels to fill the field; the scene is bright up to its edges."""
+def bright_scene(folder: Path, indirect: float = 1.0) -> SceneConfig:
+    """Bright up to the edges; so much indirect light for the direct one."""
     rng = np.random.default_rng(5)
     cells = SMALL[0] * SMALL[1]
-    transport = rng.uniform(0.5, 1.0, (cells, cells)) / cells + np.diag(
+    transport = indirect * rng.uniform(0.5, 1.0, (cells, cells)) / cells + np.diag(
         rng.uniform(0.5, 1.0, cells)
     )
     np.savez(folder / "scene.npz", transport=transport, grid=np.array(SMALL))
+    return SceneConfig(kind="matrix", path=str(folder / "scene.npz"))
+
+
+def verdict_on(folder: Path, truth: str) -> Quality:
+    """Of a bench that really is as `truth` says. Its camera is believed to see 60 % more than the
+    field either way, its panels to fill the field; the scene is bright up to its edges."""
+    scene = bright_scene(folder)
     (folder / "truth.toml").write_text(truth)
     config = Config(
         projector=PanelConfig(size_px=(256, 192)),
         mask=PanelConfig(size_px=(320, 240)),
-        scene=SceneConfig(kind="matrix", path=str(folder / "scene.npz")),
+        scene=scene,
         camera=CameraConfig(frame_quads=(80, 60), place=Placing(scale=1.6)),
         bench=BenchConfig(truth=str(folder / "truth.toml")),
         limits=LimitsConfig(min_free_bytes=0),
@@ -220,3 +227,31 @@ def test_a_bench_that_lies_elsewhere_than_believed(tmp_path: Path, truth: str, w
         assert said and said[0].endswith("check that [camera.place] says where the field lies")
     else:
         assert any(reason.startswith(words) for reason in found.reasons), found.reasons
+
+
+def test_borders_of_cells_that_the_panels_draw_apart(tmp_path: Path) -> None:
+    """Of whole cells: what the report says of direct light is what the picture has of it."""
+    (tmp_path / "truth.toml").write_text("[camera]\nsamples = 12\n")
+    config = Config(
+        projector=PanelConfig(size_px=(256, 192)),
+        mask=PanelConfig(size_px=(200, 150), place=Placing(turn_deg=4.0, scale=1.1)),
+        scene=bright_scene(tmp_path, indirect=0.2),
+        camera=CameraConfig(frame_quads=(64, 48), noise="none"),
+        bench=BenchConfig(truth=str(tmp_path / "truth.toml")),
+        limits=LimitsConfig(min_free_bytes=0),
+    )
+    request = CaptureRequest(goal="indirect", codes=64, window="whole")
+    with opened(config) as engine:
+        result = capture_with(engine, request, tmp_path, "job")
+    assert result.folder is not None
+    told = read_manifest(Path(result.folder)).realised["coded"]["diagonal_mean"]
+    run = pdcd.open(result.folder)
+    assert run.truth is not None
+    white, indirect = (run.pictures[name].mean() for name in ("white", "indirect"))
+    left = (indirect - run.truth.mean()) / (white - run.truth.mean())
+    assert left > 0.03
+    assert told == pytest.approx(left, rel=0.1)
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality)
+    assert quality.verdict != "good"
+    assert any("of the picture is direct light" in reason for reason in quality.reasons)

@@ -297,11 +297,16 @@ def test_photos_that_say_nothing_are_refused() -> None:
     for look, said in bad:
         with pytest.raises(CalibrationError, match=said):
             check(look, THEN, BENCH.camera, Map.filling(PROJECTOR_PX), GUARD_PX, T_S)
-    nothing = Look(
-        now.projector, now.mask, now.white, (float("nan"), 0.0), now.skew_s, now.settings
-    )
-    found = check(nothing, THEN, BENCH.camera, Map.filling(PROJECTOR_PX), GUARD_PX, T_S)
-    assert verdicts(found) == {"mask.contrast": BAD}
+    unknown = (float("nan"), float("nan"))
+    for nothing, figure in (
+        (replace(now, closed=unknown), "mask.contrast"),
+        (replace(now, skew_s=unknown), "mask.skew_s"),
+    ):
+        found = check(nothing, THEN, BENCH.camera, Map.filling(PROJECTOR_PX), GUARD_PX, T_S)
+        assert verdicts(found) == {figure: BAD}
+    shifted = replace(moved(BENCH, 1.0).look(3, STRIPS)[0], skew_s=unknown)
+    found = check(shifted, THEN, BENCH.camera, Map.filling(PROJECTOR_PX), GUARD_PX, T_S)
+    assert verdicts(found) == {"mask.place": REFIT, "mask.skew_s": REFIT}
     with pytest.raises(CalibrationError, match="strips are black"):
         skew_change(np.zeros(18), STRIPS, np.full(18, 1e-4), lambda s: STRIPS, 0.0, T_S)
     with pytest.raises(CalibrationError, match="no lag explains"):

@@ -133,6 +133,6 @@ def test_the_path_by_the_mirror_goes_the_way_of_the_scene() -> None:
 def test_tables_have_all_their_rows() -> None:
     for table, mode_rows in ((table1, table1.rows((24, 32))), (table2, table2.rows((24, 32)))):
         assert [row.number for row in mode_rows] == list(range(1, 8))
-        names = table.takes(QUICK)
-        shown = table.drawn(QUICK, {name: photo(flat(0.5)) for name in names})
+        names = table.FIGURE.takes(QUICK)
+        shown = table.FIGURE.drawn(QUICK, {name: photo(flat(0.5)) for name in names})
         assert len(shown.rows) == 7

@@ -125,6 +125,16 @@ def test_a_probing_matrix_far_from_the_wanted_one() -> None:
     assert grades(quality.deviations(of(0.9, 5.0))) == [BAD, BAD]
 
 
+def test_direct_light_in_a_picture_without_any() -> None:
+    direct, answer = np.full((50, 3), 10.0), np.ones((50, 3))
+    direct[0], answer[1] = np.nan, np.inf
+    assert grades(quality.direct_left(0.01, direct, answer)) == []
+    assert grades(quality.direct_left(0.02, direct, answer)) == [DOUBTFUL]
+    (found,) = quality.direct_left(0.06, direct, answer)
+    assert found.grade == BAD and found.text.startswith("60 % of the picture is direct light")
+    assert grades(quality.direct_left(0.06, direct, 0.0 * direct)) == []
+
+
 def test_a_modelled_sigma_is_a_remark() -> None:
     assert grades(quality.sigma_of("modelled")) == [Grade.REMARK]
     assert grades(quality.sigma_of("measured")) == []

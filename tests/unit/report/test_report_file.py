@@ -18,7 +18,8 @@ from pdcd.capture.salvage import decode_partial
 from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.offload.desk import Desk
-from pdcd.report import material, page, write
+from pdcd.printable import as_html
+from pdcd.report import material, write
 from pdcd.report.packing import least_step, logarithmic
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Armed
@@ -176,4 +177,4 @@ def test_rounding_is_as_stated() -> None:
     assert 0.0 < block["off"] < 0.03
     assert least_step(np.array([1000.0, np.nan]), 1e-9) == pytest.approx(1000.0 / 32766)
     assert least_step(np.zeros(3), 0.0) == 1.0
-    assert page.text("<\x07>") == "&lt;\\u0007&gt;"
+    assert as_html("<\x07>") == "&lt;\\u0007&gt;"

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from pdcd.errors import DiskError, NoSpaceError, RequestError
-from pdcd.runs.put import put, refuse_taken
+from pdcd.runs.put import put, put_file, refuse_taken
 
 
 @pytest.fixture
@@ -116,3 +116,19 @@ def test_no_half_of_a_file_is_left(
     with pytest.raises(error):
         put(folder, "a", b"new", replace=True, shown="x")
     assert names(tmp_path) == {"a"} and (tmp_path / "a").read_bytes() == b"old"
+
+
+def test_a_file_that_can_be_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").symlink_to(tmp_path / "elsewhere")
+    put_file(tmp_path / "a", b"old")
+    assert not (tmp_path / "a").is_symlink() and names(tmp_path) == {"a"}
+
+    def full(*args: str, **at: int) -> None:
+        raise OSError(errno.ENOSPC, "no")
+
+    monkeypatch.setattr(os, "rename", full)
+    with pytest.raises(NoSpaceError, match=str(tmp_path / "a")):
+        put_file(tmp_path / "a", b"new")
+    assert names(tmp_path) == {"a"} and (tmp_path / "a").read_bytes() == b"old"
+    with pytest.raises(DiskError):
+        put_file(tmp_path / "no" / "a", b"new")

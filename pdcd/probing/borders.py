@@ -4,6 +4,7 @@ A pixel shows the cell in which its centre lies, so that the border of a cell fo
 a panel. On panels whose pixels end where cells end, and on equal ones that lie on each other, both
 borders are the same. On all others, a mask that is turned or has another number of pixels, some
 light of a cell goes through the mask of the next one: as much as if the panels lay that far apart.
+What comes straight back from there is direct light with the weight of a path between two cells.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.tables import PanelConfig
 from pdcd.frames.panels import PanelView
 from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]
@@ -25,6 +28,10 @@ ACROSS = 32
 """Places across it at each of those."""
 GOLDEN = 0.6180339887498949
 """Places along borders must not keep step with the pixels."""
+PLASTIC = 0.7548776662466927
+"""The same of places all over the field: steps along x, its square along y (Roberts' R2)."""
+PLACES = 2**14
+"""Places all over the field."""
 
 
 def drawn_apart_px(
@@ -49,6 +56,23 @@ def drawn_apart_px(
         if apart.any():
             worst = max(worst, float(np.abs(off_px[apart]).max()) * 2.0 * reach_px)
     return worst
+
+
+def drawn_apart_share(projector: PanelView, mask: PanelView, grid: Grid) -> float:
+    """Share of the field, 0 to 1, in which the panels show different cells; places where one of
+    them shows none count as the same.
+
+    projector, mask : as they are believed to lie. grid : rows and columns of cells.
+    """
+    points = np.outer(np.arange(PLACES), (PLASTIC, PLASTIC**2)) % 1.0
+    first, second = (_cells(view.map, points, grid) for view in (projector, mask))
+    return float(np.mean((first >= 0) & (second >= 0) & (first != second)))
+
+
+def by_maps(projector: PanelConfig, mask: PanelConfig) -> bool:
+    """Whether a panel was said to lie otherwise than upright over the whole field. All others are
+    taken by what is typed of their misregistration, which whoever aligned them by hand knows."""
+    return any(panel.place != Placing() for panel in (projector, mask))
 
 
 def _beside(axis: int, grid: Grid, size: Floats) -> tuple[Floats, Floats]:

@@ -11,8 +11,8 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig, RigConfig
 from pdcd.frames.windows import windows
 from pdcd.maps.placing import Placing
-from pdcd.planning.borders import drawn_apart_px
 from pdcd.planning.measured import window_for
+from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
 
 GRID = (24, 32)
 
@@ -30,6 +30,11 @@ def apart_px(rig: Config) -> float:
     return drawn_apart_px(panels.projector, panels.mask, GRID, rig.projector.size_px)
 
 
+def apart_share(rig: Config) -> float:
+    panels = panels_of(rig)
+    return drawn_apart_share(panels.projector, panels.mask, GRID)
+
+
 @pytest.mark.parametrize(
     "rig",
     [
@@ -41,6 +46,7 @@ def apart_px(rig: Config) -> float:
 )
 def test_panels_whose_pixels_meet_take_whole_cells(rig: Config) -> None:
     assert apart_px(rig) == 0.0
+    assert apart_share(rig) == 0.0
     assert window_for("auto", rig, GRID) == "whole"
 
 
@@ -71,6 +77,7 @@ def test_all_others_take_quarter_windows_which_bear_what_is_drawn(rig: Config) -
     both = np.isfinite(lit + opened).all(axis=1)
     differ = both & (np.floor(lit) != np.floor(opened)).any(axis=1)
     assert differ.any()
+    assert apart_share(rig) == pytest.approx(differ.mean(), rel=0.1)
     within = np.abs(opened % 1.0 - 0.5).max(axis=1) <= 0.5 - found.guard  # the window of its cell
     assert not (differ & within).any()
 
