@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -113,7 +112,10 @@ def _mended(mix: Floats, camera: Floats, projector: Floats) -> Floats:
         slope = lit @ projector.T - inverse @ (camera @ seen.T) @ inverse
         return float(np.sum(lit**2) + np.sum(seen**2)), 2.0 * slope.ravel()
 
-    found = scipy.optimize.minimize(
+    # Few matrices need it, and it takes longer to load than all else that reads a recipe.
+    from scipy.optimize import minimize
+
+    found = minimize(
         negative, mix.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": MENDING}
     )
     return np.asarray(found.x).reshape(rank, rank)
