@@ -150,6 +150,16 @@ def of_kind(
     return known.get(kind or "", PdcdError)(message or "", device=device, hint=hint)
 
 
+def error_fields(error: PdcdError) -> dict[str, str | None]:
+    """The error as `CaptureResult.error` holds it: kind, message, device, hint."""
+    return {
+        "kind": error.kind,
+        "message": error.message,
+        "device": error.device,
+        "hint": error.hint,
+    }
+
+
 @contextmanager
 def disk_errors(device: str) -> Iterator[None]:
     """Turn a full disk into NoSpaceError and any other refusal of the disk into DiskError."""

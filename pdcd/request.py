@@ -9,7 +9,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeGuard
 
 import msgspec
 from msgspec import Meta
@@ -87,6 +87,12 @@ ARRAYS = (
     "illumination", "warp", "warp_b", "region_a", "region_b", "disparities", "kernel", "matrix",
 )  # fmt: skip
 """Fields of a request that are arrays; `prior` may be one."""
+
+
+def in_words(prior: object) -> TypeGuard[str]:
+    """Whether a prior is said in words, and is no array or name of a file."""
+    return isinstance(prior, str) and prior.startswith(("scene:", "decay:"))
+
 
 MOST_CELLS = 65536
 """No panel has more pixels along a side; what the rig's own grid allows is less
@@ -247,6 +253,10 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     """Whether photos of matched cells with a share of the rest, and those under stripes, are scaled
     by all the light they keep, and sums of direct and matched light by the direct light
     (`pdcd.probing.deviation.weight_s`). Earlier runs are not."""
+    bars: bool = False
+    """Whether modelled error bars of far light go by the weight of each cell and by the roughness
+    of all light (`pdcd.pictures.sigma_model`), and measured ones know that parts may agree by
+    chance (`pdcd.pictures.sigma`). Earlier runs have theirs as they were."""
 
     @property
     def coded(self) -> int:

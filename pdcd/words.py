@@ -68,3 +68,9 @@ NAME_WORDS = "1 to 80 letters, digits, spaces and any of _ . , : ; + = ( ) # ' &
 TAG_WORDS = "1 to 40 letters, digits and any of _ . : + @ -"
 NOTE_WORDS = "up to 4096 characters that can be printed, in lines"
 """What a run's name, a tag and the note may be (`pdcd.request`)."""
+
+SIGMA_KINDS = {
+    "measured": "measured by the spread of parts",
+    "modelled": "modelled, not measured",
+}
+"""How the part of sigma that is not noise was found, for people."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import gc
 import signal
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import pytest
 
-from tests import remembered
+from tests import hastened, remembered
+from tests.hastened import full_previews
 from tests.heard import Heard
 from tests.xserver import x_full, x_quarter
 
-__all__ = ["heard", "x_full", "x_quarter"]
+__all__ = ["full_previews", "heard", "x_full", "x_quarter"]
 
 # A shell without job control starts what runs in its background with interrupts ignored, and that
 # is passed on: tests that interrupt themselves or a child would wait for ever.
@@ -19,6 +21,18 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 remembered.begin()
+hastened.begin()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Of a million new objects none is rubbish: it is not looked for among them, now or later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.fixture(autouse=True)

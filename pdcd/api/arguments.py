@@ -16,7 +16,7 @@ from pdcd.bench.options import convert_field, unknown_key
 from pdcd.errors import RequestError
 from pdcd.inputs.sending import Sendable
 from pdcd.recipes.goals import GOALS
-from pdcd.request import ARRAYS, LABELS, CaptureRequest
+from pdcd.request import ARRAYS, LABELS, CaptureRequest, in_words
 from pdcd.words import (
     BlackLevelName,
     FamilyName,
@@ -104,7 +104,7 @@ def asked(
             continue
         elif name in ARRAYS:
             arrays[name] = _array(name, value, faults)
-        elif name == "prior" and not _in_words(value):
+        elif name == "prior" and not in_words(value):
             arrays[name] = _transport(value, grid, faults)
         else:
             if name == "tags" and isinstance(value, str):
@@ -145,10 +145,6 @@ def _array(name: str, value: Any, faults: list[str]) -> Sendable:
     if found.dtype.kind not in "biuf" or found.ndim != 2:
         faults.append(f"{name}: must be rows and columns of real numbers, or the path of a file")
     return found
-
-
-def _in_words(prior: object) -> bool:
-    return isinstance(prior, str) and prior.startswith(("scene:", "decay:"))
 
 
 def _transport(prior: Any, grid: Callable[[], tuple[int, int]], faults: list[str]) -> Sendable:

@@ -114,10 +114,10 @@ class LocalBench(Bench):
         self,
         cancelled: Callable[[], bool],
         request: CaptureRequest,
-        arrays: Arrays = NONE,
-        on_event: OnEvent | None = None,
+        arrays: Arrays,
+        on_event: OnEvent | None,
         *,
-        report: bool = False,
+        report: bool,
     ) -> CaptureResult:
         """The same, ended when `cancelled()` says so, which is asked at every step; `report` is
         that of `Engine.capture`."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from pdcd.bench.tables import Config
 from pdcd.capture.job import Job
-from pdcd.errors import Cancelled, PdcdError
+from pdcd.errors import Cancelled, PdcdError, error_fields
 from pdcd.offload.answers import Developed
 from pdcd.request import CaptureResult, Figure, PlanSummary
 from pdcd.runs.folder import RunFolder
@@ -190,12 +190,7 @@ def failure_of(
     which of its shots are there, where any is. `warnings` are those that it gave until then.
     """
     cancelled = isinstance(error, Cancelled)
-    fields = {
-        "kind": error.kind,
-        "message": error.message,
-        "device": error.device,
-        "hint": error.hint,
-    }
+    fields = error_fields(error)
     where = None if folder is None else folder.where
     if folder is not None and where is not None:
         # Nobody else could follow the path through our descriptor.

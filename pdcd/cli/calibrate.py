@@ -13,7 +13,7 @@ from pdcd.api.progress import bar, tell
 from pdcd.api.signals import held_back, signals_to
 from pdcd.bench.calibration import FigureRecord
 from pdcd.bench.config import load
-from pdcd.cli.capture import daemon_socket
+from pdcd.cli.capture import daemon_socket, refuse_with_local
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_compared, say_notes, say_result, say_table, say_text
 from pdcd.client import Client, OnEvent
@@ -35,8 +35,7 @@ def calibrate(args: argparse.Namespace) -> int:
         raise ConfigError(
             f"no step is called {unknown[0]!r}", hint=f"steps are {', '.join(get_args(StepName))}"
         )
-    if args.local and (args.socket or args.queue):
-        raise ConfigError("--local goes without --socket and --queue")
+    refuse_with_local(args, "socket", "queue")
     attended = sys.stdin.isatty() and not args.yes and not args.json
     request = CalibrateRequest(steps=tuple(args.step), attended=attended)
     ended: list[StepEnded] = []

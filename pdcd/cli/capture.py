@@ -18,7 +18,7 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.request import ARRAYS, LABELS, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.request import ARRAYS, LABELS, CaptureRequest, CaptureResult, PlanSummary, in_words
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
@@ -36,11 +36,7 @@ GUARDS = {
 
 def capture(args: argparse.Namespace) -> int:
     """Take a photo; the exit code tells how it ended."""
-    given = [name for name in ("socket", "detach", "queue") if getattr(args, name)]
-    if args.local and given:
-        raise ConfigError(
-            f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
-        )
+    refuse_with_local(args, "socket", "detach", "queue")
     asked = request_of(args, out=args.out)
     result = take(args, asked, arrays_of(args), detach=args.detach, queue=args.queue)
     return say_result(result, as_json=args.json)
@@ -133,6 +129,15 @@ def plan(args: argparse.Namespace) -> int:
     return DONE
 
 
+def refuse_with_local(args: argparse.Namespace, *names: str) -> None:
+    """Raise ConfigError where --local was typed with one of these options, which ask a daemon."""
+    given = [name for name in names if getattr(args, name)]
+    if args.local and given:
+        raise ConfigError(
+            f"--local goes without --{' and --'.join(given)}", hint="there is no daemon to ask"
+        )
+
+
 def daemon_socket(args: argparse.Namespace) -> Path:
     """Path of the daemon's socket: as given, else as the configuration says."""
     given: Path | None = args.socket
@@ -146,7 +151,7 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     """
     fields = {
         "goal": args.goal,
-        "prior": args.prior if _in_words(args.prior) else None,
+        "prior": args.prior if in_words(args.prior) else None,
         "pilot": args.pilot,
         "smooth": args.smooth,
         "parts": args.parts,
@@ -200,7 +205,7 @@ def _range(disparity: list[int] | None) -> list[int] | None:
 def arrays_of(args: argparse.Namespace) -> dict[str, Path]:
     """The files that were named, by the request's field; this command opens them itself."""
     given: dict[str, Path | None] = {name: getattr(args, name) for name in ARRAYS}
-    if args.prior is not None and not _in_words(args.prior):
+    if args.prior is not None and not in_words(args.prior):
         given["prior"] = Path(args.prior)
     return {name: path for name, path in given.items() if path is not None}
 
@@ -214,16 +219,11 @@ def _both_rows(rows: list[int] | None) -> tuple[int, int] | None:
     return rows[0], rows[-1]
 
 
-def _in_words(prior: str | None) -> bool:
-    return prior is not None and prior.startswith(("scene:", "decay:"))
-
-
 def _plan(
     args: argparse.Namespace, request: CaptureRequest, files: Mapping[str, Path]
 ) -> PlanSummary:
     """Ask the daemon, unless told to plan here; plan here too when no daemon was named or found."""
-    if args.local and args.socket is not None:
-        raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
+    refuse_with_local(args, "socket")
     if not args.local and args.config is None:
         try:
             with Client(daemon_socket(args)) as client:

@@ -6,10 +6,9 @@ import argparse
 
 import msgspec
 
-from pdcd.cli.capture import arrays_of, request_of, take
+from pdcd.cli.capture import arrays_of, refuse_with_local, request_of, take
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_notes, say_result, say_table
-from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest, CaptureResult, Quality, figure_of, quality_of
 from pdcd.words import MethodName
 
@@ -40,8 +39,7 @@ class Compared(msgspec.Struct, frozen=True, kw_only=True):
 
 def compare(args: argparse.Namespace) -> int:
     """Take the photo by all methods, one after the other; ends at the first that fails."""
-    if args.local and args.socket is not None:
-        raise ConfigError("--local goes without --socket", hint="there is no daemon to ask")
+    refuse_with_local(args, "socket")
     asked, files = request_of(args, out=args.out), arrays_of(args)
     without_prior = {name: path for name, path in files.items() if name != "prior"}
     rows, results = [], []

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 
 from pdcd.cli.exits import CANCELLED, FAILED, UNREACHABLE, exit_code
 from pdcd.cli.parser import build_parser
-from pdcd.errors import PdcdError
+from pdcd.errors import PdcdError, error_fields
 from pdcd.printable import lines
 
 
@@ -61,12 +61,7 @@ def _fail(
             told = {"job": None, "state": "failed", "folder": None}
             if code == CANCELLED:
                 told["state"] = "cancelled"
-        told["error"] = {
-            "kind": kind,
-            "message": error.message if error else text,
-            "device": error.device if error else None,
-            "hint": error.hint if error else None,
-        }
+        told["error"] = {**error_fields(error or PdcdError(text)), "kind": kind}
         sys.stdout.write(json.dumps(told) + "\n")
         sys.stdout.flush()
     sys.stderr.write(f"pdcd: {lines(text)}\n")

@@ -14,6 +14,7 @@ from pdcd.errors import PdcdError
 from pdcd.printable import one_line
 from pdcd.request import CaptureResult, Quality, figure_of, quality_of
 from pdcd.runs.later import REPORT
+from pdcd.words import SIGMA_KINDS
 
 Value = float | int | str
 """What the summary of a run holds beside the verdict."""
@@ -24,12 +25,6 @@ def percent(share: Value) -> str:
     return f"{100.0 * float(share):.3g} %"
 
 
-KINDS = {
-    "measured": "measured by the spread of parts",
-    "modelled": "modelled, not measured",
-}
-"""How the part of sigma that is not noise was found, for people."""
-
 SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("taken", "taken", str),
     ("decided", "decided", str),
@@ -38,7 +33,7 @@ SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
     ("exposure_s", "exposure", lambda s: f"{float(s):.3f} s"),
     ("missed_refreshes", "missed refreshes", str),
     ("rms_sigma", "RMS sigma", lambda e: f"{percent(e)} of the picture"),
-    ("sigma_kind", "error bars", lambda kind: KINDS.get(str(kind), str(kind))),
+    ("sigma_kind", "error bars", lambda kind: SIGMA_KINDS.get(str(kind), str(kind))),
     ("rms_error", "RMS error", lambda e: f"{percent(e)} against the scene's known truth"),
     ("transport_sigma", "sigma of T", lambda e: f"{percent(e)} of its entries' RMS"),
     ("transport_error", "error of T", lambda e: f"{percent(e)} against the scene's known truth"),

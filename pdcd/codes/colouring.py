@@ -20,6 +20,9 @@ LINKED = 60.0
 """Mean sum of squared links of a cell: ten times the sum of 1/d^4 over all cells around it. So what
 is known goes before what distance alone would fear, but if it is wrong it does not undo all of
 it."""
+LOOSE = 2.0
+"""Most by which the weight of a cell's links is taken to be larger or smaller, where colourings are
+to differ: its cells then come in another order, and strong links still before weak ones."""
 REACH = 64
 """Cells, up and down, left and right, over which a cell looks around at the least."""
 RINGS = 4.0
@@ -31,7 +34,12 @@ _SPARE_BINS = 64
 
 
 def colour_lattice(
-    lattice: tuple[int, int], colours: int, rng: np.random.Generator, links: Any = None
+    lattice: tuple[int, int],
+    colours: int,
+    rng: np.random.Generator,
+    links: Any = None,
+    *,
+    apart: bool = False,
 ) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
     """Colour the cells of a lattice, one after the other along a front.
 
@@ -54,6 +62,9 @@ def colour_lattice(
         Known strengths of light paths between cells, in any unit. A link crowds by its squared
         strength; those of a cell do so ten times as much, on average, as all cells around it do
         by their distance.
+    apart : one of several colourings that are to share colours between unlike cells. Where all
+        cells have links, these alone give the order of the cells, and with it the same colouring
+        every time; so the order is loosened by chance.
 
     Returns
     -------
@@ -65,7 +76,10 @@ def colour_lattice(
     cells = lattice[0] * lattice[1]
     known = _Links(links, cells)
     order, along = _front(lattice, rng)
-    order = order[np.argsort(-known.weight[order], kind="stable")]
+    weight = known.weight
+    if apart:
+        weight = weight * LOOSE ** rng.uniform(-1.0, 1.0, cells)
+    order = order[np.argsort(-weight[order], kind="stable")]
     sign = rng.choice(np.array([-1, 1], dtype=np.int8), cells)
     # No colour yet: bins of their own, that are never chosen. They are several, because adding to
     # one bin again and again waits each time for the sum before.

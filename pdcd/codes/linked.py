@@ -14,7 +14,12 @@ from pdcd.errors import RequestError
 
 
 def prior_codes(
-    lattice: tuple[int, int], count: int, links: Any, rng: np.random.Generator
+    lattice: tuple[int, int],
+    count: int,
+    links: Any,
+    rng: np.random.Generator,
+    *,
+    apart: bool = False,
 ) -> NDArray[np.bool_]:
     """Give each cell a column of a Hadamard matrix that no cell strongly linked to it has.
 
@@ -34,6 +39,8 @@ def prior_codes(
         shared harms both ways: the stronger way counts. The diagonal is ignored.
     rng : Generator
         Source of whatever the links leave open.
+    apart : codes of one of several parts, in which other cells are to share columns
+        (`pdcd.codes.colouring.colour_lattice`).
 
     Returns
     -------
@@ -48,7 +55,7 @@ def prior_codes(
     """
     check_order(count)
     known = symmetric(links, lattice[0] * lattice[1])
-    return coloured(count, *colour_lattice(lattice, count - 1, rng, known), rng)
+    return coloured(count, *colour_lattice(lattice, count - 1, rng, known, apart=apart), rng)
 
 
 def symmetric(links: Any, cells: int) -> Any:

@@ -152,6 +152,7 @@ def record_of(
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
         scouted=plan.unasked,
+        unmixed=True,
     )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pictures import quality
+from pdcd.pictures.answer_error import error_of, negative_light
 from pdcd.pictures.combine import Exposed
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_fingerprints
@@ -29,6 +30,11 @@ from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
+LIGHT = (
+    "indirect", "direct", "fraction", "diagonal", "off-diagonal", "warped", "long-range",
+    "short-range", "keyed", "epipolar", "stereo",
+)  # fmt: skip
+"""Goals whose answer is light that paths bring, and so never below zero."""
 PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
 PER_CELL = 4
@@ -103,16 +109,38 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.saturation({n: _share(decoded.shots[n].saturated) for n in names}),
             _light(lit, decoded, thin),
             quality.answer_of(image, sigma, sensor),
+            _errors(record, decoded, image, sigma, sensor),
             _stray(names, planned, decoded, thin),
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
-            _direct_left(photos, decoded, deviations, thin),
+            _direct_left(record, photos, decoded, deviations, thin),
             # Entries of T have no parts that could measure anything.
             quality.sigma_of("" if decoded.transport is not None else answer.kind),
             _pair_sum(decoded, thin),
         )
     )
+
+
+def _errors(
+    record: RunRecord, decoded: Decoded, image: Floats, sigma: Floats, sensor: Floats
+) -> Iterator[Finding]:
+    """How far the answer may be off, by its sigma and by light below zero.
+
+    A modelled sigma counts where it speaks of one photo of far light. Of a difference it is mostly
+    too large; but there light below zero shows what is wrong.
+    """
+    recipe = decoded.recipe
+    rule = recipe.answer
+    if decoded.transport is not None:
+        return
+    measured = decoded.answer.kind == "measured"
+    alone = [] if isinstance(rule, Extremes) else [name for _, name in rule]
+    far = any(p.beyond and alone == [p.name] for p in recipe.photos)
+    if measured or (far and record.how.bars):
+        yield from error_of(image, sigma, sensor, recipe.target.cells, measured)
+    if recipe.target.goal.name in LIGHT:
+        yield from negative_light(image, sensor)
 
 
 def _resting(decoded: Decoded) -> list[Photo]:
@@ -147,7 +175,11 @@ def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
 
 
 def _direct_left(
-    photos: list[Photo], decoded: Decoded, deviations: dict[str, Deviation], thin: Thinned
+    record: RunRecord,
+    photos: list[Photo],
+    decoded: Decoded,
+    deviations: dict[str, Deviation],
+    thin: Thinned,
 ) -> Iterator[Finding]:
     """What is direct light in an answer of one photo without any."""
     direct = decoded.pictures.get("direct")
@@ -157,8 +189,11 @@ def _direct_left(
     if photo.wanted.uniform is None or photo.wanted.uniform[0] != 0.0:
         return
     there, left = (thin.inside(thin.pick(p.image)) for p in (direct, decoded.answer))
-    weight = max(abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo))
-    yield from quality.direct_left(weight, there, left)
+    weight, drawn = abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo)
+    if drawn > 0.0:
+        yield from quality.direct_left(max(weight, drawn), there, left, taken_out=False)
+    else:
+        yield from quality.direct_left(weight, there, left, taken_out=record.unmixed)
 
 
 def _at_borders(decoded: Decoded, photo: Photo) -> float:

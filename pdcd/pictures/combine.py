@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.pictures.unmixed import direct_share, unmixed
 from pdcd.pictures.weights import (
     Bools,
     Floats,
@@ -100,6 +101,7 @@ def combine(
     added: Mapping[str, Floats] | None = None,
     *,
     normalise: NormaliseName = "auto",
+    unmix: bool = True,
 ) -> dict[str, Picture]:
     """All pictures of a recipe, the answer first.
 
@@ -114,8 +116,12 @@ def combine(
     "auto" does so for photos whose codes ask for it and for those that missed refreshes: lost codes
     leave cells open unequally often, as the paper's random codes do. Either way each quad's weight
     is that of the windows that it saw (`pdcd.pictures.weights`).
+
+    With `unmix` direct light that is known to be in a photo of indirect light is taken out
+    (`pdcd.pictures.unmixed`), where there is a white photo.
     """
-    return pictures_of(recipe, scaled_photos(recipe, shots, cells, added, normalise=normalise))
+    photos = scaled_photos(recipe, shots, cells, added, normalise=normalise, unmix=unmix)
+    return pictures_of(recipe, photos)
 
 
 def scaled_photos(
@@ -125,9 +131,12 @@ def scaled_photos(
     added: Mapping[str, Floats] | None = None,
     *,
     normalise: NormaliseName = "auto",
+    unmix: bool = True,
 ) -> dict[str, Picture]:
     """Every photo of a recipe divided by its weight; arguments as of `combine`."""
     scaled: dict[str, Picture] = {}
+    direct: dict[str, Floats] = {}
+    white: Picture | None = None
     outside = None if cells.known.all() else ~cells.known
     for photo in recipe.photos:
         realised = realised_photo(photo.shots, shots)
@@ -136,6 +145,16 @@ def scaled_photos(
         taken = [(sign, shots[name]) for sign, name in photo.shots]
         more = None if added is None else added.get(photo.name)
         scaled[photo.name] = _scaled(taken, weights, more, outside)
+        if photo.wanted.uniform == (1.0, 1.0):
+            white = scaled[photo.name]
+        elif unmix and photo.wanted.uniform == (0.0, 1.0):
+            share = direct_share(realised, weights, cells)
+            if share is not None:
+                direct[photo.name] = share
+    if white is not None:
+        for name, share in direct.items():
+            one = scaled[name]
+            scaled[name] = Picture(*unmixed(one.image, one.sigma, white.image, white.sigma, share))
     return scaled
 
 

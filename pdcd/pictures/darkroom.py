@@ -236,6 +236,7 @@ class Darkroom:
                 cells,
                 normalise=record.normalise,
                 smooth=record.smooth,
+                unmix=record.unmixed,
                 alive=alive,
             )
 
@@ -245,18 +246,18 @@ class Darkroom:
         if len(numbers) < FEWEST_PARTS:
             known = learned is not None and record.scouted
             sharp = learned.sharp if known and learned is not None else None
-            return modelled(recipe, shots, scaled, whole, cells, alive, sharp)
+            bars = record.how.bars
+            return modelled(recipe, shots, scaled, whole, cells, alive, sharp, by_row=bars)
         parts: dict[str, list[Picture]] = {name: [] for name in whole}
         for number in numbers:
             for name, part in pictures_of(recipe, photos(only_parts(recipe, {number}))).items():
                 parts[name].append(of_cells(part, cells))
         return {name: self._measured(p, parts[name], cells) for name, p in whole.items()}
 
-    @staticmethod
-    def _measured(picture: Picture, parts: list[Picture], cells: CellMap) -> Barred:
+    def _measured(self, picture: Picture, parts: list[Picture], cells: CellMap) -> Barred:
         """A picture with the code error that its parts, as means of cells, show."""
         coarse = of_cells(picture, cells)
-        code = measured(coarse, parts).code
+        code = measured(coarse, parts, by_chance=self._record.how.bars).code
         return barred(picture, shared_out(code, picture, coarse, cells), "measured")
 
     def _sums_up(self, shots: Mapping[str, Shown]) -> bool:

@@ -22,20 +22,21 @@ def corrected_photos(
     *,
     normalise: NormaliseName,
     smooth: bool,
+    unmix: bool = True,
     alive: Callable[[], None] = lambda: None,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
     Parameters
     ----------
-    recipe, shots, normalise : as of `pdcd.pictures.combine.scaled_photos`.
+    recipe, shots, normalise, unmix : as of `pdcd.pictures.combine.scaled_photos`.
     learned : paths that a pilot found, whose error in the coded photo is known.
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
         of far light.
     alive : called now and then, and may raise to end the work.
     """
     missing = _missing(recipe, shots, learned, cells)
-    photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
+    photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise, unmix=unmix)
     for photo in recipe.photos:
         indirect = photo.name == "coded" and photo.wanted.uniform == (0.0, 1.0)
         if not smooth or not (indirect or photo.beyond):

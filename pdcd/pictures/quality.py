@@ -51,6 +51,13 @@ class Limits:
     has little of it, but then its shots are not dark."""
     dark: float = 5.0
     """Mean light of a shot over its standard error: below, no light can be shown to be there."""
+    error: tuple[float, float] = (0.3, 1.0)
+    """RMS error of the answer, by its sigma, over the RMS of the light that is left when the error
+    is taken off. At 1 half of the picture's power is error."""
+    modelled: float = 0.5
+    """The same by a modelled sigma, 1.2 to 18 times the true error: from here, doubtful."""
+    below: tuple[float, float] = (0.15, 1.0)
+    """The same by light below zero alone, which shows as little as half of the error."""
     unsure: tuple[float, float] = (0.5, 0.9)
     """Share of the field where sigma is larger than the RMS of the answer."""
     stray: tuple[float, float] = (0.25, 1.0)
@@ -81,6 +88,10 @@ class Limits:
 
 LIMITS = Limits()
 
+UNSURE = 1.0 / 3.0
+"""Share of direct light that was taken out which may be wrong: what leaks goes by the exponential
+of the panels' times, and these are known to some ten per cent where nobody measured them."""
+
 
 def verdict(findings: Iterable[Finding]) -> Quality:
     """The worst finding decides; reasons come worst first, remarks apart."""
@@ -105,8 +116,8 @@ def saturation(shares: dict[str, float], limits: Limits = LIMITS) -> Iterator[Fi
     if grade:
         yield Finding(
             grade,
-            f"shot {name}: {_percent(share)} of the field is saturated (limit "
-            f"{_percent(limits.saturated[0])}); close the aperture, or take fewer passes",
+            f"shot {name}: {percent(share)} of the field is saturated (limit "
+            f"{percent(limits.saturated[0])}); close the aperture, or take fewer passes",
         )
 
 
@@ -135,8 +146,8 @@ def light_of(
     if grade:
         yield Finding(
             grade,
-            f"shot {name} is under-exposed: its noise is {_percent(share)} of its light (limit "
-            f"{_percent(limits.noisy_shot[0])}); open the aperture, or expose longer",
+            f"shot {name} is under-exposed: its noise is {percent(share)} of its light (limit "
+            f"{percent(limits.noisy_shot[0])}); open the aperture, or expose longer",
         )
 
 
@@ -163,16 +174,16 @@ def answer_of(
     if grade:
         yield Finding(
             grade,
-            f"the sensor's noise is {_percent(share)} of the answer (limit "
-            f"{_percent(limits.noise[0])}); open the aperture, or expose longer",
+            f"the sensor's noise is {percent(share)} of the answer (limit "
+            f"{percent(limits.noise[0])}); open the aperture, or expose longer",
         )
     unsure = float(np.mean(sigma[known] > rms))
     grade = graded(unsure, limits.unsure)
     if grade:
         yield Finding(
             grade,
-            f"in {_percent(unsure)} of the field sigma is larger than the answer (limit "
-            f"{_percent(limits.unsure[0])}); take more codes, or parts to measure it",
+            f"in {percent(unsure)} of the field sigma is larger than the answer (limit "
+            f"{percent(limits.unsure[0])}); take more codes, or parts to measure it",
         )
 
 
@@ -187,8 +198,8 @@ def stray_light(
     if grade:
         yield Finding(
             grade,
-            f"ambient or stray light: shot {name} has {_percent(share)} of the light of the lit "
-            f"shot beyond what the panels let through (limit {_percent(limits.stray[0])}); darken "
+            f"ambient or stray light: shot {name} has {percent(share)} of the light of the lit "
+            f"shot beyond what the panels let through (limit {percent(limits.stray[0])}); darken "
             "the room, or cover the way of the light",
         )
 
@@ -204,8 +215,8 @@ def outside_field(
     if share >= limits.outside:
         yield Finding(
             Grade.DOUBTFUL,
-            f"ambient or stray light: shot {name} has {_percent(share)} of the field's light "
-            f"outside it (limit {_percent(limits.outside)}); darken the room, or check that "
+            f"ambient or stray light: shot {name} has {percent(share)} of the field's light "
+            f"outside it (limit {percent(limits.outside)}); darken the room, or check that "
             "[camera.place] says where the field lies",
         )
 
@@ -226,8 +237,8 @@ def placed(
         how += ["inverted"] if worst.share < 0.0 else []
         yield Finding(
             Grade.BAD,
-            f"a panel is {' and '.join(how)}: {_percent(abs(worst.share))} of the light "
-            f"follows codes that lie so (limit {_percent(least)}); {todo}",
+            f"a panel is {' and '.join(how)}: {percent(abs(worst.share))} of the light "
+            f"follows codes that lie so (limit {percent(least)}); {todo}",
         )
     own = [f.share for f in stack if f.name == "as believed"]
     if wrong or not (shares.size or own):
@@ -238,15 +249,15 @@ def placed(
     if middle < limits.inverted:
         yield Finding(
             Grade.BAD,
-            f"the coded photo has more light than all there is (direct light {_percent(middle)}, "
-            f"limit {_percent(limits.inverted)}): a panel is inverted, or there is much ambient "
+            f"the coded photo has more light than all there is (direct light {percent(middle)}, "
+            f"limit {percent(limits.inverted)}): a panel is inverted, or there is much ambient "
             "light; look at the polarisers of the mask, or measure with black_level ambient",
         )
     elif best < limits.direct:
         yield Finding(
             Grade.DOUBTFUL,
-            f"no direct light in the scene (at most {_percent(best)} in nine of ten places, limit "
-            f"{_percent(limits.direct)}): mask and projector do not show the same place, or one "
+            f"no direct light in the scene (at most {percent(best)} in nine of ten places, limit "
+            f"{percent(limits.direct)}): mask and projector do not show the same place, or one "
             f"is much out of focus; {todo}",
         )
 
@@ -287,39 +298,49 @@ def deviations(found: dict[str, Deviation], limits: Limits = LIMITS) -> Iterator
         if grade:
             yield Finding(
                 grade,
-                f"photo {name}: direct light has a weight that is {_percent(wrong)} off (limit "
-                f"{_percent(limits.diagonal[0])}); look at contrast, guards and offset of the "
+                f"photo {name}: direct light has a weight that is {percent(wrong)} off (limit "
+                f"{percent(limits.diagonal[0])}); look at contrast, guards and offset of the "
                 "panels, or take more codes",
             )
         grade = graded(one.off_rms, limits.off_rms)
         if grade:
             yield Finding(
                 grade,
-                f"photo {name}: paths have weights that are {_percent(one.off_rms)} off (limit "
-                f"{_percent(limits.off_rms[0])}); take more codes",
+                f"photo {name}: paths have weights that are {percent(one.off_rms)} off (limit "
+                f"{percent(limits.off_rms[0])}); take more codes",
             )
 
 
 def direct_left(
-    weight: float, direct: Floats, answer: Floats, limits: Limits = LIMITS
+    weight: float, direct: Floats, answer: Floats, *, taken_out: bool, limits: Limits = LIMITS
 ) -> Iterator[Finding]:
     """An answer without direct light: how much of it is some all the same.
 
-    weight : of direct light in it, on average. direct, answer : (n, 3) both pictures.
+    weight : of direct light in the photo, on average. direct, answer : (n, 3) both pictures.
+    taken_out : it was, by what is known of the panels (`pdcd.pictures.unmixed`); then `UNSURE` of
+    it counts.
     """
     known = np.isfinite(direct) & np.isfinite(answer)
     squares = [float(np.sum(picture[known] ** 2)) for picture in (direct, answer)]
     if not squares[1] > 0.0:
         return
     share = weight * float(np.sqrt(squares[0] / squares[1]))
-    grade = graded(share, limits.direct_left)
-    if grade:
-        yield Finding(
-            grade,
-            f"{_percent(share)} of the picture is direct light (limit "
-            f"{_percent(limits.direct_left[0])}), which has a weight of {_percent(weight)} in "
-            "it; take quarter windows, and look at contrast, guards and places of the panels",
+    grade = graded(UNSURE * share if taken_out else share, limits.direct_left)
+    if not grade:
+        return
+    advice = "take quarter windows, and look at contrast, guards and places of the panels"
+    limit = percent(limits.direct_left[0])
+    if taken_out:
+        text = (
+            f"direct light as strong as {percent(share)} of the picture was taken out of it, by "
+            f"what is known of the panels (limit {limit}, where a third of that may be wrong)"
         )
+    else:
+        text = (
+            f"{percent(share)} of the picture is direct light (limit {limit}), which has a weight "
+            f"of {percent(weight)} in it"
+        )
+    yield Finding(grade, f"{text}; {advice}")
 
 
 def pair_sum(
@@ -337,8 +358,8 @@ def pair_sum(
     if grade:
         yield Finding(
             grade,
-            f"the pair of exposures does not add up to the white photo: it is {_percent(share)} "
-            f"off (limit {_percent(limits.pair_sum[0])}); look at ambient light and leaks "
+            f"the pair of exposures does not add up to the white photo: it is {percent(share)} "
+            f"off (limit {percent(limits.pair_sum[0])}); look at ambient light and leaks "
             "(black_level), a lamp that drifts, an aperture that does not come back, or a missed "
             "refresh",
         )
@@ -362,5 +383,6 @@ def _times(value: float, error: float) -> str:
     return f"{value / error:.2g}" if error > 0.0 else "0"
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
+    """A share of 1 in words."""
     return f"{100.0 * share:.3g} %"

@@ -28,6 +28,10 @@ CONFIDENCE = 0.95
 NEIGHBOURS_PX = 3
 """Side of the square of pixels whose spreads are pooled."""
 
+LEAST = 0.1
+"""Least square of a pixel's error over that of its neighbourhood. More covers more of what parts
+get wrong alike, and widens the error bars of pixels that do not err."""
+
 
 @dataclass(frozen=True)
 class Barred(Picture):
@@ -42,13 +46,17 @@ class Barred(Picture):
     kind: Kind
 
 
-def measured(picture: Picture, parts: Sequence[Picture]) -> Barred:
+def measured(picture: Picture, parts: Sequence[Picture], *, by_chance: bool = False) -> Barred:
     """A picture with the code error that the spread of its parts shows.
 
     The mean of B independent parts has 1/B of their variance. B is small, so that the variance of
     one pixel is itself uncertain; `_moderated` steadies it by its neighbours. What is left of the
     uncertainty widens sigma by a factor of Student's t, so that 1.96 sigma cover 95 %. What the
     sensor's noise explains of the spread is not counted twice.
+
+    Parts may also agree by chance: where all of them count a single path equally often, or never,
+    it is wrong in all and none differs. With `by_chance` a pixel amid errors above the average has
+    no less than the share `LEAST` of their mean square; runs of earlier versions are without.
 
     A pixel saturated in any part keeps its infinite sigma.
     """
@@ -62,8 +70,17 @@ def measured(picture: Picture, parts: Sequence[Picture]) -> Barred:
         ratio, freedom = _moderated(seen / expected, len(parts) - 1)
         tail = (1.0 - CONFIDENCE) / 2.0
         wider = scipy.special.stdtrit(freedom, tail) / scipy.special.ndtri(tail)
-        code[..., channel] = np.sqrt(np.maximum(wider**2 * ratio * expected - least, 0.0))
+        square = np.maximum(wider**2 * ratio * expected - least, 0.0)
+        if by_chance:
+            square = np.maximum(square, LEAST * _strong_around(square))
+        code[..., channel] = np.sqrt(square)
     return barred(picture, code, "measured")
+
+
+def _strong_around(square: Floats) -> Floats:
+    """Mean of squares (h, w) over each neighbourhood where it is above that of all; else 0."""
+    around: Floats = ndimage.uniform_filter(square, NEIGHBOURS_PX, mode="nearest")
+    return np.where(around > square.mean(), around, 0.0)
 
 
 def barred(picture: Picture, code: Errors, kind: Kind) -> Barred:

@@ -21,16 +21,18 @@ small.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pdcd.pictures.combine import Exposed, Picture, realised_photo, sigma_of
+from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, realised_photo, sigma_of
 from pdcd.pictures.quads import of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred
 from pdcd.probing.deviation import row_deviations, weight_s
-from pdcd.recipes.recipe import Recipe
+from pdcd.probing.realised import Factors
+from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
@@ -39,6 +41,8 @@ RING = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]) / 8.0
 """Mean of the eight cells around one."""
 FEWEST_CELLS = 4.0
 """Least N_eff: the sharpest of the virtual scenes, a ball of mirrors, has about as much."""
+MOST_FAR_CELLS = 100.0
+"""Most N_eff of far light. The smooth scenes have 50 to 280, by their true errors."""
 DARK = 0.02
 """Share of the brightest white below which a cell tells nothing of texture."""
 MEDIAN_SQUARE = 0.4549
@@ -53,6 +57,8 @@ def modelled(
     cells: CellMap,
     alive: Callable[[], None] = lambda: None,
     sharp: Floats | None = None,
+    *,
+    by_row: bool = False,
 ) -> dict[str, Barred]:
     """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
 
@@ -63,7 +69,9 @@ def modelled(
     (`pdcd.pictures.combine.scaled_photos`). Code errors of different photos are taken as
     independent. `alive` is called now and then, may raise. `sharp` (N, C) is what the first photos
     of a pilot tell of the sharp paths of each cell (`pdcd.pilot.sharp_light`): of the coded photo
-    it takes the place of N_eff.
+    it takes the place of N_eff. With `by_row` photos of far light, whose cells are each divided by
+    their own weight, are judged by these weights and by the roughness of all their light; runs of
+    earlier versions are not.
     """
     coarse = {name: of_cells(photo, cells) for name, photo in photos.items()}
     white = coarse["white"].image if "white" in coarse else None
@@ -71,7 +79,11 @@ def modelled(
     for photo in recipe.photos:
         picture = coarse[photo.name]
         realised = realised_photo(photo.shots, shots)
-        rows = row_deviations(realised, photo.wanted, weight_s(realised, photo.wanted), alive)
+        far = by_row and photo.beyond > 0
+        weight = weight_s(realised, photo.wanted)
+        if far:
+            realised, weight = _by_row(photo, realised), 1.0
+        rows = row_deviations(realised, photo.wanted, weight, alive)
         mean, variance, diagonal = (row.reshape(*cells.grid, 1) for row in rows)
         if sharp is not None and photo is recipe.coded:
             light = _light(picture.image)
@@ -79,7 +91,7 @@ def modelled(
             error = np.sqrt(light * (mean**2 + diagonal**2) + squares * variance)
         else:
             fixed = mean**2 + diagonal**2
-            error = code_error(picture, fixed, variance, photo.wanted.cells, white)
+            error = code_error(picture, fixed, variance, photo.wanted.cells, white, far=far)
         alone[photo.name] = shared_out(error, photos[photo.name], picture, cells)
     return {
         name: barred(p, sigma_of(recipe.pictures[name], photos, alone), "modelled")
@@ -88,7 +100,13 @@ def modelled(
 
 
 def code_error(
-    picture: Picture, fixed: Floats, spread: Floats, cells: int, white: Floats | None = None
+    picture: Picture,
+    fixed: Floats,
+    spread: Floats,
+    cells: int,
+    white: Floats | None = None,
+    *,
+    far: bool = False,
 ) -> Floats:
     """Standard deviation by the model, (rows, cols, C), in the unit of the picture.
 
@@ -99,6 +117,9 @@ def code_error(
         Mean square error over S^2 that does not depend on N_eff, and that which is divided by it.
     cells : most that N_eff can be.
     white : (rows, cols, C), a picture of everything, whose texture then does not count as error.
+    far : of far light, which few bright places may get by single paths: the mean roughness tells,
+        N_eff may be 1, and as codes of neighbours err alike on light of many cells, which is
+        smooth then, at most `MOST_FAR_CELLS`.
     """
     light = _light(picture.image)
     around = np.empty_like(picture.image)
@@ -111,11 +132,20 @@ def code_error(
     if not use.any():
         return np.sqrt(light * fixed)
     explained = light * fixed + np.where(use, picture.sigma, 0.0) ** 2
+    if far:
+        sharp = float(np.sum((rough - light * fixed - picture.sigma**2)[use]) / np.sum(scale[use]))
+        return np.sqrt(light * (fixed + spread * min(max(sharp, 1.0 / MOST_FAR_CELLS), 1.0)))
     share = float(np.median((rough / np.where(use, scale, 1.0))[use])) / MEDIAN_SQUARE
     share -= float(np.median((explained / np.where(use, scale, 1.0))[use]))
     share = min(max(share, 1.0 / max(cells, FEWEST_CELLS)), 1.0 / FEWEST_CELLS)
     error: Floats = np.sqrt(light * (fixed + spread * share))
     return error
+
+
+def _by_row(photo: Photo, realised: Factors) -> Factors:
+    """A realised matrix with each row over its own weight."""
+    own = cell_weights_s(photo, realised, by_row=True)
+    return replace(realised, left=realised.left / own, coaxial=realised.coaxial / own)
 
 
 def _light(image: Floats) -> Floats:

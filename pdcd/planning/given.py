@@ -23,9 +23,9 @@ from pdcd.errors import RequestError
 from pdcd.inputs.limits import Limits, Unsound
 from pdcd.inputs.opening import Asker, contents, open_beneath, open_own
 from pdcd.inputs.read import read_array
-from pdcd.planning.prior import GRID, NAMED
+from pdcd.planning.prior import GRID
 from pdcd.recipes.arrays import Given, most_elements, of_rows
-from pdcd.request import ARRAYS, CaptureRequest, Sent
+from pdcd.request import ARRAYS, CaptureRequest, Sent, in_words
 from pdcd.scene.matrix import read_transport
 
 KEPT_NUMBERS = 4096
@@ -73,7 +73,7 @@ def file_fields(request: CaptureRequest) -> dict[str, str | Sent]:
         name: value for name in ARRAYS if isinstance(value := getattr(request, name), str | Sent)
     }
     prior = request.prior
-    if isinstance(prior, Sent) or (prior is not None and not prior.startswith(NAMED)):
+    if prior is not None and not in_words(prior):
         found["prior"] = prior
     return found
 

@@ -138,6 +138,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         buckets=config.camera.buckets if request.method == "pairs" else 1,
         structure=request.goal in ("relit", "long-range", "short-range"),
         by_light=request.goal in BY_LIGHT,
+        bars=True,
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(

@@ -95,7 +95,9 @@ def linked_pairs(plan: Plan, links: csr_array, seed: int) -> dict[str, Pair]:
             # codes.
             own_seed = part_seed(seed, plan.how.parts, part)
             rng = np.random.Generator(np.random.PCG64(own_seed))
-            bits = prior_codes(lattice.shape, count, between, rng)
+            # Parts in which the same cells share columns err alike by chance, and their spread then
+            # shows nothing of it.
+            bits = prior_codes(lattice.shape, count, between, rng, apart=part > 0)
             if part:
                 bits = coin_signs(bits, own_seed)
             found[name] = _compiled(program, plan.recipe, lattice, bits, plan.curves, 1)

@@ -32,8 +32,6 @@ FAINT = 1e-3
 FORMS = "give an .npz file with a transport matrix, scene:NAME or decay:CELLS"
 GRID = "prior.grid"
 """Beside the transport "prior", the array [[rows, columns]] of its own grid."""
-NAMED = ("scene:", "decay:")
-"""Beginnings of priors that are said in words."""
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,16 @@ from pdcd.planning.guided import plan_for
 from pdcd.planning.make import make_plan, schedule_of, window_of
 from pdcd.planning.plan import Plan
 from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.recipes.parts import FEWEST_PARTS
 from pdcd.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
 from pdcd.words import FamilyName
 
 GOALS = ("indirect", "direct")
 """Goals that get parts and a pilot unasked; others take them when asked."""
+RANGES = ("long-range", "short-range")
+"""Goals that get `FEWEST_PARTS` unasked, and no pilot: their far light errs by single paths, which
+nothing but parts can tell of. More parts would leave codes too dense for the radius."""
 NAMED = (
     "codes", "family", "pilot", "parts", "until_error", "repeat", "error", "confidence", "seconds",
     "prior", "smooth", "exposure_s", "method", "illumination",
@@ -126,7 +130,7 @@ def settled(
         )
     costs = _costs(bare, config, grid, camera, mask_lag_s)
     plain = _plain(request)
-    if not (plain or request.pilot == "auto"):
+    if request.pilot != "auto" and (not plain or request.goal in RANGES):
         return _without_pilot(bare, config, costs, parts=True)
     why = _no_pilot(request, config, grid, costs)
     parts = plain or request.parts == "auto"
@@ -164,7 +168,7 @@ def readout_s(config: Config, camera: CameraInfo | None) -> float:
 
 
 def _plain(request: CaptureRequest) -> bool:
-    if request.goal not in GOALS:
+    if request.goal not in (*GOALS, *RANGES):
         return False
     usual = CaptureRequest(goal=request.goal)
     return all(getattr(request, name) == getattr(usual, name) for name in NAMED)
@@ -173,17 +177,18 @@ def _plain(request: CaptureRequest) -> bool:
 @dataclass(frozen=True)
 class _Costs:
     """What codes are spent on: how many there are, of which family; seconds of their exposure, and
-    of one more RAW file beside its codes."""
+    of one more RAW file beside its codes; and in how many parts they may be shown."""
 
     codes: int
     family: FamilyName
     coded_s: float
     file_s: float
+    tried: tuple[int, ...] = PARTS
 
     def parts(self, codes: int) -> int:
         """Most parts that so many codes can be shown in at little cost, each with enough of them;
         1 where there are less than four."""
-        for parts in PARTS:
+        for parts in self.tried:
             if _fits(codes, parts, self.family) and (parts - 1) * self.file_s <= self.most_s:
                 return parts
         return 1
@@ -211,6 +216,7 @@ def _costs(
         family=request.family or config.schedule.family,
         coded_s=codes * fields * rows / config.row_hz,
         file_s=readout_s(config, camera) + more_s,
+        tried=(FEWEST_PARTS,) if request.goal in RANGES else PARTS,
     )
 
 
@@ -273,7 +279,7 @@ def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, str]:
     """How many parts, and why."""
     if config.camera.noise == "none":
         return 1, "one exposure, as there is no noise that more of them would lower"
-    fitting = [parts for parts in PARTS if _fits(codes, parts, costs.family)]
+    fitting = [parts for parts in costs.tried if _fits(codes, parts, costs.family)]
     if not fitting:
         return 1, f"one exposure, as {codes} {costs.family} codes cannot be split into four or more"
     parts = costs.parts(codes)

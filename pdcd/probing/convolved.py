@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from pdcd.probing.wanted import Floats, Grid, Indices, Near, Part
@@ -76,6 +75,9 @@ def convolved(images: Floats, taps: Floats, shape: Grid) -> Floats:
 
     `taps` has odd sides; its centre is the difference (0, 0). Nothing lies beyond the border.
     """
+    # A tenth of what a daemon loads; it only plans, and convolves nothing.
+    import scipy.fft
+
     up, left = taps.shape[0] // 2, taps.shape[1] // 2
     full = tuple(
         scipy.fft.next_fast_len(side + tap - 1, real=True)

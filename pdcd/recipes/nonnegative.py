@@ -100,6 +100,9 @@ def _searched(camera: Floats, projector: Floats, start: int) -> Floats:
 def _mended(mix: Floats, camera: Floats, projector: Floats) -> Floats:
     """A mixture (r, r) near another with less negative entries in both sides: their squares are
     made small, by steepest ways."""
+    # A sixth of what a process for a job loads, and few jobs need it.
+    import scipy.optimize
+
     rank = len(mix)
 
     def negative(flat: Floats) -> tuple[float, Floats]:
@@ -112,10 +115,7 @@ def _mended(mix: Floats, camera: Floats, projector: Floats) -> Floats:
         slope = lit @ projector.T - inverse @ (camera @ seen.T) @ inverse
         return float(np.sum(lit**2) + np.sum(seen**2)), 2.0 * slope.ravel()
 
-    # Few matrices need it, and it takes longer to load than all else that reads a recipe.
-    from scipy.optimize import minimize
-
-    found = minimize(
+    found = scipy.optimize.minimize(
         negative, mix.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": MENDING}
     )
     return np.asarray(found.x).reshape(rank, rank)

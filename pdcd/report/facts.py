@@ -12,6 +12,7 @@ from typing import Any
 
 from pdcd.report.material import Material
 from pdcd.runs.record import Manifest
+from pdcd.words import SIGMA_KINDS
 
 Rows = list[tuple[str, str]]
 MOST_ROWS = 400
@@ -41,11 +42,10 @@ def percent(share: object) -> str:
 def figures(manifest: Manifest, material: Material) -> Rows:
     """The first lines: what the picture is worth, and what it cost."""
     summary = manifest.summary
-    kinds = {"measured": "measured by the spread of parts", "modelled": "modelled, not measured"}
     rows = [
         ("error against the known truth", _known(summary.get("rms_error"), percent)),
         ("error expected (RMS sigma)", _known(summary.get("rms_sigma"), percent)),
-        ("error bars", kinds.get(material.kind, material.kind)),
+        ("error bars", SIGMA_KINDS.get(material.kind, material.kind)),
         ("error foreseen by the plan", _known(summary.get("predicted_error"), percent)),
         ("codes", _known(summary.get("codes"))),
         ("exposure", _known(summary.get("exposure_s"), lambda s: f"{s:.3f} s")),

@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.patterns import Patterns
@@ -44,7 +45,6 @@ from pdcd.runs.manifest import (
     DIGEST,
     MANIFEST,
     MAX_MANIFEST_BYTES,
-    digest_line,
     parsed,
     written,
 )
@@ -180,7 +180,7 @@ class RunFolder:
         manifest.
         """
         data = written(manifest)
-        return self.finish_with(data, MANIFEST, digest_line(data), DIGEST)
+        return self.finish_with(data, MANIFEST, digest_line(data, MANIFEST), DIGEST)
 
     def finish_with(self, data: bytes, record: str, line: bytes, digest: str) -> str:
         """The same with these bytes as what makes the folder whole: the file `record`, and the file

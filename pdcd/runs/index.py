@@ -23,8 +23,6 @@ from pdcd.runs.look import bare_entry, damaged, entry_of
 from pdcd.runs.walk import Spot, Walk, is_job, opened_run, opened_state, spot_in, spot_of, walked
 from pdcd.words import GoalName
 
-__all__ = ["Page", "RunEntry", "RunQuery", "find", "one", "runs", "search"]
-
 PAGE_BYTES = 2**26
 """Read for one page; more manifests are left to the next."""
 ANSWER_BYTES = 2**19

@@ -13,7 +13,6 @@ from typing import Any
 
 import msgspec
 
-from pdcd.bench import calibration
 from pdcd.errors import ConfigError, DecodeError, PdcdError
 from pdcd.runs.older import upgraded
 from pdcd.runs.record import Manifest
@@ -34,11 +33,6 @@ def written(manifest: Manifest) -> bytes:
             hint="take fewer exposures in one run",
         )
     return data
-
-
-def digest_line(data: bytes) -> bytes:
-    """What capture.json.sha256 holds for a manifest of these bytes."""
-    return calibration.digest_line(data, MANIFEST)
 
 
 def parsed(data: bytes) -> Manifest:

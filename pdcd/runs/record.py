@@ -95,6 +95,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     scouted: bool = False
     """Whether the first photos of a pilot that nobody asked for tell how sharp the light is, for
     error bars that are modelled. False in runs from before there were such pilots."""
+    unmixed: bool = False
+    """Whether direct light that is known to be in a photo of indirect light is taken out
+    (`pdcd.pictures.unmixed`). False in runs from before that was done."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

@@ -23,7 +23,7 @@ from typing import Protocol
 
 import msgspec
 
-from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError
+from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError, error_fields
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.request import (
     CalibrateRequest,
@@ -35,7 +35,7 @@ from pdcd.request import (
 from pdcd.runs.events import Emit, Event
 from pdcd.runs.place import Place
 from pdcd.runs.views import OwnerView, Preview, RigView
-from pdcd.server.messages import JobView, Shown, ShowParams, error_fields
+from pdcd.server.messages import JobView, Shown, ShowParams
 from pdcd.words import JobKind, JobState
 
 ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})

@@ -318,16 +318,6 @@ def _number(value: object) -> int | float:
     raise TypeError(f"{type(value).__name__} cannot be sent as JSON")
 
 
-def error_fields(error: PdcdError) -> dict[str, str | None]:
-    """The error as `CaptureResult.error` holds it: kind, message, device, hint."""
-    return {
-        "kind": error.kind,
-        "message": error.message,
-        "device": error.device,
-        "hint": error.hint,
-    }
-
-
 def error_object(error: PdcdError, code: int | None = None) -> ErrorObject:
     """The error as a reply carries it; `code` overrides the one of its kind."""
     data = ErrorData(kind=error.kind, device=error.device, hint=error.hint)

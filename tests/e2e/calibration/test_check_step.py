@@ -38,7 +38,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> Hands:
     return calibrated(THEN, tmp_path_factory.mktemp("reference"))
 
 
-@pytest.mark.parametrize("change", sampled([Change("nothing", {"seed": 11}), *CHANGES], 2))
+@pytest.mark.parametrize("change", sampled([Change("nothing", {"seed": 11}), *CHANGES], 3))
 def test_what_changed_is_found_and_nothing_else(
     reference: Hands, tmp_path: Path, change: Change
 ) -> None:

@@ -7,6 +7,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -25,6 +26,7 @@ from pdcd.runs.folder import read_manifest
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig, tampered
 from tests.places import DATA
+from tests.sampled import sampled
 
 CORNER = SceneConfig(kind="matrix", path=str(DATA / "corner_32x24.npz"))
 
@@ -80,6 +82,7 @@ def test_every_goal_in_scene_units(
     assert error < (5e-4 if exact else 0.25)
 
 
+@pytest.mark.usefixtures("full_previews")
 def test_a_run_folder_holds_everything(tmp_path: Path) -> None:
     folder, _ = run(bench_rig.config(tmp_path), codes=8, out=str(tmp_path / "runs"))
     assert folder.parent == tmp_path / "runs"
@@ -271,8 +274,10 @@ def test_runs_from_before_there_were_maps_keep_their_homography(tmp_path: Path) 
     assert np.all(np.isfinite(shifted.sigma[:, 2:]))
 
 
-@pytest.mark.parametrize("grid", [(1, 1), (1, 7), (5, 1), (7, 11)])
-@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize(
+    ("grid", "window"),
+    sampled(list(product([(1, 1), (1, 7), (5, 1), (7, 11)], ["whole", "quarter"])), 3),
+)
 def test_odd_grids(tmp_path: Path, grid: tuple[int, int], window: str) -> None:
     folder, summary = run(bench_rig.config(tmp_path, grid=grid), codes=128, window=window)
     assert image_of(folder).shape == (*grid, 3)

@@ -18,6 +18,7 @@ from pdcd.pictures.decode import decode_folder
 from pdcd.request import CaptureRequest, CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
+from tests.sampled import sampled
 
 GRID = (6, 8)
 
@@ -57,7 +58,7 @@ def check_pictures(result: CaptureResult) -> None:
         assert np.sqrt(np.mean(error**2)) < 5e-3 * np.sqrt(np.mean(truth**2)), name
 
 
-@pytest.mark.parametrize("buckets", [1, 2])
+@pytest.mark.parametrize("buckets", sampled([2, 1], 2))
 def test_direct_indirect_and_white_of_one_pair(buckets: int, tmp_path: Path) -> None:
     result = take(tmp_path, buckets=buckets, black_level="none")
     check_pictures(result)
@@ -84,7 +85,7 @@ def test_a_pair_that_does_not_add_up_says_so(tmp_path: Path) -> None:
     assert any("does not add up to the white photo" in reason for reason in quality.reasons)
 
 
-@pytest.mark.parametrize("buckets", [1, 2])
+@pytest.mark.parametrize("buckets", sampled([1, 2], 2))
 def test_black_exposures_and_parts_of_pairs(buckets: int, tmp_path: Path) -> None:
     result = take(tmp_path, ambient=0.1, buckets=buckets, parts=4, codes=256)
     assert read_manifest(Path(str(result.folder))).run.how.black_level == "ambient"

@@ -20,6 +20,7 @@ from pdcd.cli.main import main
 from pdcd.client import Client
 from pdcd.pictures.captions import HEIGHT_PX
 from tests.e2e.server._server_harness import Daemon, threaded_daemon
+from tests.sampled import sampled
 
 
 def told(capsys: pytest.CaptureFixture[str]) -> tuple[str, str]:
@@ -43,7 +44,7 @@ def showing(running: Daemon, *words: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", sampled([signal.SIGINT, signal.SIGTERM], 2))
 def test_a_picture_stays_as_long_as_its_command(tmp_path: Path, number: signal.Signals) -> None:
     with threaded_daemon(tmp_path) as running, showing(running, "checker") as process:
         assert running.engine.lit == "checker"

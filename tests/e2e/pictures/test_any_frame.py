@@ -82,7 +82,7 @@ def probe(folder: Path) -> dict[str, NDArray[Any]]:
         return dict(data)
 
 
-@pytest.mark.parametrize("request_", sampled(REQUESTS, 5), ids=named)
+@pytest.mark.parametrize("request_", sampled(REQUESTS, 10), ids=named)
 def test_every_goal_is_the_same_on_a_turned_camera(
     engines: tuple[Engine, Engine],
     request_: CaptureRequest,

@@ -22,6 +22,7 @@ from pdcd.server import callers, connections, messages
 from pdcd.server.messages import CODES, METHODS
 from pdcd.server.roles import Role
 from tests.places import ROOT
+from tests.sampled import sampled
 from tests.tools import linked, needs, program
 
 DOCUMENT = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
@@ -107,7 +108,7 @@ def read(stream: BinaryIO) -> dict[str, Any]:
     return message
 
 
-@pytest.mark.parametrize("engine", ["fake", "real"])
+@pytest.mark.parametrize("engine", sampled(["real", "fake"], 2))
 def test_the_session_of_the_document_can_be_replayed(engine: str, tmp_path: Path) -> None:
     lines = fenced("A session", "text").splitlines()
     shown = [json.loads(line[4:]) for line in lines if line.startswith("<-- ")]

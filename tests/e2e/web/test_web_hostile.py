@@ -94,12 +94,13 @@ def test_the_token_is_good_once_however_many_try(tmp_path: Path) -> None:
             head = f"GET {ENTER}{path} HTTP/1.1\r\nhost: {door.host}\r\n\r\n".encode()
             return await asyncio.gather(*(sent(host, port, head) for _ in range(8)))
 
+    before = threading.active_count()  # other tests may have left some that end by themselves
     answers = asyncio.run(scenario())
     assert sorted(answer[9:12] for answer in answers) == [b"303", *[b"403"] * 7]
     (good,) = (answer for answer in answers if answer[9:12] == b"303")
     for word in (b"HttpOnly", b"SameSite=Strict", b"Content-Security-Policy: default-src 'none'"):
         assert word in good
-    assert threading.active_count() == 1
+    assert threading.active_count() <= before
 
 
 def test_a_body_that_is_too_long_is_not_waited_for(tmp_path: Path) -> None:

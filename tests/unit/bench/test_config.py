@@ -114,7 +114,7 @@ def configs(draw: st.DrawFn) -> Config:
 
 
 @given(configs())
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(deadline=None, derandomize=True, max_examples=20)
 def test_what_show_prints_loads_as_the_same_rig(
     tmp_path_factory: pytest.TempPathFactory, rig: Config
 ) -> None:

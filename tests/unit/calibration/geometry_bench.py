@@ -176,14 +176,14 @@ def _looked_up(way: Way, picture: Floats, channel: int, samples: int) -> Floats:
         return np.zeros(way.frame)
     # Within a quad no lens bends: the map is looked up at corners of quads only.
     x, y = np.arange(cols + 1) + PLACES[channel][0], np.arange(rows + 1) + PLACES[channel][1]
-    corner = way.to_panel(np.stack(np.meshgrid(x, y), axis=-1))
+    corner = np.moveaxis(way.to_panel(np.stack(np.meshgrid(x, y), axis=-1)), -1, 0).copy()
     flat = np.append(picture.ravel(), 0.0)  # beside the panel there is no light
     total = np.zeros(way.frame)
     for down in (np.arange(samples) + 0.5) / samples:
-        line = corner[:-1] * (1.0 - down) + corner[1:] * down
+        line = corner[:, :-1] * (1.0 - down) + corner[:, 1:] * down
         for right in (np.arange(samples) + 0.5) / samples:
-            at = line[:, :-1] * (1.0 - right) + line[:, 1:] * right
-            pixel = np.floor(at).astype(np.int64)
-            inside = ((pixel >= 0) & (pixel < (width, height))).all(axis=-1)
-            total += flat[np.where(inside, pixel[..., 1] * width + pixel[..., 0], -1)]
+            at = line[..., :-1] * (1.0 - right) + line[..., 1:] * right
+            col, row = np.floor(at).astype(np.int64)
+            inside = (col >= 0) & (col < width) & (row >= 0) & (row < height)
+            total += flat[np.where(inside, row * width + col, -1)]
     return total / samples**2

@@ -131,7 +131,8 @@ class RulerBench:
         variance = 0.5 * (electrons + READ_E**2)
         noisy = electrons + self.rng.normal(size=electrons.shape) * np.sqrt(variance)
         believed = 0.5 * (np.maximum(noisy, 0.0) + READ_E**2)
-        return Photo(*(np.repeat(each[..., None], 3, axis=-1) for each in (noisy, believed)))
+        colours = (*noisy.shape, 3)
+        return Photo(*(np.broadcast_to(each[..., None], colours) for each in (noisy, believed)))
 
     def white(self, refreshes: int = 8) -> Photo:
         """Both panels white."""

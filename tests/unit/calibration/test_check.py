@@ -42,37 +42,37 @@ def turned(degrees: float, right_px: float = 0.0, down_px: float = 0.0) -> Float
     return np.asarray(np.linalg.inv(to_px) @ turn @ to_px)
 
 
-def strips(skew_s: float, answer: tuple[float, float, float, float] = ANSWER) -> Floats:
+def strips(skews_s: Floats, answer: tuple[float, float, float, float] = ANSWER) -> Floats:
     """Light of 18 pulse programmes over white, panels followed through time in small steps.
 
-    1x1, 2x1 and 1x2 refreshes of 6, the mask's late by -3..2 refreshes.
+    1x1, 2x1 and 1x2 refreshes of 6, the mask's late by -3..2 refreshes; a row for each skew.
     """
     steps, n = 40, 6
     time = (np.arange(n * steps) + 0.5) / steps
     rise_p, fall_p, rise_m, fall_m = (np.exp(-T_S / steps / tau) for tau in answer)
     found = []
     for lit, opened in ((1, 1), (2, 1), (1, 2)):
-        light = _follow(time < lit, rise_p, fall_p)
+        light = _follow((time < lit)[:, None], rise_p, fall_p)
         for late in range(-3, 3):
-            ask_m = np.mod(time - late - skew_s / T_S, n) < opened
-            found.append(np.mean(light * _follow(ask_m, rise_m, fall_m)))
-    return np.array(found)
+            ask_m = np.mod(time[:, None] - late - skews_s / T_S, n) < opened
+            found.append(np.mean(light * _follow(ask_m, rise_m, fall_m), axis=0))
+    return np.stack(found, axis=-1)
 
 
 def _follow(asked: NDArray[np.bool_], rise: float, fall: float) -> Floats:
-    level, shown = 0.0, np.zeros(asked.size)
+    level, shown = np.zeros(asked.shape[1]), np.zeros(asked.shape)
     for turn in range(2):  # the second time round it has forgotten how it began
-        for index, on in enumerate(asked.tolist()):
-            level = 1.0 - (1.0 - level) * rise if on else level * fall
+        for index, on in enumerate(asked):
+            level = np.where(on, 1.0 - (1.0 - level) * rise, level * fall)
             if turn:
                 shown[index] = level
     return shown
 
 
-GRID_S = np.arange(-30, 61) * T_S / 20.0
-TRUE = np.array([strips(s) for s in GRID_S])
+GRID_S: Floats = np.arange(-30.0, 61.0) * (T_S / 20.0)
+TRUE = strips(GRID_S)
 # What the program knows of the panels is some per cent wrong.
-KNOWN = np.array([strips(s, (4.15e-3, 1.9e-3, 2.9e-3, 6.2e-3)) for s in GRID_S])
+KNOWN = strips(GRID_S, (4.15e-3, 1.9e-3, 2.9e-3, 6.2e-3))
 
 
 def between_lags(table: Floats, skew_s: float) -> Floats:

@@ -16,6 +16,7 @@ from pdcd.calibration.correction import Correction, bent_to, corrected, fitted
 from pdcd.calibration.mask_blur import blur
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.registration import Offsets, Series, joined, measure, nearest, offsets
+from pdcd.calibration.shown import Shown
 from pdcd.calibration.stripes import FINE, RULER, Stripes, patterns
 from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map
@@ -24,6 +25,12 @@ from tests.unit.calibration.ruler_bench import RulerBench, misplaced
 Floats = NDArray[np.float64]
 
 SIZES = {"projector_px": (192, 144), "mask_px": (300, 225), "frame": (230, 172)}
+
+
+@cache
+def shown(kind: Stripes, projector: Map, mask: Map) -> tuple[Shown, ...]:
+    """The pictures of one series; most tests believe the same maps."""
+    return tuple(patterns(kind, projector, mask))
 
 
 @dataclass
@@ -40,7 +47,7 @@ class Session:
 
     def one_series(self, kind: Stripes, mask: Map | None = None) -> Series:
         bench = self.bench
-        photos = (bench.photo(each) for each in patterns(kind, bench.projector, mask or self.mask))
+        photos = (bench.photo(each) for each in shown(kind, bench.projector, mask or self.mask))
         return measure(kind, photos, self.white, self.camera, bench.projector)
 
     def series(self, kinds: Sequence[Stripes], mask: Map | None = None) -> tuple[Series, Series]:
@@ -256,14 +263,14 @@ def test_the_next_stripe_is_not_taken_for_the_right_one() -> None:
 def test_a_bench_that_changes_amid_the_series_is_noticed(what: str, from_step: int) -> None:
     it = deepcopy(some())
     photos = []
-    for step, shown in enumerate(patterns(RULER[0], it.bench.projector, it.mask)):
+    for step, each in enumerate(shown(RULER[0], it.bench.projector, it.mask)):
         if what == "mask" and step == from_step:
             moved = np.eye(3)
             moved[0, 2] = 0.5 / it.bench.projector_px[0]
             it.bench.mask = it.bench.mask.then(moved)
             it.bench.look()
         lamp = 0.9 if what == "lamp" and step >= from_step else 1.0
-        photos.append(it.bench.photo(shown, lamp=lamp))
+        photos.append(it.bench.photo(each, lamp=lamp))
     with pytest.raises(CalibrationError, match="moved during the series"):
         measure(RULER[0], photos, it.white, it.camera, it.bench.projector)
 

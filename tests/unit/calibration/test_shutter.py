@@ -53,7 +53,10 @@ class Camera:
         lit = self._asked(shown)  # (refreshes, rows, columns) of projector pixels, every second
         per = round(T / STEP_S)
         decay = [np.exp(-T / per / tau) for tau in TAUS]
-        columns, where = np.unique(lit.reshape(len(lit), -1), axis=1, return_inverse=True)
+        told = np.ascontiguousarray(np.packbits(lit.reshape(len(lit), -1) > 0.0, axis=0).T)
+        words = told.view(np.dtype((np.void, told.shape[1]))).ravel()
+        _, first, where = np.unique(words, return_index=True, return_inverse=True)
+        columns = lit.reshape(len(lit), -1)[:, first]
         state, light = np.zeros(columns.shape[1]), []
         for asked in columns:
             up = asked > state

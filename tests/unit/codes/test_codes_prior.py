@@ -116,3 +116,24 @@ def test_unfit_links_are_refused(links: Any, words: str) -> None:
 def test_a_count_that_is_no_order_is_refused_with_its_neighbours() -> None:
     with pytest.raises(RequestError, match="take 8 or 12 codes"):
         prior_codes((4, 4), 10, np.ones((16, 16)), rng(0))
+
+
+def test_parts_share_columns_between_other_cells_each() -> None:
+    """Where every cell has a link of its own strength, these gave all parts the same columns; now
+    pairs share one in two parts as often as chance has it, and linked cells still in none."""
+    lattice, count, cells = (12, 16), 16, 192
+    links = np.zeros((cells, cells))
+    links[np.arange(cells), (np.arange(cells) + 70) % cells] = 1.0 + np.arange(cells) / cells
+
+    def shared(apart: bool) -> list[NDArray[np.bool_]]:
+        found = []
+        for seed in range(2):
+            same = overlap(prior_codes(lattice, count, links, rng(seed), apart=apart)) != 0.0
+            found.append(same & ~np.eye(cells, dtype=np.bool_))
+        return found
+
+    first, second = shared(False)
+    assert np.mean(second[first]) > 0.95
+    first, second = shared(True)
+    assert np.mean(second[first]) < 2.0 * np.mean(second)
+    assert not (first | second)[links > 0.0].any()

@@ -97,7 +97,16 @@ def test_orders_without_a_plane_here_are_refused(q: int) -> None:
 
 @pytest.mark.parametrize(
     ("q", "lines"),
-    [(2, 7), (3, 13), (4, 21), (5, 31), (7, 57), (8, 73), (9, 91), (16, 273)],
+    [
+        (2, 7),
+        (3, 13),
+        (4, 21),
+        (5, 31),
+        (7, 57),
+        (8, 73),
+        (9, 91),
+        pytest.param(16, 273, marks=pytest.mark.long),
+    ],
 )
 def test_singer_codes_of_as_many_cells_keep_direct_and_an_exact_share(q: int, lines: int) -> None:
     """The designs of the catalogue: Pi = q I + 1 1^T in integers, direct and 1/(q + 1) of all

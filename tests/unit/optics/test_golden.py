@@ -21,6 +21,7 @@ from pdcd.optics.products import Exposure
 from pdcd.scene.effects import Dense, Effect, coloured_direct, rgb
 from pdcd.scene.scene import Scene
 from tests.dense_bench import DenseBench, DensePanel
+from tests.sampled import sampled
 
 GRID = (2, 3)
 PROJECTOR_PX, MASK_PX, FRAME = (13, 10), (15, 12), (9, 12)
@@ -177,8 +178,8 @@ def dense_of(config: Config, scene: Scene, transport: NDArray[np.float64]) -> De
 
 @pytest.mark.parametrize(
     ("window", "textured"),
-    [("whole", False), ("quarter", False), ("quarter", True), ("side-3/4", False),
-     (PIXELS, False), (PIXELS, True)],
+    [("whole", False), pytest.param("quarter", False, marks=pytest.mark.long), ("quarter", True),
+     ("side-3/4", False), pytest.param(PIXELS, False, marks=pytest.mark.long), (PIXELS, True)],
 )  # fmt: skip
 def test_everything_on_is_the_dense_bench_at_every_quad(
     tmp_path: Path, window: str, textured: bool
@@ -195,7 +196,7 @@ def test_everything_on_is_the_dense_bench_at_every_quad(
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9 * wanted.max())
 
 
-@pytest.mark.parametrize("window", ["quarter", PIXELS])
+@pytest.mark.parametrize("window", sampled(["quarter", PIXELS], 2))
 def test_a_table_of_lights_is_the_dense_bench_too(tmp_path: Path, window: str) -> None:
     """Grey levels of a projector with a file of lights, and of a mask that is believed to have
     another curve than it has. G-LUT."""

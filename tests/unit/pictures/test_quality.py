@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from pdcd.pictures import quality
+from pdcd.pictures.answer_error import error_of, negative_light
 from pdcd.pictures.placement import Fit
 from pdcd.pictures.quality import Finding, Grade
 from pdcd.probing.deviation import Deviation
@@ -76,6 +79,42 @@ def test_an_answer_below_its_noise() -> None:
     assert BAD in grades(quality.answer_of(0.0 * image, image, image))
 
 
+@pytest.mark.parametrize(
+    ("share", "sure", "grade"),
+    [
+        (0.2, True, []), (0.5, True, [DOUBTFUL]), (0.8, True, [BAD]), (3.0, True, [BAD]),
+        (0.2, False, []), (0.5, False, [DOUBTFUL]), (3.0, False, [DOUBTFUL]),
+    ],
+)  # fmt: skip
+def test_an_answer_below_its_error_bars(share: float, sure: bool, grade: list[Grade]) -> None:
+    """0.8 of what the picture shows is 1.33 of what is left of it without the error."""
+    image = np.ones((1000, 3))
+    found = list(error_of(image, share * image, 0.01 * image, 1000, sure))
+    assert grades(found) == grade
+    assert all(("all that it shows" in f.text) == (share > 1.0) for f in found)
+    # What the sensor's noise explains was said of the sensor.
+    assert grades(error_of(image, share * image, share * image, 1000, sure)) == []
+
+
+def test_an_error_in_few_places_is_less_sure() -> None:
+    image, sigma = np.ones((1000, 3)), np.zeros((1000, 3))
+    sigma[:20] = 0.25 * np.sqrt(50.0)
+    assert grades(error_of(image, sigma, 0.0 * image, 1000, True)) == [DOUBTFUL]
+    even = np.full((1000, 3), 0.25)
+    assert grades(error_of(image, even, 0.0 * image, 1000, True)) == []
+
+
+@pytest.mark.parametrize(("error", "grade"), [(0.05, []), (0.3, [DOUBTFUL]), (20.0, [BAD])])
+def test_light_below_zero_is_error(error: float, grade: list[Grade]) -> None:
+    """A third of the field has light, all of it errs; noise below zero is no finding."""
+    truth = np.where(np.arange(4000) % 3 == 0, 1.0, 0.0)[:, None] * np.ones(3)
+    noise = 0.3 * np.ones(truth.shape)
+    image = truth + error * RNG.normal(size=truth.shape)
+    assert grades(negative_light(image, 0.0 * noise)) == grade
+    image = truth + noise * RNG.normal(size=truth.shape)
+    assert grades(negative_light(image, noise)) == []
+
+
 def test_light_in_the_black_shot_beyond_the_leak() -> None:
     assert grades(quality.stray_light("white-black-primal", 0.31, 1.0, 0.3)) == []
     assert grades(quality.stray_light("white-black-primal", 0.6, 1.0, 0.3)) == [DOUBTFUL]
@@ -128,11 +167,15 @@ def test_a_probing_matrix_far_from_the_wanted_one() -> None:
 def test_direct_light_in_a_picture_without_any() -> None:
     direct, answer = np.full((50, 3), 10.0), np.ones((50, 3))
     direct[0], answer[1] = np.nan, np.inf
-    assert grades(quality.direct_left(0.01, direct, answer)) == []
-    assert grades(quality.direct_left(0.02, direct, answer)) == [DOUBTFUL]
-    (found,) = quality.direct_left(0.06, direct, answer)
+    left = partial(quality.direct_left, direct=direct, answer=answer)
+    assert grades(left(0.01, taken_out=False)) == []
+    assert grades(left(0.02, taken_out=False)) == [DOUBTFUL]
+    (found,) = left(0.06, taken_out=False)
     assert found.grade == BAD and found.text.startswith("60 % of the picture is direct light")
-    assert grades(quality.direct_left(0.06, direct, 0.0 * direct)) == []
+    assert grades(left(0.04, taken_out=True)) == []
+    (found,) = left(0.06, taken_out=True)
+    assert found.grade == DOUBTFUL and "as strong as 60 % of the picture was taken" in found.text
+    assert grades(quality.direct_left(0.06, direct, 0.0 * direct, taken_out=False)) == []
 
 
 def test_a_modelled_sigma_is_a_remark() -> None:

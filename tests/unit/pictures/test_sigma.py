@@ -7,6 +7,7 @@ import pytest
 import scipy.special
 
 from pdcd.codes.make import make_codes
+from pdcd.frames.lattice import Lattice
 from pdcd.pictures.combine import Exposed, Picture, pictures_of, scaled_photos
 from pdcd.pictures.sigma import _inverse_trigamma, measured
 from pdcd.pictures.sigma_model import code_error, modelled
@@ -14,6 +15,7 @@ from pdcd.probing.deviation import row_deviations
 from pdcd.probing.realised import Factors
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
+from pdcd.recipes.programs import Far
 from pdcd.request import Goal, How
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
@@ -66,6 +68,22 @@ def test_what_the_sensor_explains_is_not_counted_twice() -> None:
 def test_equal_parts_have_no_code_error() -> None:
     parts = parts_of(np.ones(SHAPE), np.zeros(SHAPE), 4, 0)
     assert np.all(measured(mean(parts), parts).sigma == 0.0)
+
+
+def test_parts_that_agree_by_chance_amid_others_that_do_not() -> None:
+    """All parts miss the light of one pixel, in a patch that errs; the rest hardly does."""
+    truth, error = np.ones(SHAPE), np.full(SHAPE, 0.001)
+    error[8:13, 8:13] = 0.2
+    parts = parts_of(truth, error, 4, 0)
+    for part in parts:
+        part.image[10, 10] = 0.0
+    before, now = (measured(mean(parts), parts, by_chance=wide) for wide in (False, True))
+    missed = np.abs(now.image - truth)[10, 10]
+    assert np.all(missed > 100.0 * before.sigma[10, 10])
+    assert np.all(missed < 20.0 * now.sigma[10, 10])
+    away = np.ones(SHAPE[:2], np.bool_)
+    away[7:14, 7:14] = False
+    np.testing.assert_array_equal(now.sigma[away], before.sigma[away])
 
 
 def test_saturated_pixels_stay_unknown() -> None:
@@ -153,3 +171,39 @@ def test_direct_light_left_by_the_codes_counts_by_its_square() -> None:
     mean, variance, diagonal = row_deviations(realised, recipe.photos[0].wanted, weight)
     assert diagonal == pytest.approx(0.3 / weight) and variance.max() < 1e-15
     np.testing.assert_allclose(found.code, light * np.hypot(mean[0], diagonal[0]), rtol=1e-6)
+
+
+@pytest.mark.parametrize("sources", [1, 96])
+def test_bars_of_far_light_by_the_weight_of_each_cell(sources: int) -> None:
+    """T2.3 by its own codes, single sharp paths and light of many cells: sigma is the true error,
+    held against a dense sum; by one weight for all it is 0.75 and 5.4 times that."""
+    grid, radius = (18, 24), 1
+    n = grid[0] * grid[1]
+    row, col = np.divmod(np.arange(n), grid[1])
+    beyond = np.maximum(abs(row[:, None] - row), abs(col[:, None] - col)) > radius
+    rng = np.random.default_rng(3)
+    transport = np.zeros((n, n))
+    for cell in range(n):
+        away = np.flatnonzero(beyond[cell])
+        transport[cell, rng.choice(away, sources, replace=False)] = 1.0 / sources
+    bits = make_codes("balanced", grid, 120, dual="same", p=0.1, seed=1).primal
+    primal, dual = Far(radius).pairs(bits, Lattice(grid, "whole"))
+    left, right = dual.astype(np.float64), primal.astype(np.float64)
+    light = np.repeat(((left.T @ right) * transport).sum(axis=1)[:, None], 3, axis=1)
+    shape = (*grid, 3)
+    realised = Factors(left, right, np.zeros(n), left.sum(axis=0))
+    shot = Exposed(light.reshape(shape), np.zeros(shape), np.zeros(grid, np.bool_), realised, {})
+    how = How(family="balanced", structure=True)
+    recipe = recipe_of(Target(Goal(name="long-range", radius=radius), grid), how)
+    shots, cells = {"far": shot}, CellMap.block(grid, grid)
+    photos = scaled_photos(recipe, shots, cells)
+    whole = pictures_of(recipe, photos)
+    error = np.sqrt(np.mean((whole["long-range"].image - 1.0) ** 2))
+
+    def ratio(by_row: bool) -> float:
+        found = modelled(recipe, shots, photos, whole, cells, by_row=by_row)["long-range"]
+        return float(np.sqrt(np.mean(found.sigma**2)) / error)
+
+    now, before = ratio(True), ratio(False)
+    assert not 0.8 < before < 1.3
+    assert 0.8 < now < 1.3

@@ -19,6 +19,7 @@ from pdcd.pilot.codes import SCOUTS, pilot_codes, pilot_share
 from pdcd.pilot.links import SHARP, correction, estimate_links, sharpness
 from pdcd.pilot.worth import Worth, worth
 from tests.places import DATA
+from tests.sampled import sampled
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -148,8 +149,12 @@ def test_a_black_scene_has_no_paths() -> None:
     assert estimate_links(codes, photos, GRID).nnz == 0
 
 
-@pytest.mark.parametrize("build", [scattered_paths, two_caustics])
-@pytest.mark.parametrize("count", [48, 128])
+@pytest.mark.parametrize(
+    ("build", "count"),
+    sampled(
+        [(scattered_paths, 48), (scattered_paths, 128), (two_caustics, 128), (two_caustics, 48)], 2
+    ),
+)
 def test_the_same_number_of_codes_errs_far_less_with_a_pilot(build: Any, count: int) -> None:
     transport = build(3)
     assert piloted_error(transport, count, 3) < plain_error(transport, "bernoulli", count, 3) / 20

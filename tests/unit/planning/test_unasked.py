@@ -72,6 +72,16 @@ def test_without_noise_one_exposure_is_best() -> None:
     assert found == 1 and "no noise" in reason
 
 
+@pytest.mark.parametrize("goal", ["long-range", "short-range"])
+def test_light_by_range_is_measured_in_four_parts_without_a_look(goal: str) -> None:
+    """Their far light errs by single paths: only parts tell of them."""
+    found = settled_of(goal=goal, radius=2)
+    assert (found.request.parts, found.request.pilot, found.otherwise) == (4, 0, None)
+    assert "measures the error bars" in found.reasons[0]
+    assert settled_of(goal=goal, radius=2, file_s=3.0).request.parts == 1
+    assert settled_of(goal=goal, radius=2, codes=128).request.parts == 1
+
+
 @pytest.mark.parametrize(
     "named",
     [

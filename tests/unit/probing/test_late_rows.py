@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.codes.make import make_codes
@@ -237,7 +237,7 @@ def _overlaps(count: int, sigma: float) -> Floats:
         low = apart * width
 
         def inner(x: Floats) -> Floats:
-            return np.asarray(norm.cdf((x - low) / sigma) - norm.cdf((x - low - width) / sigma))
+            return np.asarray(ndtr((x - low) / sigma) - ndtr((x - low - width) / sigma))
 
         nodes, weights = np.polynomial.legendre.leggauss(24)
         pieces = (np.arange(16) + 0.5) * width / 16

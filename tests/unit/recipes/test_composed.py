@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,7 @@ def tap(n: int, m: int) -> float:
     return float(KERNEL[down + 1, right + 1]) if max(abs(down), abs(right)) <= 1 else 0.0
 
 
+@cache
 def transport() -> Floats:
     """Direct light, light that stays near, and light that goes everywhere."""
     rng = np.random.default_rng(2)
@@ -54,53 +57,52 @@ def transport() -> Floats:
     return np.asarray(albedo[:, None] * (near + 0.002) * albedo + np.diag(0.5 * albedo))
 
 
-TRANSPORT = transport()
-
-# id of the row: the goal that is made for it, its arrays and numbers, and the matrix.
-TABLES: dict[str, tuple[str, dict[str, Any], dict[str, Any], Floats]] = {
-    "T1.1": ("illuminated", {"illumination": LIGHT}, {}, matrix(lambda n, m: LIGHT[m])),
-    "T1.2": ("illuminated", {"illumination": LIGHT}, {}, np.tile(LIGHT, (N, 1))),
-    "T1.3": ("diagonal", {}, {}, matrix(lambda n, m: n == m)),
-    "T1.4": ("off-diagonal", {}, {"shift": (1, -2)}, matrix(lambda n, m: step(n, 1, -2) == m)),
-    "T1.5": ("warped", {"warp": WARP}, {}, matrix(lambda n, m: WARP[n] == m)),
+# id of the row: the goal that is made for it, its arrays and numbers, and the matrix's elements.
+TABLES: dict[str, tuple[str, dict[str, Any], dict[str, Any], Callable[[int, int], float]]] = {
+    "T1.1": ("illuminated", {"illumination": LIGHT}, {}, lambda n, m: LIGHT[m]),
+    "T1.2": ("illuminated", {"illumination": LIGHT}, {}, lambda n, m: LIGHT[m]),
+    "T1.3": ("diagonal", {}, {}, lambda n, m: n == m),
+    "T1.4": ("off-diagonal", {}, {"shift": (1, -2)}, lambda n, m: step(n, 1, -2) == m),
+    "T1.5": ("warped", {"warp": WARP}, {}, lambda n, m: WARP[n] == m),
     "T1.6": (
         "two-samples", {"warp": WARP, "warp_b": WARP_B}, {"mix": (0.75, -0.5)},
-        matrix(lambda n, m: 0.75 * (WARP[n] == m) - 0.5 * (WARP_B[n] == m)),
+        lambda n, m: 0.75 * (WARP[n] == m) - 0.5 * (WARP_B[n] == m),
     ),
-    "T1.7": ("indirect", {"illumination": LIGHT}, {}, matrix(lambda n, m: (n != m) * LIGHT[m])),
-    "T2.1": ("diagonal", {}, {}, matrix(lambda n, m: n == m)),
-    "T2.2": ("indirect", {}, {}, matrix(lambda n, m: n != m)),
-    "T2.3": ("long-range", {}, {"radius": 2}, matrix(lambda n, m: far(n, m) > 2)),
-    "T2.4": ("short-range", {}, {"radius": 2}, matrix(lambda n, m: 0 < far(n, m) <= 2)),
+    "T1.7": ("indirect", {"illumination": LIGHT}, {}, lambda n, m: (n != m) * LIGHT[m]),
+    "T2.1": ("diagonal", {}, {}, lambda n, m: n == m),
+    "T2.2": ("indirect", {}, {}, lambda n, m: n != m),
+    "T2.3": ("long-range", {}, {"radius": 2}, lambda n, m: far(n, m) > 2),
+    "T2.4": ("short-range", {}, {"radius": 2}, lambda n, m: 0 < far(n, m) <= 2),
     "T2.5": (
-        "blocked", {"region_a": A, "region_b": B}, {}, matrix(lambda n, m: 1 - A[n] * B[m])
+        "blocked", {"region_a": A, "region_b": B}, {}, lambda n, m: 1 - A[n] * B[m]
     ),
     "T2.6": (
         "descattered", {}, {"shift": (0, -1)},
-        matrix(lambda n, m: (step(n, 0, -1) >= 0) * ((n == m) - 1.0 * (step(n, 0, -1) == m))),
+        lambda n, m: (step(n, 0, -1) >= 0) * ((n == m) - 1.0 * (step(n, 0, -1) == m)),
     ),
-    "T2.7": ("filtered", {"kernel": KERNEL}, {}, matrix(tap)),
-    "Fig. 8": ("fraction", {}, {"p": 0.25}, matrix(lambda n, m: 1.0 if n == m else 0.25)),
+    "T2.7": ("filtered", {"kernel": KERNEL}, {}, tap),
+    "Fig. 8": ("fraction", {}, {"p": 0.25}, lambda n, m: 1.0 if n == m else 0.25),
     "Fig. 9(d)": (
         "off-diagonal", {}, {"shift": (0, 1), "p": 0.25},
-        matrix(lambda n, m: (step(n, 0, 1) >= 0) * (1.0 if step(n, 0, 1) == m else 0.25)),
+        lambda n, m: (step(n, 0, 1) >= 0) * (1.0 if step(n, 0, 1) == m else 0.25),
     ),
-    "Fig. 11": ("indirect", {"warp": WARP}, {}, matrix(lambda n, m: WARP[n] != m)),
+    "Fig. 11": ("indirect", {"warp": WARP}, {}, lambda n, m: WARP[n] != m),
     "two warps but white": (
-        "fraction", {"warp": WARP}, {"p": 0.5}, matrix(lambda n, m: 1.0 if WARP[n] == m else 0.5)
+        "fraction", {"warp": WARP}, {"p": 0.5}, lambda n, m: 1.0 if WARP[n] == m else 0.5
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("row", TABLES)
 def test_row_as_a_plain_matrix_is_as_good_as_its_goal(row: str) -> None:
-    name, arrays, numbers, pi = TABLES[row]
+    name, arrays, numbers, entry = TABLES[row]
+    pi = matrix(entry)
     own = dense_recipe.target(GRID, name, arrays, **numbers)
     plain = dense_recipe.target(GRID, "relit", {"matrix": pi})
     errors = []
     for target, how in ((own, How()), (plain, How(structure=True))):
         recipe, realised = dense_recipe.matrix_of(target, how)
-        errors.append(dense_recipe.error(realised, pi, TRANSPORT))
+        errors.append(dense_recipe.error(realised, pi, transport()))
     assert errors[1] <= max(1.1 * errors[0], 1e-6)
     assert recipe.split and recipe.pictures.keys() == {"relit"}
     if row in ("T1.1", "T1.2", "T2.5"):  # levels are kept in single precision
@@ -117,7 +119,7 @@ def test_any_weight_of_the_matched_cell(kept: float) -> None:
     _, realised = dense_recipe.matrix_of(
         dense_recipe.target(GRID, "relit", {"matrix": pi}), How(structure=True)
     )
-    assert dense_recipe.error(realised, pi, TRANSPORT) < 0.02
+    assert dense_recipe.error(realised, pi, transport()) < 0.02
     np.testing.assert_allclose(realised[np.arange(N), WARP], kept, atol=1e-5)
 
 
@@ -126,7 +128,7 @@ def test_cells_without_a_partner_see_all_light_in_a_plain_matrix() -> None:
     _, realised = dense_recipe.matrix_of(
         dense_recipe.target(GRID, "relit", {"matrix": pi}), How(structure=True)
     )
-    assert dense_recipe.error(realised, pi, TRANSPORT) < 0.01
+    assert dense_recipe.error(realised, pi, transport()) < 0.01
     np.testing.assert_allclose(realised[WARP_B < 0], 1.0, rtol=1e-6)
 
 
@@ -173,7 +175,7 @@ def test_sums_of_everything_are_better_than_signed_codes_and_say_what_they_are()
     plain = dense_recipe.target(GRID, "relit", {"matrix": pi})
     recipe, realised = dense_recipe.matrix_of(plain, How(structure=True))
     _, before = dense_recipe.matrix_of(plain, How())
-    one, two = (dense_recipe.error(found, pi, TRANSPORT) for found in (realised, before))
+    one, two = (dense_recipe.error(found, pi, transport()) for found in (realised, before))
     assert one < 0.1 * two
     told = "; ".join(recipe.split)
     assert all(part in told for part in ("rank 2", "within 2 cells", "one cell each"))
@@ -185,7 +187,7 @@ def test_noise_is_photographed_as_a_rest() -> None:
     recipe, realised = dense_recipe.matrix_of(
         dense_recipe.target(GRID, "relit", {"matrix": pi}), How(structure=True)
     )
-    assert dense_recipe.error(realised, pi, TRANSPORT) < 0.01
+    assert dense_recipe.error(realised, pi, transport()) < 0.01
     assert any("the rest" in line for line in recipe.split)
 
 
@@ -196,7 +198,7 @@ def test_what_a_warp_matches_is_counted_alone_although_codes_are_shared() -> Non
     pi = matrix(lambda n, m: WARP[n] == m)
     other = realised[np.arange(N), np.arange(N)][WARP != np.arange(N)]
     assert np.abs(other).max() < 1e-9
-    assert dense_recipe.error(realised, pi, TRANSPORT) < 0.5
+    assert dense_recipe.error(realised, pi, transport()) < 0.5
 
 
 def test_stripes_under_a_warp_keep_all_but_the_matched_cell() -> None:

@@ -46,7 +46,9 @@ def images(kind: str) -> tuple[Array, Array]:
     return direct.reshape(*GRID, 3), indirect.reshape(*GRID, 3)
 
 
-@pytest.mark.parametrize("grid", [(1, 1), (7, 1), GRID])
+@pytest.mark.parametrize(
+    "grid", [(1, 1), (7, 1), (12, 16), pytest.param(GRID, marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize("kind", sorted(STAGED))
 def test_no_point_gives_back_more_than_it_gets_and_paths_go_both_ways(
     kind: str, grid: tuple[int, int]
@@ -75,7 +77,7 @@ def test_energy_and_texture_at_the_grid_of_the_figures(kind: str) -> None:
 @pytest.mark.parametrize("kind", sorted(STAGED))
 def test_the_seed_makes_the_scene_and_other_options_are_refused(kind: str) -> None:
     def white(options: dict[str, Any]) -> Array:
-        return build_scene(SceneConfig(kind=kind, grid=(12, 16), options=options)).white()
+        return build_scene(SceneConfig(kind=kind, grid=(6, 8), options=options)).white()
 
     assert not np.array_equal(white({"seed": 0}), white({"seed": 1}))
     with pytest.raises(ConfigError, match="sed"):

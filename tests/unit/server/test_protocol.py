@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError
+from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError, error_fields
 from pdcd.request import CaptureRequest
 from pdcd.server import messages
 from pdcd.server.messages import CODES, METHODS, JobParams, StartParams
@@ -304,7 +304,7 @@ NEARLY = st.fixed_dictionaries(
 ).map(lambda value: json.dumps(value).encode())
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(deadline=None, derandomize=True, max_examples=20)
 @given(st.lists(st.binary(max_size=200) | NEARLY | NEARLY, max_size=8), st.integers(1, 64))
 def test_no_bytes_make_the_connection_raise(lines: list[bytes], cut: int) -> None:
     stream = b"\n".join(lines) + b"\n"
@@ -394,7 +394,7 @@ def test_the_schema_covers_every_method_and_refers_to_what_is_there() -> None:
 
 
 def test_the_fields_of_an_error_are_those_of_a_result() -> None:
-    assert messages.error_fields(PdcdError("m", hint="h")) == {
+    assert error_fields(PdcdError("m", hint="h")) == {
         "kind": "internal",
         "message": "m",
         "device": None,
