@@ -28,7 +28,6 @@ from pdcd.figures.figure import (
 from pdcd.figures.picture import white_of
 from pdcd.figures.places import patch
 from pdcd.figures.plot import colour, finish
-from pdcd.figures.tables import grid_of
 
 SCENE = "milky-bottle"
 PRINTED = {2: 64, 4: 128, 8: 256, 16: 512}
@@ -41,9 +40,7 @@ POINTS = {"milk": (0.50, 0.42), "wall": (0.16, 0.34)}
 
 def takes(mode: Mode) -> dict[str, Take]:
     """All light, and four shares of the indirect with either codes."""
-    # All codes as printed, so that the paper's do what they can; the quick page has fewer cells.
-    grid = grid_of(mode)
-    found = {"white": Take(SCENE, "white", grid=grid, said="all light")}
+    found = {"white": Take(SCENE, "white", said="all light")}
     for below, printed in PRINTED.items():
         asked = {"codes": codes_printed(printed), "p": 1.0 / below}
         # Each cell is lit in exactly p of the codes; the coins of the paper are not so even.
@@ -53,7 +50,6 @@ def takes(mode: Mode) -> dict[str, Take]:
             {**OUR_CODES, **asked, "family": "balanced"},
             all_codes=True,
             bound=BOUNDS[below],
-            grid=grid,
             said="every cell lit equally often",
         )
         found[f"1/{below}, paper"] = Take(
@@ -61,7 +57,6 @@ def takes(mode: Mode) -> dict[str, Take]:
             "fraction",
             {**PAPERS_CODES, **asked},
             all_codes=True,
-            grid=grid,
             said="the paper's codes",
         )
     return found
