@@ -7,9 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+import pdcd
 from drivers.mock import Bench
 from pdcd.bench.tables import (
     CameraConfig,
@@ -27,9 +29,11 @@ from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import Codes
 from pdcd.frames.patterns import Patterns, pack
+from pdcd.pictures.darkroom import Darkroom
 from pdcd.planning.given import from_path, read_given
 from pdcd.probing.wanted import Match, Uniform, Wanted
 from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.runs.folder import read_manifest
 
 Floats = NDArray[np.float64]
 
@@ -120,3 +124,12 @@ def capture(
     sources = {name: from_path(path) for name, path in files.items()}
     asked, given = read_given(request, sources, engine.grid)
     return engine.capture(asked, given, job=job, emit=lambda _: None, cancelled=lambda: False)
+
+
+def error_as_taken(folder: Path) -> float:
+    """RMS error of a run's answer over its truth, with all the direct light that got into it."""
+    record = msgspec.structs.replace(read_manifest(folder).run, unmixed=False)
+    image = Darkroom(folder, record).decoded().cell_means.image
+    truth = pdcd.open(folder).truth
+    assert truth is not None
+    return float(np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)))
