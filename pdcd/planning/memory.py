@@ -23,8 +23,9 @@ from pdcd.frames.lattice import Lattice
 from pdcd.maps.map import Map
 from pdcd.pictures.combine import LARGE_QUADS
 from pdcd.planning.plan import windowed
-from pdcd.probing.deviation import BLOCK, EXACT_CELLS
+from pdcd.probing.deviation import EXACT_CELLS
 from pdcd.probing.panel import Panel
+from pdcd.probing.realised import BLOCK
 from pdcd.recipes.isolation import Isolation
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.parts import part_codes

@@ -8,20 +8,17 @@ takes O(N R^2) time and O(N) memory beside the factors.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.probing.realised import Factors
+from pdcd.probing.realised import Factors, blocks
 from pdcd.probing.wanted import Wanted
 
 Floats = NDArray[np.float64]
 
-BLOCK = 1024
-"""Cells looked at together, or some more; bounds the memory beside the factors."""
 IMAGES = 32
 """Rows of the factors that go through a wanted matrix together."""
 EXACT_CELLS = 1024
@@ -54,12 +51,7 @@ def row_weights_s(realised: Factors, wanted: Wanted) -> tuple[Floats, Floats]:
     cells = wanted.cells
     if wanted.uniform is not None:
         diagonal, off = wanted.uniform
-        level = realised.right.sum(axis=1)[:, None]
-        sums, inside = np.empty(cells), np.empty(cells)
-        for here in _blocks(cells):
-            left = realised.left[:, here]
-            sums[here] = np.sum(left * level, axis=0)
-            inside[here] = np.sum(left * realised.right[:, here], axis=0)
+        sums, inside = realised.row_sums_s
         inner = diagonal * realised.coaxial + off * (sums - inside)
         return inner, np.full(cells, diagonal**2 + (cells - 1) * off**2)
     own = wanted.diagonal()
@@ -171,11 +163,11 @@ def row_deviations(
     level = np.concatenate([realised.right.mean(axis=1), projector.mean(axis=1)])
     own = np.empty(cells)
     covariance = np.zeros((level.size, level.size))
-    for here in _blocks(cells):
+    for here in blocks(cells):
         alive()
         right = np.concatenate([realised.right[:, here], projector[:, here]]) - level[:, None]
         covariance += right @ right.T
-    for here in _blocks(cells):
+    for here in blocks(cells):
         alive()
         left = np.concatenate([realised.left[:, here] / weight, -camera[:, here]])
         right = np.concatenate([realised.right[:, here], projector[:, here]]) - level[:, None]
@@ -212,10 +204,3 @@ def _largest(realised: Factors, wanted: Wanted, weight: float) -> float:
     error = realised.dense() / weight - wanted.dense()
     np.fill_diagonal(error, 0.0)
     return float(np.abs(error).max())
-
-
-def _blocks(cells: int) -> Iterator[slice]:
-    """All cells, in blocks of `BLOCK` to twice as many: numpy sums single columns in another order
-    than several."""
-    starts = [*range(0, max(cells - BLOCK, 1), BLOCK), cells]
-    return (slice(start, stop) for start, stop in itertools.pairwise(starts))

@@ -13,6 +13,7 @@ N x N. Direct light comes back at the point it fell on and sees the panels' sub-
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,6 +35,8 @@ from pdcd.probing.spans import Times, frame_spans, met, span_weights, target
 Floats = NDArray[np.float64]
 Bands = tuple[Band, ...]
 
+BLOCK = 1024
+"""Cells looked at together, or some more; bounds the memory beside the factors."""
 CHUNK_BYTES = 8 * 2**20
 """Largest field array of a chunk: bounds the memory and stays in the cache."""
 
@@ -71,9 +74,28 @@ class Factors:
         """Sum of the diagonal of ``left.T @ right``."""
         return float(np.sum(self.left * self.right))
 
+    @cached_property
+    def row_sums_s(self) -> tuple[Floats, Floats]:
+        """Sums over the rows of ``left.T @ right``, and its diagonal, (N,) each."""
+        cells = self.left.shape[1]
+        level = self.right.sum(axis=1)[:, None]
+        sums, own = np.empty(cells), np.empty(cells)
+        for here in blocks(cells):
+            left = self.left[:, here]
+            sums[here] = np.sum(left * level, axis=0)
+            own[here] = np.sum(left * self.right[:, here], axis=0)
+        return sums, own
+
     def dense(self) -> Floats:
         """``left.T @ right`` (N, N): for small grids and for tests."""
         return self.left.T @ self.right
+
+
+def blocks(cells: int) -> Iterator[slice]:
+    """All cells, in blocks of `BLOCK` to twice as many: numpy sums single columns in another order
+    than several."""
+    starts = [*range(0, max(cells - BLOCK, 1), BLOCK), cells]
+    return (slice(start, stop) for start, stop in itertools.pairwise(starts))
 
 
 def factors(
