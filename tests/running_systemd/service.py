@@ -130,7 +130,7 @@ class Service:
         for event in client.events():
             if isinstance(event, Progress) and event.frame > 0:
                 return job
-        raise AssertionError("no code was shown")
+        raise AssertionError(f"no code was shown:\n{self.machine.journal('-n', '30')}")
 
     def captures(self) -> list[Path]:
         """The run folders, finished or not, as paths out here."""
