@@ -246,16 +246,17 @@ def _place(
 
 def _lag(skew_s: float, sigma_s: float, refresh_s: float, *, moved: bool) -> Finding:
     """The verdict on the lag. Strips of a mask that moved may say nothing of it."""
-    if moved and not np.isfinite(skew_s):
+    known = bool(np.isfinite(skew_s))
+    if moved and not known:
         figure = Figure("mask.skew_s", skew_s, sigma_s, "s", "known", Verdict.DOUBTFUL)
         return Finding(figure, "it cannot be told while the mask lies elsewhere: check again then")
-    limits = GOOD_S, REFIT_S
-    return _graded("mask.skew_s", skew_s, sigma_s, "s", limits, _late(skew_s, refresh_s))
+    advice = _late(skew_s, refresh_s) if known else ""
+    return _graded("mask.skew_s", skew_s, sigma_s, "s", (GOOD_S, REFIT_S), advice)
 
 
 def _late(skew_s: float, refresh_s: float) -> str:
-    """What a changed lag means; of NaN, where no lag explains the strips, nothing more."""
-    refreshes = round(skew_s / refresh_s) if np.isfinite(skew_s) else 0
+    """What a changed lag means."""
+    refreshes = round(skew_s / refresh_s)
     if refreshes and abs(skew_s - refreshes * refresh_s) < 0.25 * refresh_s:
         return (
             f"the mask is {refreshes:+d} refresh(es) later: set display.mask_delay_refreshes, "

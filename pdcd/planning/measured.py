@@ -14,6 +14,7 @@ from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smalles
 from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.errors import ConfigError
 from pdcd.frames.windows import ATOMS, GUARDS, whole_pixels, windows
+from pdcd.maps.placing import Placing
 from pdcd.maps.scale import fewest_pixels
 from pdcd.planning.guards import (
     WHOLE_CELL_LIMIT,
@@ -23,7 +24,7 @@ from pdcd.planning.guards import (
     lag_rows,
     shares_of_cell,
 )
-from pdcd.probing.borders import by_maps, drawn_apart_px, drawn_apart_share
+from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
 from pdcd.words import ScheduleName
 
 MOST_LEAK = 0.005
@@ -69,7 +70,7 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
     misregistration, blur = shares_of_cell(config, cell_px)
     panels = panels_of(config)
     if asked == "auto":
-        if by_maps(config.projector, config.mask):
+        if _placed(config):
             apart_px = drawn_apart_px(panels.projector, panels.mask, grid, config.projector.size_px)
             misregistration = max(misregistration, apart_px / cell_px)
     elif not whole_pixels(asked, panels.mask, grid):
@@ -81,6 +82,12 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
             f"{ATOMS // math.gcd(GUARDS[asked], ATOMS)} of its pixels",
         )
     return choose_window(asked, misregistration, blur)
+
+
+def _placed(config: Config) -> bool:
+    """Whether a panel was said to lie otherwise than upright over the whole field. All others are
+    taken by what is typed of their misregistration, which whoever aligned them by hand knows."""
+    return any(panel.place != Placing() for panel in (config.projector, config.mask))
 
 
 def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
@@ -157,7 +164,7 @@ def reasons_for(
             told.append(
                 f"--window {larger} has {gain:.3g} times the light, and fits how the panels meet"
             )
-    if window == "whole" and by_maps(config.projector, config.mask):
+    if window == "whole" and _placed(config):
         panels = panels_of(config)
         apart = drawn_apart_share(panels.projector, panels.mask, grid)
         if apart > WHOLE_CELL_LIMIT:

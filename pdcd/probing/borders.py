@@ -12,10 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.tables import PanelConfig
 from pdcd.frames.panels import PanelView
 from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]
@@ -67,12 +65,6 @@ def drawn_apart_share(projector: PanelView, mask: PanelView, grid: Grid) -> floa
     points = np.outer(np.arange(PLACES), (PLASTIC, PLASTIC**2)) % 1.0
     first, second = (_cells(view.map, points, grid) for view in (projector, mask))
     return float(np.mean((first >= 0) & (second >= 0) & (first != second)))
-
-
-def by_maps(projector: PanelConfig, mask: PanelConfig) -> bool:
-    """Whether a panel was said to lie otherwise than upright over the whole field. All others are
-    taken by what is typed of their misregistration, which whoever aligned them by hand knows."""
-    return any(panel.place != Placing() for panel in (projector, mask))
 
 
 def _beside(axis: int, grid: Grid, size: Floats) -> tuple[Floats, Floats]:
