@@ -126,9 +126,10 @@ def capture(
     return engine.capture(asked, given, job=job, emit=lambda _: None, cancelled=lambda: False)
 
 
-def error_as_taken(folder: Path) -> float:
-    """RMS error of a run's answer over its truth, with all the direct light that got into it."""
-    record = msgspec.structs.replace(read_manifest(folder).run, unmixed=False)
+def cells_error(folder: Path, *, unmixed: bool = False) -> float:
+    """RMS error of a run's answer over its truth, both over the cells; with all the direct light
+    that got into it, or without what is known of that."""
+    record = msgspec.structs.replace(read_manifest(folder).run, unmixed=unmixed)
     image = Darkroom(folder, record).decoded().cell_means.image
     truth = pdcd.open(folder).truth
     assert truth is not None

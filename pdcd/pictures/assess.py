@@ -190,10 +190,8 @@ def _direct_left(
         return
     there, left = (thin.inside(thin.pick(p.image)) for p in (direct, decoded.answer))
     weight, drawn = abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo)
-    if drawn > 0.0:
-        yield from quality.direct_left(max(weight, drawn), there, left, taken_out=False)
-    else:
-        yield from quality.direct_left(weight, there, left, taken_out=record.unmixed)
+    taken_out = record.unmixed and drawn == 0.0
+    yield from quality.direct_left(max(weight, drawn), there, left, taken_out=taken_out)
 
 
 def _at_borders(decoded: Decoded, photo: Photo) -> float:
@@ -203,9 +201,8 @@ def _at_borders(decoded: Decoded, photo: Photo) -> float:
     than that, as wide as the panels are apart.
     """
     apart, cells = decoded.apart_in(photo), decoded.cells
-    (height, width), (rows, cols) = cells.frame, cells.grid
-    seen = np.count_nonzero(cells.known) / (height * width)
-    quad = float(np.sqrt(rows * cols / max(seen * height * width, 1.0)))
+    seen = max(int(np.count_nonzero(cells.known)), 1)
+    quad = float(np.sqrt(decoded.recipe.target.cells / seen))
     lines = max(min(2.0 * quad, 1.0), apart)
     return apart / float(np.sqrt(lines))
 

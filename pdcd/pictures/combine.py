@@ -136,7 +136,7 @@ def scaled_photos(
     """Every photo of a recipe divided by its weight; arguments as of `combine`."""
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
-    white: Picture | None = None
+    white = [photo.name for photo in recipe.photos if photo.wanted.uniform == (1.0, 1.0)]
     outside = None if cells.known.all() else ~cells.known
     for photo in recipe.photos:
         realised = realised_photo(photo.shots, shots)
@@ -145,16 +145,13 @@ def scaled_photos(
         taken = [(sign, shots[name]) for sign, name in photo.shots]
         more = None if added is None else added.get(photo.name)
         scaled[photo.name] = _scaled(taken, weights, more, outside)
-        if photo.wanted.uniform == (1.0, 1.0):
-            white = scaled[photo.name]
-        elif unmix and photo.wanted.uniform == (0.0, 1.0):
+        if unmix and white and photo.wanted.uniform == (0.0, 1.0):
             share = direct_share(realised, weights, cells)
             if share is not None:
                 direct[photo.name] = share
-    if white is not None:
-        for name, share in direct.items():
-            one = scaled[name]
-            scaled[name] = Picture(*unmixed(one.image, one.sigma, white.image, white.sigma, share))
+    for name, share in direct.items():
+        one, whole = scaled[name], scaled[white[-1]]
+        scaled[name] = Picture(*unmixed(one.image, one.sigma, whole.image, whole.sigma, share))
     return scaled
 
 

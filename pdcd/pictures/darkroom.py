@@ -190,7 +190,7 @@ class Darkroom:
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
         view = View.of(self._record, cells)
-        return Decoded(recipe, shots, pictures, cells, view, sums, _apart(self._record))
+        return Decoded(recipe, shots, pictures, cells, view, sums, self._apart())
 
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed], CellMap]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
@@ -259,6 +259,18 @@ class Darkroom:
         coarse = of_cells(picture, cells)
         code = measured(coarse, parts, by_chance=self._record.how.bars).code
         return barred(picture, shared_out(code, picture, coarse, cells), "measured")
+
+    def _apart(self) -> dict[str, float]:
+        """What `Decoded.apart` says."""
+        whole = [shot.name for shot in self._record.shots if shot.window == "whole"]
+        return dict.fromkeys(whole, self._drawn_apart) if whole else {}
+
+    @cached_property
+    def _drawn_apart(self) -> float:
+        """Share of the field in which the panels draw different cells: of all shots of the run."""
+        record = self._record
+        panels = panels_from(record.projector, record.mask)
+        return drawn_apart_share(panels.projector, panels.mask, record.grid)
 
     def _sums_up(self, shots: Mapping[str, Shown]) -> bool:
         """Whether all photos are there that the recipe's sums want."""
@@ -406,16 +418,6 @@ def _watched(chunks: Iterator[Factors], alive: Alive) -> Iterator[Factors]:
     for chunk in chunks:
         alive()
         yield chunk
-
-
-def _apart(record: RunRecord) -> dict[str, float]:
-    """What `Decoded.apart` says."""
-    whole = [shot.name for shot in record.shots if shot.window == "whole"]
-    if not whole:
-        return {}
-    panels = panels_from(record.projector, record.mask)
-    share = drawn_apart_share(panels.projector, panels.mask, record.grid)
-    return dict.fromkeys(whole, share)
 
 
 def _warped(picture: Barred, homography: Homography) -> Barred:
