@@ -228,6 +228,24 @@ def test_a_crash_in_the_raw_library_is_a_failure_of_the_job(
         engine.stop()
 
 
+@pytest.mark.timeout(20, method="thread")  # a wait without end could not be broken off otherwise
+def test_whoever_waits_for_a_silent_process_is_asked_all_the_time(engine: Engine) -> None:
+    child = Child(child_of(engine)._facts, FOREVER)
+    signs: list[float] = []
+
+    def alive() -> None:
+        signs.append(time.monotonic())
+        if len(signs) == 8:
+            raise Cancelled("nobody waits")
+
+    try:
+        with pytest.raises(Cancelled):
+            child.do(Watch(alive), Desk.plan, REQUEST, {}, None, None)
+    finally:
+        child.stop()
+    assert len(signs) == 8
+
+
 def test_a_process_that_was_started_before_is_taken(tmp_path: Path) -> None:
     """And bounded as one that the engine starts itself."""
     newborn = born()

@@ -192,6 +192,14 @@ def test_two_files_are_refused(bench: Bench) -> None:
     assert bench.nothing_was_kept()
 
 
+def test_of_two_files_the_one_that_is_not_whole_is_waited_for(bench: Bench) -> None:
+    bench.put("b.dng", dng(2))
+    bench.put("c.dng", dng(3)[:-1])
+    with pytest.raises(ExposureError, match="not whole after 3 s"):
+        bench.fetch(3.0)
+    assert bench.nothing_was_kept()
+
+
 def test_a_file_from_before_is_never_taken_even_if_it_changes(bench: Bench) -> None:
     bench.put("IMG_0001.DNG", dng(9))
     with pytest.raises(ExposureError, match="no RAW file"):

@@ -124,6 +124,13 @@ def test_reading_ends_when_nobody_waits_for_it(tmp_path: Path) -> None:
     os.close(descriptor)
 
 
+def test_a_folder_that_cannot_be_found_is_told_of_as_such(folder: Path) -> None:
+    (folder.parent / "round").symlink_to(folder.parent / "round")
+    for place in ("round", "none", "nul\0byte", "good.npy"):
+        with none_left_open(), pytest.raises(Unsound, match="cannot be opened"):
+            open_beneath(folder.parent / place, "good.npy", SELF)
+
+
 @pytest.mark.parametrize(
     "name",
     ["..", ".", "", "/", "sub/../good.npy", "/etc/passwd", "good.npy/", "//good.npy", "a\0b"],

@@ -201,6 +201,16 @@ def test_what_a_warp_matches_is_counted_alone_although_codes_are_shared() -> Non
     assert dense_recipe.error(realised, pi, transport()) < 0.5
 
 
+def test_of_two_matches_the_one_that_most_cells_have_gets_the_codes_with_partners() -> None:
+    """The other one has cells that see nothing of it, and they would want photos of their own."""
+    pi = matrix(lambda n, m: 1.0 - 0.5 * (WARP_B[n] == m) - (WARP[n] == m))
+    recipe, realised = dense_recipe.matrix_of(
+        dense_recipe.target(GRID, "relit", {"matrix": pi}), How(structure=True)
+    )
+    assert "unmatched" not in {photo.name for photo in recipe.photos}
+    assert dense_recipe.error(realised, pi, transport()) < 0.05
+
+
 def test_stripes_under_a_warp_keep_all_but_the_matched_cell() -> None:
     goal = dense_recipe.target(GRID, "split", {"warp": WARP_B.astype(float)}, period=4)
     recipe = recipe_of(goal, How())

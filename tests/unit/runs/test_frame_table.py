@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
+import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError
-from pdcd.frames.patterns import none
-from pdcd.runs.frame_table import COLUMNS, NAME, FrameTable, read_columns
+from pdcd.frames.frames import BLACK, FrameLog, Frames
+from pdcd.frames.patterns import none, pack
+from pdcd.runs.frame_table import COLUMNS, NAME, FrameTable, append_frames, read_columns
 from pdcd.runs.record import ShotRecord
 
 SHOT = ShotRecord(
@@ -26,6 +29,30 @@ def test_a_number_that_is_none_of_a_refresh(number: str, tmp_path: Path) -> None
         FrameTable(tmp_path).of(SHOT, (none(), none()), grid=(2, 3))
     with pytest.raises(DecodeError, match=NAME):
         read_columns(tmp_path / NAME)
+
+
+def test_a_delayed_mask_does_not_change_what_was_asked_of_the_panels(tmp_path: Path) -> None:
+    """The mask's rows begin and end a refresh later; those of the frames are the projector's."""
+    patterns = pack(np.eye(6, dtype=np.bool_)[:3])
+    asked = np.array([1, 0, 2], np.int32)
+    frames = Frames(
+        patterns, patterns, asked, asked[::-1].copy(), np.zeros(3, np.uint8),
+        np.array([0, 1, 2], np.int32), np.zeros(3, np.bool_), (2, 3), (2, 3), "whole",
+    )  # fmt: skip
+    rows = np.array([[0, 1, 2, BLACK], [BLACK, 0, 1, 2]], np.int32)
+    times = np.arange(4) * 16_000_000
+    log = FrameLog(
+        rows[0], rows[1], times, times + 5, np.array([64, 80]) * 1_000_000,
+        np.zeros(4, np.int32), "test", True, rows[0], rows[1], mask_delay=1,
+    )  # fmt: skip
+    append_frames(tmp_path / NAME, "coded", frames, log)
+    shot = msgspec.structs.replace(SHOT, refreshes=4)
+    back, shown = FrameTable(tmp_path).of(shot, (patterns, patterns), grid=(2, 3))
+    assert len(back) == 3
+    for name in ("primal_index", "dual_index", "shift", "code", "guard"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(frames, name))
+    for mine, its in zip(rows, shown.asked, strict=True):
+        np.testing.assert_array_equal(its, mine)
 
 
 def test_columns_of_whole_tables(tmp_path: Path) -> None:
