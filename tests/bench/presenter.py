@@ -42,6 +42,9 @@ WARP = Placing(turn_deg=2.0, scale=1.1, radial=(0.03, -0.01), tangential=(0.002,
 """Turned and distorted, and larger than the field."""
 SLOWEST_HZ = 40.0
 """What full size must reach under such a map."""
+ROUNDS = 5
+"""Times that the loop and the script take turns where they are compared: a machine may slow down
+from one minute to the next."""
 LONG_INTERVAL = 1.5
 """Refreshes from which an interval counts as missed where nobody counts vblanks."""
 
@@ -59,11 +62,12 @@ def section(*, quick: bool, folder: Path) -> Section:
             "Xorg's dummy driver and software rendering: no vblank, no graphics card. The plain "
             "script has one window for each output and uploads each pattern when it is due. Free "
             "running is as fast as it goes; paced is 60 Hz, by the server's made-up vblank, and by "
-            "sleeping in the script. Processor time is that of the loop's thread; late is from "
-            "the vblank, or the time that was due, to the beginning of the drawing. Missed are "
-            "vblanks without a new frame, in the script intervals of 1.5 refreshes or more. "
-            "Drawing is from its beginning until the frame is handed over, of the first refresh, "
-            "and of all others. Warped is turned, distorted, and larger than the field."
+            "sleeping in the script. Processor time is that of the loop's thread from one frame to "
+            "the next, with what waiting costs; late is from the vblank, or the time that was due, "
+            "to the beginning of the drawing. Missed are vblanks without a new frame, in the "
+            "script intervals of 1.5 refreshes or more. Drawing is from its beginning until the "
+            "frame is handed over, of the first refresh, and of all others. Where both are "
+            "measured they took turns. Warped is turned, distorted, and larger than the field."
         ),
         tables=tables,
         aims=aims,
@@ -80,24 +84,25 @@ def _measure(*, quick: bool) -> tuple[list[Table], list[Aim]]:
         with run(*FULL) as server:
             x11_rig.hurry(server)
             free, bent = (_with(c, time_source="free") for c in _configs(folder, server))
-            _add(table, "pdcd, full size, free running", measure(free, few))
-            _plain(table, server, "plain script, full size, free running", few, 0.0)
+            fastest, script = _in_turn(free, server, few, 0.0)
+            _add(table, "pdcd, full size, free running", fastest)
+            _add_script(table, "plain script, full size, free running", script, 0.0)
             warped = measure(bent, few)
             _add(table, "pdcd, full size, free running, warped", warped)
         with run(*QUARTER) as server:
             x11_rig.hurry(server)
             config, bent = _configs(folder, server)
-            fastest = measure(_with(config, time_source="free"), few)
+            fastest, script = _in_turn(_with(config, time_source="free"), server, frames, 0.0)
             _add(table, "pdcd, a quarter, free running", fastest)
-            script_hz, _ = _plain(table, server, "plain script, a quarter, free running", few, 0.0)
+            script_hz = _add_script(table, "plain script, a quarter, free running", script, 0.0)
             again = measure(_with(bent, time_source="free"), few)
             _add(table, "pdcd, a quarter, free running, warped", again)
-            paced = measure(config, frames)
+            paced, script = _in_turn(config, server, frames, 60.0)
             _add(table, "pdcd, a quarter, paced", paced)
-            _, script_s = _plain(table, server, "plain script, a quarter, paced", frames, 60.0)
+            _add_script(table, "plain script, a quarter, paced", script, 60.0)
             _add(table, "pdcd, a quarter, paced, warped", measure(bent, frames))
             uploads = _uploads(config)
-    ours_s = float(np.median(paced.cpu_s))
+    ours_s, script_s = (float(np.median(s)) for s in (paced.cpu_s, script["cpu_s"]))
     first = paced.first_draw_s / float(np.percentile(paced.draw_s, 99))
     aims = [
         Aim("refreshes missed on a quiet machine", "refreshes", float(paced.missed.sum()), 1.0),
@@ -145,25 +150,43 @@ def _add(table: Table, name: str, found: Timing) -> None:
     )
 
 
-def _plain(table: Table, server: XServer, name: str, frames: int, hz: float) -> tuple[float, float]:
-    """Run the script; its frames a second, and the median processor time of its loop."""
+def _in_turn(
+    config: Config, server: XServer, frames: int, hz: float
+) -> tuple[Timing, dict[str, NDArray[np.float64]]]:
+    """The loop's timing, and what the script tells of itself; `ROUNDS` times, frames of all."""
     sizes = [str(n) for n in (*server.projector_px, *server.mask_px)]
-    words = [sys.executable, "-m", "tests.bench.plain_display", str(frames), str(hz), *sizes]
-    done = subprocess.run(words, env=server.env(), capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout)
-    intervals_s = np.diff(found["stamps_s"])
+    each = frames // ROUNDS
+    words = [sys.executable, "-m", "tests.bench.plain_display", str(each), str(hz), *sizes]
+    ours, its = [], []
+    for _ in range(ROUNDS):
+        ours.append(measure(config, each))
+        done = subprocess.run(words, env=server.env(), capture_output=True, text=True, check=True)
+        its.append({name: np.array(told) for name, told in json.loads(done.stdout).items()})
+        its[-1]["interval_s"] = np.diff(its[-1].pop("stamps_s"))
+    interval_s, missed, late_s, draw_s, cpu_s = (
+        np.concatenate([getattr(one, name) for one in ours])
+        for name in ("interval_s", "missed", "late_s", "draw_s", "cpu_s")
+    )
+    first_s = max(one.first_draw_s for one in ours)
+    pooled = Timing(ours[0].ready, interval_s, missed, late_s, draw_s, cpu_s, first_s)
+    return pooled, {name: np.concatenate([one[name] for one in its]) for name in its[0]}
+
+
+def _add_script(table: Table, name: str, found: dict[str, NDArray[np.float64]], hz: float) -> float:
+    """A line of the table; frames a second."""
+    intervals_s = found["interval_s"]
     missed = np.rint(intervals_s * hz) - 1
     rate_hz = float(intervals_s.size / intervals_s.sum())
     table.add(
         name,
-        str(frames),
+        str(found["cpu_s"].size),
         f"{rate_hz:.1f}",
         _spread(found["cpu_s"]),
         "",
         _spread(found["late_s"]) if hz else "",
         str(int(missed[intervals_s * hz > LONG_INTERVAL].sum())) if hz else "",
     )
-    return rate_hz, float(np.median(found["cpu_s"]))
+    return rate_hz
 
 
 def _quantiles(values_s: Sequence[float] | NDArray[np.float64]) -> list[float]:
