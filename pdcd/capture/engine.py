@@ -14,7 +14,6 @@ from pdcd.bench.folders import state_dir
 from pdcd.bench.measured import FOLDER, calibrated
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.account import failure_of
-from pdcd.capture.calibrate import FOLDERS, CalibrationRun
 from pdcd.capture.job import Job, planning
 from pdcd.capture.previews import forget_old
 from pdcd.capture.rig import Rig
@@ -288,6 +287,8 @@ class Engine:
         bad is in use from then on. `proceed(text)` returns once somebody has done what the text
         asks; `emit` and `cancelled` are those of `capture`. A mock bench puts up its own card.
         """
+        from pdcd.capture.calibrate import FOLDERS, CalibrationRun  # no start waits for the steps
+
         rig = self._with_card()
         rig.pulse.heard_by = cancelled
         safe, folder = False, None

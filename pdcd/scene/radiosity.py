@@ -20,7 +20,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 from numpy.typing import NDArray
 
@@ -179,9 +178,9 @@ def closed_exchange(kernel: Array, area: Array, albedo: Array) -> Array:
     where a sum over bounces would need thousands of terms.
     """
     system = np.eye(len(area)) - kernel * (area * albedo)
-    exchange: Array = scipy.linalg.solve(system, kernel)
+    exchange = np.linalg.solve(system, kernel)
     # Symmetric in exact arithmetic; made so to the last bit for reversible paths.
-    return 0.5 * (exchange + exchange.T)
+    return np.asarray(0.5 * (exchange + exchange.T))
 
 
 def form_kernel(relief: Relief, shape: tuple[int, int]) -> Array:
