@@ -1,9 +1,10 @@
-"""Smooth maps at the points of a raster: exact for few points, by a spline for millions.
+"""Smooth maps at the points of a raster: exact for few points, by polynomials for millions.
 
 The inverse of a lens costs a microsecond a point, and a photo of twelve million samples has several
-of them. Over a frame such a map is smooth: a spline of the fifth order through some thousand nodes
-follows it. How closely is measured for each map, and one that it does not follow is computed point
-by point.
+of them. Over a frame such a map is smooth: polynomials of the seventh degree, each through the
+nodes about it, follow it. How closely is measured for each map, and one that they do not follow is
+computed point by point. Lagrange's form needs nothing but products, so neither a fit nor a library
+that takes longer to load than a small photo to compute.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ EXACT_POINTS = 1 << 18
 """Rasters of no more points are never interpolated."""
 NODES = (65, 129)
 """Nodes a side that are tried."""
-DEGREE = 5
+DEGREE = 7
 CLOSE = 1e-5
-"""Largest error of a spline, in units of what `place` returns, as far as it is looked at."""
+"""Largest error of the polynomials, in units of what `place` returns, as far as it is looked at."""
 PROBES = 2000
 
 
@@ -37,29 +38,30 @@ class Raster:
 
     def __init__(self, place: Place, x: Floats, y: Floats) -> None:
         self._place, self._x, self._y = place, x, y
-        self._spline: _Spline | None = None
+        self._fit: _Fit | None = None
         if x.size * y.size > EXACT_POINTS:
             found = (_fitted(place, x, y, nodes) for nodes in NODES)
-            self._spline = next((spline for spline in found if spline is not None), None)
+            self._fit = next((fit for fit in found if fit is not None), None)
 
     @property
     def exact(self) -> bool:
         """Whether every point is computed by the map itself."""
-        return self._spline is None
+        return self._fit is None
 
     def rows(self, start: int, stop: int) -> tuple[Floats, Floats]:
         """Where the points of some rows go: across and down, (stop - start, w) float64 each."""
-        if self._spline is None:
+        if self._fit is None:
             points = np.stack(np.meshgrid(self._x, self._y[start:stop]), axis=-1)
             places = self._place(points)
             return places[..., 0], places[..., 1]
-        return self._spline.rows(start, stop)
+        return self._fit.rows(start, stop)
 
 
 @dataclass(frozen=True)
-class _Spline:
-    """A fitted map: `down` (h, nodes) for the rows, in each of which the nodes from `first` (h,) on
-    take part, `DEGREE` + 1 of them; for each coordinate one matrix (nodes, w) for the columns."""
+class _Fit:
+    """A map by its nodes: `down` (h, nodes) for the rows, in each of which the nodes from `first`
+    (h,) on take part, `DEGREE` + 1 of them; for each coordinate one matrix (nodes, w) for the
+    columns."""
 
     down: Floats
     first: NDArray[np.intp]
@@ -73,30 +75,35 @@ class _Spline:
         return first, second
 
 
-def _fitted(place: Place, x: Floats, y: Floats, nodes: int) -> _Spline | None:
-    """The spline through so many nodes a side; None where the map is not that smooth."""
-    # A third of what a daemon and its work process load with scipy; small rasters need none of it.
-    from scipy.interpolate import BSpline, make_interp_spline
-
+def _fitted(place: Place, x: Floats, y: Floats, nodes: int) -> _Fit | None:
+    """By so many nodes a side; None where the map is not that smooth."""
     axes = [np.linspace(points[0], points[-1], nodes) for points in (x, y)]
     values = place(np.stack(np.meshgrid(*axes), axis=-1))
     if not np.isfinite(values).all():
         return None
-    knots = [make_interp_spline(axis, axis, k=DEGREE).t for axis in axes]
-    inner = make_interp_spline(axes[1], values, k=DEGREE).c
-    # The axis of a fit comes first in its coefficients.
-    whole = make_interp_spline(axes[0], inner, k=DEGREE, axis=1).c.transpose(1, 0, 2)
-    columns, down = (
-        BSpline.design_matrix(points, knots_of, DEGREE)
-        for points, knots_of in zip((x, y), knots, strict=True)
-    )
-    across = [np.ascontiguousarray((columns @ whole[..., part].T).T) for part in (0, 1)]
-    fitted = _Spline(down.toarray(), down.indices[down.indptr[:-1]].astype(np.intp), across)
+    (columns, _), (down, first) = (_weights(points, nodes) for points in (x, y))
+    across = [np.ascontiguousarray(values[..., part] @ columns.T) for part in (0, 1)]
+    fitted = _Fit(down, first, across)
     return fitted if _follows(place, x, y, fitted) else None
 
 
-def _follows(place: Place, x: Floats, y: Floats, fitted: _Spline) -> bool:
-    """Whether the spline is close to the map at some thousand points of the raster."""
+def _weights(points: Floats, nodes: int) -> tuple[Floats, NDArray[np.intp]]:
+    """Lagrange's weights of evenly spaced nodes at ascending points, (P, nodes), of which those
+    from the second one on, (P,), are not 0, `DEGREE` + 1 of them: those about the point."""
+    place = (points - points[0]) * ((nodes - 1) / (points[-1] - points[0]))
+    first = np.clip(np.floor(place).astype(np.intp) - DEGREE // 2, 0, nodes - DEGREE - 1)
+    window = np.arange(DEGREE + 1)
+    away = (place - first)[:, None] - window
+    found = np.zeros((len(points), nodes))
+    for node in window:
+        others = window != node
+        weight = np.prod(away[:, others] / (node - window[others]), axis=1)
+        found[np.arange(len(points)), first + node] = weight
+    return found, first
+
+
+def _follows(place: Place, x: Floats, y: Floats, fitted: _Fit) -> bool:
+    """Whether that is close to the map at some thousand points of the raster."""
     rng = np.random.default_rng(0)
     column, row = rng.integers(x.size, size=PROBES), rng.integers(y.size, size=PROBES)
     true = place(np.stack([x[column], y[row]], axis=-1))
