@@ -29,7 +29,7 @@ from pdcd.pictures.combine import (
 from pdcd.pictures.develop import warp
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.photos import corrected_photos
-from pdcd.pictures.quads import cell_means, of_cells, shared_out
+from pdcd.pictures.quads import cell_means, image_of_cells, of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.software import software_sums, summed_matrices
@@ -248,13 +248,15 @@ class Darkroom:
             sharp = learned.sharp if known and learned is not None else None
             bars = record.how.bars
             return modelled(recipe, shots, scaled, whole, cells, alive, sharp, by_row=bars)
-        parts: dict[str, list[Picture]] = {name: [] for name in whole}
+        parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in whole}
         for number in numbers:
             for name, part in pictures_of(recipe, photos(only_parts(recipe, {number}))).items():
-                parts[name].append(of_cells(part, cells))
+                parts[name].append(image_of_cells(part, cells))
         return {name: self._measured(p, parts[name], cells) for name, p in whole.items()}
 
-    def _measured(self, picture: Picture, parts: list[Picture], cells: CellMap) -> Barred:
+    def _measured(
+        self, picture: Picture, parts: list[NDArray[np.float64]], cells: CellMap
+    ) -> Barred:
         """A picture with the code error that its parts, as means of cells, show."""
         coarse = of_cells(picture, cells)
         code = measured(coarse, parts, by_chance=self._record.how.bars).code

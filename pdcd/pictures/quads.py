@@ -29,6 +29,12 @@ def of_cells(picture: Picture, cells: CellMap) -> Picture:
     return Picture(image.reshape(shape), sigma.reshape(shape))
 
 
+def image_of_cells(picture: Picture, cells: CellMap) -> Floats:
+    """The means of `of_cells` alone, which has half of the work."""
+    image, _ = _means(picture.image, _known(picture, cells), cells)
+    return image.reshape(*cells.grid, image.shape[1])
+
+
 def cell_means(picture: Barred, cells: CellMap) -> Barred:
     """The same of a picture with its whole error: (rows, cols, 3) float64 each.
 

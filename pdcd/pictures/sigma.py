@@ -46,8 +46,8 @@ class Barred(Picture):
     kind: Kind
 
 
-def measured(picture: Picture, parts: Sequence[Picture], *, by_chance: bool = False) -> Barred:
-    """A picture with the code error that the spread of its parts shows.
+def measured(picture: Picture, parts: Sequence[Floats], *, by_chance: bool = False) -> Barred:
+    """A picture with the code error that the spread of its parts, (h, w, 3) each, shows.
 
     The mean of B independent parts has 1/B of their variance. B is small, so that the variance of
     one pixel is itself uncertain; `_moderated` steadies it by its neighbours. What is left of the
@@ -60,8 +60,7 @@ def measured(picture: Picture, parts: Sequence[Picture], *, by_chance: bool = Fa
 
     A pixel saturated in any part keeps its infinite sigma.
     """
-    images = np.stack([part.image for part in parts])
-    variance = np.var(images, axis=0, ddof=1) / len(parts)
+    variance = np.var(np.stack(parts), axis=0, ddof=1) / len(parts)
     noise = np.where(np.isfinite(picture.sigma), picture.sigma, 0.0) ** 2
     code = np.empty_like(variance)
     for channel in range(variance.shape[-1]):

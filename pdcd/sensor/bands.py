@@ -34,6 +34,19 @@ def in_bands(rows: int, work: Callable[[slice], None]) -> None:
             pass
 
 
+def in_channels(image: NDArray[Any], work: Callable[[int], None]) -> None:
+    """Call `work` with the number of every channel of an image (h, w, C); they must not touch each
+    other's results. For what needs all rows at once, as sums over cells do."""
+    channels = range(image.shape[2])
+    if image.shape[0] <= THREADS * ROWS:
+        for channel in channels:
+            work(channel)
+        return
+    with ThreadPoolExecutor(THREADS) as pool:
+        for _ in pool.map(work, channels):
+            pass
+
+
 def banded(shape: tuple[int, ...], dtype: Any, make: OfRows) -> NDArray[Any]:
     """A frame (h, w, ...) whose bands `make` makes."""
     out = planar(shape, dtype)

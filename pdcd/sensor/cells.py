@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.maps.map import Map
-from pdcd.sensor.bands import OfRows, banded, planar
+from pdcd.sensor.bands import OfRows, banded, in_channels, planar
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -177,10 +177,13 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
         shares = _footprint(self, UNCUT)
         good = self.known if known is None else known & self.known
         area = (shares.area if known is None else shares.collect(good)).reshape(-1, 1)
-        out = np.empty((area.size, image.shape[2]))
-        for channel in range(image.shape[2]):
-            kept = image[..., channel] if good.all() else np.where(good, image[..., channel], 0.0)
+        out, whole = np.empty((area.size, image.shape[2])), bool(good.all())
+
+        def channel_of(channel: int) -> None:
+            kept = image[..., channel] if whole else np.where(good, image[..., channel], 0.0)
             out[:, channel] = shares.collect(kept, squares=squares).ravel()
+
+        in_channels(image, channel_of)
         if squares:
             np.sqrt(out, out=out)
         return np.divide(out, area, out=np.zeros_like(out), where=area > 0.0)
