@@ -175,7 +175,7 @@ class News:
                 with Client(self._socket, CONNECT_S) as client:
                     self._follow(client)
                 why = "the daemon went away"
-            except (PdcdError, ConnectionError, OSError) as err:
+            except (PdcdError, OSError) as err:
                 why = str(err)
             self._in_loop(self._gone, why)
             self._ended.wait(RETRY_S)

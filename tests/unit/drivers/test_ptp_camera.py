@@ -14,11 +14,15 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import usb.core
 
 from drivers.ptp.codes import ExposureMode, FocusMode
+from drivers.ptp.eos import EosCamera
 from drivers.ptp.keepalive import KeepAlive
 from drivers.virtual_camera import BULB_BODY, CABLE_BODY, RELEASE_BODY, PlainFilm, Script
 from pdcd.bench.devices import CameraSettings
@@ -379,6 +383,18 @@ def test_unplugged_for_good_everything_can_still_be_let_go(rig: PtpRig) -> None:
         rig.readout.arm(SETTINGS)
     rig.disconnect()
     rig.disconnect()
+
+
+def test_what_a_camera_says_when_nobody_holds_it_is_logged_but_no_fault_of_ours(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def camera(error: Exception) -> Any:
+        return SimpleNamespace(close=Mock(side_effect=error))
+
+    EosCamera.let_go(camera(DeviceLost("unplugged", device="camera")), "shutter")
+    assert "unplugged" in caplog.text
+    with pytest.raises(AttributeError):
+        EosCamera.let_go(camera(AttributeError("bulb")), "shutter")
 
 
 def test_the_options_choose_the_body(rig: PtpRig) -> None:
