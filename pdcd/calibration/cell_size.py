@@ -24,8 +24,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from pdcd.errors import CalibrationError
 
@@ -187,4 +187,4 @@ def _beyond(t: Floats, s: float) -> Floats:
         return np.maximum(-t, 0.0)
     at = t / s
     density = np.exp(-0.5 * at * at) / np.sqrt(2.0 * np.pi)
-    return np.asarray(s * density - t * ndtr(-at))
+    return np.asarray(s * density - t * scipy.special.ndtr(-at))

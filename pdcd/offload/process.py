@@ -8,6 +8,11 @@ import select
 import socket
 import time
 
+# Loaded elsewhere only when they are used: here nobody waits for them.
+import scipy.fft
+import scipy.ndimage
+import scipy.special  # noqa: F401
+
 from pdcd.errors import Cancelled, PdcdError
 from pdcd.offload.desk import Desk, Facts
 from pdcd.offload.limits import bound_memory

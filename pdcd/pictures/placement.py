@@ -19,8 +19,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pdcd.probing.realised import Factors
 
@@ -228,7 +228,7 @@ def _high(image: Floats) -> Floats:
 
 
 def _low(image: Floats, side: int) -> Floats:
-    smooth: Floats = ndimage.uniform_filter(image, side, mode="nearest")
+    smooth: Floats = scipy.ndimage.uniform_filter(image, side, mode="nearest")
     return smooth
 
 

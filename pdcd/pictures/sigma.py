@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy.special
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pdcd.pictures.combine import Errors, Picture
 from pdcd.sensor.bands import banded
@@ -78,7 +77,7 @@ def measured(picture: Picture, parts: Sequence[Floats], *, by_chance: bool = Fal
 
 def _strong_around(square: Floats) -> Floats:
     """Mean of squares (h, w) over each neighbourhood where it is above that of all; else 0."""
-    around: Floats = ndimage.uniform_filter(square, NEIGHBOURS_PX, mode="nearest")
+    around: Floats = scipy.ndimage.uniform_filter(square, NEIGHBOURS_PX, mode="nearest")
     return np.where(around > square.mean(), around, 0.0)
 
 
@@ -124,7 +123,7 @@ def _moderated(variance: Floats, freedom: int) -> tuple[Floats, float]:
     the logarithms; Smyth 2004.)
     """
     square = np.full((NEIGHBOURS_PX, NEIGHBOURS_PX), NEIGHBOURS_PX**-2.0)
-    pool = ndimage.convolve(variance, square, mode="nearest")
+    pool = scipy.ndimage.convolve(variance, square, mode="nearest")
     seen = (variance > 0.0) & (pool > 0.0)
     if not seen.any():
         return pool, np.inf

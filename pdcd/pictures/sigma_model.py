@@ -24,8 +24,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, realised_photo, sigma_of
 from pdcd.pictures.quads import of_cells, shared_out
@@ -152,16 +152,16 @@ def _light(image: Floats) -> Floats:
     """Mean square light of the eight cells around each, (rows, cols, C)."""
     light = np.empty_like(image)
     for channel in range(light.shape[-1]):
-        light[..., channel] = ndimage.convolve(image[..., channel] ** 2, RING, mode="nearest")
+        light[..., channel] = scipy.ndimage.convolve(image[..., channel] ** 2, RING, mode="nearest")
     return light
 
 
 def _around(image: Floats, white: Floats | None) -> Floats:
     """What the cells around lead one to expect, (rows, cols): of shares of `white` where that is
     lit."""
-    expected: Floats = ndimage.convolve(image, RING, mode="nearest")
+    expected: Floats = scipy.ndimage.convolve(image, RING, mode="nearest")
     if white is not None:
         lit = white > DARK * white.max()
         shares = np.divide(image, white, out=np.zeros_like(image), where=lit)
-        expected[lit] = (white * ndimage.convolve(shares, RING, mode="nearest"))[lit]
+        expected[lit] = (white * scipy.ndimage.convolve(shares, RING, mode="nearest"))[lit]
     return expected

@@ -18,9 +18,8 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 Floats = NDArray[np.float64]
 Spread = Callable[[Floats], Floats]
@@ -190,7 +189,7 @@ def _shares(
     # and its texture must not be taken for one.
     level = image + DARK * image.mean()
     lacking = -_detail(np.log(level), grid)
-    strength = ndimage.uniform_filter(lacking.reshape(grid) ** 2, AROUND).ravel()
+    strength = scipy.ndimage.uniform_filter(lacking.reshape(grid) ** 2, AROUND).ravel()
     floor = LEAST * float(strength.mean())
     if not floor > 0.0:
         return usual
@@ -203,7 +202,7 @@ def _shares(
 
 
 def _detail(image: Floats, grid: tuple[int, int]) -> Floats:
-    detail: Floats = ndimage.convolve(image.reshape(grid), DETAIL, mode="nearest").ravel()
+    detail: Floats = scipy.ndimage.convolve(image.reshape(grid), DETAIL, mode="nearest").ravel()
     return detail
 
 

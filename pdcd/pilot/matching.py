@@ -25,9 +25,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 import scipy.sparse
 from numpy.typing import NDArray
-from scipy import ndimage
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -334,7 +334,7 @@ def _map_prior(places: Floats, weight: Floats, sure: Floats, grid: Grid) -> Floa
     bell[REACH, REACH] = 0.0
 
     def around(of: Floats) -> Floats:
-        out: Floats = ndimage.convolve(of, bell, mode="constant").ravel()
+        out: Floats = scipy.ndimage.convolve(of, bell, mode="constant").ravel()
         return out
 
     # Moments about each cell: coordinates relative to it, from sums of absolute ones.
@@ -379,7 +379,7 @@ def _local(values: Floats, width: float, grid: Grid, least: Floats) -> tuple[Flo
     """Mean and variance of values (N,) around each cell; the variance is `least` (N,) or more."""
 
     def mean(of: Floats, sigma: float) -> Floats:
-        out: Floats = ndimage.gaussian_filter(of.reshape(grid), sigma).ravel()
+        out: Floats = scipy.ndimage.gaussian_filter(of.reshape(grid), sigma).ravel()
         return out
 
     middle = mean(values, width)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.ndimage
+import scipy
 
 from pdcd.pilot.signs import Bools, Floats, check_photos, direct_light, projections, signs
 

@@ -18,8 +18,8 @@ from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from pdcd.frames.lattice import Lattice, Piece
 
@@ -77,7 +77,7 @@ class Blur:
             if sigma == 0.0:
                 return np.maximum(t, 0.0)
             density = np.exp(-0.5 * (t / sigma) ** 2) / np.sqrt(2.0 * np.pi)
-            return np.asarray(t * ndtr(t / sigma) + sigma * density)
+            return np.asarray(t * scipy.special.ndtr(t / sigma) + sigma * density)
 
         first, last = lit[:, None], lit[:, None] + 1.0 / halves
         found = both(high - first) - both(low - first) - both(high - last) + both(low - last)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from pdcd.scene.effects import Array, Tinted, sum_of_products
 
@@ -58,14 +58,14 @@ class Kernel(Tinted):
     @cached_property
     def _spectrum(self) -> NDArray[np.complex128]:
         """Fourier transform of the kernel at the padded size."""
-        spectrum: NDArray[np.complex128] = fft.rfft2(self.kernel, s=self._padded)
+        spectrum: NDArray[np.complex128] = scipy.fft.rfft2(self.kernel, s=self._padded)
         return spectrum
 
     @cached_property
     def _padded(self) -> tuple[int, int]:
         """Size at which a circular convolution no longer wraps onto the grid."""
         sizes = [g + k - 1 for g, k in zip(self.grid, self.kernel.shape, strict=True)]
-        return (fft.next_fast_len(sizes[0], True), fft.next_fast_len(sizes[1], True))
+        return (scipy.fft.next_fast_len(sizes[0], True), scipy.fft.next_fast_len(sizes[1], True))
 
     def _spread(self, images: Array) -> Array:
         """Convolve each of `images` (B, rows, cols) with the kernel."""
@@ -74,8 +74,8 @@ class Kernel(Tinted):
             return np.sum(terms, axis=0) if len(terms) > 1 else terms[0]
         rows, cols = self.grid
         first, second = self.kernel.shape[0] // 2, self.kernel.shape[1] // 2
-        product = fft.rfft2(images, s=self._padded) * self._spectrum
-        whole: Array = fft.irfft2(product, s=self._padded)
+        product = scipy.fft.rfft2(images, s=self._padded) * self._spectrum
+        whole: Array = scipy.fft.irfft2(product, s=self._padded)
         return whole[:, first : first + rows, second : second + cols]
 
     def apply(self, light: Array) -> Array:

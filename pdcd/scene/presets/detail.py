@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from pdcd.scene.effects import Array
 from pdcd.scene.presets import letters
@@ -67,7 +67,7 @@ def inked(image: Array, ink: NDArray[np.float32], colour: Sequence[float]) -> No
 def pressed(page: letters.Coverage) -> Array:
     """Return factors, `DETAIL`, that show a page without a change in the means of cells: letters
     are brighter than their ground, and the ground around them is darker."""
-    near = uniform_filter(page.astype(np.float64), AROUND)
+    near = scipy.ndimage.uniform_filter(page.astype(np.float64), AROUND)
     factors: Array = 1.0 + STRENGTH * (page - near)
     return factors
 
