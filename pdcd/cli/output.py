@@ -44,14 +44,17 @@ SUMMARY: tuple[tuple[str, str, Callable[[Value], str]], ...] = (
 
 
 def say(text: str) -> None:
-    """Print one result line; what cannot be seen in it is escaped, for others wrote much of it."""
+    """Print one result line, at once also into a pipe: the command may go on for hours.
+
+    What cannot be seen in it is escaped, for others wrote much of it.
+    """
     sys.stdout.write(one_line(text) + "\n")
+    sys.stdout.flush()
 
 
 def say_json(value: object) -> None:
-    """Print a wire object on one line and hand it on at once."""
+    """Print a wire object on one line."""
     say(msgspec.json.encode(value).decode())
-    sys.stdout.flush()
 
 
 def say_compared(report: object, items: Iterable[tuple[str, bool]], *, as_json: bool) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -29,12 +30,16 @@ def test_without_the_extra_it_says_what_to_install(
     assert "pdcd[web]" in capsys.readouterr().err
 
 
+@pytest.mark.timeout(90)
 def test_the_address_is_good_until_it_was_opened(tmp_path: Path) -> None:
     command = [
         sys.executable, "-m", "pdcd", "web", "--port", "0", "--socket", str(tmp_path / "none"),
         "--state-dir", str(tmp_path),
     ]  # fmt: skip
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    # As where nobody asked Python to hand on at once what is printed into a pipe.
+    environ = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, env=environ) as process:
         try:
             assert process.stdout is not None and process.stderr is not None
             address = process.stdout.readline().decode().strip()
