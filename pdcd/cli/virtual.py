@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 from pdcd.bench.registry import own_module
 from pdcd.cli.exits import DONE
@@ -19,13 +18,8 @@ def virtual_camera(args: argparse.Namespace) -> int:
         raise ConfigError(f"--port {args.port} is not between 0 and {MOST_PORT}")
     # By name, as it loads drivers: pdcd imports none of them.
     command = own_module("virtual_camera.command")
-
-    def say_now(line: str) -> None:
-        say(line)
-        sys.stdout.flush()  # it runs on: whoever reads a pipe must not wait for its end
-
     try:
-        command.serve(args.port, scene=args.scene, small=args.small, say=say_now)
+        command.serve(args.port, scene=args.scene, small=args.small, say=say)
     except KeyboardInterrupt:
         return DONE  # that is how it ends
     return DONE
