@@ -343,26 +343,53 @@ def failed_result(job: Job, error: Exception) -> CaptureResult:
 
 
 class Coalescer:
-    """Thins events to one in `interval_ns`; of those held back the newest wins."""
+    """Thins events to one in `interval_ns`; of those held back the newest wins.
+
+    The thread that captures offers them. Where nothing follows what is held, a timer of the event
+    loop sends it: it is asked for by `wants_timer`, asks `due`, and starts again while `timed`.
+    """
 
     def __init__(self, interval_ns: int = PROGRESS_INTERVAL_NS) -> None:
         self._interval_ns = interval_ns
         self._last_ns: int | None = None
         self._held: tuple[int, Event] | None = None
+        self.timed = False
+        self._lock = threading.Lock()
 
     def offer(self, now_ns: int, event: Event) -> Event | None:
         """The event if it may go out now; else it is held and None is returned."""
-        if self._last_ns is not None and now_ns - self._last_ns < self._interval_ns:
-            self._held = (now_ns, event)
-            return None
-        self._last_ns = now_ns
-        self._held = None
-        return event
+        with self._lock:
+            if self._last_ns is not None and now_ns - self._last_ns < self._interval_ns:
+                self._held = (now_ns, event)
+                return None
+            self._last_ns = now_ns
+            self._held = None
+            return event
+
+    def wants_timer(self) -> bool:
+        """Whether something is held and no timer runs; the caller then starts one."""
+        with self._lock:
+            wanted = self._held is not None and not self.timed
+            self.timed = self.timed or wanted
+            return wanted
+
+    def due(self, now_ns: int) -> tuple[int, Event] | None:
+        """Time and event of what is held and may go out by now."""
+        with self._lock:
+            early = self._last_ns is not None and now_ns - self._last_ns < self._interval_ns
+            if self._held is not None and early:
+                return None
+            self.timed = False
+            held, self._held = self._held, None
+            if held is not None:
+                self._last_ns = now_ns
+            return held
 
     def flush(self) -> tuple[int, Event] | None:
         """Time and event of what is held, to go out before any other event; None if nothing."""
-        held, self._held = self._held, None
-        return held
+        with self._lock:
+            held, self._held = self._held, None
+            return held
 
 
 def _utc_now() -> str:

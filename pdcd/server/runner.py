@@ -18,6 +18,7 @@ from pdcd.runs.place import Place
 from pdcd.runs.views import Preview
 from pdcd.server.jobs import (
     ENDED,
+    PROGRESS_INTERVAL_NS,
     Answer,
     Coalescer,
     EngineLike,
@@ -200,6 +201,7 @@ class Runner:
     ) -> tuple[CaptureResult, Answer | None]:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
         thinned = Coalescer()
+        late_s = PROGRESS_INTERVAL_NS * 1e-9
 
         def tell(t_ns: int, event: Event) -> None:
             loop.call_soon_threadsafe(self._tell, job, t_ns, event)
@@ -208,6 +210,14 @@ class Runner:
             held = thinned.flush()
             if held is not None:
                 tell(*held)
+
+        def told_late() -> None:
+            """In the loop: nothing followed what was held, for the rig waits, or hangs."""
+            held = thinned.due(time.monotonic_ns())
+            if held is not None:
+                self._tell(job, *held)
+            elif thinned.timed:
+                loop.call_later(late_s, told_late)
 
         def emit(event: Event) -> None:
             self._worker.beat()
@@ -222,6 +232,8 @@ class Runner:
                 tell(now_ns, event)
             elif thinned.offer(now_ns, event) is not None:
                 tell(now_ns, event)
+            elif thinned.wants_timer():
+                loop.call_soon_threadsafe(loop.call_later, late_s, told_late)
 
         def cancelled() -> bool:
             self._worker.beat()

@@ -149,6 +149,20 @@ def test_progress_is_thinned_to_the_interval_and_the_newest_wins() -> None:
     assert thin.flush() is None
 
 
+def test_what_is_held_goes_out_by_a_timer_and_no_sooner_than_others() -> None:
+    thin = Coalescer(interval_ns=100)
+    assert not thin.wants_timer()
+    thin.offer(0, frame(0))
+    thin.offer(50, frame(1))
+    assert thin.wants_timer() and not thin.wants_timer()
+    assert thin.due(99) is None and thin.timed
+    assert thin.due(100) == (50, frame(1)) and not thin.timed
+    assert thin.offer(150, frame(2)) is None  # one has just gone out
+    assert thin.wants_timer()
+    assert thin.offer(200, frame(3)) == frame(3)
+    assert thin.due(201) is None and not thin.timed
+
+
 def test_nothing_is_held_after_progress_that_passed() -> None:
     thin = Coalescer(interval_ns=100)
     thin.offer(0, frame(0))
