@@ -208,6 +208,17 @@ def test_cells_of_two_pixels(tmp_path: Path, x_quarter: XServer) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_512_by_384_cells_on_full_panels(tmp_path: Path, x_full: XServer, window: str) -> None:
+    """The mask turned and bent, the projector in place: two of its pixels to a cell."""
+    frames = random_frames((384, 512), window, 5)
+    with shown(tmp_path, x_full, places={"mask": BENT["mask"]}) as (display, screen):
+        for row in range(3):
+            display.show(only(frames, row))
+            assert screen.mismatches(frames, row) == 0, row
+
+
+@pytest.mark.long
 def test_pictures_of_a_panels_own_pixels(tmp_path: Path, x_quarter: XServer) -> None:
     """Wherever it lies; white is every pixel of it."""
     rng = np.random.default_rng(6)
