@@ -6,13 +6,14 @@ the kernel must fetch and clear first: on a large frame that costs more than the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+Piece = TypeVar("Piece")
 OfRows = Callable[[slice], NDArray[Any]]
 """Makes some rows of a frame."""
 
@@ -25,25 +26,23 @@ THREADS = 2
 def in_bands(rows: int, work: Callable[[slice], None]) -> None:
     """Call `work` with every band of a frame of so many rows; bands must not touch each other."""
     bands = [slice(start, min(start + ROWS, rows)) for start in range(0, rows, ROWS)]
-    if len(bands) <= THREADS:
-        for band in bands:
-            work(band)
-        return
-    with ThreadPoolExecutor(THREADS) as pool:
-        for _ in pool.map(work, bands):
-            pass
+    _each(bands, work, rows)
 
 
 def in_channels(image: NDArray[Any], work: Callable[[int], None]) -> None:
     """Call `work` with the number of every channel of an image (h, w, C); they must not touch each
     other's results. For what needs all rows at once, as sums over cells do."""
-    channels = range(image.shape[2])
-    if image.shape[0] <= THREADS * ROWS:
-        for channel in channels:
-            work(channel)
+    _each(range(image.shape[2]), work, image.shape[0])
+
+
+def _each(pieces: Iterable[Piece], work: Callable[[Piece], None], rows: int) -> None:
+    """Call `work` with every piece of a frame of so many rows, on two cores where it is large."""
+    if rows <= THREADS * ROWS:
+        for piece in pieces:
+            work(piece)
         return
     with ThreadPoolExecutor(THREADS) as pool:
-        for _ in pool.map(work, channels):
+        for _ in pool.map(work, pieces):
             pass
 
 

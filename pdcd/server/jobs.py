@@ -359,7 +359,7 @@ class Coalescer:
     def offer(self, now_ns: int, event: Event) -> Event | None:
         """The event if it may go out now; else it is held and None is returned."""
         with self._lock:
-            if self._last_ns is not None and now_ns - self._last_ns < self._interval_ns:
+            if self._early(now_ns):
                 self._held = (now_ns, event)
                 return None
             self._last_ns = now_ns
@@ -376,8 +376,7 @@ class Coalescer:
     def due(self, now_ns: int) -> tuple[int, Event] | None:
         """Time and event of what is held and may go out by now."""
         with self._lock:
-            early = self._last_ns is not None and now_ns - self._last_ns < self._interval_ns
-            if self._held is not None and early:
+            if self._held is not None and self._early(now_ns):
                 return None
             self.timed = False
             held, self._held = self._held, None
@@ -390,6 +389,9 @@ class Coalescer:
         with self._lock:
             held, self._held = self._held, None
             return held
+
+    def _early(self, now_ns: int) -> bool:
+        return self._last_ns is not None and now_ns - self._last_ns < self._interval_ns
 
 
 def _utc_now() -> str:
