@@ -98,8 +98,9 @@ class Seen:
 def photo_of(raw: RawFrame, profile: SensorProfile, iso: int) -> Photo:
     """A decoded photo as its quads in DN, variances by the sensor's noise model. Raises ConfigError
     when the profile has no such ISO."""
-    variance = rgb_variance(raw.planes, profile, iso, raw.exposure_s)
-    return Photo(to_rgb(raw.planes), np.asarray(variance, np.float64), raw.saturated)
+    signal = raw.planes
+    variance = rgb_variance(signal, profile, iso, raw.exposure_s)
+    return Photo(to_rgb(signal), np.asarray(variance, np.float64), raw.saturated)
 
 
 def block_means(values: Floats, side: int = BLOCK_QUADS) -> Floats:

@@ -153,6 +153,7 @@ def record_of(
         white_patch=request.white_patch,
         scouted=plan.unasked,
         unmixed=True,
+        parts_by_cell=True,
     )
 
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from pdcd.pictures import quality
 from pdcd.pictures.answer_error import error_of, negative_light
-from pdcd.pictures.combine import Exposed
 from pdcd.pictures.darkroom import Decoded
+from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_fingerprints
 from pdcd.pictures.quality import Finding
 from pdcd.probing.deviation import Deviation
@@ -67,9 +67,26 @@ class Thinned:
 
     def pick(self, image: NDArray[Any]) -> Floats:
         """(h, w, C) -> (n, C)."""
-        first = self.step // 2
-        some = image[first :: self.step, first :: self.step]
-        return np.asarray(some, dtype=np.float64).reshape(-1, image.shape[2])
+        return self._flat(image[self._each, self._each])
+
+    def light(self, shot: Exposed) -> Floats:
+        """(n, C), light of a shot."""
+        return self._flat(shot.light_at(self._each, self._each))
+
+    def variance(self, shot: Exposed) -> Floats:
+        """(n, C), its variance."""
+        return self._flat(shot.variance_at(self._each, self._each))
+
+    def blown(self, shot: Exposed) -> NDArray[np.bool_]:
+        """(n,), where it is saturated."""
+        return shot.saturated[self._each, self._each].ravel()
+
+    def _flat(self, some: NDArray[Any]) -> Floats:
+        return np.asarray(some, dtype=np.float64).reshape(self.cell.size, -1)
+
+    @property
+    def _each(self) -> slice:
+        return slice(self.step // 2, None, self.step)
 
     def inside(self, values: Floats) -> Floats:
         """Those of the field."""
@@ -210,7 +227,7 @@ def _at_borders(decoded: Decoded, photo: Photo) -> float:
 def _light(names: Iterable[str], decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
     for name in _some(list(names)):
         shot = decoded.shots[name]
-        light, variance = thin.pick(shot.light), thin.pick(shot.variance)
+        light, variance = thin.light(shot), thin.variance(shot)
         yield from quality.light_of(name, thin.inside(light), thin.inside(variance))
         grey = light.mean(axis=1)
         yield from quality.outside_field(name, thin.inside(grey), thin.outside(grey))
@@ -230,7 +247,7 @@ def _stray(
         if not planned[name].primal_black or planned[name].dual_black or base not in decoded.shots:
             continue
         black, lit = decoded.shots[name], decoded.shots[base]
-        dark, bright = (float(thin.inside(thin.pick(s.light)).mean()) for s in (black, lit))
+        dark, bright = (float(thin.inside(thin.light(s)).mean()) for s in (black, lit))
         through = lit.realised.total_s
         leak = black.realised.total_s / through if through > 0.0 else 0.0
         yield from quality.stray_light(name, dark, bright, leak)
@@ -278,8 +295,8 @@ def _samples(photo: Photo, decoded: Decoded, thin: Thinned) -> list[Sample]:
 
 def _sample(terms: list[tuple[float, str]], decoded: Decoded, thin: Thinned) -> Sample:
     shots: list[tuple[float, Exposed]] = [(sign, decoded.shots[name]) for sign, name in terms]
-    grey = sum((s * thin.pick(e.light).mean(axis=1) for s, e in shots), np.zeros(len(thin.cell)))
-    blown = np.logical_or.reduce([thin.pick(e.saturated[..., None])[:, 0] > 0.0 for _, e in shots])
+    grey = sum((s * thin.light(e).mean(axis=1) for s, e in shots), np.zeros(len(thin.cell)))
+    blown = np.logical_or.reduce([thin.blown(e) for _, e in shots])
     realised: Factors = signed_sum((sign, shot.realised) for sign, shot in shots)
     return Sample(thin.mean(grey, blown), realised)
 

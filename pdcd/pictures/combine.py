@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.pictures.exposed import Errors, Exposed
 from pdcd.pictures.unmixed import direct_share, unmixed
 from pdcd.pictures.weights import (
     Bools,
@@ -27,7 +28,6 @@ from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
 __all__ = [
-    "LARGE_QUADS",
     "Errors",
     "Exposed",
     "Floats",
@@ -45,40 +45,12 @@ __all__ = [
 
 _F = TypeVar("_F", np.float64, np.floating)
 
-LARGE_QUADS = 2**18
-"""Quads from which error bars are held in single precision."""
-
-Errors = NDArray[np.floating]
-"""Error bars: float64, or float32 where a frame is large."""
-
 
 @dataclass(frozen=True)
 class Matrix:
     """What the panels did in a shot whose light nobody asked for."""
 
     realised: Factors
-    missed: int = 0
-
-
-@dataclass(frozen=True)
-class Exposed:
-    """A developed shot.
-
-    light : (h, w, 3) float64
-        Scene units times seconds, signed.
-    variance : (h, w, 3) float64, or float32 where the frame is large
-        Its variance by the sensor model.
-    saturated : (h, w) bool
-    realised : the probing matrix that the panels really gave it.
-    exif : what its RAW file says of itself.
-    missed : refreshes that came late or never, where that left codes with unequal light.
-    """
-
-    light: Floats
-    variance: Errors
-    saturated: Bools
-    realised: Factors
-    exif: dict[str, object]
     missed: int = 0
 
 
@@ -163,12 +135,12 @@ def _scaled(
 ) -> Picture:
     """A signed sum of shots over its weight, `more` added; unknown `outside` the field."""
     first = taken[0][1]
-    image = planar(first.light.shape)
-    sigma = planar(first.variance.shape, first.variance.dtype)
+    shape = *first.saturated.shape, 3
+    image, sigma = planar(shape), planar(shape, first.variance_at(slice(0, 1)).dtype)
 
     def band(rows: slice) -> None:
         weight = weights.quads_s[rows, :, None] if weights.quads_s.ndim else weights.quads_s
-        error = np.sqrt(_sum((1.0, shot.variance[rows]) for _, shot in taken))
+        error = np.sqrt(_sum((1.0, shot.variance_at(rows)) for _, shot in taken))
         error /= weight.astype(error.dtype)
         unknown = np.logical_or.reduce([shot.saturated[rows] for _, shot in taken])
         for lost in (weights.blind, outside):
@@ -176,7 +148,7 @@ def _scaled(
                 unknown |= lost[rows]
         np.copyto(error, np.inf, where=unknown[..., None])
         sigma[rows] = error
-        light = _sum((sign, shot.light[rows]) for sign, shot in taken) / weight
+        light = _sum((sign, shot.light_at(rows)) for sign, shot in taken) / weight
         if more is not None:
             light += more[rows]
         if outside is not None:

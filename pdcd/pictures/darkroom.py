@@ -17,19 +17,13 @@ from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.frames.patterns import Patterns, none
 from pdcd.maps.placing import placed
-from pdcd.pictures.combine import (
-    LARGE_QUADS,
-    Exposed,
-    Matrix,
-    Picture,
-    Shown,
-    pictures_of,
-    realised_photo,
-)
+from pdcd.pictures.combine import Matrix, Picture, Shown, pictures_of, realised_photo
 from pdcd.pictures.develop import warp
+from pdcd.pictures.exposed import Exposed, Negative
 from pdcd.pictures.learn import Learned, learn
+from pdcd.pictures.parted import part_images
 from pdcd.pictures.photos import corrected_photos
-from pdcd.pictures.quads import cell_means, image_of_cells, of_cells, shared_out
+from pdcd.pictures.quads import cell_means, of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred, measured
 from pdcd.pictures.sigma_model import modelled
 from pdcd.pictures.software import software_sums, summed_matrices
@@ -41,13 +35,12 @@ from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.arrays import target_with
 from pdcd.recipes.make import recipe_of
-from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers, taken_parts
+from pdcd.recipes.parts import FEWEST_PARTS, part_numbers, taken_parts
 from pdcd.recipes.possible import possible
 from pdcd.recipes.recipe import Photo, Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import RunRecord, ShotRecord
-from pdcd.sensor.bands import banded
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
 
@@ -212,8 +205,9 @@ class Darkroom:
             self._folder / raw, sha256=sha256, saturation_dn=profile.saturation_dn(iso)
         )
         factors = self._to_units(iso, f_number)
-        variance = rgb_variance(frame.planes, profile, iso, exposure_s, factors, np.float64)
-        return to_rgb(frame.planes, factors), variance
+        signal = frame.planes
+        variance = rgb_variance(signal, profile, iso, exposure_s, factors, np.float64)
+        return to_rgb(signal, factors), variance
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""
@@ -228,7 +222,9 @@ class Darkroom:
         # Of a run that was interrupted the pilot may be incomplete; then there is no coded photo.
         learned = None if recipe.coded is None else self.learned()
 
-        def photos(part: Recipe) -> dict[str, Picture]:
+        def photos(
+            part: Recipe, shots: Mapping[str, Exposed], cells: CellMap
+        ) -> dict[str, Picture]:
             return corrected_photos(
                 part,
                 shots,
@@ -240,18 +236,14 @@ class Darkroom:
                 alive=alive,
             )
 
-        scaled = photos(recipe)
+        scaled = photos(recipe, shots, cells)
         whole = pictures_of(recipe, scaled)
-        numbers = part_numbers(recipe)
-        if len(numbers) < FEWEST_PARTS:
+        if len(part_numbers(recipe)) < FEWEST_PARTS:
             known = learned is not None and record.scouted
             sharp = learned.sharp if known and learned is not None else None
             bars = record.how.bars
             return modelled(recipe, shots, scaled, whole, cells, alive, sharp, by_row=bars)
-        parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in whole}
-        for number in numbers:
-            for name, part in pictures_of(recipe, photos(only_parts(recipe, {number}))).items():
-                parts[name].append(image_of_cells(part, cells))
+        parts = part_images(recipe, shots, cells, photos, by_cell=record.parts_by_cell)
         return {name: self._measured(p, parts[name], cells) for name, p in whole.items()}
 
     def _measured(
@@ -334,7 +326,7 @@ class Darkroom:
         return dict(self._exposed)
 
     def _develop(self, shot: ShotRecord, alive: Alive) -> Exposed:
-        """Light of a shot in scene units times seconds, out of its RAW file."""
+        """A shot out of its RAW file, and what the panels did in it."""
         profile = self._record.profile
         with ThreadPoolExecutor(1) as pool:
             reading = pool.submit(
@@ -349,23 +341,7 @@ class Darkroom:
         self._check(shot, raw)
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
         factors = self._to_units(shot.iso, shot.f_number) / _level(shot)
-        large = raw.saturated.size >= LARGE_QUADS
-        single = np.float32 if large else np.float64
-        shape, planes = (*raw.frame, 3), raw.planes
-        return Exposed(
-            light=banded(shape, np.float64, lambda rows: to_rgb(planes[:, rows], factors)),
-            variance=banded(
-                shape,
-                single,
-                lambda rows: rgb_variance(
-                    planes[:, rows], profile, shot.iso, exposure_s, factors, single
-                ),
-            ),
-            saturated=raw.saturated,
-            realised=shown.realised,
-            exif=raw.exif(),
-            missed=shown.missed,
-        )
+        return Negative(raw, profile, shot.iso, exposure_s, factors, shown.realised, shown.missed)
 
     def _check(self, shot: ShotRecord, raw: RawFrame) -> None:
         """Note what the first photo is like, and refuse others that are not. Raises DecodeError."""

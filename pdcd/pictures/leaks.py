@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.combine import Exposed, realised_photo
+from pdcd.pictures.combine import realised_photo
+from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.weights import cell_weights_s, divided_by_row
 from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule
 from pdcd.sensor.cells import CellMap

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pdcd.pictures.combine import Exposed
+from pdcd.pictures.exposed import Exposed
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
 from pdcd.pilot.sharp_light import sharp_squares

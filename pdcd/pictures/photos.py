@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from pdcd.pictures.combine import Exposed, Floats, Picture, realised_photo, scaled_photos
+from pdcd.pictures.combine import Floats, Picture, realised_photo, scaled_photos
+from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned, corrections
 from pdcd.pictures.smoothed import smoothed
 from pdcd.pictures.weights import brought

@@ -22,7 +22,7 @@ def of_cells(picture: Picture, cells: CellMap) -> Picture:
     see it, as they were measured. Cells that no quad sees are 0.
     """
     known = _known(picture, cells)
-    image, sure = _means(picture.image, known, cells)
+    image, sure = means(picture.image, known, cells)
     sigma = cells.error_of_mean(picture.sigma**2, known)
     sigma[~sure] = np.inf
     shape = *cells.grid, image.shape[1]
@@ -31,7 +31,7 @@ def of_cells(picture: Picture, cells: CellMap) -> Picture:
 
 def image_of_cells(picture: Picture, cells: CellMap) -> Floats:
     """The means of `of_cells` alone, which has half of the work."""
-    image, _ = _means(picture.image, _known(picture, cells), cells)
+    image, _ = means(picture.image, _known(picture, cells), cells)
     return image.reshape(*cells.grid, image.shape[1])
 
 
@@ -42,7 +42,7 @@ def cell_means(picture: Barred, cells: CellMap) -> Barred:
     it.
     """
     coarse = of_cells(Picture(picture.image, picture.sensor), cells)
-    code, _ = _means(picture.code, _known(picture, cells), cells)
+    code, _ = means(picture.code, _known(picture, cells), cells)
     code = code.reshape(coarse.image.shape)
     sigma = np.hypot(coarse.sigma, code)
     return Barred(coarse.image, sigma, coarse.sigma, code, picture.kind)
@@ -68,20 +68,23 @@ def shared_out(error: Errors, picture: Picture, coarse: Picture, cells: CellMap)
     return out
 
 
+def means(
+    image: NDArray[np.floating], known: NDArray[np.bool_] | None, cells: CellMap
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Means of an image (h, w, C) over cells, (N, C), and which cells are known (N,).
+
+    known : (h, w), quads that count where enough of a cell is left; None for all of the field.
+    """
+    sure = cells.seen(known)
+    mean = cells.mean(image, known)
+    if not sure.all():
+        mean[~sure] = cells.mean(image)[~sure]
+    return mean, sure
+
+
 def _known(picture: Picture, cells: CellMap) -> NDArray[np.bool_] | None:
     """(h, w), quads known in all channels; None where these are all that the field has."""
     known = np.isfinite(picture.sigma[..., 0])
     for channel in range(1, picture.sigma.shape[2]):
         known &= np.isfinite(picture.sigma[..., channel])
     return None if np.array_equal(known, cells.known) else known
-
-
-def _means(
-    image: NDArray[np.floating], known: NDArray[np.bool_] | None, cells: CellMap
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """(N, C) means, and which cells are known (N,)."""
-    sure = cells.seen(known)
-    mean = cells.mean(image, known)
-    if not sure.all():
-        mean[~sure] = cells.mean(image)[~sure]
-    return mean, sure

@@ -27,7 +27,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, realised_photo, sigma_of
+from pdcd.pictures.combine import Picture, cell_weights_s, realised_photo, sigma_of
+from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.quads import of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred
 from pdcd.probing.deviation import row_deviations, weight_s

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from pdcd.pictures.combine import Exposed, Picture, cell_weights_s, divided_by_row, realised_photo
+from pdcd.pictures.combine import Picture, cell_weights_s, divided_by_row, realised_photo
+from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.smooth import colour_correction
 from pdcd.pictures.weights import brought_rows

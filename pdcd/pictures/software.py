@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.combine import Exposed, Matrix, Shown
+from pdcd.pictures.combine import Matrix, Shown
+from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import time_s
 from pdcd.probing.realised import Factors
 from pdcd.recipes.alternatives import ALL_DARK, Fitted, Masked, Mixture
@@ -111,7 +112,8 @@ def _matrix(taken: Sequence[Shown], weights: Floats) -> Matrix:
 
 def _sum(cells: CellMap, taken: Sequence[Exposed], weights: Floats, mixed: _Mixed) -> Exposed:
     """``sum_k w_k * photo_k``."""
-    light, variance = np.zeros_like(taken[0].light), np.zeros_like(taken[0].variance)
+    first = taken[0].variance
+    light, variance = np.zeros(first.shape), np.zeros_like(first)
     saturated = cells.spread(np.logical_not(weights.any(axis=0)))
     for photo, (weight, shot) in enumerate(zip(weights, taken, strict=True)):
         of_quads = mixed.into(cells.spread(weight), photo, cells)
@@ -120,7 +122,7 @@ def _sum(cells: CellMap, taken: Sequence[Exposed], weights: Floats, mixed: _Mixe
         squared = (of_quads**2).astype(variance.dtype)
         variance += squared[..., None] * shot.variance
     shown = _matrix(taken, weights)
-    return Exposed(
+    return Print(
         light=light,
         variance=variance,
         saturated=saturated,

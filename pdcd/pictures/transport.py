@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.pictures.captions import strip
-from pdcd.pictures.combine import Exposed
+from pdcd.pictures.exposed import Exposed
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.transport import Slice
 from pdcd.sensor.cells import CellMap

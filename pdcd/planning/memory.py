@@ -21,7 +21,7 @@ from pdcd.frames.curve import UNKNOWN
 from pdcd.frames.dither import COPIES
 from pdcd.frames.lattice import Lattice
 from pdcd.maps.map import Map
-from pdcd.pictures.combine import LARGE_QUADS
+from pdcd.pictures.exposed import LARGE_QUADS
 from pdcd.planning.plan import windowed
 from pdcd.probing.deviation import EXACT_CELLS
 from pdcd.probing.panel import Panel
@@ -55,17 +55,19 @@ on only."""
 
 @dataclass(frozen=True)
 class PerQuad:
-    """Bytes for each quad of the frame: of every shot, photo and picture, and of what is there once
-    however many there are. Of several goals' peaks, the decoding of RAW files included."""
+    """Bytes for each quad of the frame: of every shot, sum of shots, photo and picture, and of what
+    is there once however many there are. Of several goals' peaks, the decoding of RAW files
+    included."""
 
     shot: int
+    sum: int
     photo: int
     picture: int
     once: int
 
 
-LARGE = PerQuad(shot=37, photo=80, picture=35, once=145)
-SMALL = PerQuad(shot=49, photo=104, picture=59, once=175)
+LARGE = PerQuad(shot=9, sum=37, photo=80, picture=35, once=94)
+SMALL = PerQuad(shot=9, sum=49, photo=104, picture=59, once=150)
 """Of frames below `LARGE_QUADS`, whose error bars have double precision."""
 LEFT = 0.75
 """Share of the most memory for pictures that is still taken when they are made."""
@@ -174,6 +176,7 @@ def picture_bytes(recipe: Recipe, quads: int) -> int:
     each = SMALL if quads < LARGE_QUADS else LARGE
     return quads * (
         each.shot * len(recipe.shots)
+        + each.sum * len(recipe.sums)
         + each.photo * len(recipe.photos)
         + each.picture * len(recipe.pictures)
         + each.once

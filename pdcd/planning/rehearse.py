@@ -19,7 +19,8 @@ from pdcd.bench.tables import Config
 from pdcd.frames.balance import streams
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.frames.patterns import levels_of
-from pdcd.pictures.combine import Exposed, combine, scaled_photos
+from pdcd.pictures.combine import combine, scaled_photos
+from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.photos import corrected_photos
 from pdcd.pilot.codes import SCOUTS
@@ -88,7 +89,7 @@ class Rehearsal:
         variance = _variance(light, self.setting, iso, f_number, exposure_s)
         once = self.realised[shot.name]
         many = Factors(passes * once.left, once.right, passes * once.coaxial, passes * once.open_s)
-        return Exposed(light, variance, np.zeros(light.shape[:2], np.bool_), many, {})
+        return Print(light, variance, np.zeros(light.shape[:2], np.bool_), many, {})
 
 
 def rehearse(
@@ -254,7 +255,7 @@ def _learned(
         light, matrix = photos[shot.name]
         variance = _variance(light, setting, iso, f_number, plan.exposure_s(shot))
         noisy = light + np.sqrt(variance) * rng.standard_normal(light.shape)
-        shots[shot.name] = Exposed(noisy, variance, np.zeros(plan.grid, np.bool_), matrix, {})
+        shots[shot.name] = Print(noisy, variance, np.zeros(plan.grid, np.bool_), matrix, {})
     cells = plan.grid[0] * plan.grid[1]
     primal = plan.patterns["pilot"][0]
     bits = np.array([levels_of(primal, k, cells) > 0.5 for k in range(len(primal))])
@@ -275,7 +276,7 @@ def _added(
     cells = CellMap.block(plan.grid, plan.grid)
     dark = np.zeros((*plan.grid, 3))
     shots = {
-        name: Exposed(light, dark, dark[..., 0] > 0.0, matrix, {})
+        name: Print(light, dark, dark[..., 0] > 0.0, matrix, {})
         for name, (light, matrix) in rehearsed.items()
     }
     plain = scaled_photos(recipe, shots, cells, normalise=normalise)

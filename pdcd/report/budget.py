@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pdcd.pictures.combine import Exposed
+from pdcd.pictures.exposed import Exposed
 from pdcd.runs.record import RunRecord, ShotRecord
 
 MOST_SHOTS = 64
@@ -36,8 +36,8 @@ def _line(shot: ShotRecord, exposed: Exposed, record: RunRecord) -> dict[str, An
     exposure_s = max((shot.close_ns - shot.open_ns) * 1e-9, 1e-9)
     level = shot.level or 1.0  # what the light of the shot was divided by
     realised, cells = exposed.realised, exposed.realised.coaxial.size
-    down, across = (max(n // LOOKED_AT, 1) for n in exposed.light.shape[:2])
-    green = exposed.light[::down, ::across, 1]
+    down, across = (max(n // LOOKED_AT, 1) for n in exposed.saturated.shape)
+    green = exposed.light_at(slice(None, None, down), slice(None, None, across))[..., 1]
     row = record.profile.row(shot.iso)
     electrons = green * level * record.responsivity_e[1] / shot.f_number**2
     full_e = record.profile.saturation_dn(shot.iso) * row.gain_e_per_dn

@@ -98,6 +98,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     unmixed: bool = False
     """Whether direct light that is known to be in a photo of indirect light is taken out
     (`pdcd.pictures.unmixed`). False in runs from before that was done."""
+    parts_by_cell: bool = False
+    """Whether the parts of a photo, which tell its error, are worked out on means of cells
+    (`pdcd.pictures.parted`). False in runs from before that was done."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

@@ -32,6 +32,9 @@ Floats = NDArray[np.float64]
 RAW_SUFFIXES = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 """How names of RAW files end, in lower case."""
 
+ALL = slice(None)
+"""All rows, or all columns."""
+
 _LIBRAW_MIN_SIDE = 22
 _CANON_GUARD = 2
 """Columns at either edge of a Canon's left border that are not used: dcraw leaves them out, too."""
@@ -44,12 +47,12 @@ _OUTLIER_SIGMAS = 5.0
 class RawFrame:
     """One decoded photo; one pixel per Bayer quad.
 
-    planes : (4, h, w) float32
-        R, G1 (the green of the red rows), G2, B: samples in DN minus black, signed.
+    samples : (4, h, w) uint16
+        R, G1 (the green of the red rows), G2, B in DN, black included; `planes` is without.
     saturated : (h, w) bool
         True where any sample of the quad is at or above saturation.
     black : (4,) float64
-        Black level in DN that was taken off each plane: the mean of the masked border, or else what
+        Black level in DN that is taken off each plane: the mean of the masked border, or else what
         LibRaw says.
     libraw_black : (4,) float64
         Black level in DN by LibRaw: from tags, or its own mean of a border, cut to whole numbers.
@@ -66,7 +69,7 @@ class RawFrame:
         Colours of the quad in the file, row by row, e.g. "RGGB".
     """
 
-    planes: NDArray[np.float32]
+    samples: NDArray[np.uint16]
     saturated: NDArray[np.bool_]
     black: NDArray[np.float64]
     libraw_black: NDArray[np.float64]
@@ -83,7 +86,17 @@ class RawFrame:
     @property
     def frame(self) -> tuple[int, int]:
         """Rows and columns of pixels, one for each Bayer quad."""
-        return int(self.planes.shape[1]), int(self.planes.shape[2])
+        return int(self.samples.shape[1]), int(self.samples.shape[2])
+
+    @property
+    def planes(self) -> NDArray[np.float32]:
+        """(4, h, w), samples minus black, signed, in DN; made anew every time."""
+        return self.signal()
+
+    def signal(self, rows: slice = ALL, columns: slice = ALL) -> NDArray[np.float32]:
+        """The same of some rows and columns of quads."""
+        black = self.black.astype(np.float32)[:, None, None]
+        return np.subtract(self.samples[:, rows, columns], black, dtype=np.float32)
 
     def exif(self) -> dict[str, object]:
         """What the manifest keeps of it."""
@@ -229,19 +242,19 @@ def _frame(
     if saturation_dn is not None:
         limit = np.minimum(limit, saturation_dn)
     levels, limits = black.astype(np.float32), limit.astype(np.float32)
-    planes = np.empty((4, height, width), dtype=np.float32)
+    samples = np.empty((4, height, width), dtype=np.uint16)
     saturated = np.zeros((height, width), dtype=np.bool_)
 
     def band(rows: slice) -> None:
         for plane, (row, column) in enumerate(quad):
-            samples = mosaic[2 * rows.start + row : 2 * rows.stop : 2, column : 2 * width : 2]
-            here = planes[plane, rows]
-            np.subtract(samples, levels[plane], out=here, dtype=np.float32)
-            saturated[rows] |= here >= limits[plane]
+            here = samples[plane, rows]
+            here[...] = mosaic[2 * rows.start + row : 2 * rows.stop : 2, column : 2 * width : 2]
+            signal = np.subtract(here, levels[plane], dtype=np.float32)
+            saturated[rows] |= signal >= limits[plane]
 
     in_bands(height, band)
     return RawFrame(
-        planes=planes,
+        samples=samples,
         saturated=saturated,
         black=black,
         libraw_black=libraw_black,

@@ -24,7 +24,8 @@ from pdcd.frames.frames import FrameLog, Frames
 from pdcd.maps.placing import Placing, placed
 from pdcd.optics.bench import OpticalBench
 from pdcd.optics.products import Exposure
-from pdcd.pictures.combine import Exposed, Picture, pictures_of
+from pdcd.pictures.combine import Picture, pictures_of
+from pdcd.pictures.exposed import Print
 from pdcd.pictures.photos import corrected_photos
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
@@ -134,7 +135,7 @@ def indirect(config: Config, plan: Plan, scene: Scene) -> tuple[Picture, Optical
         )  # fmt: skip
         light = bench.photo(exposure)
         none = np.zeros(frame, dtype=np.bool_)
-        shots[shot.name] = Exposed(light, np.full(light.shape, 1e-12), none, realised, {})
+        shots[shot.name] = Print(light, np.full(light.shape, 1e-12), none, realised, {})
     cells = CellMap(grid=plan.grid, frame=frame, map=camera_map(config, frame))
     photos = corrected_photos(plan.recipe, shots, None, cells, normalise="auto", smooth=plan.smooth)
     return pictures_of(plan.recipe, photos)[plan.recipe.answer_name], bench

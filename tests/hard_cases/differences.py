@@ -9,7 +9,8 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.frames.patterns import Patterns
 from pdcd.frames.schedule import build_frames
-from pdcd.pictures.combine import Exposed, Picture, combine
+from pdcd.pictures.combine import Picture, combine
+from pdcd.pictures.exposed import Print
 from pdcd.probing.panel import Panel
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
@@ -68,7 +69,7 @@ def pictures(
         light_s = [NS * (s + ambient * o) for s, o in zip(seen, opened, strict=True)]
         image = np.array([float(x) for x in light_s]).astype(dtype).astype(np.float64)
         image = image.reshape(*GRID, 1).repeat(3, axis=2)
-        shots[shot.name] = Exposed(
+        shots[shot.name] = Print(
             image, np.ones_like(image), np.zeros(GRID, bool), realised(frames, log, *panels), {}
         )
     return combine(recipe, shots, CellMap.block(GRID, GRID))

@@ -16,7 +16,8 @@ import msgspec
 import numpy as np
 
 from pdcd.codes.make import make_codes
-from pdcd.pictures.combine import Exposed, combine
+from pdcd.pictures.combine import combine
+from pdcd.pictures.exposed import Print
 from pdcd.pilot.links import estimate_links
 from pdcd.planning.make import make_plan
 from pdcd.probing.panel import Panel
@@ -60,7 +61,7 @@ def _answer(program: type | None, **fields: Any) -> Floats:
         frames = plan.frames(shot)
         got = realised(frames, log_of(frames), Panel(), Panel())
         light = scene.photo(got.left, got.right, got.coaxial, got.open_s).reshape(*GRID, 3)
-        shots[shot.name] = Exposed(light, np.ones_like(light), np.zeros(GRID, bool), got, {})
+        shots[shot.name] = Print(light, np.ones_like(light), np.zeros(GRID, bool), got, {})
     pictures = combine(plan.recipe, shots, CellMap.block(GRID, GRID))
     return pictures[plan.recipe.answer_name].image[..., 1].ravel()
 

@@ -106,8 +106,7 @@ class Film(Mapping[str, Planes]):
         """Hold one photo."""
         raw: RawFrame = taken.raw
         black = raw.black.astype(np.float32)
-        samples = np.rint(raw.planes + black[:, None, None]).astype(np.uint16)
-        self._frames[taken.name] = _Frame(samples, black)
+        self._frames[taken.name] = _Frame(raw.samples, black)
         self._black.append(raw.black)
         self.masked = self.masked and raw.masked
         self.exposure_s = raw.exposure_s or taken.open_s

@@ -11,9 +11,10 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
-from pdcd.pictures.combine import Exposed, combine
+from pdcd.pictures.combine import combine
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.develop import read_tiff
+from pdcd.pictures.exposed import Print
 from pdcd.probing.realised import Factors
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import recipe_of
@@ -96,7 +97,7 @@ def test_sigma_of_the_split_is_that_of_the_chosen_photos() -> None:
         light = np.full((1, 4, 3), value)
         blown = np.array([[False, False, False, photo.name == "stripes-2"]])
         factors = Factors(np.eye(4), pi, np.diag(pi).copy(), np.ones(4))
-        shots[photo.name] = Exposed(light, np.full((1, 4, 3), variance), blown, factors, {})
+        shots[photo.name] = Print(light, np.full((1, 4, 3), variance), blown, factors, {})
     pictures = combine(recipe, shots, CellMap.block((1, 4), (1, 4)))
     np.testing.assert_allclose(pictures["high"].image[:, :3], 2.0)
     np.testing.assert_allclose(pictures["high"].sigma[:, :3], np.sqrt(9.0 + 4.0))

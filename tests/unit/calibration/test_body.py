@@ -310,18 +310,18 @@ def test_an_aperture_that_changes_by_itself() -> None:
 
 
 def test_a_decoded_file_as_a_photo() -> None:
-    planes = np.stack([np.full((4, 6), level, np.float32) for level in (10, 20, 40, 50)])
+    samples = np.stack([np.full((4, 6), level, np.uint16) for level in (1034, 1044, 1064, 1074)])
     saturated = np.zeros((4, 6), np.bool_)
     saturated[1, 2] = True
     black = np.array([1024.25, 1024.0, 1024.0, 1023.75])
     raw = RawFrame(
-        planes, saturated, black, black, True, 14605.0, 100, 2.0, 8.0, "EOS", "", 0, "RGGB"
+        samples, saturated, black, black, True, 14605.0, 100, 2.0, 8.0, "EOS", "", 0, "RGGB"
     )
     photo = photo_of(raw, load_profile("450d"), 100)
-    assert photo.light[0, 0] == pytest.approx([10.0, 30.0, 50.0])
+    assert photo.light[0, 0] == pytest.approx([9.75, 30.0, 50.25])
     fixed = (16.8**2 + 0.25 * 2.0) / 2.96**2 + 1.0 / 12.0
     assert photo.variance[0, 0] == pytest.approx(
-        [10 / 2.96 + fixed, (30 / 2.96 + fixed) / 2.0, 50 / 2.96 + fixed]
+        [9.75 / 2.96 + fixed, (30 / 2.96 + fixed) / 2.0, 50.25 / 2.96 + fixed]
     )
     assert photo.saturated is not None and photo.saturated[1, 2]
     assert Seen.of(raw) == Seen(100, 2.0, 8.0, (1024.25, 1024.0, 1024.0, 1023.75))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.pictures.combine import Exposed
+from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.leaks import Answer, Dark, answers_of
 from pdcd.planning.look import needed
 from pdcd.probing.realised import Factors
@@ -56,7 +56,7 @@ def bench(
 def exposed(light: np.ndarray, factors: Factors) -> Exposed:
     image = light.reshape(*GRID, 3)
     none = np.zeros(GRID, np.bool_)
-    return Exposed(image, np.zeros_like(image), none, factors, {})
+    return Print(image, np.zeros_like(image), none, factors, {})
 
 
 def answer(shots: dict[str, Exposed], lit_s: dict[str, float]) -> Answer:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.maps.placing import Placing, placed
-from pdcd.pictures.combine import Exposed, Picture
+from pdcd.pictures.combine import Picture
+from pdcd.pictures.exposed import Print
 from pdcd.pictures.photos import corrected_photos
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
@@ -107,7 +108,7 @@ def photos_of(
         )
         image = np.repeat(light[..., None], 3, axis=2)
         none = np.zeros(dense.frame, np.bool_)
-        shots[shot.name] = Exposed(image, np.full(image.shape, 1e-6), none, realised, {})
+        shots[shot.name] = Print(image, np.full(image.shape, 1e-6), none, realised, {})
     return corrected_photos(
         plan.recipe, shots, None, cells or cells_of(dense), normalise=normalise, smooth=smooth
     )

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError, RequestError
-from pdcd.pictures.combine import Exposed, Picture, combine, pictures_of
+from pdcd.pictures.combine import Picture, combine, pictures_of
+from pdcd.pictures.exposed import Exposed, Print
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
 from pdcd.recipes.goals import Target, check_target
@@ -28,7 +29,7 @@ def exposed(matrix: np.ndarray, light: float, *, blown: bool = False) -> Exposed
     n = matrix.shape[0]
     factors = Factors(np.eye(n), matrix.astype(float), np.diag(matrix).astype(float), np.ones(n))
     image = np.full((1, n, 3), light)
-    return Exposed(image, np.full((1, n, 3), 4.0), np.full((1, n), blown), factors, {})
+    return Print(image, np.full((1, n, 3), 4.0), np.full((1, n), blown), factors, {})
 
 
 @pytest.mark.parametrize(

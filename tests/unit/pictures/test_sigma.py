@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.frames.lattice import Lattice
-from pdcd.pictures.combine import Exposed, Picture, pictures_of, scaled_photos
+from pdcd.pictures.combine import Picture, pictures_of, scaled_photos
+from pdcd.pictures.exposed import Print
 from pdcd.pictures.sigma import _inverse_trigamma, measured
 from pdcd.pictures.sigma_model import code_error, modelled
 from pdcd.probing.deviation import row_deviations
@@ -164,7 +165,7 @@ def test_direct_light_left_by_the_codes_counts_by_its_square() -> None:
     matrix = np.ones((3, 3)) - 0.7 * np.eye(3)
     realised = Factors(np.eye(3), matrix, np.full(3, 0.3), np.ones(3))
     image = np.full((*shape, 3), 2.0)
-    shots = {"coded": Exposed(image, 0.0 * image, image[..., 0] < 0.0, realised, {})}
+    shots = {"coded": Print(image, 0.0 * image, image[..., 0] < 0.0, realised, {})}
     recipe = recipe_of(Target(Goal(name="indirect"), shape), How(white=False))
     cells = CellMap.block(shape, shape)
     photos = scaled_photos(recipe, shots, cells)
@@ -195,7 +196,7 @@ def test_bars_of_far_light_by_the_weight_of_each_cell(sources: int) -> None:
     light = np.repeat(((left.T @ right) * transport).sum(axis=1)[:, None], 3, axis=1)
     shape = (*grid, 3)
     realised = Factors(left, right, np.zeros(n), left.sum(axis=0))
-    shot = Exposed(light.reshape(shape), np.zeros(shape), np.zeros(grid, np.bool_), realised, {})
+    shot = Print(light.reshape(shape), np.zeros(shape), np.zeros(grid, np.bool_), realised, {})
     how = How(family="balanced", structure=True)
     recipe = recipe_of(Target(Goal(name="long-range", radius=radius), grid), how)
     shots, cells = {"far": shot}, CellMap.block(grid, grid)

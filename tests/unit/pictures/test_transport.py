@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError, RequestError
-from pdcd.pictures.combine import Exposed
+from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.transport import picture_of, sliced
 from pdcd.probing.panel import Panel
 from pdcd.recipes.goals import Target
@@ -36,14 +36,14 @@ def photos(recipe: Recipe, panels: tuple[Panel, Panel], ambient: float = 0.0) ->
     program = recipe.programs["lights"]
     lights, masks = program.projector, program.camera  # type: ignore[attr-defined]
     scene = catalogue_rig.scene_of(T, GRID, ambient)
-    found = {}
+    found: dict[str, Exposed] = {}
     for k, shot in enumerate(recipe.shots):
         realised = catalogue_rig.show(
             lights[[k]], masks[[k]], GRID, projector=panels[0], mask=panels[1]
         )
         seen = scene.photo(realised.left, realised.right, realised.coaxial, realised.open_s)
         light = seen.reshape(*GRID, 3)
-        found[shot.name] = Exposed(
+        found[shot.name] = Print(
             light, np.full(light.shape, 1e-4), np.zeros(GRID, np.bool_), realised, {}
         )
     return found
@@ -84,7 +84,7 @@ def test_noise_is_that_of_an_s_matrix(cells: int) -> None:
     for k, shot in enumerate(recipe.shots):
         realised = catalogue_rig.show(lit[[k]], np.ones((1, cells)), grid, guards=False)
         light, variance = np.zeros((*grid, 3)), np.full((*grid, 3), 2.0)
-        shots[shot.name] = Exposed(light, variance, np.zeros(grid, np.bool_), realised, {})
+        shots[shot.name] = Print(light, variance, np.zeros(grid, np.bool_), realised, {})
     found = sliced(recipe, shots, CellMap.block(grid, grid))
     variance = (found.sigma * catalogue_rig.REFRESH_S) ** 2 / 2.0
     np.testing.assert_allclose(variance, 4.0 / (count + 1) * (1.0 + 1.0 / (count - cells)))
@@ -97,7 +97,7 @@ def test_a_saturated_cell_is_unknown_and_black_in_the_picture() -> None:
     blown = np.zeros(GRID, np.bool_)
     blown[ROWS[1], 3] = True
     first = recipe.shots[0].name
-    shots[first] = Exposed(
+    shots[first] = Print(
         shots[first].light, shots[first].variance, blown, shots[first].realised, {}
     )
     found = sliced(recipe, shots, CellMap.block(GRID, GRID))
@@ -112,7 +112,7 @@ def test_photos_without_light_are_no_slice() -> None:
     recipe = recipe_of()
     shots = photos(recipe, PANELS["ideal"])
     dark = catalogue_rig.show(np.zeros((1, N)), np.ones((1, N)), GRID)
-    shots[recipe.shots[2].name] = Exposed(
+    shots[recipe.shots[2].name] = Print(
         np.zeros((*GRID, 3)), np.ones((*GRID, 3)), np.zeros(GRID, np.bool_), dark, {}
     )
     with pytest.raises(DecodeError, match="no light"):

@@ -12,7 +12,8 @@ import pytest
 from pdcd.bench.tables import Config, RigConfig, ScheduleConfig
 from pdcd.errors import RequestError
 from pdcd.frames.patterns import levels_of
-from pdcd.pictures.combine import Exposed, combine
+from pdcd.pictures.combine import combine
+from pdcd.pictures.exposed import Print
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
 from pdcd.planning.rehearse import foreseen
@@ -65,7 +66,7 @@ def pictures(plan: Plan, scene: Scene) -> dict[str, np.ndarray]:
             matrix.left, matrix.right, matrix.coaxial, matrix.open_s, matrix.displaced
         ).reshape(*plan.grid, 3)
         dark = np.zeros(plan.grid, np.bool_)
-        shots[shot.name] = Exposed(light, np.zeros_like(light), dark, matrix, {})
+        shots[shot.name] = Print(light, np.zeros_like(light), dark, matrix, {})
     found = combine(plan.recipe, shots, CellMap.block(plan.grid, plan.grid))
     return {name: picture.image[..., 0] for name, picture in found.items()}
 

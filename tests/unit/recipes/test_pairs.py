@@ -10,7 +10,8 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
-from pdcd.pictures.combine import Exposed, combine
+from pdcd.pictures.combine import combine
+from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.quality import Grade, pair_sum
 from pdcd.planning.make import make_plan
 from pdcd.probing.realised import Factors
@@ -51,7 +52,7 @@ def photographed(config: Config, *, drift: float = 1.0) -> tuple[dict[str, np.nd
 
 def exposed(light: np.ndarray, factors: Factors) -> Exposed:
     image = np.repeat(light.reshape(*GRID, 1), 3, axis=2)
-    return Exposed(image, np.full_like(image, 1e-6), np.zeros(GRID, np.bool_), factors, {})
+    return Print(image, np.full_like(image, 1e-6), np.zeros(GRID, np.bool_), factors, {})
 
 
 def test_two_exposures_make_direct_indirect_and_all_light(tmp_path: Path) -> None:
