@@ -143,6 +143,18 @@ class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         old_from_new, size_px = turns[quarters % 4]
         return self._renumbered(np.array(old_from_new), size_px)
 
+    def binned(self, side: int) -> Map:
+        """The same device with squares of pixels in the place of single ones; `side`, that of a
+        square, divides its width and height."""
+        width, height = self.size_px
+        nodes = [[(right / side, down / side) for right, down in row] for row in self.residual]
+        return msgspec.structs.replace(
+            self,
+            size_px=(width // side, height // side),
+            homography=matrix(self._matrix @ np.diag([side, side, 1.0])),
+            residual=tuple(map(tuple, nodes)),
+        )
+
     def _renumbered(self, old_from_new: Floats, size_px: tuple[int, int]) -> Map:
         """The same device with other numbers of its pixels: a flip or quarter turn of them."""
         turn = old_from_new[:2, :2].T

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -41,6 +41,7 @@ from pdcd.recipes.recipe import Photo, Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.record import RunRecord, ShotRecord
+from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
 
@@ -67,6 +68,8 @@ class Decoded:
     """Weighted sums of single photos, which the recipe's photos name like shots."""
     apart: Mapping[str, float] = field(default_factory=dict)
     """Share of the field in which the panels showed different cells, of shots of whole cells."""
+    side: int = 1
+    """Quads of the camera that one of the pictures is the mean of, each way."""
 
     @property
     def answer(self) -> Barred:
@@ -108,8 +111,10 @@ class Darkroom:
     far the work is, and may end it. All methods raise DecodeError for a lost or damaged file.
     """
 
-    def __init__(self, folder: Path, record: RunRecord) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, record: RunRecord, side: int = 1) -> None:
+        """side : quads of the camera that one of the pictures is to be the mean of, each way: less
+        to see in less time. Such as `CellMap.can_bin` allows."""
+        self._folder, self._side = folder, side
         self._table = FrameTable(folder)
         self._matrices: dict[str, Matrix] = {}
         self._exposed: dict[str, Exposed] = {}
@@ -183,7 +188,7 @@ class Darkroom:
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
         view = View.of(self._record, cells)
-        return Decoded(recipe, shots, pictures, cells, view, sums, self._apart())
+        return Decoded(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
 
     def exposed(self, watch: Watch) -> tuple[Recipe, dict[str, Exposed], CellMap]:
         """Shots and sums so far, and the recipe of the photos that they suffice for."""
@@ -320,25 +325,31 @@ class Darkroom:
     def _shots(self, watch: Watch) -> dict[str, Exposed]:
         unread = [shot for shot in self._record.shots if shot.name not in self._exposed]
         watch.expect(sum(map(_reading, unread)))
-        for shot in unread:
-            with watch.piece(_reading(shot)) as alive:
-                self._exposed[shot.name] = self._develop(shot, alive)
+        # Files are unpacked by one core each, while another works on what the panels did.
+        with ThreadPoolExecutor(THREADS) as pool:
+            files = [pool.submit(self._read, shot) for shot in unread]
+            try:
+                for shot, file in zip(unread, files, strict=True):
+                    with watch.piece(_reading(shot)) as alive:
+                        self._exposed[shot.name] = self._develop(shot, file, alive)
+            finally:
+                pool.shutdown(cancel_futures=True)
         return dict(self._exposed)
 
-    def _develop(self, shot: ShotRecord, alive: Alive) -> Exposed:
+    def _read(self, shot: ShotRecord) -> RawFrame:
+        return read_raw(
+            self._folder / shot.raw,
+            sha256=shot.sha256,
+            size_bytes=shot.size_bytes,
+            saturation_dn=self._record.profile.saturation_dn(shot.iso),
+        )
+
+    def _develop(self, shot: ShotRecord, file: Future[RawFrame], alive: Alive) -> Exposed:
         """A shot out of its RAW file, and what the panels did in it."""
-        profile = self._record.profile
-        with ThreadPoolExecutor(1) as pool:
-            reading = pool.submit(
-                read_raw,
-                self._folder / shot.raw,
-                sha256=shot.sha256,
-                size_bytes=shot.size_bytes,
-                saturation_dn=profile.saturation_dn(shot.iso),
-            )
-            shown = self._matrix(shot, alive)
-            raw = reading.result()
+        profile, shown = self._record.profile, self._matrix(shot, alive)
+        raw = file.result()
         self._check(shot, raw)
+        raw = raw if self._side == 1 else raw.binned(self._side)
         exposure_s = (shot.close_ns - shot.open_ns) * 1e-9
         factors = self._to_units(shot.iso, shot.f_number) / _level(shot)
         return Negative(raw, profile, shot.iso, exposure_s, factors, shown.realised, shown.missed)
@@ -380,7 +391,8 @@ class Darkroom:
         """Where the quads lie; known from the first photo on."""
         if self._record.cells is None:
             raise DecodeError("no photo was taken yet", hint="take at least one shot")
-        return self._record.cells
+        cells = self._record.cells
+        return cells if self._side == 1 else cells.binned(self._side)
 
 
 def _reading(shot: ShotRecord) -> float:

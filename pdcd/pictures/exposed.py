@@ -139,9 +139,9 @@ class Negative:
 
     def variance_at(self, rows: slice, columns: slice = ALL) -> Errors:
         """Its variance by the sensor model."""
-        signal = self.raw.signal(rows, columns)
+        signal, factors = self.raw.signal(rows, columns), self.factors / self.raw.side
         return rgb_variance(
-            signal, self.profile, self.iso, self.exposure_s, self.factors, self._precision
+            signal, self.profile, self.iso, self.exposure_s, factors, self._precision
         )
 
     @property

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,6 +50,17 @@ class Known:
         truth, found = self.image[seen], found[seen]
         scale = float(np.sum(truth**2))
         return float(np.sqrt(np.sum((found - truth) ** 2) / scale)) if scale else None
+
+    def binned(self, side: int) -> Known:
+        """The same on squares of `side` x `side` quads."""
+        if self.of_cells or side == 1:
+            return self
+        rows, cols = (length // side for length in self.seen.shape)
+        squares = self.seen[: rows * side, : cols * side].reshape(rows, side, cols, side)
+        image = cv2.resize(
+            self.image.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA
+        )
+        return Known(np.asarray(image), np.asarray(squares.all(axis=(1, 3))), of_cells=False)
 
     def on_cells(self, cells: CellMap) -> Floats:
         """Means over the cells, (rows, cols, 3) float64; NaN where a cell cannot be compared."""

@@ -21,6 +21,7 @@ from pdcd.pictures.brightness import WHITE, Brightness, Look, usual
 from pdcd.pictures.sigma import Barred
 from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
 from pdcd.report.packing import least_step, linear, logarithmic
+from pdcd.runs.record import RunRecord
 from pdcd.sensor.bands import THREADS
 
 MOST_PX = 1068
@@ -37,6 +38,8 @@ LARGE_PX = 2**18
 """Pixels from which every second row and column of sigma is kept."""
 ENOUGH_PX = 200
 """Columns that are enough to find a median or a percentile."""
+NEARLY = 0.3
+"""Of a quad, by which squares of quads may be wider than a pixel of a page."""
 KIND = "picture"
 
 
@@ -90,8 +93,13 @@ class _Seen:
         return every, every
 
 
-def layers(pictures: Mapping[str, Barred], view: View, truth: Truth | None) -> Layers:
-    """Pack the first `MOST_PICTURES`, the answer first, and the answer's truth after them."""
+def layers(
+    pictures: Mapping[str, Barred], view: View, truth: Truth | None, side: int = 1
+) -> Layers:
+    """Pack the first `MOST_PICTURES`, the answer first, and the answer's truth after them.
+
+    side : quads of the camera that one of the pictures is the mean of, each way.
+    """
     size_px = size_of(len(pictures), view)
     sampler = Sampler(view, size_px)
     across, down = view.quads()
@@ -113,7 +121,20 @@ def layers(pictures: Mapping[str, Barred], view: View, truth: Truth | None) -> L
         one["factor"] = brightness.factor(one["name"])
         one["signed"] = brightness.signed(one["name"])
     left_out = tuple(name for name in pictures if name not in names)
-    return Layers(packed, size_px, quads, brightness.scale, balance, left_out)
+    return Layers(packed, size_px, quads * side**2, brightness.scale, balance, left_out)
+
+
+def enough_side(pictures: int, record: RunRecord) -> int:
+    """Quads, each way, whose mean a page of so many pictures of a run can do with: nearly as many
+    as make a pixel of it."""
+    cells = record.cells
+    if cells is None or record.homography is not None:
+        return 1
+    view = View.of(record, cells)
+    across, down = view.quads()
+    width, height = size_of(pictures, view)
+    most = int(max(across / width, down / height, 1.0) + NEARLY)
+    return next(side for side in range(most, 0, -1) if cells.can_bin(side))
 
 
 def size_of(pictures: int, view: View) -> tuple[int, int]:

@@ -67,10 +67,10 @@ def gathered(folder: Path, record: RunRecord, decoded: Decoded, known: Known | N
     """
     truth = None
     if known is not None and record.homography is None:
-        truth = Truth(*known.on_quads(decoded.cells))
+        truth = Truth(*known.binned(decoded.side).on_quads(decoded.cells))
     sliced = decoded.transport
     return Material(
-        layers=layers(decoded.pictures, decoded.view, truth),
+        layers=layers(decoded.pictures, decoded.view, truth, decoded.side),
         matrices=matrices(decoded.recipe, {**decoded.shots, **decoded.sums}, record.normalise),
         shots=timeline(folder, record),
         budget=budget(record, decoded.shots),

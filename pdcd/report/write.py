@@ -8,6 +8,7 @@ from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import TRANSPORT_PICTURE, record_errors
 from pdcd.pictures.watch import Watch
 from pdcd.planning.known import TRUTH, read_truth
+from pdcd.report.layers import enough_side
 from pdcd.report.material import Material, gathered
 from pdcd.report.page import page
 from pdcd.runs.frame_table import NAME as FRAMES
@@ -23,9 +24,9 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
 
     out : the file; None is `report.html` in the run's folder. `watch` is told how far it is.
 
-    The run is decoded anew, as only that tells the error of every pixel. Raises DecodeError when
-    the manifest, codes, frame log or RAW files have changed, NoSpaceError, or DiskError for any
-    other refusal of the disk.
+    The run is decoded anew, as only that tells the error of every pixel, but no finer than a page
+    shows it. Raises DecodeError when the manifest, codes, frame log or RAW files have changed,
+    NoSpaceError, or DiskError for any other refusal of the disk.
     """
     watch = watch or Watch()
     manifest = sound_manifest(folder, (CODES, FRAMES), watch)
@@ -35,9 +36,12 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
         more.append(TRANSPORT_PICTURE)
     sound_manifest(folder, more, watch)
     with record_errors(folder):
-        darkroom = Darkroom(folder, manifest.run)
+        recipe = Darkroom(folder, manifest.run).recipe
+        side = enough_side(len(recipe.pictures), manifest.run)
+        darkroom = Darkroom(folder, manifest.run, side)
         decoded = darkroom.decoded(watch, partly=partly)
-        known = read_truth(folder, decoded.cells) if kept else None
+        cells = darkroom.record.cells
+        known = read_truth(folder, cells) if kept and cells is not None else None
         material = gathered(folder, darkroom.record, decoded, known)
     return written(folder, manifest, material, out)
 

@@ -66,6 +66,22 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
             )
         return cls(grid=grid, frame=frame)
 
+    def binned(self, side: int) -> CellMap:
+        """The map of a frame whose pixels are squares of `side` x `side` quads (`can_bin`)."""
+        rows, cols = self.frame
+        return msgspec.structs.replace(
+            self,
+            frame=(rows // side, cols // side),
+            map=None if self.map is None else self.map.binned(side),
+            blur_quads=self.blur_quads / side,
+        )
+
+    def can_bin(self, side: int) -> bool:
+        """Whether squares of `side` x `side` quads fill the frame, and its cells where these are
+        blocks."""
+        whole = self.frame if self.map is not None else self.blocks or self.frame
+        return not (whole[0] % side or whole[1] % side)
+
     @property
     def known(self) -> Bools:
         """(h, w), quads that lie wholly within the field."""

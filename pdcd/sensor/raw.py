@@ -15,9 +15,10 @@ import hashlib
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import rawpy
 from numpy.typing import ArrayLike, NDArray
@@ -67,9 +68,12 @@ class RawFrame:
         6 by 90 to the right. The planes are not turned: pixels stay where the sensor has them.
     pattern : str
         Colours of the quad in the file, row by row, e.g. "RGGB".
+    side : int
+        Quads of the file that one here is the mean of, each way; `samples` are float32 where that
+        is more than 1.
     """
 
-    samples: NDArray[np.uint16]
+    samples: NDArray[np.uint16] | NDArray[np.float32]
     saturated: NDArray[np.bool_]
     black: NDArray[np.float64]
     libraw_black: NDArray[np.float64]
@@ -82,6 +86,7 @@ class RawFrame:
     date: str
     flip: int
     pattern: str
+    side: int = 1
 
     @property
     def frame(self) -> tuple[int, int]:
@@ -97,6 +102,27 @@ class RawFrame:
         """The same of some rows and columns of quads."""
         black = self.black.astype(np.float32)[:, None, None]
         return np.subtract(self.samples[:, rows, columns], black, dtype=np.float32)
+
+    def binned(self, side: int) -> RawFrame:
+        """The same with squares of `side` x `side` quads in the place of single ones: the mean of
+        those that are not saturated, where these are half of them at least. `side` divides rows and
+        columns."""
+        rows, cols = (length // side for length in self.frame)
+        samples = np.zeros((4, rows, cols), np.float32)
+        saturated = np.empty((rows, cols), np.bool_)
+
+        def band(some: slice) -> None:
+            fine = slice(side * some.start, side * some.stop)
+            good = ~self.saturated[fine]
+            share = _shrunk(good.astype(np.float32), side)
+            for plane in range(4):
+                light = np.where(good, self.samples[plane, fine], np.float32(0.0))
+                mean = _shrunk(light, side)
+                np.divide(mean, share, out=samples[plane, some], where=share > 0.0)
+            saturated[some] = share < 0.5
+
+        in_bands(rows, band)
+        return replace(self, samples=samples, saturated=saturated, side=self.side * side)
 
     def exif(self) -> dict[str, object]:
         """What the manifest keeps of it."""
@@ -325,6 +351,12 @@ def _quad(colours: str) -> list[tuple[int, int]]:
     """(row, column) within the quad of R, G1, G2, B, where G1 shares its row with R."""
     red, blue = divmod(colours.index("R"), 2), divmod(colours.index("B"), 2)
     return [red, (red[0], blue[1]), (blue[0], red[1]), blue]
+
+
+def _shrunk(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """Means of squares of (h, w); `side` divides both."""
+    size = values.shape[1] // side, values.shape[0] // side
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _single(value: float) -> float:

@@ -106,7 +106,7 @@ class Film(Mapping[str, Planes]):
         """Hold one photo."""
         raw: RawFrame = taken.raw
         black = raw.black.astype(np.float32)
-        self._frames[taken.name] = _Frame(raw.samples, black)
+        self._frames[taken.name] = _Frame(np.asarray(raw.samples, np.uint16), black)
         self._black.append(raw.black)
         self.masked = self.masked and raw.masked
         self.exposure_s = raw.exposure_s or taken.open_s

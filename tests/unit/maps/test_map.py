@@ -186,3 +186,13 @@ def test_points_go_from_device_to_device_over_the_field(seeds: tuple[int, int]) 
 def test_points_that_are_none() -> None:
     with pytest.raises(ValueError, match="x and y"):
         Map.filling((4, 4)).to_field(np.zeros((2, 3, 4)))
+
+
+@few
+@given(seed=st.integers(0, 10**6), side=st.sampled_from([1, 2, 3, 4]))
+def test_squares_of_pixels_lie_where_their_pixels_lie(seed: int, side: int) -> None:
+    map_ = bent(seed, size_px=(48, 36))
+    points = some_points(map_, seed)
+    coarse = map_.binned(side)
+    assert coarse.size_px == (48 // side, 36 // side)
+    np.testing.assert_allclose(coarse.to_field(points / side), map_.to_field(points), atol=1e-12)

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pdcd.bench.tables import CameraConfig, PanelConfig
+from pdcd.capture.engine import Engine
 from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing
+from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.sigma import Barred
-from pdcd.pictures.upright import View
+from pdcd.pictures.upright import Sampler, View
+from pdcd.planning.known import read_truth
 from pdcd.report import layers
+from pdcd.report.layers import Truth
 from pdcd.report.packing import size_bytes
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from tests import bench_rig
 
 LARGE = 1424, 2136
 """Quads of a body of 4272 x 2848 samples."""
@@ -83,3 +94,43 @@ def test_colours_of_a_page_are_balanced_by_what_is_white(
     made = layers.layers({name: seen[name] for name in names}, view, None)
     balanced = np.multiply(made.balance, neutral)
     np.testing.assert_allclose(balanced, balanced[1], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("frame", "squares"), [((138, 105), 3), ((128, 94), 2)])
+def test_a_page_of_squares_of_quads_shows_what_one_of_all_quads_does(
+    frame: tuple[int, int], squares: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A turned camera with some three quads to a pixel of the page, each way."""
+    monkeypatch.setattr(layers, "MOST_PX", 40)
+    camera = CameraConfig(frame_quads=frame, place=Placing(turn_deg=6.0, scale=1.1))
+    panel = PanelConfig(size_px=(128, 96))
+    config = bench_rig.config(tmp_path, camera=camera, projector=panel, mask=panel)
+    engine = Engine.from_config(config)
+    engine.start()
+    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=16, parts=4))
+    engine.stop()
+    folder = Path(str(result.folder))
+    record = read_manifest(folder).run
+    side = layers.enough_side(3, record)
+    assert side == squares
+    fine, coarse = (Darkroom(folder, record, n).decoded() for n in (1, side))
+    known = read_truth(folder, fine.cells)
+    pages = [
+        (layers.layers(d.pictures, d.view, Truth(*known.binned(d.side).on_quads(d.cells)), d.side))
+        for d in (fine, coarse)
+    ]
+    assert pages[0].size_px == pages[1].size_px
+    assert pages[0].quads == pytest.approx(pages[1].quads)
+    seen = [
+        layers._sampled(d.pictures, Sampler(d.view, pages[0].size_px), p.quads / d.side**2)
+        for d, p in zip((fine, coarse), pages, strict=True)
+    ]
+    for name, one in seen[0].items():
+        other = seen[1][name]
+        both = one.known & other.known
+        assert both.sum() > 0.9 * one.known.sum()
+        off = (one.image - other.image)[both]
+        assert np.sqrt(np.mean(off**2)) < 0.05 * np.sqrt(np.mean(one.image[both] ** 2))
+        assert abs(off.mean()) < 2e-3 * one.image[both].mean()
+        # Where it is dark, samples below black widen the error bars of single quads a little.
+        assert np.median(other.sigma[both] / one.sigma[both]) == pytest.approx(1.0, abs=0.1)

@@ -98,3 +98,31 @@ def test_smooth_is_a_plane_where_cells_are(place: Placing) -> None:
     at = cells.centres * (grid[1], grid[0]) - 0.5
     x, y = np.clip(at[..., 0], 0.0, 6.0), np.clip(at[..., 1], 0.0, 4.0)
     np.testing.assert_allclose(found, 2.0 + 0.3 * y - 0.2 * x, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("grid", "frame", "map_", "sides"),
+    [
+        ((2, 3), (12, 18), None, [1, 2, 3, 6]),  # blocks of 6 x 6 quads
+        ((2, 3), (12, 12), None, [1, 2]),  # of 6 x 4
+        ((2, 3), (12, 20), None, [1, 2, 4]),  # no blocks: all of the frame
+        ((2, 3), (12, 20), Placing(turn_deg=10.0), [1, 2, 4]),
+        ((2, 3), (11, 20), Placing(turn_deg=10.0), [1]),
+    ],
+)
+def test_squares_of_quads_fill_the_frame_and_blocks(
+    grid: tuple[int, int], frame: tuple[int, int], map_: Placing | None, sides: list[int]
+) -> None:
+    place = None if map_ is None else placed(map_, (frame[1], frame[0]), (64, 48), "camera")
+    cells = CellMap(grid=grid, frame=frame, map=place, blur_quads=0.0 if map_ is None else 0.6)
+    assert [side for side in range(1, 13) if cells.can_bin(side)] == sides
+    values = RNG.random(6)
+    for side in sides:
+        coarse = cells.binned(side)
+        assert coarse.blur_quads == cells.blur_quads / side
+        rows, cols = coarse.frame
+        wanted = cells.spread(values).reshape(rows, side, cols, side).mean(axis=(1, 3))
+        inside = cells.known.reshape(rows, side, cols, side).all(axis=(1, 3)) & coarse.known
+        assert inside.any()
+        np.testing.assert_allclose(coarse.spread(values)[inside], wanted[inside], atol=0.15)
+        assert np.abs(coarse.spread(values) - wanted)[inside].mean() < 0.02

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.sensor.profile import expose, load_profile
-from pdcd.sensor.raw import read_raw, rgb_variance, to_rgb
+from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
 from tests.dng_file import write_dng
 
 BLACK, WHITE = 512, 16383
@@ -240,3 +240,26 @@ def test_rgb_variance_is_the_spread_of_repeated_photos(tmp_path: Path) -> None:
     predicted = rgb_variance(planes, camera, 50, 60.0)
     assert predicted.shape == (200, 200, 3)
     assert predicted.mean(axis=(0, 1)) == pytest.approx(spread, rel=4 * np.sqrt(2 / 40000))
+
+
+def test_squares_of_quads_are_means_of_those_that_are_not_saturated() -> None:
+    rng = np.random.default_rng(8)
+    samples = rng.integers(900, 4000, (4, 6, 8)).astype(np.uint16)
+    saturated = np.zeros((6, 8), np.bool_)
+    saturated[0, 1] = True  # one of four
+    saturated[2:4, 2] = True  # two of four
+    saturated[4, 4] = saturated[5, 4] = saturated[5, 5] = True  # three of four
+    samples[:, saturated] = 16000
+    black = np.array([1000.25, 1001.0, 1002.5, 999.0])
+    frame = RawFrame(
+        samples, saturated, black, black, True, 15000.0, 100, 1.0, 8.0, "", "", 0, "RGGB"
+    )
+    coarse = frame.binned(2)
+    assert coarse.frame == (3, 4) and coarse.side == 2
+    wanted = np.zeros((3, 4), np.bool_)
+    wanted[2, 2] = True
+    np.testing.assert_array_equal(coarse.saturated, wanted)
+    light = np.where(saturated, np.nan, frame.planes.astype(np.float64))
+    light = np.nanmean(light.reshape(4, 3, 2, 4, 2), axis=(2, 4))
+    np.testing.assert_allclose(coarse.planes, light, rtol=1e-5)
+    assert frame.side == 1 and frame.frame == (6, 8)
