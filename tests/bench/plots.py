@@ -46,7 +46,13 @@ def finish(axes: Any, title: str, x_label: str, y_label: str, *, base: int = 2) 
     if base == 2:
         axes.xaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%d"))
         axes.yaxis.set_major_formatter(mpl.ticker.StrMethodFormatter("{x:g}"))
-        axes.yaxis.set_minor_formatter(mpl.ticker.LogFormatter(minor_thresholds=(1, 0.5)))
+        axes.yaxis.set_minor_formatter(mpl.ticker.FuncFormatter(_between_decades))
+
+
+def _between_decades(value: float, _: int | None) -> str:
+    """2 and 5 of every decade, in plain digits."""
+    first = f"{value:e}"[0]
+    return f"{value:g}" if first in "25" else ""
 
 
 def legend(axes: Any, title: str | None = None) -> None:
@@ -64,8 +70,19 @@ def legend(axes: Any, title: str | None = None) -> None:
 def limit(axes: Any, value: float, label: str) -> None:
     """A grey line at the aim."""
     axes.axhline(value, color="grey", lw=0.8)
-    axes.annotate(f"aim {label}", (0.99, value), xycoords=("axes fraction", "data"), fontsize=7,
-                  ha="right", va="bottom", color="grey")  # fmt: skip
+    axes.annotate(
+        f"aim {label}",
+        (0.01, value),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, 2),
+        textcoords="offset points",
+        fontsize=7,
+        ha="left",
+        va="bottom",
+        color="grey",
+        zorder=5,
+        bbox={"facecolor": "white", "alpha": 0.8, "pad": 0.5, "lw": 0},
+    )
 
 
 def save(figure: Figure, path: Path) -> None:
