@@ -31,15 +31,16 @@ def part_images(
     by_cell : average the shots first. Without it every part is worked out on all quads, as in runs
         from before that was done.
     """
-    seen = cells.seen()
+    unseen = np.zeros(0, np.int64)
     if by_cell:
+        unseen = np.flatnonzero(~cells.seen())
         shots, cells = averaged(_used(recipe, shots), cells)
     found: dict[str, list[Floats]] = {name: [] for name in recipe.pictures}
     for number in part_numbers(recipe):
         part = only_parts(recipe, {number})
         for name, picture in pictures_of(part, photos(part, shots, cells)).items():
             image = image_of_cells(picture, cells)
-            image.reshape(seen.size, -1)[~seen] = 0.0
+            image.reshape(-1, image.shape[2])[unseen] = 0.0
             found[name].append(image)
     return found
 
