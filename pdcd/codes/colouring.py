@@ -13,7 +13,7 @@ import math
 from typing import Any
 
 import numpy as np
-import scipy.sparse
+import scipy
 from numpy.typing import NDArray
 
 LINKED = 60.0

@@ -11,6 +11,7 @@ import time
 # Loaded elsewhere only when they are used: here nobody waits for them.
 import scipy.fft
 import scipy.ndimage
+import scipy.sparse
 import scipy.special  # noqa: F401
 
 from pdcd.errors import Cancelled, PdcdError

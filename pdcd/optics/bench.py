@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
@@ -55,7 +55,7 @@ class _Driven:
 
     lit: PanelSites
     opened: PanelSites
-    spread: sparse.csr_array
+    spread: scipy.sparse.csr_array
     renderer: Renderer
 
 
@@ -76,7 +76,7 @@ class OpticalBench:
         self._setting.check()
         self._scene = scene
         self._kept: OrderedDict[tuple[Kind, Kind | None], _Driven] = OrderedDict()
-        self._lit_kept: OrderedDict[Kind, tuple[PanelSites, sparse.csr_array]] = OrderedDict()
+        self._lit_kept: OrderedDict[Kind, tuple[PanelSites, scipy.sparse.csr_array]] = OrderedDict()
 
     @property
     def scene(self) -> Scene:
@@ -291,7 +291,7 @@ class OpticalBench:
         self._kept.move_to_end(key)
         return self._kept[key]
 
-    def _lit(self, kind: Kind) -> tuple[PanelSites, sparse.csr_array]:
+    def _lit(self, kind: Kind) -> tuple[PanelSites, scipy.sparse.csr_array]:
         """The projector's sites when it is driven this way, and their spread."""
         if kind not in self._lit_kept:
             drawn, true = self._setting.drawn.projector, self.true.projector
@@ -306,10 +306,10 @@ class OpticalBench:
     def _cell_light(self) -> CellLight:
         return CellLight.of(self._setting, self._scene.grid)
 
-    def _spread(self, sites: PanelSites) -> sparse.csr_array:
+    def _spread(self, sites: PanelSites) -> scipy.sparse.csr_array:
         """Share of each scene cell that each site of the projector lights, (sites, N)."""
         if not self._indirect:
-            return sparse.csr_array((len(sites), self._scene.cells))
+            return scipy.sparse.csr_array((len(sites), self._scene.cells))
         return self._cell_light.by_site(sites, self._uneven)
 
 

@@ -8,8 +8,8 @@ are made of histories, and each pair of pixels looks up the product of theirs.
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.frames.curve import Curve
 from pdcd.frames.frames import BLACK, WHITE, Frames
@@ -78,9 +78,9 @@ class Histories:
             return np.where(self._on[part], float(index == WHITE), 0.0)
         return curve.of(self._levels[index][part])
 
-    def spread(self, sites: sparse.csr_array) -> sparse.csr_array:
+    def spread(self, sites: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
         """What the histories light, (len, N), of what the sites do, (S, N)."""
         each = np.arange(self.of.size)
         ones = np.ones(self.of.size)
-        together = sparse.csr_array((ones, (self.of, each)), shape=(len(self), self.of.size))
-        return sparse.csr_array(together @ sites)
+        together = scipy.sparse.csr_array((ones, (self.of, each)), shape=(len(self), self.of.size))
+        return scipy.sparse.csr_array(together @ sites)

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.bench.tables import Config
 from pdcd.frames.curve import power
@@ -93,7 +93,7 @@ class Products:
         lit: PanelSites | Histories,
         opened: PanelSites | Histories,
         exposure: Exposure,
-        spread: sparse.csr_array,
+        spread: scipy.sparse.csr_array,
         effects: tuple[Effect, ...],
     ) -> None:
         """`config` describes the panels as they are; `lit` and `opened` are the
@@ -155,7 +155,7 @@ class Products:
         self,
         out: Tables,
         right: Floats,
-        share: sparse.csr_array,
+        share: scipy.sparse.csr_array,
         found: list[tuple[_Mask, Floats, NDArray[np.bool_]]],
     ) -> None:
         """Add what some spans of the projector bring, at all bands of the mask."""
@@ -253,7 +253,7 @@ class _Mask:
 
     part: slice
     track: Trajectory
-    weights: sparse.csr_array
-    opens: sparse.csr_array
+    weights: scipy.sparse.csr_array
+    opens: scipy.sparse.csr_array
     direct: list[_Block]
     indirect: list[_Block]

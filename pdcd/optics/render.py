@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.optics.products import COLOURS, Pairs
 from pdcd.optics.setting import Setting, Tap
@@ -117,7 +117,7 @@ class _Runs:
         found = np.empty((count, left.shape[1], right.shape[1]))
         for column in range(right.shape[1]):
             by_run = (np.ascontiguousarray(right[:, column]), samples, ends)
-            found[..., column] = sparse.csr_array(by_run, shape=(count, samples.size)) @ left
+            found[..., column] = scipy.sparse.csr_array(by_run, shape=(count, samples.size)) @ left
         return found
 
 

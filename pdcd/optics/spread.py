@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.optics.raster import Raster
 from pdcd.optics.setting import Setting
@@ -60,7 +60,7 @@ class CellLight:
         pixel, cell, count = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return cls(pixel, cell, count / float(points**2), rows * cols)
 
-    def by_site(self, sites: PanelSites, uneven: Floats | None) -> sparse.csr_array:
+    def by_site(self, sites: PanelSites, uneven: Floats | None) -> scipy.sparse.csr_array:
         """The share of each cell that each site lights, (sites, cells); `uneven` (height, width) is
         the light of each pixel over that of the brightest, None where they are alike."""
         site = sites.image.take(self.pixel)
@@ -69,4 +69,4 @@ class CellLight:
         first = changes(site, self.cell)
         place = (site[first], self.cell[first])
         shape = (len(sites), self.cells)
-        return sparse.csr_array((np.add.reduceat(share, first), place), shape=shape)
+        return scipy.sparse.csr_array((np.add.reduceat(share, first), place), shape=shape)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from pdcd.pictures.exposed import Exposed
 from pdcd.pilot.codes import MATCHED, SCOUTS
@@ -20,7 +21,7 @@ from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Paths = tuple[csr_array, csr_array, csr_array]
+Paths: TypeAlias = "tuple[scipy.sparse.csr_array, scipy.sparse.csr_array, scipy.sparse.csr_array]"
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Learned:
     sharpness : of the light in the scouts (`pdcd.pilot.links.sharpness`).
     """
 
-    links: csr_array
+    links: scipy.sparse.csr_array
     paths: Paths
     worth: Worth | None
     sharpness: float
@@ -86,12 +87,14 @@ def learn(
     first = slice(0, SCOUTS)
     sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first])
 
-    def with_paths(links: csr_array, paths: Paths, predicted: Worth | None = None) -> Learned:
+    def with_paths(
+        links: scipy.sparse.csr_array, paths: Paths, predicted: Worth | None = None
+    ) -> Learned:
         known = np.stack([(one @ bits[first].T.astype(np.float64)).T for one in paths], axis=2)
         left = sharp_squares(bits[first], photos[first], grid, sigma=sigma[first], paths=known)
         return Learned(links, paths, predicted, sharp, left)
 
-    none = csr_array((bits.shape[1], bits.shape[1]))
+    none = scipy.sparse.csr_array((bits.shape[1], bits.shape[1]))
     if taken == SCOUTS:
         return with_paths(none, (none, none, none))
     if taken in MATCHED:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from pdcd.pictures.combine import Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pictures.exposed import Exposed
@@ -89,6 +89,6 @@ def by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> O
     return some
 
 
-def _sums(paths: csr_array) -> Floats:
+def _sums(paths: scipy.sparse.csr_array) -> Floats:
     """Row sums of a sparse matrix, (N,)."""
     return np.asarray(paths.sum(axis=1), dtype=np.float64).ravel()

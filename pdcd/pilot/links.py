@@ -21,7 +21,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import scipy.sparse
+import scipy
 
 from pdcd.pilot.matching import find_partners, weigh
 from pdcd.pilot.pursuit import pursue

@@ -26,7 +26,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-import scipy.sparse
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import msgspec
-from scipy.sparse import csr_array
+import scipy
 
 from pdcd.bench.tables import Config
 from pdcd.codes.orders import is_order
@@ -60,7 +60,7 @@ def plan_for(
     return by_prior(plan, load_prior(request.prior, grid, given), request.seed)
 
 
-def with_links(plan: Plan, links: csr_array, seed: int) -> Plan:
+def with_links(plan: Plan, links: scipy.sparse.csr_array, seed: int) -> Plan:
     """The same plan with Hadamard codes that keep linked cells (sparse (N, N)) apart."""
     return replace(plan, patterns={**plan.patterns, **linked_pairs(plan, links, seed)})
 
@@ -115,7 +115,7 @@ def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
         patterns={**plan.patterns, "pilot": (primal[:SCOUTS], dual[:SCOUTS])},
     )
     cells = plan.grid[0] * plan.grid[1]
-    return with_links(short, csr_array((cells, cells)), seed)
+    return with_links(short, scipy.sparse.csr_array((cells, cells)), seed)
 
 
 def summary(plan: Plan, limit_s: float) -> PlanSummary:

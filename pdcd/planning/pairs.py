@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from pdcd.codes.hadamard import hadamard, hadamard_fits
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
@@ -80,7 +80,7 @@ def pairs_of(
     return patterns
 
 
-def linked_pairs(plan: Plan, links: csr_array, seed: int) -> dict[str, Pair]:
+def linked_pairs(plan: Plan, links: scipy.sparse.csr_array, seed: int) -> dict[str, Pair]:
     """Patterns of the programs that Hadamard codes can serve which keep linked cells (N, N) apart;
     `links` is sparse."""
     lattice = Lattice(plan.grid, plan.window)
@@ -177,7 +177,7 @@ def _compiled(
     return sequence_to_send(primal, dual, curves, slots // len(primal))
 
 
-def _onto_lattice(lattice: Lattice, links: csr_array) -> csr_array:
+def _onto_lattice(lattice: Lattice, links: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
     """Links between cells (N, N) -> between code cells (L, L).
 
     With quarter windows each cell is served by four code cells, so a path links all of these.
@@ -186,7 +186,7 @@ def _onto_lattice(lattice: Lattice, links: csr_array) -> csr_array:
     row, column = np.divmod(np.arange(n), lattice.grid[1])
     more = range(shape[0] - lattice.grid[0] + 1)
     code_cell = [(row + down) * shape[1] + column + right for down in more for right in more]
-    onto = csr_array(
+    onto = scipy.sparse.csr_array(
         (
             np.full(len(code_cell) * n, 1.0 / len(code_cell)),
             (np.concatenate(code_cell), np.tile(np.arange(n), len(code_cell))),

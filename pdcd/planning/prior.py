@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse
-from scipy.sparse import csr_array
+import scipy
 
 from pdcd.errors import RequestError
 from pdcd.recipes.arrays import NOTHING, Given
@@ -44,7 +43,7 @@ class GivenPrior:
     """
 
     name: str
-    links: csr_array
+    links: scipy.sparse.csr_array
     scene: Scene | None
 
 
@@ -77,7 +76,7 @@ def load_prior(prior: str | Sent, grid: tuple[int, int], given: Given = NOTHING)
     return GivenPrior(f"file {Path(file).name}", links_of(scene), scene)
 
 
-def links_of(scene: Scene) -> csr_array:
+def links_of(scene: Scene) -> scipy.sparse.csr_array:
     """Paths of a scene between different cells, mean of R, G, B: sparse CSR (N, N)."""
     paths = np.zeros((scene.cells, scene.cells))
     for effect in scene.effects:

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
@@ -37,7 +37,7 @@ class _Axis:
 
     primal: NDArray[np.intp]
     dual: NDArray[np.intp]
-    cells: sparse.csr_array
+    cells: scipy.sparse.csr_array
 
     @classmethod
     def cut(cls, cells: int, primal_px: int, dual_px: int, offset_cells: float) -> _Axis:
@@ -54,7 +54,7 @@ class _Axis:
         primal = np.floor(middle * primal_px / unit).astype(np.intp)
         dual = np.floor((middle + offset) * dual_px / unit).astype(np.intp)
         dual[(dual < 0) | (dual >= dual_px)] = dual_px
-        share = sparse.csr_array(
+        share = scipy.sparse.csr_array(
             (length * cells / unit, (cell, np.arange(cell.size))), shape=(cells, cell.size)
         )
         return cls(primal, dual, share)
@@ -104,12 +104,14 @@ class _Places:
         return np.asarray(y.cells @ mask @ x.cells.T).ravel()
 
 
-def _gathered(cells: sparse.csr_array, pixel: NDArray[np.intp], count: int) -> sparse.csr_array:
+def _gathered(
+    cells: scipy.sparse.csr_array, pixel: NDArray[np.intp], count: int
+) -> scipy.sparse.csr_array:
     """(cells, pixels): length of each pixel in each cell."""
-    ones = sparse.csr_array(
+    ones = scipy.sparse.csr_array(
         (np.ones(pixel.size), (np.arange(pixel.size), pixel)), shape=(pixel.size, count)
     )
-    return sparse.csr_array(cells @ ones)
+    return scipy.sparse.csr_array(cells @ ones)
 
 
 def pixel_factors(

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.frames.frames import FrameLog, Frames
@@ -155,8 +155,8 @@ class _Gate:
 
     band: Band
     track: Trajectory
-    weights: sparse.csr_array
-    opens: sparse.csr_array
+    weights: scipy.sparse.csr_array
+    opens: scipy.sparse.csr_array
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ them that overlap let through together."""
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.frames.curve import Curve, light_of
 from pdcd.frames.frames import BLACK, WHITE, Frames
@@ -17,7 +17,7 @@ Times = NDArray[np.int64]
 
 
 def met(
-    right: Floats, d_track: Trajectory, rows: sparse.csr_array, opens: Floats
+    right: Floats, d_track: Trajectory, rows: scipy.sparse.csr_array, opens: Floats
 ) -> tuple[Floats, NDArray[np.bool_], Floats]:
     """What some spans of the projector meet on the mask, pixel by pixel of either.
 
@@ -108,7 +108,7 @@ def target(
 
 def span_weights(
     primal: Panel, dual: Panel, p_start_ns: Times, d_start_ns: Times, *, exposure_ns: int
-) -> tuple[sparse.csr_array, sparse.csr_array]:
+) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
     """Integrals of products of fields over the overlaps of spans.
 
     Returns ``(primal spans * fields, dual spans * fields)`` and, for the open time of the mask
@@ -141,6 +141,6 @@ def span_weights(
 
 def _sparse(
     entries: list[tuple[NDArray[np.int64], NDArray[np.int64], Floats]], shape: tuple[int, int]
-) -> sparse.csr_array:
+) -> scipy.sparse.csr_array:
     rows, columns, values = (np.concatenate(part) for part in zip(*entries, strict=True))
-    return sparse.csr_array((values, (rows, columns)), shape=shape)
+    return scipy.sparse.csr_array((values, (rows, columns)), shape=shape)

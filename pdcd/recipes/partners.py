@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
+import scipy
 
 from pdcd.codes.linked import symmetric
 from pdcd.frames.lattice import Lattice
@@ -75,7 +75,7 @@ def _furthest(partner: Indices | tuple[int, int], grid: Grid) -> int:
 
 def partner_links(
     partners: tuple[Indices | tuple[int, int], ...], lattice: Lattice
-) -> csr_array | None:
+) -> scipy.sparse.csr_array | None:
     """Which code cells of a lattice must not share a column, where the mask shows each cell its
     partners' codes: symmetric (L, L), for `colour_lattice`; None without partners.
 
@@ -98,4 +98,6 @@ def partner_links(
                 off = down**2 + right**2
                 strength.append(np.full(int(inside.sum()), 1.0 / off if off else OWN))
     places = np.concatenate(first), np.concatenate(second)
-    return symmetric(csr_array((np.concatenate(strength), places), shape=(cells, cells)), cells)
+    return symmetric(
+        scipy.sparse.csr_array((np.concatenate(strength), places), shape=(cells, cells)), cells
+    )

@@ -21,7 +21,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-import scipy.sparse
+import scipy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]

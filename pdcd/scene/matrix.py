@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse
+import scipy
 
 from pdcd.errors import ConfigError
 from pdcd.inputs.limits import Limits, Unsound

@@ -14,9 +14,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.special
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.maps.map import Map
 from pdcd.sensor.quad_places import ROWS, SNAP, Nodes, upright
@@ -74,7 +73,7 @@ class _Whole:
 
     frame: tuple[int, int]
     pieces: tuple[int, int]
-    shares: sparse.csr_array
+    shares: scipy.sparse.csr_array
 
     def gather(self, values: NDArray[Any]) -> Floats:
         flat = np.asarray(values, dtype=np.float64).ravel()
@@ -84,7 +83,7 @@ class _Whole:
         shares = self.shares
         if squares:
             parts = shares.data**2, shares.indices, shares.indptr
-            shares = sparse.csr_array(parts, shape=shares.shape)
+            shares = scipy.sparse.csr_array(parts, shape=shares.shape)
         flat = np.asarray(image, dtype=np.float64).ravel()
         return np.asarray(shares.T @ flat).reshape(self.pieces)
 
@@ -97,8 +96,8 @@ class _Axes:
     pieces.
     """
 
-    down: sparse.csr_array
-    right: sparse.csr_array
+    down: scipy.sparse.csr_array
+    right: scipy.sparse.csr_array
     turned: bool
 
     def gather(self, values: NDArray[Any]) -> Floats:
@@ -149,7 +148,7 @@ def footprint(
 
 def _axis(
     count: int, line: tuple[float, float], pieces: _Pieces, blur_quads: float
-) -> tuple[sparse.csr_array, Floats, Bools]:
+) -> tuple[scipy.sparse.csr_array, Floats, Bools]:
     """Shares along one axis, each quad's adding up to 1: sparse (count, pieces); what they added up
     to before; and which quads lie wholly inside."""
     start, step = line
@@ -166,7 +165,7 @@ def _axis(
     shape = count, edges.size - 1
     share = share / np.where(sums > 0.0, sums, 1.0)[quad]
     kept = share > 0.0
-    matrix = sparse.csr_array((share[kept], (quad[kept], piece[kept])), shape=shape)
+    matrix = scipy.sparse.csr_array((share[kept], (quad[kept], piece[kept])), shape=shape)
     return matrix, np.asarray(sums, dtype=np.float64), known
 
 
@@ -197,7 +196,7 @@ def _scattered(
     with ThreadPoolExecutor(THREADS) as pool:
         counts, columns, shares = zip(*pool.map(band, range(0, frame[0], ROWS)), strict=True)
     ends = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int64)
-    whole = sparse.csr_array(
+    whole = scipy.sparse.csr_array(
         (np.concatenate(shares), np.concatenate(columns), ends.astype(np.int32)),
         shape=(frame[0] * frame[1], pieces[0] * pieces[1]),
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from pdcd.maps.map import Map
 from pdcd.sensor.bands import in_bands
@@ -49,7 +49,7 @@ def bilinear(values: NDArray[np.float32], where: NDArray[np.float32]) -> NDArray
 
 def between_cells(
     map_: Map, frame: tuple[int, int], grid: tuple[int, int]
-) -> tuple[bool, sparse.csr_array, sparse.csr_array] | None:
+) -> tuple[bool, scipy.sparse.csr_array, scipy.sparse.csr_array] | None:
     """The same along the axes of an upright frame: whether it is a quarter turned, and sparse (h,
     cells), (w, cells); None for other frames."""
     lines = upright(map_, grid)
@@ -79,7 +79,7 @@ def upright(
     return None
 
 
-def _between(count: int, line: tuple[float, float], cells: int) -> sparse.csr_array:
+def _between(count: int, line: tuple[float, float], cells: int) -> scipy.sparse.csr_array:
     """Weights of the two cells whose centres are beside each quad's, sparse (count, cells)."""
     start, step = line
     centre = np.rint((start + step * (np.arange(count) + 0.5)) * SNAP) / SNAP
@@ -91,7 +91,7 @@ def _between(count: int, line: tuple[float, float], cells: int) -> sparse.csr_ar
     columns = np.concatenate([first, np.minimum(first + 1, cells - 1)])
     kept = both > 0.0
     rows = np.concatenate([quads, quads])[kept]
-    return sparse.csr_array((both[kept], (rows, columns[kept])), shape=(count, cells))
+    return scipy.sparse.csr_array((both[kept], (rows, columns[kept])), shape=(count, cells))
 
 
 class Nodes:
@@ -124,13 +124,13 @@ class Nodes:
         return np.ascontiguousarray((self._right @ np.ascontiguousarray(some.T)).T)
 
 
-def _nodes(count: int, nodes: int) -> sparse.csr_array:
+def _nodes(count: int, nodes: int) -> scipy.sparse.csr_array:
     """Linear interpolation from evenly spread nodes to quads, sparse (count, nodes)."""
     at = np.arange(count) * ((nodes - 1) / max(count - 1, 1))
     first = np.minimum(at.astype(np.int64), nodes - 2)
     share = at - first
     quads = np.arange(count)
-    return sparse.csr_array(
+    return scipy.sparse.csr_array(
         (
             np.concatenate([1.0 - share, share]),
             (np.concatenate([quads, quads]), np.concatenate([first, first + 1])),

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-import scipy.sparse
+import scipy
 
 from pdcd.scene.effects import Array, both_ways, coloured_direct, rgb
 from pdcd.scene.presets.canvas import HEIGHT, WIDTH, Canvas, Raster, seed_of

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse
+import scipy
 from scipy.ndimage import gaussian_filter
 
 from pdcd.scene.effects import COLOURS, Array, Sparse, both_ways

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-import scipy.sparse
+import scipy
 from scipy.interpolate import PchipInterpolator
 
 from pdcd.scene.effects import COLOURS, Array, Effect, both_ways, coloured_direct

@@ -89,6 +89,15 @@ def test_a_client_imports_no_heavy_library() -> None:
     assert not modules & {"scipy", "cv2", "rawpy", "asyncio"}
 
 
+def test_a_daemon_begins_without_what_only_its_work_process_needs() -> None:
+    """They take a fifth of its start."""
+    code = "import sys, pdcd.server.daemon, pdcd.capture.engine; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = set(run.stdout.split())
+    assert "pdcd.pictures.darkroom" in modules
+    assert not modules & {"scipy.sparse", "scipy.ndimage", "scipy.special", "scipy.fft"}
+
+
 @pytest.mark.parametrize(
     ("option", "names"),
     [
