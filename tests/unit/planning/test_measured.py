@@ -74,6 +74,7 @@ def test_whole_cells_are_taken_as_long_as_they_let_hardly_any_light_through(limi
     wanted = "whole" if limit < 1.0 else "quarter"
     assert choose_window("auto", 0.0, limit * blur) == wanted
     assert choose_window("auto", limit * apart) == wanted
+    assert choose_window("auto", apart) == "whole"  # up to it, inclusive
     assert choose_window("auto", 0.5 * limit * apart, 0.5 * limit * blur) == wanted
 
 
