@@ -38,7 +38,7 @@ def depth_reasons(recipe: Recipe, codes: int, window: str) -> Iterator[str]:
     rows, columns = recipe.target.grid
     programs = {type(program): program for program in recipe.programs.values()}
     if Keyed in programs:
-        shared = "none" if codes > columns + 1 else f"none within {codes - 1} cells"
+        shared = "none" if codes > columns + 1 else f"none nearer than {codes - 1} cells"
         yield f"codes: of the cells of a row {shared} share a code: other depths stay as they are"
     comb = programs.get(KeyedRange)
     if isinstance(comb, KeyedRange):

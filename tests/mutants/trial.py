@@ -53,6 +53,7 @@ class Bench:
     def __post_init__(self) -> None:
         # A short path: sockets below it have names of 107 bytes at most.
         self.copy = Path(tempfile.mkdtemp(prefix="pm"))
+        self.copy.chmod(0o755)  # tests of what other users may read put their files below it
         listed = [program("git"), "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
         names = subprocess.run(listed, cwd=self.root, capture_output=True, check=True).stdout
         for name in names.decode().split("\0"):

@@ -350,3 +350,15 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert (caught.value.code, capsys.readouterr().out) == (0, f"pdcd {__version__}\n")
     assert main(["version"]) == 0
     assert capsys.readouterr().out == f"pdcd {__version__}\n"
+
+
+@pytest.mark.parametrize(("words", "code"), [(["version"], 0), (["list", "--newest=-1"], 2)])
+def test_python_m_pdcd_is_pdcd(
+    words: list[str], code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["__main__.py", *words])
+    with pytest.raises(SystemExit) as caught:
+        import pdcd.__main__  # noqa: F401 - it is what this does
+    assert caught.value.code == code
+    said = capsys.readouterr()
+    assert (said.out == f"pdcd {__version__}\n") == (code == 0) and bool(said.err) == (code == 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -114,6 +115,36 @@ def test_one_run_is_shown_by_its_name(state: Path, capsys: pytest.CaptureFixture
     (line,) = told(capsys, "show", "Chart in milk", "--json")
     assert json.loads(line)["run"]["tags"] == ["glass", "wax"]
     told(capsys, "show", "nobody", code=2)
+
+
+@pytest.mark.parametrize(
+    ("asked", "shown"),
+    [
+        ({}, None),
+        ({"codes": None, "white": True}, None),  # as they are without being asked for
+        ({"family": "balanced", "codes": 64}, "family balanced, codes 64"),
+        ({"disparity": [-1, 2], "keep": "out"}, "disparity [-1,2], keep out"),
+        ({"smooth": False, "p": 0.25}, "smooth false, p 0.25"),
+        ({"warp": {"file": "x" * 49}}, 'warp {"file":"' + "x" * 49 + '"}'),  # 60 letters
+        ({"warp": {"file": "x" * 50}}, 'warp {"file":"' + "x" * 48 + "..."),
+        ({"warp": [[9] * 900]}, "warp [[" + "9," * 27 + "9..."),
+    ],
+)
+def test_what_was_asked_for_is_shown_in_few_words(
+    state: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    asked: dict[str, object],
+    shown: str | None,
+) -> None:
+    request = {"goal": "keyed", "name": "n", "tags": ["t"], "note": "m", "out": "/x", **asked}
+    files = {name: SimpleNamespace(size_bytes=size) for name, size in (("a", 2**20), ("b", None))}
+    manifest = SimpleNamespace(request=request, files=files, summary={}, warnings=())
+    monkeypatch.setattr(runs_cli, "read_manifest", lambda _: manifest)
+    monkeypatch.setenv("COLUMNS", "200")
+    rows = {line[:11].strip(): line[11:].strip() for line in told(capsys, "show", job(1))}
+    assert rows.get("asked for") == shown
+    assert rows["files"] == "2, 1.0 MiB"
 
 
 def test_what_is_in_front_of_a_command_is_not_lost(

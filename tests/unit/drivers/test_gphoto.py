@@ -5,6 +5,7 @@ How libgphoto2 itself behaves is not tested here.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import itertools
 from pathlib import Path
@@ -21,7 +22,7 @@ from drivers.gphoto import GphotoReadout, GphotoShutter
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
-from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError
+from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
 from pdcd.sensor.raw import read_raw
 from tests.cr2 import write_cr2
 from tests.fake_gphoto import FakeCamera, Setting, failure
@@ -199,6 +200,48 @@ def test_a_truncated_file_is_refused(bench: Bench, share: float) -> None:
     with pytest.raises(DecodeError, match="not whole"):
         bench.readout.fetch(bench.root, "shot", 30.0)
     assert not (bench.root / "shot.cr2").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (OSError(errno.ENOSPC, "full"), NoSpaceError),
+        (OSError(errno.EDQUOT, "full"), NoSpaceError),
+        (OSError(errno.EIO, "broken"), OSError),
+        (ZeroDivisionError("ours"), ZeroDivisionError),
+    ],
+)
+def test_a_full_disk_is_told_of_and_nothing_else_is_called_one(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception, told: type[Exception]
+) -> None:
+    """The file is there already when its bytes find no room; it is not left behind."""
+    whole_open = Path.open
+
+    def open_and_fail(path: Path, mode: str = "r", *args: Any) -> Any:
+        file = whole_open(path, mode, *args)
+        if mode != "xb":
+            return file
+        file.close()
+        raise error
+
+    bench.connect()
+    bench.camera.add("a.cr2", bench.raw)
+    monkeypatch.setattr(Path, "open", open_and_fail)
+    with pytest.raises(told) as caught:
+        bench.readout.fetch(bench.root, "shot", 30.0)
+    assert type(caught.value) is told
+    if told is NoSpaceError:
+        assert "shot.cr2" in str(caught.value) and caught.value.__cause__ is error
+        assert not (bench.root / "shot.cr2").exists()
+
+
+def test_a_file_of_the_run_is_never_written_over(bench: Bench) -> None:
+    (bench.root / "shot.cr2").write_bytes(b"precious")
+    bench.connect()
+    bench.camera.add("a.cr2", bench.raw)
+    with pytest.raises(FileExistsError):
+        bench.readout.fetch(bench.root, "shot", 30.0)
+    assert (bench.root / "shot.cr2").read_bytes() == b"precious"
 
 
 @pytest.mark.parametrize(

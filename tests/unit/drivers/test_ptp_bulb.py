@@ -39,8 +39,8 @@ class Wire:
         return [code for code, _, _ in self.sent]
 
 
-def bulb(wire: Wire) -> Bulb:
-    made = Bulb(wire, lambda: wire.climbs, VirtualClock())
+def bulb(wire: Wire, clock: VirtualClock | None = None) -> Bulb:
+    made = Bulb(wire, lambda: wire.climbs, clock or VirtualClock())
     made.method = BULB
     return made
 
@@ -184,3 +184,17 @@ def test_a_shutter_that_is_closed_is_left_alone() -> None:
     wire = Wire()
     bulb(wire).end()
     assert wire.sent == []
+
+
+def test_a_shutter_is_overdue_once_it_is_open_for_longer_than_allowed() -> None:
+    clock = VirtualClock()
+    shutter = bulb(Wire(), clock)
+    clock.sleep_until_ns(clock.now_ns() + 10**12)
+    assert not shutter.overdue(1000)  # closed, whatever the time
+    shutter.begin()
+    begun_ns = clock.now_ns()
+    for open_ns, late in ((0, False), (999, False), (1000, False), (1001, True), (5000, True)):
+        clock.sleep_until_ns(begun_ns + open_ns)
+        assert shutter.overdue(1000) == late, open_ns
+    shutter.end()
+    assert not shutter.overdue(1000)

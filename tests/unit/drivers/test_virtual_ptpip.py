@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers.virtual_camera import BULB_BODY, Body, PlainFilm, Script, WireFault
-from drivers.virtual_camera.ptpip import PtpIpServer
+from drivers.virtual_camera.ptpip import _LONGEST_BYTES, PtpIpServer
 from pdcd.bench.clock import VirtualClock
 
 HELLO = struct.pack("<II", 30, 1) + bytes(16) + b"x\0\0\0"[:2] + struct.pack("<I", 0x10000)
@@ -143,6 +143,25 @@ def test_the_session_ends_with_the_connection(server: PtpIpServer, line: Line, b
         threading.Event().wait(0.01)
     assert code == 0x2001
     again.socket.close()
+
+
+@pytest.mark.parametrize("more", [0, 1, 999])
+def test_data_of_a_client_have_an_end(line: Line, more: int) -> None:
+    """In however many pieces: as many bytes as may be are looked at, if only to be refused."""
+    line.open()
+    line.operate(0x9110, 1, out=2)
+    size = _LONGEST_BYTES + more
+    data = struct.pack("<III", size, 0xD103, 0x50).ljust(size, b"\0")
+    line.send(9, struct.pack("<IQ", 1, size))
+    line.send(10, struct.pack("<I", 1) + data[: size // 2])
+    line.send(12, struct.pack("<I", 1) + data[size // 2 :])
+    if more:
+        with pytest.raises(ConnectionError):
+            line.response()
+    else:
+        assert line.response() == (0x201C, 1)  # no value of a setting is as long
+        line.operate(KEEP_ON, 2)
+        assert line.response() == (0x2001, 2)
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ def test_reading_ends_when_nobody_waits_for_it(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_found_is_told_of_as_such(folder: Path) -> None:
     (folder.parent / "round").symlink_to(folder.parent / "round")
-    for place in ("round", "none", "nul\0byte", "good.npy"):
+    for place in ("round", "none", "nul\0byte", "good.npy", f"none/../{folder.name}"):
         with none_left_open(), pytest.raises(Unsound, match="cannot be opened"):
             open_beneath(folder.parent / place, "good.npy", SELF)
 

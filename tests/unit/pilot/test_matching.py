@@ -221,3 +221,55 @@ def test_shapes_of_a_partner_lie_where_they_say_and_are_as_wide() -> None:
             fall = np.exp(-(step**2) / (2 * width**2))
             for there in (centre + step, centre - step, centre + 11 * step, centre - 11 * step):
                 assert shape[there] / shape[centre] == pytest.approx(fall)
+
+
+def test_any_place_between_cells_has_a_shape_near_it_and_no_place_has_two() -> None:
+    """Within a quarter of a cell, and an eighth along rows and columns."""
+    grid, centre = (11, 11), 5 * 11 + 5
+    place = np.array(np.divmod(np.arange(121), 11)).T
+    points = [shape.toarray()[centre] @ place - 5.0 for shape in matching._shapes(grid)]
+    between = np.array(points[: len(matching._BETWEEN)])
+    apart = np.abs(between[:, None] - between).sum(axis=-1)
+    assert apart[np.triu_indices(len(between), 1)].min() > 0.1
+    neighbours = np.array(list(itertools.product((0, 1), repeat=2)))
+    everywhere = (between[:, None] + neighbours).reshape(-1, 2)
+    tried = np.array(list(itertools.product(np.linspace(0.0, 1.0, 41), repeat=2)))
+    nearest = np.hypot(*(tried[:, None] - everywhere).T).min(axis=0)
+    assert nearest.max() < 0.26
+    assert nearest[(tried == 0.0).any(axis=1)].max() < 0.13
+
+
+@pytest.mark.parametrize("scattered", [0.1, 1.5])
+def test_the_cells_around_foretell_a_partner_by_their_plane(scattered: float) -> None:
+    """Cell by cell, by sums over its neighbours written out here: the plane of least squares
+    through their partners, how far these scatter about it, and what that says of each candidate."""
+    rng = np.random.default_rng(8)
+    grid, candidates = (5, 6), 3
+    cells = grid[0] * grid[1]
+    at = np.array(np.divmod(np.arange(cells), grid[1]), dtype=float)
+    plane = np.array([[3.0, 0.4, -0.7], [9.0, -0.2, 0.6]])
+    middle = plane[:, :1] + plane[:, 1:] @ at
+    places = middle[:, None, :, None] + rng.normal(0.0, scattered, (2, 2, cells, candidates))
+    weight = rng.random((2, cells, candidates))
+    weight /= weight.sum(axis=(0, 2), keepdims=True)
+    sure = rng.random(cells)
+    found = matching._map_prior(places, weight, sure, grid)
+    own = (weight * places).sum(axis=(1, 3))
+    for cell in range(cells):
+        step = (at - at[:, cell, None]).T
+        near = (np.abs(step).max(axis=1) <= matching.REACH) & (np.arange(cells) != cell)
+        says = near * sure * np.exp(-(step**2).sum(axis=1) / matching.REACH)
+        # Three rows that hold the plane back a little, so that there always is one.
+        rows = np.vstack([np.column_stack([np.ones(cells), step]), np.eye(3)])
+        by = np.sqrt(np.append(says, [1e-6, 0.3, 0.3]))
+        apart, scatter = np.zeros((2, candidates)), 0.0
+        for axis in range(2):
+            aim = np.append(own[axis], np.zeros(3))
+            fit, *_ = np.linalg.lstsq(by[:, None] * rows, by * aim, rcond=None)
+            apart += (places[axis, :, cell] - fit[0]) ** 2
+            scatter += float(np.sum((by * (aim - rows @ fit)) ** 2))
+        variance = scatter / (2.0 * says.sum()) + matching.LEAST_SPREAD**2
+        trust = says.sum() / (says.sum() + 1.0)
+        wanted = -trust * np.minimum(0.5 * apart / variance, BREAK_COST)
+        np.testing.assert_allclose(found[:, cell], wanted, rtol=1e-6, atol=1e-9)
+    assert np.mean(found > -0.9 * BREAK_COST) > 0.2

@@ -102,3 +102,18 @@ def test_direct_light_that_slow_panels_let_in(tmp_path: Path) -> None:
     code, known = compare(rig, goal="indirect", codes=64, guards=False)
     assert known > 0.1  # far more than the codes alone
     assert code == pytest.approx(known, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("goal", "leaks"),
+    [("indirect", True), ("direct", True), ("fraction", False), ("white", False)],
+)
+def test_only_photos_without_direct_light_are_spoilt_by_some(
+    goal: str, leaks: bool, tmp_path: Path
+) -> None:
+    slow = PanelConfig(size_px=(1600, 1200), rise_s=0.002, fall_s=0.006)
+    rig = setting(tmp_path, mask=slow)
+    fields: dict[str, Any] = {"p": 0.25} if goal == "fraction" else {}
+    request = CaptureRequest(goal=goal, codes=64, guards=False, **fields)  # type: ignore[arg-type]
+    found = guess(make_plan(request, rig.config, GRID), rig, Prior())
+    assert found.leak > 0.05 if leaks else found.leak == 0.0

@@ -10,6 +10,7 @@ import pytest
 from scipy.special import ndtr
 
 from pdcd.bench.tables import Config
+from pdcd.errors import ConfigError
 from pdcd.planning.guards import choose_window, lag_by_rows_s, lag_rows
 from pdcd.planning.make import make_plan
 from pdcd.planning.measured import MOST_LEAK, quietest, schedule_leak, with_grid
@@ -29,9 +30,11 @@ def config(**tables: dict[str, Any]) -> Config:
 AUTO = {"grid": "auto"}
 
 
-def leak_by_integration(cell_px: float, offset_px: float, spread_px: float) -> float:
+def leak_by_integration(
+    cell_px: float, offset_px: float, spread_px: float, guard: float = 0.25
+) -> float:
     """Light of other cells in a half window: the mean over its points of what is not its own."""
-    x = np.linspace(0.25, 0.75, 20001) * cell_px
+    x = np.linspace(guard, 1.0 - guard, 20001) * cell_px
     own = ndtr((x - offset_px) / spread_px) - ndtr((x - cell_px - offset_px) / spread_px)
     return float(1.0 - own.mean() ** 2)
 
@@ -61,6 +64,30 @@ def test_where_nothing_was_measured_cells_are_the_usual_ones() -> None:
 def test_blur_alone_asks_for_windows() -> None:
     assert choose_window("auto", 0.0, 0.0) == "whole"
     assert choose_window("auto", 0.0, 0.01) == "quarter"
+
+
+@pytest.mark.parametrize("limit", [0.97, 1.03])
+def test_whole_cells_are_taken_as_long_as_they_let_hardly_any_light_through(limit: float) -> None:
+    """By blur alone, by misregistration alone, and by half of each."""
+    blur = 0.001 / (leak_by_integration(1.0, 0.0, 0.002, guard=0.0) / 0.002)
+    apart = 0.001  # of a cell's width is that share of its light
+    wanted = "whole" if limit < 1.0 else "quarter"
+    assert choose_window("auto", 0.0, limit * blur) == wanted
+    assert choose_window("auto", limit * apart) == wanted
+    assert choose_window("auto", apart) == "whole"  # up to it, inclusive
+    assert choose_window("auto", 0.5 * limit * apart, 0.5 * limit * blur) == wanted
+
+
+def test_a_window_that_the_panels_miss_is_refused() -> None:
+    """Windows keep off what their guards are wide; whole cells have none, and nothing to keep."""
+    for name, guard in (("quarter", 0.25), ("side-5/8", 3 / 16), ("side-7/8", 1 / 16)):
+        assert choose_window(name, guard) == name
+        with pytest.raises(ConfigError, match=f"more than {name} windows tolerate") as found:
+            choose_window(name, guard + 0.01)
+        assert (found.value.hint or "").startswith("use fewer") == (name == "quarter")
+    assert choose_window("whole", 0.9) == "whole"
+    with pytest.raises(ConfigError, match="more than quarter windows tolerate"):
+        choose_window("auto", 0.3)
 
 
 def test_rows_that_are_set_late_count_as_lag() -> None:

@@ -330,7 +330,7 @@ def test_a_coaxial_bench_has_no_depths(goal: str) -> None:
     ("fields", "says"),
     [
         ({"goal": "keyed", "codes": 64}, "none share a code"),
-        ({"goal": "keyed", "codes": 8}, "none within 7 cells"),
+        ({"goal": "keyed", "codes": 8}, "none nearer than 7 cells"),
         ({"goal": "stereo", "codes": 64, "disparity": [0, 2]}, "closed for 3 disparities; "),
         ({"goal": "keyed", "codes": 12, "disparity": [0, 2]}, "12 cells apart are blocked"),
         ({"goal": "epipolar", "codes": 8}, "one for each row, exact"),
