@@ -8,7 +8,6 @@ camera's menu. A process that is killed cannot end a bulb exposure over USB: use
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import logging
 from contextlib import suppress
@@ -16,7 +15,7 @@ from pathlib import Path, PurePath
 
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig, TriggerConfig
-from pdcd.errors import ConfigError, DecodeError, ExposureError, NoSpaceError, PdcdError
+from pdcd.errors import ConfigError, DecodeError, ExposureError, PdcdError, disk_errors
 from pdcd.sensor.profile import load_profile, responsivity_e
 from pdcd.sensor.raw import RAW_SUFFIXES
 from pdcd.sensor.tiff import read_tags
@@ -173,7 +172,7 @@ class GphotoReadout:
         """Wait for the RAW file and store it; JPEGs beside it are thrown away.
 
         Raises ExposureError for none or more than one, DecodeError for a file with a piece missing,
-        DeviceLost, NoSpaceError.
+        DeviceLost, NoSpaceError, or DiskError for any other refusal of the disk.
         """
         if not self._armed:
             raise ExposureError("the camera was not armed", device="camera", hint="call arm first")
@@ -187,16 +186,13 @@ class GphotoReadout:
                 hint="take the photo again; check the cable",
             )
         path = folder / f"{name}{PurePath(file.name).suffix.lower()}"
-        try:
-            with path.open("xb") as copy:
+        with disk_errors(str(path)), path.open("xb") as copy:
+            try:
                 copy.write(data)
-        except OSError as err:
-            if err.errno in (errno.ENOSPC, errno.EDQUOT):
-                path.unlink(missing_ok=True)
-                raise NoSpaceError(
-                    f"no space left for {path.name}", device="camera", hint="free some space"
-                ) from err
-            raise
+                copy.flush()
+            except OSError:
+                path.unlink()
+                raise
         return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
 
     def disconnect(self) -> None:

@@ -167,10 +167,11 @@ def _keyed(maker: Maker, codes: int) -> Combination:
     if count == 1:
         maker.coded("keyed", Keyed(place, low), (1.0, everything), *blocked, rows=True)
         return ((1.0, "keyed"),)
-    if codes < LEAST_PERIODS * count:
+    least = LEAST_PERIODS * count
+    if codes < least:
         raise FewCodesError(
             f"{codes} codes are too few to tell {count} disparities from others",
-            hint=f"take at least {LEAST_PERIODS * count} codes, best from {grid[1] + 1 + count} on",
+            hint=f"take at least {least} codes, best from {max(least, grid[1] + 1 + count)} on",
         )
     period = period_of(codes, grid[1], count)
     lost = count / period

@@ -9,7 +9,7 @@ import errno
 import hashlib
 import itertools
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ from drivers.gphoto import GphotoReadout, GphotoShutter
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig, Config, RigConfig, TriggerConfig
-from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
+from pdcd.errors import ConfigError, DecodeError, DeviceLost, DiskError, ExposureError, NoSpaceError
 from pdcd.sensor.raw import read_raw
 from tests.cr2 import write_cr2
 from tests.fake_gphoto import FakeCamera, Setting, failure
@@ -202,44 +202,55 @@ def test_a_truncated_file_is_refused(bench: Bench, share: float) -> None:
     assert not (bench.root / "shot.cr2").exists()
 
 
+class Refused:
+    """An open file that takes no bytes."""
+
+    def __init__(self, file: IO[Any], error: OSError) -> None:
+        self.file, self.error = file, error
+
+    def __enter__(self) -> Refused:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.file.close()
+
+    def write(self, data: bytes) -> int:
+        raise self.error
+
+
 @pytest.mark.parametrize(
     ("error", "told"),
     [
         (OSError(errno.ENOSPC, "full"), NoSpaceError),
         (OSError(errno.EDQUOT, "full"), NoSpaceError),
-        (OSError(errno.EIO, "broken"), OSError),
-        (ZeroDivisionError("ours"), ZeroDivisionError),
+        (OSError(errno.EIO, "broken"), DiskError),
     ],
 )
-def test_a_full_disk_is_told_of_and_nothing_else_is_called_one(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception, told: type[Exception]
+def test_of_a_disk_that_takes_no_more_nothing_is_left_behind(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: OSError, told: type[Exception]
 ) -> None:
-    """The file is there already when its bytes find no room; it is not left behind."""
+    """The file is there already when its bytes find no room."""
     whole_open = Path.open
 
-    def open_and_fail(path: Path, mode: str = "r", *args: Any) -> Any:
+    def opened(path: Path, mode: str = "r", *args: Any) -> Any:
         file = whole_open(path, mode, *args)
-        if mode != "xb":
-            return file
-        file.close()
-        raise error
+        return Refused(file, error) if mode == "xb" else file
 
     bench.connect()
     bench.camera.add("a.cr2", bench.raw)
-    monkeypatch.setattr(Path, "open", open_and_fail)
+    monkeypatch.setattr(Path, "open", opened)
     with pytest.raises(told) as caught:
         bench.readout.fetch(bench.root, "shot", 30.0)
-    assert type(caught.value) is told
-    if told is NoSpaceError:
-        assert "shot.cr2" in str(caught.value) and caught.value.__cause__ is error
-        assert not (bench.root / "shot.cr2").exists()
+    assert type(caught.value) is told and caught.value.__cause__ is error
+    assert "shot.cr2" in str(caught.value)
+    assert not (bench.root / "shot.cr2").exists()
 
 
 def test_a_file_of_the_run_is_never_written_over(bench: Bench) -> None:
     (bench.root / "shot.cr2").write_bytes(b"precious")
     bench.connect()
     bench.camera.add("a.cr2", bench.raw)
-    with pytest.raises(FileExistsError):
+    with pytest.raises(DiskError, match=r"shot\.cr2"):
         bench.readout.fetch(bench.root, "shot", 30.0)
     assert (bench.root / "shot.cr2").read_bytes() == b"precious"
 
