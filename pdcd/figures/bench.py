@@ -50,6 +50,10 @@ REMAINDER_PX = 4.0
 TRUE_CAMERA_TURN_DEG, TRUE_CAMERA_SHIFT_PX = 0.02, (0.3, -0.2)
 TRUE_MASK_TURN_DEG, TRUE_MASK_OFFSET_PX = 0.01, (1.6, -1.1)
 """What the truth adds to what is believed."""
+BORDER_PX = 2.0
+"""Border of the field in which nothing is compared, in projector pixels: the panels are misplaced
+by about half of that, so that along one side the mask is closed where the projector is lit. On
+the camera's own quads such a line is seen, and would be most of the error of a good photo."""
 
 
 def bench_of(take: Take, mode: Mode, folder: Path) -> Config:

@@ -98,7 +98,7 @@ class Photo:
         (H, W, 3) float32, linear, scene units; NaN where nothing is known.
     truths : the same pictures as the scene really is, seen through the same optics.
     errors : RMS error of each picture against its truth, over the RMS of the truth, taken over the
-        camera's own quads and not over the raster.
+        camera's own quads and not over the raster, but for a narrow border of the field.
     transport, transport_truth : (C, J, 3) entries of T of the goal "transport", else None.
     summary : of the run, as `pdcd capture --json` tells it.
     grid : rows and columns of cells.

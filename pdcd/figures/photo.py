@@ -23,7 +23,7 @@ from pdcd.api.bench import Bench, finished
 from pdcd.api.local import local
 from pdcd.api.run import Run
 from pdcd.errors import Cancelled, PdcdError
-from pdcd.figures.bench import bench_of
+from pdcd.figures.bench import BORDER_PX, PROJECTOR_PX, bench_of
 from pdcd.figures.figure import Mode, Photo, Take
 from pdcd.offload.truths import pictures_in_truth
 from pdcd.optics.bench import OpticalBench
@@ -33,6 +33,7 @@ from pdcd.pictures.upright import Sampler, View
 from pdcd.planning.known import TRUTH, read_truth
 from pdcd.planning.truth import entries
 from pdcd.scene.scene import Scene
+from pdcd.sensor.cells import CellMap
 from pdcd.words import GoalName
 
 Heard = Callable[[], None]
@@ -91,7 +92,7 @@ def _beside_truth(run: Run, optics: OpticalBench, mode: Mode, heard: Heard) -> P
         known = np.isfinite(image).all(axis=-1) & cells.known
         pictures[name] = _on_field(sampler, image, known)
         truths[name] = _on_field(sampler, truth, np.ones_like(known))
-        errors[name] = _error(image, truth, optics.inside & known)
+        errors[name] = _error(image, truth, optics.inside & known & _off_border(cells))
     transport, transport_truth = _transport(run, optics.scene)
     summary = msgspec.to_builtins(dict(run.summary))
     return Photo(pictures, truths, errors, transport, transport_truth, summary, run.grid)
@@ -110,6 +111,12 @@ def _on_field(sampler: Sampler, image: NDArray[Any], known: NDArray[np.bool_]) -
     seen, where = sampler(image, known)
     seen[~where] = np.nan
     return seen
+
+
+def _off_border(cells: CellMap) -> NDArray[np.bool_]:
+    """(h, w), quads whose centres lie at least `BORDER_PX` inside the field."""
+    border = BORDER_PX / np.array(PROJECTOR_PX)
+    return np.asarray(((cells.centres >= border) & (cells.centres <= 1.0 - border)).all(axis=-1))
 
 
 def _error(image: NDArray[Any], truth: NDArray[Any], where: NDArray[np.bool_]) -> float:
