@@ -85,9 +85,9 @@ def limit(axes: Any, value: float, label: str) -> None:
     )
 
 
-def save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: Path, colours: int = COLOURS) -> None:
     """Write as PNG with a palette: a third of the size, and plots have few colours anyway."""
     drawn = io.BytesIO()
     figure.savefig(drawn, dpi=DPI)
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.open(drawn).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+    Image.open(drawn).convert("RGB").quantize(colours).save(path, optimize=True)
