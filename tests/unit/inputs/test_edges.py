@@ -168,10 +168,8 @@ def test_what_no_archive_of_numpy_has_is_refused(monkeypatch: pytest.MonkeyPatch
     locked[good.index(b"PK\x01\x02") + 8] |= 1
     with pytest.raises(Unsound, match="packed or locked"):
         members(bytes(locked))
-    moved = bytearray(good)
-    moved[-6:-2] = (2**31).to_bytes(4, "little")
     with pytest.raises(Unsound, match="it is damaged: "):
-        members(bytes(moved))
+        members(good.replace(b"PK\x01\x02", b"PK\x01\x03"))
 
 
 def chunk(kind: bytes, body: bytes) -> bytes:
