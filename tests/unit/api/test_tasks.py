@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import threading
 from pathlib import Path
@@ -23,7 +24,7 @@ from pdcd.api.run import Run
 from pdcd.api.table import Table
 from pdcd.api.task import ENDING, Record, Task, ended, failed, held, taken
 from pdcd.bench.tables import Config, SceneConfig
-from pdcd.errors import BusyError, DeviceLost, PdcdError, RequestError
+from pdcd.errors import BusyError, DecodeError, DeviceLost, PdcdError, RequestError
 from pdcd.inputs.limits import Limits
 from pdcd.inputs.npy import read_npz
 from pdcd.offload.birth import Newborn
@@ -406,3 +407,30 @@ def test_a_run_in_a_notebook_has_a_line_for_each_figure() -> None:
     assert "missed" not in shown and "RMS sigma" not in shown and "<img" not in shown
     assert "<li>&lt;w&gt;</li>" in shown
     assert "<td>/x</td>" in html.run_html(run_of())
+
+
+def test_a_preview_that_cannot_be_read_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("white", "direct", "indirect", "high", "low", "odd")
+    run: Any = run_of(
+        summary={"picture": "low"}, files=dict.fromkeys(f"preview/{n}.png" for n in names)
+    )
+    run.pictures = dict.fromkeys(names[:5])
+    monkeypatch.setattr(Run, "checked", lambda self, name: Path(name))
+    faults: dict[str, Exception] = {}
+
+    def small(path: Path) -> bytes:
+        if path.stem in faults:
+            raise faults[path.stem]
+        return b"jpeg"
+
+    def shown() -> list[str]:
+        return re.findall(r'alt="(\w+)"', html.run_html(run))
+
+    monkeypatch.setattr(html, "_small", small)
+    # The answer first, and no more than four; one without linear values is none.
+    assert shown() == ["low", "direct", "high", "indirect"]
+    faults |= {"direct": DecodeError("damaged"), "low": OSError("gone")}
+    assert shown() == ["high", "indirect"]
+    faults["high"] = ZeroDivisionError()
+    with pytest.raises(ZeroDivisionError):
+        shown()

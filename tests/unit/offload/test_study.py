@@ -277,3 +277,16 @@ def test_a_desk_without_a_job_says_what_is_missing(tmp_path: Path) -> None:
         with pytest.raises(PdcdError, match=words):
             call()
     assert desk.report(watch) is None
+
+
+def test_an_error_of_a_script_is_not_taken_for_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def script() -> Script:
+        yield Ask("wait")
+        raise CalibrationError("no dots were seen")
+
+    one = study(tmp_path, monkeypatch, script())
+    one.begin("geometry", UTC)
+    with pytest.raises(CalibrationError, match="no dots"):
+        one.answered()
