@@ -424,3 +424,20 @@ def test_squares_of_quads_are_known_where_all_of_them_are() -> None:
     cells = Known(image.reshape(-1, 3), seen.ravel(), of_cells=True)
     assert cells.binned(2) is cells
     assert Known(image, seen, of_cells=False).binned(2).seen.shape == (2, 3)
+
+
+@pytest.mark.parametrize(("codes", "shared"), [(32, False), (8, True)])
+def test_cells_of_a_row_share_no_code_where_depths_are_keyed(codes: int, shared: bool) -> None:
+    rig = config(rig={"arrangement": "off-axis"}, schedule={"window": "whole"})
+    plan = make_plan(CaptureRequest(goal="keyed", codes=codes, pilot=0, parts=1), rig, GRID)
+    assert plan.family == "hadamard"
+    (primal, _) = next(pair for pair in plan.patterns.values() if len(pair[0]))
+    assert primal.dtype == np.uint8
+    bits = np.unpackbits(primal.astype(np.uint8), axis=1, count=GRID[0] * GRID[1]).reshape(
+        -1, *GRID
+    )
+    for row in range(GRID[0]):
+        columns = {bits[:, row, col].tobytes() for col in range(GRID[1])}
+        assert (len(columns) < GRID[1]) is shared
+    told = [reason for reason in plan.reasons if reason.startswith("codes: of the cells")]
+    assert len(told) == 1 and ("none share" in told[0]) is not shared

@@ -268,3 +268,17 @@ def test_a_page_of_runs_ends_where_enough_was_read(
     assert [run.job for run in page.runs] == [job(3), job(2)] and page.more == job(2)
     rest = search(tmp_path, RunQuery(before=page.more))
     assert [run.job for run in rest.runs] == [job(1)] and rest.more is None
+
+
+def test_no_more_runs_are_told_than_were_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where one that takes long to read ends a page early, and the next is full."""
+    for second in (1, 2, 3, 4):
+        place = finished(tmp_path, job(second))
+    size = (place / "capture.json").stat().st_size
+    (place / "capture.json").write_bytes((place / "capture.json").read_bytes() + b" " * 2 * size)
+    monkeypatch.setattr("pdcd.runs.index.PAGE_BYTES", 2 * size)
+    for newest in (1, 2, 3, 4):
+        found = runs(tmp_path, newest=newest)
+        assert [run.job for run in found] == [job(4), job(3), job(2), job(1)][:newest]
