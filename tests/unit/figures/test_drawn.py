@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures import fig09, fig10, fig11, fig12
-from pdcd.figures.figure import QUICK, Figure, Number, Photo
+from pdcd.figures.figure import FULL, QUICK, Figure, Mode, Number, Photo
 from pdcd.scene.build import build_scene
 from pdcd.scene.presets.chart import bars
 
@@ -185,7 +185,7 @@ def test_figure_11_takes_the_front_by_its_cells() -> None:
         taken = Photo({"keyed": image}, {}, {}, None, None, {}, grid)
         assert fig11.left(taken, disparity) == pytest.approx(left, abs=1e-9)
     # Cells at its edge see the front in part, and do not count.
-    options = {"disparity": disparity, "painted": True}
+    options = {"disparity": disparity}  # paint moves nothing
     scene = build_scene(SceneConfig(kind=fig11.SCENE, grid=grid, options=options))
     assert scene.displacement is not None
     front = np.isclose(scene.displacement[:, 1], disparity).reshape(grid)
@@ -225,3 +225,26 @@ def test_figure_12_sees_what_codes_left_in_the_direct_picture() -> None:
     rows = fig12.FIGURE.drawn(QUICK, photos).rows
     assert all(len(row.panels) == 3 for row in rows)
     assert rows[0].panels[1].white == pytest.approx(float(np.percentile(indirect, 99.5)), rel=1e-4)
+
+
+@pytest.mark.parametrize(("mode", "papers"), [(QUICK, 1), (FULL, 4)])
+def test_figure_12_takes_the_papers_codes_of_one_scene_where_it_has_to_be_quick(
+    mode: Mode, papers: int
+) -> None:
+    takes = fig12.takes(mode)
+    by_paper = [name for name in takes if name.endswith("paper's")]
+    assert len(by_paper) == papers and len(takes) == papers + 4
+    for name in by_paper:
+        ours = takes[name.replace("paper's", "ours")]
+        assert takes[name].scene == ours.scene and takes[name].goal == ours.goal
+        assert takes[name].asked["codes"] == ours.asked["codes"]
+        assert takes[name].asked["family"] == "bernoulli" and "family" not in ours.asked
+    assert takes[next(iter(takes))].asked["codes"] == 128  # of 512 as the paper counts them
+
+
+@pytest.mark.parametrize(("mode", "share"), [(QUICK, 1 / 8), (FULL, 1 / 16)])
+def test_figure_9_keeps_the_same_share_in_both_photos(mode: Mode, share: float) -> None:
+    takes = fig09.takes(mode)
+    assert {take.asked["p"] for name, take in takes.items() if name != "white"} == {share}
+    assert {take.goal for name, take in takes.items() if name[-1] == "d"} == {"off-diagonal"}
+    assert all(take.asked["codes"] == 256 for name, take in takes.items() if name != "white")
