@@ -194,9 +194,8 @@ class Study:
         self.session.learn(step, outcome)
         self.maps.update(outcome.maps)
         for key, found in outcome.words.items():
-            value = found.value.tolist() if isinstance(found.value, np.generic) else found.value
             self.entries[key] = Entry(
-                value=value, sigma=found.sigma, step=step, made_utc=self.now_utc
+                value=found.value, sigma=found.sigma, step=step, made_utc=self.now_utc
             )
         if outcome.profile is not None:
             from pdcd.calibration.body import profile_text  # what a capture never needs

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import sys
 import types
+from typing import Any
 
 import pytest
 
-from pdcd.api.progress import bar, notebook, shown
+from pdcd.api import progress
+from pdcd.api.progress import Left, Stages, bar, notebook, share_of, shown, words_of
+from pdcd.runs import events
 from pdcd.runs.events import Attention, Progress
 
 
@@ -70,3 +73,62 @@ def test_who_does_not_want_it_sees_none(cell: Handle, monkeypatch: pytest.Monkey
     assert not cell.drawn and notebook()
     monkeypatch.setattr(sys.modules["IPython"], "get_ipython", lambda: None)
     assert not notebook()
+
+
+@pytest.mark.parametrize(
+    ("event", "words", "share"),
+    [
+        (events.Progress(shot="a", frame=3, frames=9, missed=0), "a: 3/9 refreshes", (3, 9)),
+        (
+            events.Progress(shot="a", frame=3, frames=9, missed=2),
+            "a: 3/9 refreshes, 2 missed",
+            (3, 9),
+        ),
+        (events.Decoded(done=1.0, total=4.0), "decoding: 25 %", (1.0, 4.0)),
+        (events.Planning(stage="codes", done=1.0, total=8.0), "planning codes: 12 %", (1.0, 8.0)),
+        (events.Attention(text="cover\nit"), "cover\\nit", None),
+        (events.Armed(shot="a", frames=9), "a: armed", None),
+    ],
+)
+def test_events_are_told_in_words(event: Any, words: str, share: Any) -> None:
+    assert (words_of(event), share_of(event)) == (words, share)
+
+
+def test_stages_begin_once_each() -> None:
+    stages = Stages()
+    told = [
+        events.Planning(stage="a", done=0.0, total=1.0),
+        events.Planning(stage="b", done=1.0, total=1.0),
+        events.Armed(shot="a", frames=1), events.Progress(shot="a", frame=0, frames=1, missed=0),
+        events.Armed(shot="a", frames=1), events.Attention(text="x"),
+        events.Progress(shot="a", frame=1, frames=1, missed=0),
+        events.Progress(shot="b", frame=1, frames=1, missed=0),
+        events.Decoded(done=0.0, total=1.0), events.Decoded(done=1.0, total=1.0),
+    ]  # fmt: skip
+    assert [stages.begins(event) for event in told] == [
+        True, False, True, False, True, False, False, True, True, False,
+    ]  # fmt: skip
+
+
+def test_the_time_left_goes_by_what_was_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 10.0
+    monkeypatch.setattr("pdcd.api.progress.time.monotonic", lambda: now_s)
+    left = Left()
+    assert left.words((0.0, 8.0), True) == ""
+    now_s = 12.0
+    assert left.words((2.0, 8.0), False) == ", 6 s left"
+    assert left.words((6.0, 8.0), False) == "" and left.words(None, False) == ""
+    now_s = 13.0
+    assert left.words((6.0, 8.0), False) == ", 1 s left"
+
+
+def test_without_a_bar_lines_come_at_most_once_a_second(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now_s = 100.0
+    monkeypatch.setattr("pdcd.api.progress.time.monotonic", lambda: now_s)
+    lines = progress._Lines()
+    for now_s, share in ((100.0, (0.0, 4.0)), (100.9, (1.0, 4.0)), (101.0, (2.0, 4.0))):
+        lines.show(f"at {now_s}", share, now_s == 100.0)
+    lines.show("a word\n", None, False)
+    assert capsys.readouterr().err.splitlines() == ["at 100.0", "at 101.0, 1 s left", "a word\\n"]

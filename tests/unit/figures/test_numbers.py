@@ -136,3 +136,7 @@ def test_tables_have_all_their_rows() -> None:
         names = table.FIGURE.takes(QUICK)
         shown = table.FIGURE.drawn(QUICK, {name: photo(flat(0.5)) for name in names})
         assert len(shown.rows) == 7
+        # What a filter or a difference gives has both signs; all else is light.
+        for row, panels in zip(mode_rows, shown.rows, strict=True):
+            signs = {panel.signed for panel in panels.panels}
+            assert signs == {row.goal in ("descattered", "filtered")}, row.number

@@ -74,7 +74,9 @@ def test_paths_have_the_strength_of_the_mirror() -> None:
     codes = pilot_codes(GRID, 16, seed=2)
     photos = photos_of(transport, codes)
     noise = np.zeros(CELLS)
-    paths = weigh(find_partners(codes, photos, GRID, noise), codes, photos, GRID, noise).toarray()
+    sparse = weigh(find_partners(codes, photos, GRID, noise), codes, photos, GRID, noise)
+    paths = sparse.toarray()
+    assert sparse.nnz == np.count_nonzero(paths)  # what is no path takes no room
     true = np.where(transport > 0.1, transport, 0.0)
     np.fill_diagonal(true, 0.0)
     assert np.all(paths >= 0.0) and not np.diag(paths).any()

@@ -71,3 +71,18 @@ def test_columns_of_whole_tables(tmp_path: Path) -> None:
     table.write_text("shot,refresh,code\r\na,0\r\n")
     with pytest.raises(DecodeError):
         read_columns(table, ("shot",))
+
+
+def test_no_fault_of_ours_is_taken_for_a_damaged_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / NAME).write_text("shot,refresh,code\r\n")
+
+    def full(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("pdcd.runs.frame_table.csv.reader", full)
+    with pytest.raises(MemoryError):
+        read_columns(tmp_path / NAME)
+    with pytest.raises(MemoryError):
+        FrameTable(tmp_path).of(SHOT, (none(), none()), grid=(2, 3))

@@ -232,3 +232,53 @@ def test_no_run_has_its_name_before_it_is_locked(
             again.create(min_free_bytes=0)
     assert states(runs(tmp_path)) == [(job(1), "unfinished")]
     assert os.listdir(tmp_path) == [f"{job(1)}.partial"]  # noqa: PTH208
+
+
+def test_how_a_run_ended_is_told_by_the_last_whole_line_of_its_log(tmp_path: Path) -> None:
+    failed = {"event": "failed", "kind": "sync", "message": "late", "taken": "3 of 5"}
+    place = cut(tmp_path, job(1), {"event": "armed"}, failed)
+    (found,) = runs(tmp_path)
+    assert (found.state, found.taken) == ("failed", "3 of 5") and "late" in str(found.reason)
+    (place / "log.jsonl").write_text(json.dumps(failed) + "\n" + '{"event": "half a li')
+    assert runs(tmp_path)[0].state == "failed"
+    long = {"event": "noted", "text": "x" * 70_000}
+    none = "unfinished"
+    for log, state in (([failed, long], none), ([long, failed], "failed"), ([], none)):
+        (place / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in log))
+        assert runs(tmp_path)[0].state == state
+    (place / "log.jsonl").write_text(json.dumps({"event": "cancelled"}) + "\n")
+    (found,) = runs(tmp_path)
+    assert found.state == "cancelled" and found.reason
+
+
+def test_a_page_of_runs_ends_where_enough_was_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for second in (1, 2, 3):
+        place = finished(tmp_path, job(second))
+    size = (place / "capture.json").stat().st_size
+    for most, count in ((size - 1, 1), (size, 2), (2 * size, 3)):
+        monkeypatch.setattr("pdcd.runs.index.PAGE_BYTES", most)
+        page = search(tmp_path, RunQuery())
+        assert len(page.runs) == count and (page.more is None) == (count == 3)
+        assert len(runs(tmp_path)) == 3
+    told = len(msgspec.json.encode(page.runs[0]))
+    monkeypatch.setattr("pdcd.runs.index.ANSWER_BYTES", told)
+    page = search(tmp_path, RunQuery())
+    assert [run.job for run in page.runs] == [job(3), job(2)] and page.more == job(2)
+    rest = search(tmp_path, RunQuery(before=page.more))
+    assert [run.job for run in rest.runs] == [job(1)] and rest.more is None
+
+
+def test_no_more_runs_are_told_than_were_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where one that takes long to read ends a page early, and the next is full."""
+    for second in (1, 2, 3, 4):
+        place = finished(tmp_path, job(second))
+    size = (place / "capture.json").stat().st_size
+    (place / "capture.json").write_bytes((place / "capture.json").read_bytes() + b" " * 2 * size)
+    monkeypatch.setattr("pdcd.runs.index.PAGE_BYTES", 2 * size)
+    for newest in (1, 2, 3, 4):
+        found = runs(tmp_path, newest=newest)
+        assert [run.job for run in found] == [job(4), job(3), job(2), job(1)][:newest]

@@ -11,8 +11,11 @@ from typing import Any
 
 import pytest
 
+from pdcd.errors import DiskError
+from pdcd.runs import prune
 from pdcd.runs.entry import RunQuery
 from pdcd.runs.index import runs
+from pdcd.runs.inside import opened
 from pdcd.runs.prune import Unwanted, remove, unwanted
 from tests.run_folders import cut, finished, job
 
@@ -127,3 +130,51 @@ def test_an_interrupted_removal_leaves_nothing_that_looks_like_a_run(
     assert left.state == "unfinished" and left.folder.endswith(f"{job(1)}.removed")
     assert remove(tmp_path, first(tmp_path, leftovers=True)).removed
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_to_go_has_its_size_and_is_told_what_kept_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    captures = tmp_path / "captures"
+    place = finished(captures, job(1))
+    (place / "raw").mkdir()
+    (place / "raw" / "a").write_bytes(b"x" * 1000)
+    size = 1000 + (place / "capture.json").stat().st_size
+    (one,) = prune.unwanted(tmp_path, RunQuery())
+    assert (one.size_bytes, one.removed, one.why) == (size, False, None)
+    at = datetime(2026, 1, 1, 0, 0, 1, tzinfo=UTC)
+    assert [*prune.unwanted(tmp_path, RunQuery(), older_than=at.replace(second=2))] == [one]
+    assert not [*prune.unwanted(tmp_path, RunQuery(), older_than=at.replace(second=0))]
+    monkeypatch.setattr(prune, "MOST_FILES", 1)
+    (unsized,) = prune.unwanted(tmp_path, RunQuery())
+    assert unsized.size_bytes == 0
+    kept = prune.remove(tmp_path, one)
+    assert not kept.removed and "holds more than 1 files" in str(kept.why) and place.exists()
+    monkeypatch.setattr(prune, "MOST_FILES", 2)
+    gone = prune.remove(tmp_path, one)
+    assert gone.removed and gone.why is None and not [*captures.iterdir()]
+    again = prune.remove(tmp_path, one)
+    assert not again.removed and again.why
+
+
+@pytest.mark.parametrize("ending", ["", ".partial"])
+def test_without_locks_only_finished_runs_are_removed(
+    ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(fd: int, how: int) -> None:
+        raise OSError(95, "not supported")
+
+    place = cut(tmp_path, job(1)) if ending else finished(tmp_path, job(1))
+    (one,) = prune.unwanted(tmp_path, RunQuery())
+    monkeypatch.setattr(fcntl, "flock", none)
+    assert prune.remove(tmp_path, one).removed != bool(ending)
+    assert place.exists() == bool(ending)
+
+
+def test_another_disk_in_a_run_is_not_emptied(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("x")
+    with opened(tmp_path) as folder:
+        here = os.fstat(folder).st_dev
+        assert prune._measured(folder, here) == prune._measured(folder, None) == 1
+        with pytest.raises(DiskError, match="another disk"):
+            prune._measured(folder, here + 1)

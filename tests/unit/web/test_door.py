@@ -116,3 +116,16 @@ def test_a_port_that_is_taken_or_none_is_said() -> None:
         for port in (sock.getsockname()[1], 70_000, -1):
             with pytest.raises(ConfigError, match="cannot listen"):
                 bound("127.0.0.1", port)
+
+
+def test_bytes_that_are_no_text_open_nothing() -> None:
+    """They come as halves of characters, which no encoding has."""
+    door, cookie = opened()
+    with pytest.raises(Refused) as no:
+        Door("127.0.0.1", 8137).exchange(asked(f"{ENTER}\udc80"))
+    assert no.value.status == 403
+    for wrong in (f"{cookie[:-1]}\udc80", f"{cookie}x", cookie[:-1]):
+        with pytest.raises(Refused) as no:
+            door.check(asked(f"{door.room}/", cookie=wrong))
+        assert no.value.status == 401
+    door.check(asked(f"{door.room}/", cookie=cookie))

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from pdcd.errors import BusyError
 from pdcd.runs import events
 from pdcd.web import news as module
 from pdcd.web.asks import Asks
@@ -118,6 +119,43 @@ def test_a_daemon_that_stays_away_is_told_of_once() -> None:
         assert (gone["here"], gone["why"], gone["status"]) == (False, "no daemon answers", None)
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(anext(page), 0.05)
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("error", [BusyError("too much"), ConnectionResetError("gone")])
+def test_a_state_that_cannot_be_asked_for_is_none(error: Exception) -> None:
+    class Silent(NoAnswers):
+        async def ask(self, method: str, params: object = None, **unused: object) -> Any:
+            raise error
+
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), Silent())
+        told._arrived()
+        assert told._refresh is not None
+        await told._refresh  # which raises nothing
+        page = told.page()
+        first = await read(page)
+        assert (first["here"], first["status"], first["visit"]) == (True, None, 1)
+        await page.aclose()
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_pages_are_told_of_every_arrival_anew() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), NoAnswers())
+        for visit in (1, 2):
+            told._heard(events.Queued(job=str(visit), ahead=0))
+            told._arrived()
+            assert told._visit == visit and not told._events
+            await asyncio.sleep(0.01)
+            told._gone("away")
+        assert told._state()["why"] == "away"
+        told._gone("still away")  # another reason is news
+        assert told._state()["why"] == "still away"
         await told.close()
 
     asyncio.run(scenario())

@@ -1,0 +1,52 @@
+"""Interrupts while a job runs: held back, told of, and delivered when it is over."""
+
+from __future__ import annotations
+
+import signal
+import threading
+
+import pytest
+
+from pdcd.api.signals import held_back
+
+
+def test_interrupts_are_held_back_and_delivered_after() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        got: list[int] = []
+
+        def note(came: int, frame: object, got: list[int] = got) -> None:
+            got.append(came)
+
+        before = signal.signal(number, note)
+        try:
+            with held_back() as came:
+                assert not came()
+                signal.raise_signal(number)
+                assert came() and got == []
+                with pytest.raises(KeyboardInterrupt):
+                    signal.raise_signal(number)  # who asks twice does not want to wait
+            assert got == [number]
+            with held_back(delivers=False):
+                signal.raise_signal(number)
+            assert got == [number]
+            with held_back(raises=True), pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(number)
+            assert got == [number] * 2
+            with held_back():
+                pass
+            assert got == [number] * 2
+        finally:
+            signal.signal(number, before)
+
+
+def test_in_another_thread_nothing_is_held_back() -> None:
+    found: list[bool] = []
+
+    def body() -> None:
+        with held_back() as came:
+            found.append(came())
+
+    thread = threading.Thread(target=body)
+    thread.start()
+    thread.join()
+    assert found == [False]

@@ -1,0 +1,443 @@
+"""What a plan settles without a rehearsal: looks, lags, apertures, families, counts of codes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import BenchConfig, Config
+from pdcd.errors import ConfigError, DecodeError, RequestError
+from pdcd.maps.map import Map
+from pdcd.pictures.sigma import Barred
+from pdcd.planning.brightness import as_bright
+from pdcd.planning.grey import as_described, grey_panels, grey_reasons
+from pdcd.planning.guards import asks_for_lag, choose_window, lag_rows, shares_of_cell, tolerant
+from pdcd.planning.known import Known, read_truth, write_truth
+from pdcd.planning.look import (
+    dark_frames,
+    dark_s,
+    due,
+    lit_s,
+    looking,
+    needed,
+    phase_rows,
+    quiet,
+    settled,
+)
+from pdcd.planning.make import make_plan
+from pdcd.planning.metering import at_least, next_aperture
+from pdcd.planning.off_axis import on_bench
+from pdcd.planning.outlook import Estimate, Setting
+from pdcd.planning.plan import Look, Plan, mean_light
+from pdcd.recipes.goals import OFF_AXIS
+from pdcd.request import CaptureRequest, Leaks
+from pdcd.sensor.cells import CellMap
+from tests.unit.planning.test_measured import config
+
+GRID = (12, 16)
+
+
+def plan_of(**fields: Any) -> Plan:
+    request = CaptureRequest(**{"goal": "indirect", "codes": 8, "window": "whole", **fields})
+    return make_plan(request, Config(), GRID)
+
+
+def shot_of(plan: Plan, name: str) -> Any:
+    return next(shot for shot in plan.recipe.shots if shot.name == name)
+
+
+@pytest.mark.parametrize(
+    ("fields", "level", "look"),
+    [
+        ({"black_level": "mask"}, "mask", None),
+        ({"black_level": "none"}, "none", None),
+        ({"goal": "transport"}, "none", None),
+        ({}, "none", Look(0.01, may_add=True)),
+        ({"error": 0.05}, "none", Look(0.05, may_add=True)),
+        ({"until_error": 0.03}, "none", Look(0.03, may_add=True)),
+        ({"seconds": 9.0}, "none", Look(0.01, may_add=False)),
+    ],
+)
+def test_black_exposures_are_as_asked_or_wait_for_a_look(
+    fields: dict[str, Any], level: str, look: Look | None
+) -> None:
+    found = settled(CaptureRequest(**{"goal": "indirect", **fields}), Config())
+    assert (found.level, found.look) == (level, look)
+
+
+def test_a_look_is_due_once_the_shots_of_the_first_part_are_there() -> None:
+    plan = plan_of(codes=32, parts=2)
+    parts = {shot.name: shot.part for shot in plan.recipe.shots}
+    assert {1, 2} <= set(parts.values())
+    early = frozenset(name for name, part in parts.items() if part <= 1)
+    assert plan.look is not None and due(plan, early) and due(plan, frozenset(parts))
+    for name in early:
+        assert not due(plan, early - {name})
+    assert not due(replace(plan, look=None), frozenset(parts))
+
+
+@pytest.mark.parametrize(
+    ("ambient", "mask", "both", "level"),
+    [
+        (0.0, 0.0, 0.01, "none"),
+        (0.02, 0.0, 0.011, "ambient"),
+        (0.02, 0.01, 0.011, "ambient"),
+        (0.01, 0.02, 0.03, "mask"),
+        (0.02, 0.02, 0.03, "both"),
+        (0.005, 0.02, 0.03, "mask"),
+        (None, None, 0.03, "ambient"),
+    ],
+)
+def test_black_exposures_are_those_that_leaks_call_for(
+    ambient: float | None, mask: float | None, both: float, level: str
+) -> None:
+    leaks = Leaks(ambient=ambient, mask=mask, both=both, floor=0.001, limit=0.01, raw=())
+    assert needed(leaks) == level
+
+
+def test_a_dark_photo_shows_an_open_mask_then_a_lit_projector() -> None:
+    plan = plan_of(codes=128)
+    rows = phase_rows(plan)
+    assert rows == 15  # a quarter of a second at 60 Hz
+    pause = max(2, int(np.ceil(plan.settle_s * 60.0)))
+    for lit in (True, False):
+        frames = dark_frames(plan, lit=lit)
+        assert len(frames) == 2 * rows + pause
+        open_, on = frames.dual_index == -2, frames.primal_index == -2
+        assert open_.tolist() == [True] * rows + [False] * (rows + pause)
+        assert on.tolist() == [False] * (rows + pause) + [lit] * rows
+        assert np.array_equal(frames.guard, ~open_)
+    assert dark_s(plan) == pytest.approx((2 * rows + pause) / 60.0 + 2.0 * plan.settle_s)
+    short = plan_of(codes=2, guards="none")
+    assert phase_rows(short) == short.refreshes(short.recipe.shots[-1]) < 15
+
+
+@pytest.mark.parametrize(
+    ("guards", "lit_rows"), [("none", 1), ("full", 3), ("lag", 2), ("both", 1)]
+)
+def test_a_cell_is_lit_for_as_long_as_its_codes_say(guards: Any, lit_rows: int) -> None:
+    for fields, fields_shown in (({"window": "whole"}, 1), ({"window": "quarter"}, 4)):
+        plan = plan_of(guards=guards, black_level="both", **fields)
+        primal: Any = plan.patterns["coded"][0]
+        cells = GRID[0] * GRID[1] if fields_shown == 1 else (GRID[0] + 1) * (GRID[1] + 1)
+        lit = np.unpackbits(primal, axis=1, count=cells).mean(axis=1).sum()
+        rows = lit * lit_rows * plan.passes * fields_shown
+        assert lit_s(plan, shot_of(plan, "coded")) == pytest.approx(rows / 60.0)
+    white = shot_of(plan, "white")
+    assert lit_s(plan, white) == pytest.approx(lit_rows * plan.white_slots / 60.0)
+    dark = [shot for shot in plan.recipe.shots if shot.primal_black]
+    assert dark and all(lit_s(plan, shot) == 0.0 for shot in dark)
+
+
+def test_a_single_code_of_a_pilot_is_lit_by_itself() -> None:
+    plan = plan_of(codes=64, pilot=32)
+    singles = [shot for shot in plan.recipe.shots if shot.only is not None]
+    primal: Any = plan.patterns[singles[0].program][0]
+    cells = GRID[0] * GRID[1]
+    shares = np.unpackbits(primal, axis=1, count=cells).mean(axis=1)
+    rows = 3 * plan.passes_of(singles[0])
+    for shot in (singles[0], singles[5], singles[-1]):
+        assert lit_s(plan, shot) == pytest.approx(shares[shot.only] * rows / 60.0)
+
+
+def test_only_the_last_word_on_black_exposures_is_kept() -> None:
+    plan = plan_of(black_level="none")
+    look = looking(plan, Look(0.025, may_add=False))
+    assert "2.5 %" in look.reasons[-1] and "a warning says" in look.reasons[-1]
+    assert "are added" in looking(plan, Look(0.025, may_add=True)).reasons[-1]
+    assert looking(plan, None).reasons == plan.reasons
+    leaks = Leaks(ambient=0.002, mask=0.001, both=0.0025, floor=1e-4, limit=0.01, raw=())
+    found = quiet(look, leaks)
+    said = [reason for reason in found.reasons if reason.startswith("black exposures")]
+    assert len(said) == 1 and "0.2 %" in said[0] and "0.1 %" in said[0] and "limit 1 %" in said[0]
+    assert found.look is None and found.leaks == leaks
+    at_most = quiet(look, msgspec.structs.replace(leaks, mask=None)).reasons[-1]
+    assert "at most 0.25 %" in at_most
+    none = quiet(look, msgspec.structs.replace(leaks, both=0.0)).reasons[-1]
+    assert "no leak" in none and "0.01 %" in none
+
+
+@pytest.mark.parametrize(
+    ("goal", "fields", "plane", "wanted"),
+    [
+        ("white", {}, (0.5, 0.0, 0.0), None),  # which asks for no depth
+        ("epipolar", {}, (0.5, 0.0, 0.0), None),
+        ("plane", {}, (0.5, 0.0, 0.0), (0.5, 0.0, 0.0)),
+        ("plane", {"plane": (1.0, 0.0, 0.0)}, (0.5, 0.0, 0.0), (1.0, 0.0, 0.0)),
+        ("plane", {}, None, None),
+    ],
+)
+def test_depths_are_those_of_the_bench_unless_they_are_named(
+    goal: Any, fields: dict[str, Any], plane: Any, wanted: Any
+) -> None:
+    request = CaptureRequest(goal=_depth(goal), **fields)
+    rig = config(rig={"arrangement": "off-axis", "plane": plane})
+    assert on_bench(request, rig).plane == wanted
+    assert (request.goal in OFF_AXIS) == (goal != "white")
+    if request.goal in OFF_AXIS:
+        with pytest.raises(RequestError, match="off the projector's axis"):
+            on_bench(request, Config())
+    else:
+        assert on_bench(request, Config()) is request
+
+
+def _depth(goal: str) -> Any:
+    """A goal of depths that takes a plane, whatever it is called."""
+    from pdcd.recipes.goals import OFF_AXIS
+
+    return (
+        next(name for name in sorted(OFF_AXIS) if name != "epipolar") if goal == "plane" else goal
+    )
+
+
+def test_depths_that_are_named_otherwise_leave_the_plane_of_the_bench() -> None:
+    rig = config(rig={"arrangement": "off-axis", "plane": (0.5, 0.0, 0.0)})
+    named: Any = {"file": "x"}
+    for field in ("disparities", "warp"):
+        request = msgspec.structs.replace(CaptureRequest(goal=_depth("plane")), **{field: named})
+        assert on_bench(request, rig) is request
+
+
+@pytest.mark.parametrize(
+    ("lag", "jitter", "names"),
+    [
+        (None, 0.0, ("full",)),
+        (0.0, 0.0, ("none", "both", "lag", "full")),
+        (0.0, 0.01, ("both", "full")),
+        (0.04, 0.01, ("both", "lag", "full")),
+        (0.039, 0.01, ("both", "full")),
+        (1.0, 0.0, ("lag", "full")),
+        (0.96, 0.01, ("lag", "full")),
+        (0.97, 0.01, ("full",)),
+        (-0.96, 0.01, ("lead", "full")),
+        (-0.04, 0.01, ("both", "lead", "full")),
+        (-1.0, 0.0, ("lead", "full")),
+        (1.01, 0.0, ("full",)),
+        (-1.01, 0.0, ("full",)),
+    ],
+)
+def test_schedules_bear_a_lag_up_to_their_edges(
+    lag: float | None, jitter: float, names: tuple[str, ...]
+) -> None:
+    assert tolerant(lag, jitter) == names
+
+
+@pytest.mark.parametrize(
+    ("asked", "apart", "blur", "window"),
+    [
+        ("auto", 0.001, 0.0, "whole"),
+        ("auto", 0.0011, 0.0, "quarter"),
+        ("auto", 0.0005, 0.0003, "whole"),
+        ("auto", 0.0005, 0.0004, "quarter"),
+        ("whole", 5.0, 5.0, "whole"),
+        ("quarter", 0.25, 0.0, "quarter"),
+        ("quarter", 0.26, 0.0, None),
+        ("side-7/8", 0.0625, 0.0, "side-7/8"),
+        ("side-7/8", 0.07, 0.0, None),
+    ],
+)
+def test_windows_cover_what_the_panels_are_apart(
+    asked: str, apart: float, blur: float, window: str | None
+) -> None:
+    if window is None:
+        hint = "fewer, larger cells" if asked == "quarter" else "smaller window"
+        with pytest.raises(ConfigError, match="misregistration") as caught:
+            choose_window(asked, apart, blur)
+        assert hint in str(caught.value.hint)
+    else:
+        assert choose_window(asked, apart, blur) == window
+
+
+def test_shares_of_a_cell_and_lags_are_in_its_units() -> None:
+    found = config(rig={"misregistration_px": 2.0}, mask={"blur_px": 1.0, "jitter_s": 3e-4},
+                   projector={"jitter_s": 4e-4})  # fmt: skip
+    assert shares_of_cell(found, 8.0) == (0.25, 0.125)
+    for given, wanted_rows in ((None, None), (-0.005, pytest.approx(-0.3))):
+        lag, jitter = lag_rows(found, given)
+        assert lag == wanted_rows and jitter == pytest.approx(0.03)
+    cases: Any = (
+        (None, "auto", True), (None, "full", False), ("auto", "full", True), (True, "auto", False),
+    )  # fmt: skip
+    for asked, default, wanted in cases:
+        request = CaptureRequest(goal="white", guards=asked)
+        assert asks_for_lag(request, config(schedule={"guards": default})) is wanted
+
+
+BITS = (np.zeros((2, 3), np.uint8), np.zeros((2, 3), np.float32))
+
+
+@pytest.mark.parametrize(
+    ("pair", "names"),
+    [((0, 0), ()), ((1, 0), ("projector",)), ((0, 1), ("mask",)), ((1, 1), ("projector", "mask"))],
+)
+def test_grey_levels_are_told_of_the_panels_that_show_them(
+    pair: tuple[int, int], names: tuple[str, ...]
+) -> None:
+    pairs: Any = [(BITS[0], BITS[0]), tuple(BITS[n] for n in pair)]
+    assert grey_panels(pairs) == names
+    assert [*grey_reasons(pairs, Config())] == []  # a mock bench is as it is described
+    tables = {name: {"gamma": 2.2} for name in ("projector", "mask")}
+    told = [*grey_reasons(pairs, config(**tables))]
+    assert len(told) == len(names) and all("gamma 2.2" in line for line in told)
+    hidden = msgspec.structs.replace(Config(), bench=BenchConfig(truth="x.toml"))
+    assert not as_described(hidden) and as_described(Config())
+    told = [*grey_reasons(pairs, hidden)]
+    assert len(told) == len(names)
+    assert all(
+        "not known" in line and f"the {n}" in line for n, line in zip(names, told, strict=True)
+    )
+
+
+@pytest.mark.parametrize(
+    ("codes", "p", "wanted"),
+    [
+        (128, 0.5, 128), (128, 0.25, 256), (64, 0.125, 256), (128, 0.3, 210), (100, 0.07, 700),
+        (8, 0.3, 10), (4, 0.9, 2), (1, 0.9, 1),
+    ],
+)  # fmt: skip
+def test_as_many_codes_as_are_equally_bright(codes: int, p: float, wanted: int) -> None:
+    """The nearest number to codes / (2 p) of which a share p is a whole number, if one is near."""
+    found = as_bright(codes, CaptureRequest(goal="fraction", p=p))
+    assert found == wanted
+    rule = codes / (2.0 * p)
+    near = [n for n in range(1, 2000) if abs(p * n - round(p * n)) < 1e-6 and round(p * n) >= 1]
+    best = min(near, key=lambda n: abs(n - round(rule)))
+    if abs(best - round(rule)) <= int(0.25 * rule):
+        assert abs(found - round(rule)) == abs(best - round(rule))
+
+
+@pytest.mark.parametrize(
+    "fields", [{"goal": "fraction"}, {"goal": "indirect", "p": 0.5}, {"goal": "white", "p": 0.5}]
+)
+def test_equal_brightness_is_for_shares_alone(fields: dict[str, Any]) -> None:
+    with pytest.raises(RequestError, match="share p"):
+        as_bright(64, CaptureRequest(**fields))
+
+
+@pytest.mark.parametrize(
+    ("now", "peak", "expected", "aperture", "sure"),
+    [
+        (4.0, 0.95, 0.6, 16.0, False),  # clipped: four times narrower
+        (16.0, 1.0, 0.6, 16.0, True),
+        (8.0, 0.01, 0.6, 2.0, False),  # too dark: so that the next peak is at 0.3
+        (8.0, 0.0, 0.0, 1.0, False),
+        (1.0, 0.0, 0.0, 1.0, True),
+        (4.0, 0.02, 0.6, 4.0, True),
+        (4.0, 0.949, 0.61, 8.0, True),
+        (4.0, 0.5, 2.4, 8.0, True),
+        (4.0, 0.5, 0.15, 2.0, True),
+        (4.0, 0.5, 99.0, 16.0, True),
+    ],
+)
+def test_the_next_aperture_puts_the_brightest_sample_where_it_is_wanted(
+    now: float, peak: float, expected: float, aperture: float, sure: bool
+) -> None:
+    stops = (1.0, 2.0, 4.0, 8.0, 16.0)
+    assert next_aperture(stops, now, peak, expected) == (aperture, sure)
+    assert [at_least(stops, f) for f in (0.5, 2.0, 2.1, 99.0)] == [1.0, 2.0, 4.0, 16.0]
+
+
+def test_errors_of_exposures_fall_as_they_add_up() -> None:
+    one = Estimate(0.03, 0.04, 1e-8, 2e-8, 4e-8, 1.0)
+    assert one.error() == pytest.approx(0.05)
+    assert one.error(4) == pytest.approx(np.hypot(0.03, 0.02))
+    assert one.bound(0.5) == pytest.approx(0.05)
+    # 97.725 % of a normal distribution lie below two standard deviations.
+    spread = np.sqrt(1e-8 + 1e-8 + 1e-8)
+    wanted = np.sqrt(0.03**2 + 0.04**2 / 2 + 2.0 * spread)
+    assert one.bound(0.977250, 2) == pytest.approx(wanted, rel=1e-4)
+    for headroom, too_bright in ((0.63, True), (0.64, False), (2.0, False)):
+        assert replace(one, headroom=headroom).saturates is too_bright
+
+
+def test_what_a_rig_leaves_open_is_chosen() -> None:
+    camera: Any = type("Camera", (), {"isos": (100, 200), "f_numbers": (2.0, 4.0, 8.0)})
+    row = type("Row", (), {"gain_e_per_dn": 2.0})
+    profile: Any = type("P", (), {"saturation_dn": lambda _, iso: 5.0 * iso, "row": lambda *_: row})
+    free = Setting(config(camera={"iso": None, "f_number": "auto"}), camera, profile())
+    assert free.isos == (100, 200) and free.full_e(200) == 2000.0
+    # 9600 electrons at f/1 are 0.6 of 1000 at f/4.
+    assert [free.f_number(e, 100) for e in (9600.0, 9700.0, 1e9, 1.0)] == [4.0, 8.0, 8.0, 2.0]
+    fixed = Setting(config(camera={"iso": 200, "f_number": 5.6}), camera, profile())
+    assert fixed.isos == (200,) and fixed.f_number(9600.0, 100) == 5.6
+    silent = Setting(config(camera={"noise": "none"}), camera, profile())
+    assert silent.variance_dn2(np.zeros(3), 100, 1.0).tolist() == [1.0 / 12.0] * 3
+
+
+def test_light_of_codes_is_the_mean_of_products() -> None:
+    primal = np.packbits(np.array([[1, 1, 1, 1], [1, 0, 0, 0]], np.bool_), axis=1)
+    dual = np.packbits(np.array([[1, 1, 0, 0], [1, 1, 1, 1]], np.bool_), axis=1)
+    assert mean_light((primal, dual), 4) == pytest.approx((1.0 * 0.5 + 0.25 * 1.0) / 2)
+
+
+CELLS = CellMap(grid=(2, 3), frame=(4, 6), map=Map.filling((6, 4)))
+
+
+@pytest.mark.parametrize("of_cells", [True, False])
+def test_the_truth_is_kept_and_compared_where_it_can_be(of_cells: bool, tmp_path: Path) -> None:
+    shape = (6,) if of_cells else (4, 6)
+    rng = np.random.default_rng(0)
+    truth = rng.random((*shape, 3)).astype(np.float32)
+    seen = np.ones(shape, np.bool_)
+    seen[-1] = False
+    known = Known(truth, seen, of_cells=of_cells)
+    write_truth(tmp_path, known)
+    back = read_truth(tmp_path, CELLS)
+    assert np.array_equal(back.image, truth) and np.array_equal(back.seen, seen)
+    assert back.of_cells is of_cells
+    other = CellMap(grid=(3, 2), frame=(6, 4), map=Map.filling((4, 6)))
+    fewer = CellMap(grid=(2, 2), frame=(4, 4), map=Map.filling((4, 4)))
+    with pytest.raises(DecodeError, match="does not fit"):
+        read_truth(tmp_path, fewer if of_cells else other)
+    # Off by a tenth where it is seen, by anything where it is not.
+    found: Any = truth * 1.1
+    found[~seen] = 99.0
+    sigma = np.zeros((4, 6, 3), np.float32)
+    quads = found if not of_cells else np.zeros((4, 6, 3))
+    picture = Barred(quads, sigma, sigma, sigma, "modelled")
+    means = found.reshape(2, 3, 3) if of_cells else np.zeros((2, 3, 3))
+    assert known.rms_error(picture, means) == pytest.approx(0.1, rel=1e-5)
+    dark = Known(0.0 * truth, seen, of_cells=of_cells)
+    assert dark.rms_error(picture, means) is None
+    on_quads, there = known.on_quads(CELLS)
+    assert on_quads.shape == (4, 6, 3) and there.shape == (4, 6)
+    on_cells = known.on_cells(CELLS)
+    assert on_cells.shape == (2, 3, 3) and np.isfinite(on_cells[0]).all()
+    assert np.isnan(on_cells).any()
+
+
+def test_squares_of_quads_are_known_where_all_of_them_are() -> None:
+    image = np.arange(5 * 7 * 3, dtype=np.float64).reshape(5, 7, 3)
+    seen = np.ones((5, 7), np.bool_)
+    seen[1, 2] = False
+    known = Known(image[:4, :6], seen[:4, :6], of_cells=False)
+    found = known.binned(2)
+    assert found.seen.tolist() == [[True, False, True], [True, True, True]]
+    assert not found.of_cells and found.image.shape == (2, 3, 3)
+    assert found.image[0, 0] == pytest.approx(image[:2, :2].mean(axis=(0, 1)))
+    assert known.binned(1) is known
+    cells = Known(image.reshape(-1, 3), seen.ravel(), of_cells=True)
+    assert cells.binned(2) is cells
+    assert Known(image, seen, of_cells=False).binned(2).seen.shape == (2, 3)
+
+
+@pytest.mark.parametrize(("codes", "shared"), [(32, False), (8, True)])
+def test_cells_of_a_row_share_no_code_where_depths_are_keyed(codes: int, shared: bool) -> None:
+    rig = config(rig={"arrangement": "off-axis"}, schedule={"window": "whole"})
+    plan = make_plan(CaptureRequest(goal="keyed", codes=codes, pilot=0, parts=1), rig, GRID)
+    assert plan.family == "hadamard"
+    (primal, _) = next(pair for pair in plan.patterns.values() if len(pair[0]))
+    assert primal.dtype == np.uint8
+    bits = np.unpackbits(primal.astype(np.uint8), axis=1, count=GRID[0] * GRID[1]).reshape(
+        -1, *GRID
+    )
+    for row in range(GRID[0]):
+        columns = {bits[:, row, col].tobytes() for col in range(GRID[1])}
+        assert (len(columns) < GRID[1]) is shared
+    told = [reason for reason in plan.reasons if reason.startswith("codes: of the cells")]
+    assert len(told) == 1 and ("none share" in told[0]) is not shared

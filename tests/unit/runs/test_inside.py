@@ -1,0 +1,232 @@
+"""Files of a folder that may be forged: names, lists, contents, and never more than is allowed."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.errors import DecodeError, PdcdError
+from pdcd.runs import events, inside, manifest, provenance
+from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, path_of, read_file
+from pdcd.runs.patterns import read_patterns, stored_arrays
+from pdcd.runs.verify import _what, _words
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("raw/coded.dng", None),
+        ("raw/..dng", None),
+        ("raw/...", None),
+        ("a b~ é", None),
+        ("x" * 255, None),
+        ("/".join("a" * 16), None),
+        ("x" * 256, "too long"),
+        ("raw/" + "é" * 128, "too long"),  # 256 bytes, whatever the letters
+        ("/".join("a" * 17), "too long"),
+        ("/etc/passwd", "absolute"),
+        ("../x", "leads out"),
+        ("raw/../x", "leads out"),
+        ("raw/..", "leads out"),
+        ("", "empty"),
+        ("raw//x", "empty"),
+        ("raw/", "empty"),
+        ("raw/./x", "empty"),
+        (".", "empty"),
+        ("a\x1fb", "control"),
+        ("a\x7fb", "control"),
+        ("a\ud800", "no text"),
+    ],
+)
+def test_a_name_leads_to_a_file_inside_or_its_fault_is_told(name: str, fault: str | None) -> None:
+    found = fault_of(name)
+    assert found is None if fault is None else fault in str(found)
+
+
+def test_all_that_lies_in_a_folder_is_listed_by_its_kind(tmp_path: Path) -> None:
+    (tmp_path / "raw" / "deep").mkdir(parents=True)
+    (tmp_path / "raw" / "deep" / "a").write_text("x")
+    (tmp_path / "link").symlink_to(tmp_path / "raw")
+    os.mkfifo(tmp_path / "pipe")
+    fds = len(list(Path("/proc/self/fd").iterdir()))
+    with opened(tmp_path) as folder:
+        assert listing(folder) == {
+            "raw": "folder", "raw/deep": "folder", "raw/deep/a": "file", "link": "symbolic link",
+            "pipe": "FIFO",
+        }  # fmt: skip
+    assert len(list(Path("/proc/self/fd").iterdir())) == fds
+
+
+def test_no_more_is_listed_than_is_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path
+    for _ in range(4):
+        place /= "d"
+        place.mkdir()
+    monkeypatch.setattr(inside, "MAX_PARTS", 3)
+    with opened(tmp_path) as folder:
+        assert [*listing(folder)] == ["d", "d/d", "d/d/d"]
+        monkeypatch.setattr(inside, "MAX_ENTRIES", 3)
+        assert len(listing(folder)) == 3
+        monkeypatch.setattr(inside, "MAX_ENTRIES", 2)
+        with pytest.raises(DecodeError, match="more than 2 files"):
+            listing(folder)
+
+
+def test_contents_are_read_up_to_a_length(tmp_path: Path) -> None:
+    (tmp_path / "raw").mkdir()
+    (tmp_path / "raw" / "a").write_bytes(b"12345")
+    (tmp_path / "raw" / "way").symlink_to(tmp_path / "raw")
+    (tmp_path / "link").symlink_to(tmp_path / "raw" / "a")
+    os.mkfifo(tmp_path / "pipe")
+    fds = len(list(Path("/proc/self/fd").iterdir()))
+    with opened(tmp_path) as folder:
+        assert path_of(folder).samefile(tmp_path)
+        assert read_file(folder, "raw/a", 5) == b"12345"
+        with pytest.raises(DecodeError, match="5 bytes, more than the 4 allowed"):
+            read_file(folder, "raw/a", 4)
+        for name, words in (("pipe", "a FIFO, no file"), ("raw", "a folder"), ("link", "link")):
+            with pytest.raises(DecodeError, match=words):
+                read_file(folder, name, 5)
+        for gone in ("none", "none/a", "raw/way/a", "raw/a/b"):
+            with pytest.raises(OSError, match=r"No such|Not a directory|symbolic"):
+                read_file(folder, gone, 5)
+    assert len(list(Path("/proc/self/fd").iterdir())) == fds
+
+
+def test_a_digest_is_of_what_follows_and_gives_signs_of_life(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(inside, "CHUNK_BYTES", 4)
+    (tmp_path / "a").write_bytes(b"0123456789")
+    signs: list[int] = []
+    with opened(tmp_path) as folder, opened_file(folder, "a") as descriptor:
+        os.lseek(descriptor, 1, os.SEEK_SET)
+        found = hashed(descriptor, lambda: signs.append(1))
+    assert found == (hashlib.sha256(b"123456789").hexdigest(), 9) and len(signs) == 3
+
+
+@pytest.mark.parametrize(
+    ("err", "what", "words"),
+    [
+        (DecodeError("it is a FIFO"), "changed", "it is a FIFO"),
+        (OSError(40, "Too many levels"), "changed", "Too many levels"),
+        (NotADirectoryError(20, "Not a directory"), "changed", "Not a directory"),
+        (PermissionError(13, "Permission denied"), "unreadable", "Permission denied"),
+        (OSError("bare"), "unreadable", "bare"),
+        (ValueError("null byte"), "unreadable", "null byte"),
+    ],
+)
+def test_what_cannot_be_opened_was_changed_or_cannot_be_read(
+    err: Exception, what: str, words: str
+) -> None:
+    assert (_what(err), _words(err)) == (what, words)
+
+
+def test_a_manifest_that_could_not_be_read_again_is_not_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: Any = {"job": "one"}
+    data = manifest.written(told)
+    assert b'"job": "one"' in data
+    monkeypatch.setattr(manifest, "MAX_MANIFEST_BYTES", len(data))
+    assert manifest.written(told) == data
+    monkeypatch.setattr(manifest, "MAX_MANIFEST_BYTES", len(data) - 1)
+    with pytest.raises(PdcdError, match=f"would have {len(data)} bytes"):
+        manifest.written(told)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b'{"a": {"b": 1, "b": 1}}', "'b' is there twice"),
+        (b'{"a": 1, "c": 2, "a": 3}', "'a' is there twice"),
+        (b"[1]", "Expected `object`"),
+        (b'{"schema": 3}', "missing required field"),
+        (b"\xff", "damaged"),
+        (b'{"a":' + b"[" * 10_000 + b"]" * 10_000 + b"}", "damaged"),
+    ],
+)
+def test_a_manifest_that_is_none_is_damaged(data: bytes, words: str) -> None:
+    with pytest.raises(DecodeError, match=words):
+        manifest.parsed(data)
+
+
+def test_the_commit_is_that_of_the_checkout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "pdcd" / "runs" / "provenance.py"))
+    assert provenance.git_commit() is None
+    (tmp_path / ".git" / "refs").mkdir(parents=True)
+    (tmp_path / ".git" / "HEAD").write_text("1234\n")
+    assert provenance.git_commit() == "1234"
+    (tmp_path / ".git" / "HEAD").write_text("ref: refs/main\n")
+    assert provenance.git_commit() is None
+    (tmp_path / ".git" / "refs" / "main").write_text("5678\n")
+    assert provenance.git_commit() == "5678"
+
+
+def test_versions_and_time_are_those_of_this_process() -> None:
+    found = provenance.versions()
+    assert (found["python"], found["numpy"]) == (platform.python_version(), np.__version__)
+    found["numpy"] = "another"  # which changes nothing of what is told next
+    assert provenance.versions()["numpy"] == np.__version__
+    told = datetime.fromisoformat(provenance.utc_now())
+    assert told.tzinfo == UTC and abs((datetime.now(UTC) - told).total_seconds()) < 60.0
+
+
+def test_arrays_have_room_for_what_they_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arrays = {"a": np.arange(8.0), "b": np.zeros((2, 3), np.uint8)}
+    np.savez(tmp_path / "codes.npz", **arrays)  # type: ignore[arg-type]
+    back = read_patterns(tmp_path)
+    assert all(np.array_equal(back[name], array) for name, array in arrays.items())
+    whole = sum(128 + array.nbytes for array in arrays.values())
+    monkeypatch.setattr("pdcd.runs.patterns.MAX_BYTES", whole)
+    assert len(stored_arrays(tmp_path / "codes.npz")) == 2
+    monkeypatch.setattr("pdcd.runs.patterns.MAX_BYTES", whole - 1)
+    with pytest.raises(DecodeError, match="would take more"):
+        stored_arrays(tmp_path / "codes.npz")
+
+
+def test_an_event_on_the_wire_comes_back_and_a_newer_one_is_kept() -> None:
+    event = events.Progress(
+        job="one", seq=3, shot="coded", frame=2, frames=9, missed=1, t_mono_ns=7
+    )
+    told = events.wire(event)
+    assert (told["type"], told["job"], told["seq"], told["t_mono_ns"]) == ("progress", "one", 3, 7)
+    assert events.read(told | {"more": 1}) == event
+    assert events.fields(event) == {"shot": "coded", "frame": 2, "frames": 9, "missed": 1}
+    newer = events.read({"type": "sang", "job": "one", "seq": 4, "song": "la", "t_mono_ns": 1})
+    assert isinstance(newer, events.Unknown) and newer.type == "sang"
+    assert newer.fields == {"song": "la"} and (newer.job, newer.seq) == ("one", 4)
+    assert events.wire(newer)["song"] == "la"
+
+
+def test_a_log_has_the_time_of_the_event_else_of_now() -> None:
+    event = events.Progress(shot="a", frame=0, frames=1, missed=0, t_mono_ns=7)
+    line = events.logged(event, 99)
+    assert (line["t_mono_ns"], line["event"], line["shot"]) == (7, "progress", "a")
+    assert "job" not in line and "seq" not in line and "type" not in line
+    bare = events.Progress(job="one", shot="a", frame=0, frames=1, missed=0)
+    assert (events.logged(bare, 99)["t_mono_ns"], events.logged(bare, 99)["job"]) == (99, "one")
+
+
+@pytest.mark.parametrize("state", ["done", "failed", "cancelled"])
+def test_the_last_event_of_a_job_says_how_it_ended(state: str) -> None:
+    result: Any = SimpleNamespace(
+        state=state, job="one", folder="/x", manifest_sha256="0" * 64, error={"kind": "sync"},
+        files={"a": "b"}, summary={"codes": 4}, warnings=("w",),
+    )  # fmt: skip
+    end = events.end_of(result)
+    assert (end.type, isinstance(end, events.ENDS)) == (state, True)
+    for name, value in vars(result).items():
+        assert name == "state" or getattr(end, name) == value

@@ -1,0 +1,294 @@
+"""What each address of the page answers, asked of a server without a daemon behind it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.errors import BusyError, DeviceLost, PdcdError, RequestError
+from pdcd.web.app import LONG_S, SMALL_BYTES, WANTS
+from pdcd.web.asks import ANSWER_S, ENGINE_S, Asks
+from pdcd.web.door import MOST_TICKETS, REPORT, Asked, Door, Refused
+from pdcd.web.guard import REQUEST_S, Guards
+from pdcd.web.pages import page_files
+from pdcd.web.serve import bound, serving
+from pdcd.web.turns import Turns
+from tests.hostile.web_requests import Inside
+from tests.hostile.web_trial import exchanged, sent
+from tests.run_folders import finished, job
+
+Scenario = Callable[[str, int, Inside], Awaitable[None]]
+
+
+class Daemon:
+    """Answers of a daemon by method, or what it raises, and what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, Any, float]] = []
+        self.answers: dict[str, Any] = {}
+
+    def call(self, asks: Asks, method: str, params: Any, answer_s: float) -> Any:
+        self.asked.append((method, params, answer_s))
+        answer = self.answers.get(method, {"state": "idle"})
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+
+@pytest.fixture
+def daemon(monkeypatch: pytest.MonkeyPatch) -> Daemon:
+    made = Daemon()
+    monkeypatch.setattr(Asks, "_call", lambda *told: made.call(*told))
+    return made
+
+
+def served(folder: Path, scenario: Scenario) -> None:
+    async def body() -> None:
+        sock = bound("127.0.0.1", 0)
+        host, port = sock.getsockname()
+        async with serving(sock, folder / "none", folder) as door:
+            await scenario(host, port, await exchanged(host, port, door))
+
+    asyncio.run(body())
+
+
+async def asked(host: str, port: int, inside: Inside, path: str, body: bytes | None = None) -> Any:
+    """Status, headers and body of one answer."""
+    method = "GET" if body is None else "POST"
+    place = path if path.startswith("/") else f"{inside.room}/{path}"
+    head = f"{method} {place} HTTP/1.1\r\nhost: {inside.host}\r\ncookie: {inside.cookie}\r\n"
+    if body is not None:
+        head += f"origin: http://{inside.host}\r\ncontent-type: application/json\r\n"
+        head += f"content-length: {len(body)}\r\n"
+    answer = await sent(host, port, f"{head}\r\n".encode() + (body or b""))
+    lines, _, rest = answer.partition(b"\r\n\r\n")
+    first, *more = lines.decode().split("\r\n")
+    headers = {n.lower(): v for n, v in (line.split(": ", 1) for line in more)}
+    return int(first.split()[1]), headers, rest
+
+
+def test_files_of_the_page_are_served_by_their_kind(tmp_path: Path, daemon: Daemon) -> None:
+    files = page_files()
+    assert {kind for kind, _ in files.values()} >= {"text/html", "text/css", "text/javascript"}
+
+    async def scenario(host: str, port: int, inside: Inside) -> None:
+        for name in ("", *files):
+            status, headers, body = await asked(host, port, inside, name)
+            kind, data = files[name or "index.html"]
+            assert (status, body) == (200, data)
+            assert headers["content-type"] == f"{kind}; charset=utf-8"
+        assert headers["cache-control"] == "no-store" and headers["server"] == "pdcd"
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["content-security-policy"].startswith(
+            "default-src 'none'; script-src 'self'"
+        )
+        assert headers["connection"] == "close"
+        status, headers, body = await asked(host, port, inside, "none.js")
+        assert status == 404 and json.loads(body)["error"]["kind"] == "refused"
+        assert headers["x-frame-options"] == "DENY"
+
+    served(tmp_path, scenario)
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "method", "params", "answer_s"),
+    [
+        ("plan", {"goal": "white"}, "capture.plan", {"goal": "white"}, 60.0),
+        ("capture", {"goal": "white"}, "capture.start", {"goal": "white", "detach": True}, 30.0),
+        ("calibrate", {}, "calibrate.start", {"detach": True}, 30.0),
+        ("proceed", {"job": "x"}, "calibrate.proceed", {"job": "x"}, 30.0),
+        ("cancel", {"job": "x"}, "capture.cancel", {"job": "x"}, 60.0),
+        ("look", {}, "preview.grab", {}, 60.0),
+    ],
+)
+def test_a_wish_is_passed_on_as_the_daemon_takes_it(
+    name: str, body: Any, method: str, params: Any, answer_s: float, tmp_path: Path, daemon: Daemon
+) -> None:
+    daemon.answers[method] = {"said": "yes"}
+
+    async def scenario(host: str, port: int, inside: Inside) -> None:
+        status, headers, answer = await asked(host, port, inside, name, json.dumps(body).encode())
+        assert (status, json.loads(answer)) == (200, {"said": "yes"})
+        assert headers["content-type"].startswith("application/json")
+
+    served(tmp_path, scenario)
+    told = [(each[0], each[1], each[2]) for each in daemon.asked if each[0] == method]
+    (found,) = told
+    assert params.items() <= dict(found[1]).items() and found[2] == WANTS[name].answer_s
+    assert ("detach" in found[1]) == ("detach" in params)
+    assert (answer_s == 60.0) == (found[2] == ENGINE_S)
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (RequestError("no such goal", hint="take white"), 400),
+        (BusyError("somebody else works"), 409),
+        (DeviceLost("unplugged", device="camera"), 500),
+        (ConnectionRefusedError("no daemon answers"), 503),
+        (ZeroDivisionError("a secret of ours"), 500),
+    ],
+)
+def test_what_went_wrong_is_told_and_nothing_of_our_own_faults(
+    error: Exception, status: int, tmp_path: Path, daemon: Daemon
+) -> None:
+    daemon.answers["capture.plan"] = error
+
+    async def scenario(host: str, port: int, inside: Inside) -> None:
+        found, headers, body = await asked(host, port, inside, "plan", b'{"goal": "white"}')
+        told = json.loads(body)["error"]
+        assert found == status and headers["referrer-policy"] == "no-referrer"
+        if isinstance(error, PdcdError):
+            assert told == {
+                "kind": error.kind, "message": error.message, "device": error.device,
+                "hint": error.hint,
+            }  # fmt: skip
+        elif status == 503:
+            assert (told["kind"], told["message"]) == ("unreachable", "no daemon answers")
+        else:
+            assert told["kind"] == "internal" and "secret" not in body.decode()
+
+    served(tmp_path, scenario)
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"{", b"[]", b'{"goal": 1}', b'{"goal": "white", "codes": 0}']
+)
+def test_a_body_that_is_no_wish_is_refused_unasked(
+    body: bytes, tmp_path: Path, daemon: Daemon
+) -> None:
+    async def scenario(host: str, port: int, inside: Inside) -> None:
+        status, _, answer = await asked(host, port, inside, "capture", body)
+        assert status == 400 and "the body is not what it should be" in answer.decode()
+        long = b'{"job": "' + b"x" * (SMALL_BYTES - 11) + b'"}'
+        assert len(long) == SMALL_BYTES
+        assert (await asked(host, port, inside, "cancel", long))[0] != 413
+        assert (await asked(host, port, inside, "cancel", long + b" "))[0] == 413
+
+    served(tmp_path, scenario)
+    assert not [each for each in daemon.asked if each[0] == "capture.start"]
+
+
+def test_the_schema_is_that_of_a_request_without_what_the_page_sets(
+    tmp_path: Path, daemon: Daemon
+) -> None:
+    properties = {"goal": {"type": "string"}, "codes": {}, "detach": {}, "queue": {}}
+    wanted = {"type": "object", "properties": properties}
+    schema = {"$defs": {"StartParams": wanted, "Other": {}}}
+    daemon.answers["rig.describe"] = {"grid": [3, 4], "schema": schema}
+
+    async def scenario(host: str, port: int, inside: Inside) -> None:
+        status, _, body = await asked(host, port, inside, "describe")
+        told = json.loads(body)
+        assert status == 200 and told["grid"] == [3, 4]
+        request = told["schema"]["request"]
+        assert set(request["properties"]) == {"goal", "codes"} and request["type"] == "object"
+        assert [*told["schema"]] == ["request"]
+
+    served(tmp_path, scenario)
+
+
+def test_runs_pictures_and_reports_are_read_from_the_disk(tmp_path: Path, daemon: Daemon) -> None:
+    place = finished(tmp_path / "captures", job(1))
+    (place / "preview").mkdir()
+    (place / "preview" / "indirect.png").write_bytes(b"png")
+    (place / "report.html").write_text("<p>report")
+    finished(tmp_path / "captures", job(2))
+
+    async def scenario(host: str, port: int, inside: Inside) -> None:
+        status, _, body = await asked(host, port, inside, "runs")
+        told = [(run["job"], run["report"]) for run in json.loads(body)["runs"]]
+        assert status == 200 and told == [(job(2), False), (job(1), True)]
+        status, _, body = await asked(host, port, inside, f"run/{job(1)}")
+        assert status == 200 and json.loads(body)["pictures"] == ["indirect"]
+        status, headers, body = await asked(host, port, inside, f"picture/{job(1)}/indirect/7")
+        assert (status, headers["content-type"], body) == (200, "image/png", b"png")
+        assert (await asked(host, port, inside, f"picture/{job(1)}/indirect/x"))[0] == 404
+        assert (await asked(host, port, inside, f"picture/{job(1)}/none/7"))[0] == 400
+        status, _, body = await asked(host, port, inside, f"report/{job(2)}")
+        assert status == 404 and "no report" in body.decode()
+        status, headers, _ = await asked(host, port, inside, f"report/{job(1)}")
+        assert status == 303 and headers["location"].startswith(REPORT)
+        # The ticket needs no key, and what it shows is in a sandbox.
+        bare = Inside(inside.host, inside.room, "none=1", inside.token)
+        status, headers, body = await asked(host, port, bare, headers["location"])
+        assert (status, body) == (200, b"<p>report")
+        assert headers["content-security-policy"].startswith("sandbox allow-scripts")
+        assert headers["content-type"] == "text/html; charset=utf-8"
+        assert (await asked(host, port, bare, f"{REPORT}{'x' * 32}"))[0] == 404
+        assert (await asked(host, port, bare, "runs"))[0] == 401
+
+    served(tmp_path, scenario)
+
+
+def test_who_shows_the_key_has_more_time_and_who_waits_for_the_rig_most(
+    tmp_path: Path, daemon: Daemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[float | None] = []
+
+    def known(self: Guards, transport: object, seconds: float | None) -> None:
+        given.append(seconds)
+
+    monkeypatch.setattr(Guards, "known", known)
+
+    async def scenario(host: str, port: int, inside: Inside) -> None:
+        given.clear()
+        await asked(host, port, inside, "runs")
+        assert given == [REQUEST_S]
+        await asked(host, port, inside, "look", b"{}")
+        assert given == [REQUEST_S, REQUEST_S, LONG_S] and LONG_S > ENGINE_S > ANSWER_S
+
+    served(tmp_path, scenario)
+
+
+def test_tickets_are_good_until_too_many_came_after() -> None:
+    door = Door("127.0.0.1", 1)
+    tickets = [door.ticket(str(n)) for n in range(MOST_TICKETS)]
+    found = [door.job_of(Asked.of("GET", ticket, [])) for ticket in tickets]
+    assert found == [str(n) for n in range(MOST_TICKETS)]
+    door.ticket("one more")
+    for wrong in (Asked.of("GET", tickets[0], []), Asked.of("POST", tickets[1], [])):
+        with pytest.raises(Refused) as no:
+            door.job_of(wrong)
+        assert no.value.status == 404
+    assert door.job_of(Asked.of("GET", tickets[1], [])) == "1"
+
+
+def test_calls_wait_for_their_turn_and_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdcd.web.turns.WAIT_S", 0.02)
+
+    async def scenario() -> None:
+        import threading
+
+        turns, go, began = Turns(1, "the disk"), threading.Event(), threading.Event()
+
+        def held() -> str:
+            began.set()
+            go.wait(10.0)
+            return "held"
+
+        first = asyncio.create_task(turns.do(held))
+        await asyncio.to_thread(began.wait, 10.0)
+        with pytest.raises(BusyError, match="too much is asked of the disk"):
+            await turns.do(str, 5)
+        first.cancel()  # who leaves does not give the place away
+        await asyncio.gather(first, return_exceptions=True)
+        with pytest.raises(BusyError):
+            await turns.do(str, 5)
+        go.set()
+        for _ in range(200):
+            if not turns._open:
+                break
+            await asyncio.sleep(0.005)
+        assert await turns.do(str, 5) == "5"
+        with pytest.raises(ZeroDivisionError):
+            await turns.do(divmod, 1, 0)
+        assert await turns.do(str, 6) == "6"
+        await turns.close()
+
+    asyncio.run(scenario())
