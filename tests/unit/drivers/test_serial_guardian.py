@@ -4,6 +4,7 @@ said of a port that nobody has opened."""
 from __future__ import annotations
 
 import fcntl
+import grp
 import os
 import select
 import socket
@@ -324,7 +325,7 @@ def test_a_port_has_to_be_read_and_written(
             raise KeyError(gid)
         return Entry()
 
-    monkeypatch.setattr(look.grp, "getgrgid", getgrgid)
+    monkeypatch.setattr(grp, "getgrgid", getgrgid)
     verdict, words, hint = found("/dev/null")
     if mode == os.R_OK | os.W_OK:
         assert (verdict, hint) == ("good", None)
