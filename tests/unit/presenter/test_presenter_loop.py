@@ -176,6 +176,33 @@ def test_half_a_refresh_is_the_last_moment_for_a_code(
     assert 1.0 <= put_ns / PERIOD_NS < 1.5 if waits else put_ns == round(held_up * PERIOD_NS)
 
 
+def test_a_code_right_after_the_black_of_another_is_let_wait_too(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where one black ends a code and precedes the next."""
+    shown = Screen.shown
+
+    def slow(screen: Screen) -> None:
+        shown(screen)
+        if screen.msc == 8:  # the black between the codes is on
+            screen.now_ns += round(0.6 * PERIOD_NS)
+
+    monkeypatch.setattr(Screen, "shown", slow)
+    _, log = run([False, True, False, True, False])
+    assert log[3, Column.PUT_NS] >= 9 * PERIOD_NS
+    assert lasted(log) == [1, 1, 2, 1]
+
+
+def test_every_refresh_has_its_times_also_a_code_that_is_the_last(run: Run) -> None:
+    for opens in (GUARDED, [False, True]):
+        _, log = run(opens)
+        assert (log[:, Column.PUT_NS] >= 5 * PERIOD_NS).all()
+        assert (log[:, Column.SWAP_NS] >= log[:, Column.PUT_NS] + 100_000).all()
+        used_ns = log[:, Column.CPU_NS]
+        assert used_ns[0] > 0 and (np.diff(used_ns) > 0).all()
+        assert used_ns[-1] <= time.thread_time_ns()
+
+
 @pytest.mark.parametrize(("late", "spoilt"), [(None, 0), (2, 0), (4, 1), (5, 0)])
 def test_only_codes_that_lasted_too_long_are_called_spoilt(
     run: Run, late: int | None, spoilt: int
@@ -193,7 +220,6 @@ def test_only_codes_that_lasted_too_long_are_called_spoilt(
     assert heads[-1][Head.MISSED] == (0 if late is None else 2)
     assert heads[-1][Head.SHOWN] == len(GUARDED)
     assert set(log[:, Column.FLIPPED]) == {1}
-    assert (log[:, Column.SWAP_NS] >= log[:, Column.PUT_NS] + 100_000).all()
 
 
 @pytest.mark.parametrize(("first", "stalled"), [(0, [4]), (3, [7]), (-2, [2]), (20, [])])
