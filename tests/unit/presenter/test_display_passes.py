@@ -13,9 +13,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.frames.frames import BLACK, WHITE
+from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.presenter import realtime
-from pdcd.presenter.messages import HEAD_SIZE, LOG_COLUMNS, Head, Play
+from pdcd.presenter.messages import HEAD_SIZE, LOG_COLUMNS, Head, Load, Play
 from pdcd.presenter.options import Options
 from pdcd.presenter.process import Presenter
 
@@ -84,9 +84,9 @@ class Stage:
 
     late = 0
 
-    def play(self, **message: Any) -> NDArray[np.int64]:
+    def play(self, *rows_of: list[int], **message: Any) -> NDArray[np.int64]:
         """Rows 0, 3, 2 and black; returns the head."""
-        rows = np.array([[0], [3], [2], [BLACK]], dtype=np.int32)
+        rows = np.array(rows_of or [[0], [3], [2], [BLACK]], dtype=np.int32)
         arrays: dict[str, NDArray[Any]] = {
             "head": np.zeros(HEAD_SIZE, dtype=np.int64), "primal": rows, "dual": rows,
             "log": np.zeros((4, LOG_COLUMNS), dtype=np.int64),
@@ -111,6 +111,8 @@ def test_a_pass_ends_in_black_with_the_switch_disarmed(stage: Stage) -> None:
     head = stage.play(stalls=False)
     assert (head[Head.SHOWN], head[Head.MISSED], head[Head.SPOILT]) == (4, 0, 0)
     assert stage.drawn == [0, 1, 2, 3]
+    rows = [[0], [3], [2], [BLACK]]
+    assert stage.done[0] == ("prepare", rows, rows)
     assert stage.done[-3:] == ["black", "check", "places"]
     # Armed before the first refresh and after each: none may take longer than that.
     assert stage.switch_s[-1] == 0.0 and len(stage.switch_s) == 6
@@ -176,6 +178,30 @@ def test_what_the_screen_shows_is_looked_at_after_each_refresh(stage: Stage) -> 
     stage.presenter._grabs = SimpleNamespace(begin=took.append, take=took.append)  # type: ignore[assignment]
     stage.play()
     assert isinstance(took[0], dict) and [int(n) for n in took[1:]] == [0, 1, 2, 3]  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_what_was_loaded_is_taken_over_where_the_windows_take_it(
+    stage: Stage, refused: bool
+) -> None:
+    taken: list[Frames] = []
+
+    def load(frames: Frames) -> None:
+        taken.append(frames)
+        if refused:
+            raise ConfigError("too many")
+
+    stage.presenter._windows.load = load  # type: ignore[method-assign]
+    index = np.zeros(2, dtype=np.int32)
+    names = ("primal_patterns", "dual_patterns", "primal_index", "dual_index")
+    arrays: dict[str, Any] = dict.fromkeys((*names, "shift", "code", "guard"), index)
+    try:
+        stage.presenter.load(Load([], (2, 3), (3, 4), "quarter"), arrays)
+    except ConfigError:
+        assert refused
+    (frames,) = taken
+    assert (frames.grid, frames.lattice, frames.window) == ((2, 3), (3, 4), "quarter")
+    assert stage.presenter._frames is (None if refused else frames)
 
 
 def test_nothing_is_played_before_it_was_loaded(stage: Stage) -> None:

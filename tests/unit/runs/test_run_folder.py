@@ -13,10 +13,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError, DiskError, NoSpaceError, PdcdError
-from pdcd.runs.folder import RunFolder, read_manifest, sha256_of
+from pdcd.runs import folder as folder_module
+from pdcd.runs.folder import RunFolder, read_manifest, sha256_of, write_patterns
 from pdcd.runs.place import Place
 
 DATA = b'{"schema": 3}'
@@ -230,3 +232,57 @@ def test_a_folder_without_a_manifest_says_what_to_give(tmp_path: Path, there: bo
         (tmp_path / "job").mkdir()
     with pytest.raises(DecodeError, match=r"no readable capture\.json.*ends in \.partial is not"):
         read_manifest(tmp_path / "job")
+
+
+@pytest.mark.parametrize("fails", ["rename", "unlink"])
+def test_what_went_wrong_first_is_what_is_told(
+    place: Place, run: RunFolder, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    """Also where not all of it can be taken back."""
+    rename, checks = os.rename, iter([None, PdcdError("moved out of bounds")])
+
+    def moved() -> None:
+        if (error := next(checks)) is not None:
+            if fails == "unlink":
+                (run.path / "capture.json.sha256").unlink()
+            else:
+                monkeypatch.setattr(os, "rename", refuse)
+            raise error
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(place, "check", moved)
+    with pytest.raises(PdcdError, match="moved out of bounds"):
+        finish(run)
+    assert run.files() == ()
+    assert names(place) == (["job"] if fails == "rename" else ["job.partial"])
+    monkeypatch.setattr(os, "rename", rename)
+
+
+def test_a_name_that_cannot_be_one_and_a_manifest_that_is_too_large_are_told_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "capture.json").write_bytes(DATA)
+    monkeypatch.setattr(folder_module, "MAX_MANIFEST_BYTES", len(DATA) - 1)
+    for folder in (tmp_path, Path("a\0b")):
+        with pytest.raises(DecodeError, match=r"has no readable capture\.json"):
+            read_manifest(folder)
+
+
+def test_codes_are_written_whole_with_what_made_them(tmp_path: Path) -> None:
+    rows = np.arange(6, dtype=np.uint8).reshape(2, 3)
+    given = {"matrix": np.eye(2)}
+    for seed in (4, 5):
+        write_patterns(
+            tmp_path, {"a": (rows, rows + 1)}, given, family="hadamard", codes=2, seed=seed
+        )
+        assert [path.name for path in tmp_path.iterdir()] == ["codes.npz"]
+        with np.load(tmp_path / "codes.npz") as found:
+            assert (str(found["family"]), int(found["codes"]), int(found["seed"])) == (
+                "hadamard", 2, seed,
+            )  # fmt: skip
+            assert "PCG64" in str(found["generator"])
+            np.testing.assert_array_equal(found["a.primal"], rows)
+            np.testing.assert_array_equal(found["a.dual"], rows + 1)
+            np.testing.assert_array_equal(found["goal.matrix"], np.eye(2))
