@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -230,6 +231,48 @@ def test_progress_counts_on_through_the_passes_that_make_up_for_a_miss(
     ]
 
 
+def test_misses_of_earlier_passes_are_counted_while_the_next_is_shown(
+    process: type[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panels = display(tmp_path, rig={"on_miss": "balance"})
+    shown = frames()
+    panels.load(shown)
+    code = int(np.flatnonzero(shown.dual_index >= 0)[0])
+    process.late = {code + 1: 2}
+    real = Process.play
+
+    def missing_one(self: Process, primal: Any, dual: Any, progress: Any, *a: Any, **k: Any) -> Any:
+        progress(1, 1)
+        found = real(self, primal, dual, progress, *a, **k)
+        process.late = {}
+        return found
+
+    monkeypatch.setattr(Process, "play", missing_one)
+    lost = [numbers[2] for numbers in play(panels)]
+    assert lost == [1, 0, 2, 3, 2, 2]
+
+
+def test_grey_is_not_sent_in_single_bits(process: type[Process], tmp_path: Path) -> None:
+    size = (256, 192)
+    config = bench_rig.config(
+        tmp_path,
+        rig=RigConfig(clock="real"),
+        projector=PanelConfig(size_px=size),
+        mask=PanelConfig(size_px=size),
+        display=DisplayConfig(
+            driver="x11", planes_per_refresh=24, options={"projector": "A", "mask": "B"}
+        ),
+    )
+    panels = X11Display.create(DriverContext(config=config, clock=RealClock()))
+    grey = replace(frames(), dual_patterns=np.full((4, 12), 0.5, dtype=np.float32))
+    with pytest.raises(ConfigError):
+        panels.load(grey)
+    assert process.said == []
+    panels.load(frames())
+    play(panels)
+    assert process.said[-1] == ("play", -(-len(frames()) // 24), True, 0)
+
+
 def test_pictures_of_several_planes_are_not_looked_at(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="several planes"):
         X11Display.create(
@@ -248,3 +291,90 @@ def test_pictures_of_several_planes_are_not_looked_at(tmp_path: Path) -> None:
                 clock=RealClock(),
             )
         )  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [5, 6])
+def test_planes_of_a_picture_have_their_part_of_the_refresh_each_time_it_is_shown(
+    count: int,
+) -> None:
+    """The second of three pictures lasts two refreshes of 10 ms; the third may be half empty."""
+    starts, period_ns = (0.1, 0.4), 10_000_000
+    late = [0, 1, 0]
+    log = np.zeros((4, LOG_COLUMNS), dtype=np.int64)
+    log[:, Column.MSC] = [100, 101, 103, 104]
+    log[:, Column.NS] = log[:, Column.MSC] * period_ns
+    primal = np.arange(10, 10 + count, dtype=np.int32)
+    found = x11.frame_log(primal, primal + 50, log, Ready("clock", 100.0, {}), starts)
+
+    wanted: list[tuple[int, int, int]] = []
+    for picture, again in enumerate(late):
+        for turn in range(1 + again):
+            for plane, start in enumerate(starts):
+                at_ns = int(log[picture, Column.NS]) + round((turn + start) * period_ns)
+                lost = late[picture - 1] if picture and not turn and not plane else 0
+                wanted.append((10 + 2 * picture + plane, at_ns, lost))
+    end_ns = 1040 * 1_000_000 + 1_000_000  # black begins with its own first plane
+    if count == 5:  # the plane that fills the last picture up is black already
+        end_ns = wanted.pop()[1]
+    rows, times_ns, missed = (list(column) for column in zip(*wanted, strict=True))
+    assert found.primal_shown.tolist() == rows
+    assert found.dual_shown.tolist() == [row + 50 for row in rows]
+    assert found.primal_ns.tolist() == found.dual_ns.tolist() == times_ns
+    assert found.missed.tolist() == missed
+    assert found.end_ns.tolist() == [end_ns, end_ns]
+    assert found.primal_shown.dtype == found.missed.dtype == np.int32
+
+
+def test_planes_never_run_backwards_where_stamps_jitter() -> None:
+    log = np.zeros((3, LOG_COLUMNS), dtype=np.int64)
+    log[:, Column.MSC] = [100, 101, 102]
+    log[:, Column.NS] = [1_000_000_000, 1_008_000_000, 1_020_000_000]
+    rows = np.arange(4, dtype=np.int32)
+    found = x11.frame_log(rows, rows, log, Ready("clock", 100.0, {}), (0.0, 0.9))
+    assert found.primal_ns.tolist() == [
+        1_000_000_000, 1_009_000_000, 1_009_000_000, 1_017_000_000,
+    ]  # fmt: skip
+
+
+def test_pictures_of_the_screen_are_kept_with_the_black_between_two_passes(
+    process: type[Process], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept: list[Any] = []
+
+    class Recorder:
+        def __init__(self, *sizes_px: tuple[int, int]) -> None:
+            kept.append(sizes_px)
+
+        def add(self, projector: Any, mask: Any) -> None:
+            kept.append((projector, mask))
+
+        def black(self) -> None:
+            kept.append("black")
+
+        def shown(self) -> str:
+            return "all of them"
+
+    monkeypatch.setattr(x11, "Recorder", Recorder)
+    panels = display(
+        tmp_path, rig={"on_miss": "balance"}, time_source="present-msc",
+        grab_px=[[0, 0], [300, 0]],
+    )  # fmt: skip
+    shown = frames()
+    panels.load(shown)
+    code = int(np.flatnonzero(shown.dual_index >= 0)[0])
+    process.late = {code + 1: 2}
+    real = Process.play
+
+    def grabbed(self: Any, *a: Any, **k: Any) -> Any:
+        self.pictures = [["p0", "p1"], ["m0", "m1"]]
+        assert panels._shared.pixels is None  # those of the last exposure are gone
+        found = real(self, *a, **k)
+        process.late = {}
+        return found
+
+    monkeypatch.setattr(Process, "play", grabbed)
+    panels._shared.pixels = "older"  # type: ignore[assignment]
+    play(panels)
+    pair = [("p0", "m0"), ("p1", "m1")]
+    assert kept == [((256, 192), (256, 192)), *pair, "black", *pair]
+    assert panels._shared.pixels == "all of them"  # type: ignore[comparison-overlap]
