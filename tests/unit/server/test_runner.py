@@ -341,6 +341,8 @@ def test_a_picture_gives_way_to_its_owner_and_to_nobody_else() -> None:
         waits = desk.start(BERT, queue=True)
         assert not picture.given_up and picture.state == "running"
         mine = desk.start()
+        with pytest.raises(BusyError):
+            desk.start()  # one follows the picture, the next has to wait
         assert (await desk.runner.wait(mine.name)).state == "done"
         assert (await desk.runner.wait(waits.name)).state == "done"
         assert picture.result is not None and picture.result.state == "done"
