@@ -78,6 +78,7 @@ def test_the_error_of_a_blur_is_that_of_the_mean_of_its_places() -> None:
     rng = np.random.default_rng(2)
     spread = 0.05
     found = measured(*(alike(1.8) + rng.normal(0.0, spread, (2, len(PLACES)))))
+    assert found.sigma_px.shape == found.blur_px.shape == (2,)
     np.testing.assert_allclose(found.sigma_px, spread / np.sqrt(len(PLACES)), rtol=0.2)
 
 
