@@ -177,7 +177,11 @@ class Channel(Generic[T]):
 
     def receive(self) -> tuple[T, int | None]:
         """The next message and its descriptor; EOFError when the other end is gone."""
-        data, fds, _, _ = socket.recv_fds(self.sock, _LARGEST_BYTES, 1)
+        try:
+            data, fds, _, _ = socket.recv_fds(self.sock, _LARGEST_BYTES, 1)
+        except ConnectionResetError:
+            # It ended with something unread, which is told first; what it said is still to come.
+            data, fds, _, _ = socket.recv_fds(self.sock, _LARGEST_BYTES, 1)
         if not data:
             raise EOFError
         return self._decoder.decode(data), fds[0] if fds else None

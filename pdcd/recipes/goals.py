@@ -152,12 +152,8 @@ def check_target(target: Target) -> Target:
 
 
 def _check_numbers(target: Target) -> None:
+    """Refuse what `check_bounds` lets pass: it has seen to it that all weights are finite."""
     goal, grid = target.goal, target.grid
-    if goal.p is not None and not 0.0 < goal.p < 1.0:
-        raise RequestError(
-            f"p = {goal.p} is not between 0 and 1",
-            hint="p is the share of indirect light to keep beside the direct, such as 0.25",
-        )
     if goal.radius is not None and goal.radius < 0:
         raise RequestError(f"radius {goal.radius} is negative", hint="count cells from 0")
     if goal.name == "long-range" and goal.radius is not None and goal.radius >= max(grid) - 1:
@@ -173,8 +169,6 @@ def _check_numbers(target: Target) -> None:
             f"across {grid[1]} columns",
             hint="take 4, or another multiple of 4 that fits the grid",
         )
-    if goal.mix is not None and not np.isfinite(goal.mix).all():
-        raise RequestError("the two weights must be finite numbers")
 
 
 def _check_plane(target: Target, name: str, plane: Floats) -> None:
@@ -204,8 +198,8 @@ def _check_plane(target: Target, name: str, plane: Floats) -> None:
 
 def _check_matrix(target: Target, name: str, matrix: Floats) -> None:
     cells = target.cells
-    if matrix.ndim != 2 or not np.isfinite(matrix).all():
-        raise RequestError(f"{name} must be a two-dimensional array of finite numbers")
+    if matrix.ndim != 2:
+        raise RequestError(f"{name} must be a two-dimensional array")
     if not matrix.any():
         raise RequestError(f"{name} is zero everywhere")
     if name == "matrix" and matrix.shape != (cells, cells):

@@ -342,3 +342,41 @@ def test_who_waits_for_a_file_shows_that_he_lives(tmp_path: Path) -> None:
         readout.fetch(tmp_path, "shot", 60.0)
     assert signs_ns[-1] - signs_ns[0] >= 60e9 - 2e9
     assert max(b - a for a, b in itertools.pairwise(signs_ns)) < 3e9
+
+
+@pytest.mark.parametrize("looks", [2, 3, 7])
+def test_a_file_is_taken_when_so_many_looks_in_a_row_find_it_the_same(
+    tmp_path: Path, looks: int
+) -> None:
+    bench = Bench(tmp_path, looks=looks, poll_s=0.5)
+    bench.readout.arm(SETTINGS)
+    bench.put("a.dng", dng())
+    before_ns = bench.clock.now_ns()
+    bench.fetch()
+    assert bench.clock.now_ns() - before_ns == (looks - 1) * 500_000_000
+
+
+def test_an_old_date_is_refused_where_nothing_is_said_of_dates(bench: Bench) -> None:
+    bench.put("b.dng", dng())
+    os.utime(bench.card / "b.dng", (1.0e9, 1.0e9))
+    with pytest.raises(ExposureError, match=r"before the exposure \(set the camera's clock"):
+        bench.fetch()
+
+
+def test_a_file_that_cannot_be_removed_is_not_kept_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(tmp_path, take="move")
+    bench.readout.arm(SETTINGS)
+    bench.put("a.dng", dng())
+    unlink = Path.unlink
+
+    def refuse(path: Path, *args: Any, **kwargs: Any) -> None:
+        if path.parent == bench.card:
+            raise PermissionError(errno.EPERM, "Operation not permitted")
+        unlink(path, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(DeviceLost, match=r"cannot remove .*a\.dng: Operation not permitted"):
+        bench.fetch()
+    assert bench.nothing_was_kept() and (bench.card / "a.dng").exists()

@@ -72,6 +72,39 @@ def test_a_guardian_is_deaf_to_every_signal_from_its_birth_on(guard: Guard) -> N
     assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())  # the daemon itself is not
 
 
+def test_a_guardian_shares_neither_terminal_nor_pipes_nor_session_with_the_daemon() -> None:
+    """Whoever reads the daemon's output sees its end; a signal to its session is not for both."""
+    keeps, pipes = [os.dup(0), os.dup(1)], [*os.pipe(), *os.pipe()]
+    try:
+        os.dup2(pipes[0], 0)
+        os.dup2(pipes[3], 1)
+        guard = guard_of(ECHO)
+        guard.insist("ready")
+    finally:
+        for number, keep in enumerate(keeps):
+            os.dup2(keep, number)
+        for end in (*keeps, *pipes):
+            os.close(end)
+    assert guard.pid is not None
+    told = [Path(f"/proc/{guard.pid}/fd/{number}").readlink() for number in (0, 1)]
+    assert told == [Path("/dev/null")] * 2
+    assert os.getsid(guard.pid) == guard.pid
+    guard.stop()
+
+
+def test_only_a_guardian_that_had_another_before_it_is_called_a_replacement(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    guard = guard_of(ECHO)
+    guard.insist("ready")
+    assert "replaced" not in caplog.text
+    assert guard.pid is not None
+    os.kill(guard.pid, signal.SIGKILL)
+    guard.insist("ready")
+    assert caplog.text.count("guardian replaced") == 1
+    guard.stop()
+
+
 # A guardian lost in an exposure.
 
 
@@ -101,6 +134,21 @@ def test_an_armed_guardian_that_is_killed_or_stopped_is_replaced(
         assert ended(first)
         assert armed.ask("there") == b"there"
     assert "lost in an exposure" in caplog.text
+
+
+def lookers() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name == "pdcd-guard"]
+
+
+def test_one_thread_at_a_time_looks_and_it_keeps_no_process_alive(armed: Guard) -> None:
+    for _ in range(2):
+        armed.arm(lambda: "arm")
+    assert soon(lambda: len(lookers()) == 1)
+    time.sleep(guard_module.LOOK_S)
+    (looker,) = lookers()
+    assert looker.daemon and armed.look()
+    armed.stop()
+    assert soon(lambda: not lookers()) and not armed.look()
 
 
 def test_a_lost_guardian_is_noticed_within_half_a_second(armed: Guard) -> None:
@@ -146,7 +194,7 @@ def test_nobody_looks_after_a_guardian_that_was_disarmed(armed: Guard) -> None:
     assert armed.disarm() == b"disarm"
     os.kill(first, signal.SIGKILL)
     assert ended(first)
-    assert soon(lambda: not any(t.name == "pdcd-guard" for t in threading.enumerate()))
+    assert soon(lambda: not lookers())
     assert armed.pid == first  # still the one that is dead: the next `arm` replaces it
 
 

@@ -198,3 +198,94 @@ def test_a_shutter_is_overdue_once_it_is_open_for_longer_than_allowed() -> None:
         assert shutter.overdue(1000) == late, open_ns
     shutter.end()
     assert not shutter.overdue(1000)
+
+
+def test_nothing_is_owed_before_the_first_exposure() -> None:
+    assert not bulb(Wire()).owed
+
+
+@pytest.mark.parametrize("refusals", [0, 1, 2, 3])
+def test_a_camera_is_asked_three_times_to_close(refusals: int) -> None:
+    wire = Wire(Response.OK, *[int(Response.GENERAL_ERROR)] * refusals)
+    shutter = bulb(wire)
+    shutter.begin()
+    if refusals == 3:
+        with pytest.raises(ExposureError, match="refuses to close the shutter: 0x2002"):
+            shutter.end()
+    else:
+        shutter.end()
+    assert wire.codes == [START, *[STOP] * min(refusals + 1, 3)]
+    assert (shutter.since_ns is None) == (refusals < 3)
+
+
+@pytest.mark.parametrize(
+    ("answer", "open_still", "owed"),
+    [
+        (Response.OK, False, True),
+        (Response.GENERAL_ERROR, False, False),  # it held nothing open
+        (Response.DEVICE_BUSY, False, True),
+        (DeviceLost("x"), True, True),
+    ],
+)
+def test_what_an_unanswered_start_leaves_depends_on_the_answer_to_its_end(
+    answer: int | DeviceLost, open_still: bool, owed: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The error is that of the start, whatever became of the end."""
+    shutter = bulb(Wire(Unanswered("x"), answer))
+    with pytest.raises(ExposureError, match="did not confirm"):
+        shutter.begin()
+    assert (shutter.since_ns is not None, shutter.owed) == (open_still, owed)
+    assert ("may be open" in caplog.text) == open_still
+
+
+def test_a_start_that_went_wrong_on_a_new_session_spoils_nothing_later() -> None:
+    """The camera came back while the start was on its way: that exposure is over, and was told."""
+    wire = Wire()
+    shutter = bulb(wire)
+
+    def climbing(code: Operation, *params: int, once: bool = False) -> Reply:
+        if once:
+            shutter.new_session(BULB)
+            raise Unanswered("x")
+        return wire(code, *params)
+
+    shutter._order = climbing
+    with pytest.raises(ExposureError, match="did not confirm"):
+        shutter.begin()
+    shutter.end()
+
+
+def test_what_spoiled_one_exposure_is_not_said_of_the_next() -> None:
+    for code in (Response.GENERAL_ERROR, Response.OK):
+        wire = Wire(Response.OK, Response.OK, code)
+        shutter = bulb(wire)
+        shutter.begin()
+        shutter.new_session(BULB)
+        with suppress(ExposureError):
+            shutter.begin()
+        shutter.end()
+        assert shutter.since_ns is None
+
+
+def test_an_exposure_that_was_spoiled_is_refused_once() -> None:
+    wire = Wire()
+    shutter = bulb(wire)
+    shutter.begin()
+    shutter.spoil("it lasted too long")
+    with pytest.raises(ExposureError, match="spoiled: it lasted too long"):
+        shutter.end()
+    assert wire.codes == [START, STOP] and shutter.since_ns is None
+    shutter.end()
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_settling_closes_an_open_shutter_and_forgets_what_spoiled_the_last(is_open: bool) -> None:
+    wire = Wire()
+    shutter = bulb(wire)
+    if is_open:
+        shutter.begin()
+    shutter.spoil("it lasted too long")
+    shutter.settle()
+    assert wire.codes == ([START, STOP] if is_open else [])
+    assert shutter.since_ns is None
+    shutter.end()

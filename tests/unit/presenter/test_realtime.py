@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
 import signal
@@ -81,3 +82,52 @@ def test_a_refusal_is_told_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(os, "sched_setscheduler", Scheduler(refusal))
     said = realtime.raise_priority(7)
     assert said == "no: Operation not permitted; the service needs LimitRTPRIO=7"
+
+
+def test_garbage_is_collected_once_and_never_looked_at_again() -> None:
+    done = child(
+        "import gc, weakref\n"
+        "class Ring: pass\n"
+        "gc.disable()\n"
+        "ring = Ring(); ring.ring = ring; gone = weakref.ref(ring); del ring\n"
+        "gc.enable()\n"
+        "realtime.freeze_garbage()\n"
+        "print(gone() is None, gc.isenabled(), gc.get_freeze_count() > 1000)"
+    )
+    assert done.stdout == "True False True\n"
+
+
+def test_pages_that_are_used_stay_in_memory_and_others_out_of_it() -> None:
+    """By what the kernel counts; where it refuses, there is nothing to count."""
+    done = child(
+        "import mmap\n"
+        "def count(name):\n"
+        " with open('/proc/self/status') as file:\n"
+        "  return int(next(line for line in file if line.startswith(name)).split()[1])\n"
+        "said = realtime.lock_memory()\n"
+        "locked, resident = count('VmLck'), count('VmRSS')\n"
+        "more = mmap.mmap(-1, 64 << 20)\n"
+        "print(said, locked > 10000, count('VmLck') >= locked + 65536,\n"
+        "      count('VmRSS') < resident + 32768, sep='|')"
+    )
+    said, *counted = done.stdout.strip().split("|")
+    assert counted == ["True"] * 3 if said == "yes" else said.startswith("no: ")
+
+
+class Libc:
+    """Refuses to lock memory; errno is told to who asks for it, as by ctypes."""
+
+    def __init__(self, name: str | None, *, use_errno: bool = False) -> None:
+        self._use_errno = use_errno
+
+    def mlockall(self, flags: int) -> int:
+        ctypes.set_errno(errno.ENOMEM if self._use_errno else 0)
+        return -1
+
+
+def test_memory_that_cannot_be_locked_is_told_with_its_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ctypes, "CDLL", Libc)
+    said = realtime.lock_memory()
+    assert said == "no: Cannot allocate memory; the service needs LimitMEMLOCK=infinity"

@@ -1,0 +1,92 @@
+"""An engine that cannot make its rig dark says so, and is left as it was where a rig is changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.bench.tables import SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.capture.rig import Rig
+from pdcd.errors import DeviceLost
+from tests import bench_rig
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Iterator[Engine]:
+    engine = Engine.from_config(bench_rig.config(tmp_path))
+    engine.start()
+    yield engine
+    engine.stop()
+
+
+@pytest.mark.parametrize(("device", "method"), [("display", "black"), ("shutter", "close")])
+def test_black_that_did_not_come_is_not_told_as_done(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch, device: str, method: str
+) -> None:
+    def fail() -> None:
+        raise DeviceLost("gone", device=device)
+
+    engine.show("white")
+    assert not bench_rig.bench_of(engine).panels_black
+    monkeypatch.setattr(getattr(engine._rig, device), method, fail)
+    with pytest.raises(DeviceLost, match=r"panels may still be lit \(see the daemon's log\)"):
+        engine.show("black")
+    monkeypatch.undo()
+    engine.show("black")
+    assert bench_rig.bench_of(engine).panels_black
+
+
+@pytest.mark.parametrize("pattern", ["white", "checker", "grid", "code"])
+def test_a_picture_is_lit_until_black_is_asked_for(engine: Engine, pattern: str) -> None:
+    engine.show(pattern, 1)
+    bench = bench_rig.bench_of(engine)
+    assert not bench.panels_black and not bench.shutter_open
+    engine.show("black")
+    assert bench.panels_black
+
+
+def test_a_rig_whose_hands_fail_to_stop_is_released_and_one_that_fails_frees_its_hands(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped: list[str] = []
+
+    def fail() -> None:
+        raise RuntimeError("a fault of the program")
+
+    monkeypatch.setattr(engine._rig, "disconnect", fail)
+    monkeypatch.setattr(engine._hands, "stop", lambda: stopped.append("hands"))
+    with pytest.raises(RuntimeError):
+        engine.stop()
+    assert stopped == ["hands"]
+    monkeypatch.undo()
+
+
+def test_a_calibration_that_cannot_have_its_card_leaves_the_rig_connected(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect = Rig.connect
+
+    def refuse(rig: Rig) -> None:
+        if rig is not engine._rig:
+            raise DeviceLost("no bench with a card", device="camera")
+        connect(rig)
+
+    monkeypatch.setattr(Rig, "connect", refuse)
+    disconnects: list[Any] = []
+    monkeypatch.setattr(engine._rig, "disconnect", lambda: disconnects.append(1))
+    with pytest.raises(DeviceLost):
+        engine._with_card()
+    assert disconnects == [1] and engine._rig.camera_info is not None
+
+
+def test_a_scene_that_is_a_card_already_is_calibrated_as_it_stands(tmp_path: Path) -> None:
+    engine = Engine.from_config(
+        bench_rig.config(tmp_path, scene=SceneConfig(kind="card", grid=(3, 4)))
+    )
+    engine.start()
+    assert engine._with_card() is engine._rig
+    engine.stop()
