@@ -42,8 +42,10 @@ SCENE = "off-axis-box"
 DEPTHS = {"b": -2.0, "c": -1.0, "d": -0.5, "e": 0.0, "f": 0.5, "g": 2.0}
 """Disparity of the box's front, in cells, from far to near; that of (e) is blocked."""
 BOUNDS = {"b": 0.07, "c": 0.063, "d": 0.31, "e": 0.105, "f": 0.37, "g": 0.05}
-"""Half-blocked fronts differ by twice the share of a cell that panels are misplaced by; where (e)
-is blocked there is least light to be wrong about."""
+HALF_BLOCKED = {"d": 0.45, "f": 0.5}
+"""Half-blocked fronts differ by twice the share of a cell that panels are misplaced by, which is
+larger of the full page's smaller cells; where (e) is blocked there is least light to be wrong
+about."""
 MISPLACED = 0.15
 """Cells by which the bench's panels may lie off where it believes them: 2 of 21 projector pixels,
 and what a map that is linear in each cell leaves."""
@@ -55,7 +57,8 @@ def takes(mode: Mode) -> dict[str, Take]:
     found = {}
     for name, disparity in DEPTHS.items():
         asked = {**OUR_CODES, "white": name == "e"}
-        found[name] = _take(disparity, asked, BOUNDS[name], "our codes")
+        bound = mode.bound(BOUNDS[name], HALF_BLOCKED.get(name, BOUNDS[name]))
+        found[name] = _take(disparity, asked, bound, "our codes")
     found["paper"] = _take(DEPTHS["e"], {**PAPERS_CODES, "white": False}, 0.35, "the paper's codes")
     return found
 

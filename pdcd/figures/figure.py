@@ -43,6 +43,10 @@ class Mode:
     thrift: int = 1
     least_codes: int = 32
 
+    def bound(self, quick: float, full: float) -> float:
+        """A bound that is another on the full page: its cells are finer, its quads noisier."""
+        return quick if self.quick else full
+
     def codes(self, asked: int) -> int:
         """Independent codes of a capture that asks for so many."""
         return min(asked, max(asked // self.thrift, self.least_codes))

@@ -52,8 +52,8 @@ class Asked:
     """A row of a table.
 
     words : what is written above. coins : the paper's codes for it, None where it needs none: its
-    matrix is a sum of a few products. bound : of the error of our photo. signed : the picture has
-    both signs.
+    matrix is a sum of a few products. bound : of the error of our photo; full_bound : on the full
+    page, where it is another. signed : the picture has both signs.
     """
 
     number: int
@@ -62,6 +62,7 @@ class Asked:
     bound: float
     coins: FamilyName | None = "bernoulli"
     signed: bool = False
+    full_bound: float | None = None
     asked: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -104,7 +105,7 @@ def takes_of(rows: tuple[Asked, ...], mode: Mode) -> dict[str, Take]:
             SCENE,
             row.goal,
             asked,
-            bound=row.bound,
+            bound=mode.bound(row.bound, row.full_bound or row.bound),
             grid=grid,
             said="our codes",
         )
