@@ -111,10 +111,9 @@ class Darkroom:
     far the work is, and may end it. All methods raise DecodeError for a lost or damaged file.
     """
 
-    def __init__(self, folder: Path, record: RunRecord, side: int = 1) -> None:
-        """side : quads of the camera that one of the pictures is to be the mean of, each way: less
-        to see in less time. Such as `CellMap.can_bin` allows."""
-        self._folder, self._side = folder, side
+    def __init__(self, folder: Path, record: RunRecord) -> None:
+        self._folder = folder
+        self._side = 1
         self._table = FrameTable(folder)
         self._matrices: dict[str, Matrix] = {}
         self._exposed: dict[str, Exposed] = {}
@@ -139,6 +138,11 @@ class Darkroom:
         arrays = {k[5:]: array for k, array in self._stored.items() if k.startswith("goal.")}
         self._recipe = recipe_of(target_with(record.goal, record.grid, arrays), record.how)
         self._planned = {shot.name: shot for shot in self._recipe.shots}
+
+    def coarsen(self, side: int) -> None:
+        """Make pictures of squares of `side` x `side` quads: less to see, in less time. Before
+        anything is decoded, and such as `CellMap.can_bin` allows."""
+        self._side = side
 
     def add(self, shot: ShotRecord) -> None:
         """One more shot was taken."""

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +18,7 @@ from pdcd.recipes.recipe import Extremes, Recipe
 from pdcd.runs.patterns import stored_arrays
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
+from pdcd.sensor.raw import shrunk
 
 TRUTH = "truth.npz"
 """What the answer is in truth, in the folder of a run of a virtual scene."""
@@ -55,12 +55,8 @@ class Known:
         """The same on squares of `side` x `side` quads."""
         if self.of_cells or side == 1:
             return self
-        rows, cols = (length // side for length in self.seen.shape)
-        squares = self.seen[: rows * side, : cols * side].reshape(rows, side, cols, side)
-        image = cv2.resize(
-            self.image.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA
-        )
-        return Known(np.asarray(image), np.asarray(squares.all(axis=(1, 3))), of_cells=False)
+        image = shrunk(self.image.astype(np.float32), side)
+        return Known(image, shrunk(self.seen.astype(np.float32), side) == 1.0, of_cells=False)
 
     def on_cells(self, cells: CellMap) -> Floats:
         """Means over the cells, (rows, cols, 3) float64; NaN where a cell cannot be compared."""

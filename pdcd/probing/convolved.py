@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.probing.lines import SameRow
 from pdcd.probing.wanted import Floats, Grid, Indices, Near, Part
 
 IMAGES = 16
@@ -48,6 +49,9 @@ class Kernel:
         elif isinstance(other, Near):
             side = 2 * other.radius + 1
             shared = self.taps * _cut(np.ones((side, side)), self.taps.shape)
+        elif isinstance(other, SameRow):
+            shared = np.zeros_like(self.taps)
+            shared[self._centre[0]] = self.taps[self._centre[0]]
         else:
             return other.overlap(self, weights)
         return np.asarray(Kernel(self.grid, shared).others(weights[None])[0])

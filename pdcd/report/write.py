@@ -36,9 +36,8 @@ def write(folder: Path, out: Path | None = None, watch: Watch | None = None) -> 
         more.append(TRANSPORT_PICTURE)
     sound_manifest(folder, more, watch)
     with record_errors(folder):
-        recipe = Darkroom(folder, manifest.run).recipe
-        side = enough_side(len(recipe.pictures), manifest.run)
-        darkroom = Darkroom(folder, manifest.run, side)
+        darkroom = Darkroom(folder, manifest.run)
+        darkroom.coarsen(enough_side(len(darkroom.recipe.pictures), manifest.run))
         decoded = darkroom.decoded(watch, partly=partly)
         cells = darkroom.record.cells
         known = read_truth(folder, cells) if kept and cells is not None else None

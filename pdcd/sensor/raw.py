@@ -114,10 +114,10 @@ class RawFrame:
         def band(some: slice) -> None:
             fine = slice(side * some.start, side * some.stop)
             good = ~self.saturated[fine]
-            share = _shrunk(good.astype(np.float32), side)
+            share = shrunk(good.astype(np.float32), side)
             for plane in range(4):
                 light = np.where(good, self.samples[plane, fine], np.float32(0.0))
-                mean = _shrunk(light, side)
+                mean = shrunk(light, side)
                 np.divide(mean, share, out=samples[plane, some], where=share > 0.0)
             saturated[some] = share < 0.5
 
@@ -353,8 +353,8 @@ def _quad(colours: str) -> list[tuple[int, int]]:
     return [red, (red[0], blue[1]), (blue[0], red[1]), blue]
 
 
-def _shrunk(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Means of squares of (h, w); `side` divides both."""
+def shrunk(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """Means of squares of `side` x `side` pixels of (h, w) or (h, w, 3); `side` divides h and w."""
     size = values.shape[1] // side, values.shape[0] // side
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 

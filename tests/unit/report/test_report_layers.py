@@ -113,7 +113,9 @@ def test_a_page_of_squares_of_quads_shows_what_one_of_all_quads_does(
     record = read_manifest(folder).run
     side = layers.enough_side(3, record)
     assert side == squares
-    fine, coarse = (Darkroom(folder, record, n).decoded() for n in (1, side))
+    rooms = Darkroom(folder, record), Darkroom(folder, record)
+    rooms[1].coarsen(side)
+    fine, coarse = (room.decoded() for room in rooms)
     known = read_truth(folder, fine.cells)
     pages = [
         (layers.layers(d.pictures, d.view, Truth(*known.binned(d.side).on_quads(d.cells)), d.side))
