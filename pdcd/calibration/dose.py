@@ -23,6 +23,10 @@ STOPPED = 0.93
 UNBENT = 0.99
 """Of the light that is due: below it some quads have stopped."""
 LEAST_DOSES = 4
+DARK = 0.2
+"""Of the light that is due: below it a photo is dark."""
+FALLEN = 0.9
+"""Of the light of a smaller dose: below it a photo lacks light."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +114,15 @@ def line_of(plane: str, doses: Floats, signal: Floats, brightest: Brightest) -> 
 
 
 def _refuse_missing(plane: str, doses: Floats, signal: Floats, slope: float) -> None:
-    """Raise CalibrationError for a dose whose light is not there."""
+    """Raise CalibrationError for a dose whose light is not there: by far less than the slope says,
+    which such a dose pulls down itself, or less than a smaller dose gave."""
     top = float(signal.max())
-    wanted = np.minimum(slope * doses, top)
-    for dose, seen, due in zip(doses, signal, wanted, strict=True):
-        if seen < 0.2 * due:
+    for dose, seen in zip(doses, signal, strict=True):
+        smaller = float(signal[doses < dose].max(initial=0.0))
+        due = max(min(slope * dose, top), smaller)
+        if seen < max(DARK * due, FALLEN * smaller):
             raise CalibrationError(
-                f"plane {plane}: the photo of {dose:.0f} refreshes is dark, {seen:.3g} DN of "
+                f"plane {plane}: the photo of {dose:.0f} refreshes lacks light, {seen:.3g} DN of "
                 f"{due:.3g}: the shutter did not open, or not for all of them",
                 device="shutter",
                 hint="look at the shutter's lag and its cable, and repeat the step",

@@ -50,7 +50,9 @@ def drawn_apart_px(
         places[:, axis] += off_px * 2.0 * reach_px / size[axis]
         first, second = (_cells(view.map, places, grid) for view in (projector, mask))
         shown = (first >= 0) & (second >= 0)
-        apart = shown & (first != second)
+        # Across this border alone: near a corner they may differ across the other one, too.
+        one, other = (c % grid[1] if axis == 0 else c // grid[1] for c in (first, second))
+        apart = shown & (one != other)
         if apart.any():
             worst = max(worst, float(np.abs(off_px[apart]).max()) * 2.0 * reach_px)
     return worst

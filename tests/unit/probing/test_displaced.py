@@ -47,7 +47,7 @@ def by_points(
 
 
 @pytest.mark.parametrize("window", ["whole", "quarter"])
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.1, -0.2)])
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.1, -0.2), (-0.15, 0.2)])
 def test_fig11_displaced_light_is_the_sum_over_points(
     window: str, offset: tuple[float, float]
 ) -> None:

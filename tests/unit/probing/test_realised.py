@@ -310,3 +310,19 @@ def test_white_frames_open_everything() -> None:
     report = deviation(got, bench_rig.uniform((3, 4), 1.0, 1.0))
     assert report.weight_s == pytest.approx(5 * REFRESH_NS * 1e-9, rel=1e-12)
     assert report.off_max is not None and report.off_max < 1e-12 and report.diagonal_max < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("window", "asked", "given"), [("quarter", True, True), ("quarter", False, False),
+                                   ("whole", True, False)]
+)  # fmt: skip
+def test_parts_of_cells_are_looked_at_where_asked_and_where_there_are_any(
+    window: str, asked: bool, given: bool
+) -> None:
+    frames = frames_for(window, "full")
+    log = log_for(frames)
+    got = collect(
+        factors(frames, log, Panel(), Panel(), open_ns=0, close_ns=close_ns(log), fine=asked)
+    )
+    assert (got.fine is not None) is given
+    assert got.displaced is None

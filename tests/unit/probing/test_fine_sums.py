@@ -1,0 +1,230 @@
+"""Sums for parts of cells, blurred light, and when rows come: small cases, number by number."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import PanelConfig
+from pdcd.frames.lattice import Lattice
+from pdcd.maps.placing import Placing
+from pdcd.probing.blurred import REACH, Blur
+from pdcd.probing.fine import Fine, FineSums, cut_by_windows, summed
+from pdcd.probing.late_rows import ALL_AT_ONCE, Band, band_delays_ns, bands_of
+
+Floats = NDArray[np.float64]
+GRID = (2, 3)
+
+
+def fine(seed: int, cut: float = 0.5) -> Fine:
+    light, own, coaxial = np.random.default_rng(seed).random((3, 2, 4))
+    return Fine(((0.0, cut, 1.0), (0.0, 1.0)), True, light, own, coaxial)
+
+
+def test_sums_are_weighted_field_by_field() -> None:
+    one, other = fine(1), fine(2)
+    total = summed([(2.0, one), (-0.5, other)])
+    assert total is not None and total.cuts == one.cuts and total.smooth
+    for name in ("light", "own", "coaxial"):
+        wanted = 2.0 * getattr(one, name) - 0.5 * getattr(other, name)
+        np.testing.assert_allclose(getattr(total, name), wanted)
+    assert summed([(1.0, one)]) is one
+    half = one.scaled(0.5)
+    np.testing.assert_allclose(half.light, one.light / 2)
+    np.testing.assert_allclose(half.own, one.own / 2)
+    np.testing.assert_allclose(half.coaxial, one.coaxial / 2)
+    assert half.cuts == one.cuts and half.smooth
+
+
+def test_what_is_missing_or_cut_in_another_way_has_no_sum() -> None:
+    assert summed([]) is None
+    assert summed([(1.0, None), (1.0, fine(1))]) is None
+    assert summed([(1.0, fine(1)), (1.0, None)]) is None
+    assert summed([(1.0, fine(1)), (1.0, fine(2, cut=0.25))]) is None
+
+
+def test_direct_light_and_that_of_others_are_kept_by_their_weights() -> None:
+    one = fine(3)
+    wanted = 3.0 * one.coaxial + 0.25 * (one.light - one.own)
+    np.testing.assert_allclose(one.kept(3.0, 0.25), wanted)
+
+
+@pytest.mark.parametrize(
+    ("window", "offset", "cut"),
+    [("whole", (0.0, 0.0), False), ("whole", (0.0, 0.25), True), ("whole", (-0.5, 0.0), True),
+     ("quarter", (0.0, 0.0), True)],
+)  # fmt: skip
+def test_cells_are_cut_where_any_axis_is(
+    window: str, offset: tuple[float, float], cut: bool
+) -> None:
+    assert cut_by_windows(Lattice(GRID, window, offset)) is cut
+
+
+@pytest.mark.parametrize("window", ["quarter", "side-3/4"])
+def test_sums_of_each_piece_are_those_of_the_matrix(window: str) -> None:
+    """Row by row of the factors: the mask's window at the piece, times the light of cells."""
+    lattice = Lattice(GRID, window, (0.125, -0.25))
+    rng = np.random.default_rng(4)
+    masks = rng.random((3, lattice.dual_fields, lattice.lattice_cells + 1))
+    masks[1, 0] = 0.0  # shut throughout
+    masks[0, 1, 3] = 0.0  # shut at one cell
+    right = rng.random((3, lattice.cells))
+    sums = FineSums(lattice)
+    sums.add_rows(masks, right)
+    sums.add_rows(masks[:1], right[:1])
+    for part in lattice.overlaps:
+        sums.add_coaxial(part, np.full(GRID, 2.0))
+    found = sums.fine()
+    down, right_pieces = lattice.pieces
+    assert found.smooth
+    assert found.cuts[0] == (*(p.low for p in down), 1.0)
+    assert found.cuts[1] == (*(p.low for p in right_pieces), 1.0)
+    for i, row in enumerate(down):
+        for j, col in enumerate(right_pieces):
+            field = lattice.dual_field(row.strip, col.strip)
+            seen = lattice.stepped(masks[:, field], (row.step, col.step)).reshape(3, -1)
+            seen = np.concatenate([seen, seen[:1]])
+            light = np.concatenate([right, right[:1]])
+            matrix = seen.T @ light
+            at = (slice(i, None, len(down)), slice(j, None, len(right_pieces)))
+            np.testing.assert_allclose(found.light[at].ravel(), matrix.sum(axis=1))
+            np.testing.assert_allclose(found.own[at].ravel(), matrix.diagonal())
+    # Parts of a piece add up to all of it.
+    np.testing.assert_allclose(found.coaxial, np.full(found.coaxial.shape, 2.0))
+
+
+def test_whole_cells_change_at_their_edges() -> None:
+    assert not FineSums(Lattice(GRID, "whole", (0.25, 0.0))).fine().smooth
+
+
+def _spread(a: float, b: float, c: float, d: float, sigma: float) -> float:
+    """Light of [c, d] on [a, b] through a Gaussian, by many short pieces of it."""
+    x = a + (np.arange(400) + 0.5) * (b - a) / 400
+    share = [
+        0.5 * (math.erf((d - at) / sigma / 2**0.5) - math.erf((c - at) / sigma / 2**0.5))
+        for at in x
+    ]
+    return float(np.mean(share))
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_blurred_light_is_spread_over_the_pieces_of_cells(window: str) -> None:
+    lattice = Lattice(GRID, window, (0.0, 0.25))
+    sigmas, halves = (0.3, 0.6), 2 if window == "quarter" else 1
+    for axis, (shares, sigma) in enumerate(zip(Blur(lattice, sigmas).shares, sigmas, strict=True)):
+        cells = GRID[axis]
+        assert len(shares) == len(lattice.pieces[axis])
+        for piece, share in zip(lattice.pieces[axis], shares, strict=True):
+            assert share.shape == (halves * cells, cells)
+            for half, lit, to in np.ndindex(halves, cells, cells):
+                low = lit + half / halves
+                wanted = _spread(to + piece.low, to + piece.high, low, low + 1 / halves, sigma)
+                assert share[half * cells + lit, to] == pytest.approx(wanted, abs=2e-6)
+
+
+def test_light_that_is_not_blurred_stays_on_its_piece() -> None:
+    first, middle, _ = Blur(Lattice(GRID, "quarter"), (0.0, 0.5)).shares[0]
+    # The upper quarter of a cell lies in its upper half alone, its middle half in both.
+    np.testing.assert_allclose(first, [[1, 0], [0, 1], [0, 0], [0, 0]], atol=1e-15)
+    np.testing.assert_allclose(middle, 0.5 * np.tile(np.eye(2), (2, 1)), atol=1e-15)
+
+
+def test_nothing_is_left_of_a_gaussian_beyond_its_reach() -> None:
+    lattice, sigma = Lattice((1, 40)), 0.5
+    (share,) = Blur(lattice, (0.0, sigma)).shares[1]
+    apart = np.abs(np.subtract.outer(np.arange(40), np.arange(40))) - 1.0
+    assert (share[apart >= REACH * sigma] == 0.0).all()
+    assert (share[apart <= 5.0 * sigma] > 0.0).all()
+    np.testing.assert_allclose(share[:, 15:25].sum(axis=0), 1.0, rtol=1e-12)
+
+
+def test_blurred_light_of_both_axes_is_their_product() -> None:
+    lattice = Lattice(GRID, "quarter")
+    blur = Blur(lattice, (0.2, 0.4))
+    lights = np.random.default_rng(5).random((2, 4, 6))
+    found = list(blur.light(lights))
+    halves = lights.reshape(2, 2, 2, *GRID)
+    wanted = [
+        np.einsum("rijyx,iyp,jxq->rpq", halves, down.reshape(2, 2, 2), right.reshape(2, 3, 3))
+        for down in blur.shares[0]
+        for right in blur.shares[1]
+    ]
+    assert len(found) == len(wanted) == 9
+    for one, other in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("scan_s", "bands", "delays"),
+    [
+        (0.009, 4, [0, 3_000_000, 6_000_000, 9_000_000]),
+        (-0.009, 4, [9_000_000, 6_000_000, 3_000_000, 0]),
+        (0.009, 2, [0, 9_000_000]),
+        (0.009, 1, [0]),
+        (0.0, 3, [0, 0, 0]),
+    ],
+)
+def test_bands_come_one_after_the_other(scan_s: float, bands: int, delays: list[int]) -> None:
+    assert band_delays_ns(scan_s, bands).tolist() == delays
+
+
+def panel(**more: object) -> PanelConfig:
+    return PanelConfig(size_px=(6, 4), **more)  # type: ignore[arg-type]
+
+
+def test_panels_without_rows_to_wait_for_come_at_once() -> None:
+    lattice = Lattice((4, 3))
+    for config in (panel(scan_bands=4), panel(scan_s=0.009, scan_bands=1)):
+        assert bands_of(config, (6, 4), lattice, mask=False) == ALL_AT_ONCE
+    assert ALL_AT_ONCE[0].count(7) == 7
+    assert Band(3, np.array([4, 6])).count(7) == 2
+
+
+@pytest.mark.parametrize(("turn_deg", "rows"), [(0.0, [0, 1, 2, 3]), (180.0, [3, 2, 1, 0])])
+def test_cells_come_with_the_row_under_their_centre(turn_deg: float, rows: list[int]) -> None:
+    """Four rows of cells on four rows of pixels; more bands than rows are as many as rows."""
+    config = panel(scan_s=0.003, scan_bands=99, place=Placing(turn_deg=turn_deg))
+    for mask in (False, True):
+        bands = bands_of(config, (6, 4), Lattice((4, 3)), mask=mask)
+        assert [band.delay_ns for band in bands] == [0, 1_000_000, 2_000_000, 3_000_000]
+        for band, row in zip(bands, rows, strict=True):
+            assert isinstance(band.pixels, np.ndarray)
+            wanted = [3 * row, 3 * row + 1, 3 * row + 2]
+            if mask and row == 3:
+                wanted.append(12)  # the rest of the panel goes with the last cell
+            assert band.pixels.tolist() == wanted
+
+
+@pytest.mark.parametrize("mask", [False, True])
+def test_whole_cells_come_with_the_row_under_their_middle(mask: bool) -> None:
+    """Eight rows of pixels on two rows of cells: the third and the seventh."""
+    config = PanelConfig(size_px=(6, 8), scan_s=0.007, scan_bands=8)
+    first, second = bands_of(config, (6, 8), Lattice((2, 3)), mask=mask)
+    assert (first.delay_ns, second.delay_ns) == (2_000_000, 6_000_000)
+    assert np.asarray(first.pixels).tolist() == [0, 1, 2]
+    assert np.asarray(second.pixels).tolist() == [3, 4, 5, 6] if mask else [3, 4, 5]
+
+
+@pytest.mark.parametrize("mask", [False, True])
+def test_halves_and_windows_come_with_their_own_row(mask: bool) -> None:
+    """Eight rows of pixels on two rows of cells; of the projector halves of cells, centred in the
+    second, fourth ... row; of the mask strips at the edges and in the middle of cells."""
+    config = PanelConfig(size_px=(6, 8), scan_s=0.007, scan_bands=8)
+    lattice = Lattice((2, 3), "quarter")
+    late = {}
+    for band in bands_of(config, (6, 8), lattice, mask=mask):
+        assert isinstance(band.pixels, np.ndarray)
+        late.update(dict.fromkeys(band.pixels.tolist(), band.delay_ns // 1_000_000))
+    if not mask:
+        wanted = [[1] * 3 + [5] * 3] * 2 + [[3] * 3 + [7] * 3] * 2
+        assert [late[pixel] for pixel in range(24)] == [row for part in wanted for row in part]
+        return
+    assert len(late) == 4 * 13
+    for field in range(4):
+        strips = lattice.strips(field)
+        for row, col in np.ndindex(*lattice.shape):
+            centre = 4 * row + (2 if strips[0] == 0 else 0)
+            assert late[13 * field + 4 * row + col] == min(centre, 7)
