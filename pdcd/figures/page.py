@@ -26,6 +26,7 @@ section { background: var(--card); border: 1px solid var(--line); border-radius:
   padding: 1.1rem 1.3rem 1.3rem; margin: 0 0 1.6rem; }
 .see { font-size: 1.05rem; margin: 0.2rem 0 0.4rem; }
 .row { display: grid; gap: 0.7rem; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); }
+.row + .row { margin-top: 0.7rem; }
 .row.few { grid-template-columns: repeat(auto-fit, minmax(20rem, 28rem)); }
 .row.small { grid-template-columns: repeat(3, minmax(0, 17rem)); }
 .row.many { grid-template-columns: repeat(auto-fit, minmax(10.5rem, 1fr)); }
@@ -37,7 +38,8 @@ figcaption { font-size: 0.82rem; color: var(--faint); padding-top: 0.2rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 0.86rem; margin-top: 0.5rem; }
 th, td { text-align: left; padding: 0.22rem 0.9rem 0.22rem 0; border-bottom: 1px solid var(--line);
-  vertical-align: top; } td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
+  vertical-align: top; } td.n, th.n { text-align: right; white-space: nowrap;
+  font-variant-numeric: tabular-nums; }
 .banner { border: 2px solid var(--bad); border-radius: 8px; padding: 0.6rem 1rem; }
 """
 FEW, MANY = 2, 5

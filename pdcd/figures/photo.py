@@ -141,8 +141,8 @@ def packed(photo: Photo) -> bytes:
 
 
 def unpacked(path: Path) -> Photo:
-    """What `packed` made. Raises OSError, ValueError, KeyError or BadZipFile for a file that is not
-    whole."""
+    """What `packed` made. Raises OSError, EOFError, ValueError, KeyError or BadZipFile for a file
+    that is not whole."""
     with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
         said = json.loads(data["said"].tobytes())
         arrays = {key: data[key] for key in data.files if key != "said"}

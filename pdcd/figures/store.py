@@ -149,7 +149,7 @@ class Store:
         """The photo of that name, if it was taken."""
         try:
             return unpacked(self.folder / name)
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
             return None
 
     def has(self, name: str) -> bool:

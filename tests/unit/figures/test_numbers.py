@@ -31,8 +31,11 @@ def held(figure: Figure, photos: Mapping[str, Photo]) -> dict[str, Number]:
     return {number.what: number for number in figure.drawn(QUICK, photos).numbers}
 
 
-def fraction_photos(indirect: float) -> dict[str, Photo]:
-    """Photos D + p S with D = 0.1 and S = `indirect` everywhere but on the wall."""
+def fraction_photos(indirect: float, codes: Mapping[str, int] | None = None) -> dict[str, Photo]:
+    """Photos D + p S with D = 0.1 and S = `indirect` everywhere but on the wall.
+
+    A photo of p has 8/p codes, or what `codes` says by its name.
+    """
     found = {}
     for name in fig08.takes(QUICK):
         p = 1.0 if name == "white" else 1.0 / int(name.partition(",")[0][2:])
@@ -42,9 +45,8 @@ def fraction_photos(indirect: float) -> dict[str, Photo]:
             image[:, SIZE[1] // 3 :] = 0.1 + p * strength
             images.append(image)
         one = photo(images[0], images[1])
-        found[name] = Photo(
-            one.pictures, one.truths, one.errors, None, None, {"codes": round(8 / p)}, (3, 4)
-        )
+        summary = {"codes": (codes or {}).get(name, round(8 / p))}
+        found[name] = Photo(one.pictures, one.truths, one.errors, None, None, summary, (3, 4))
     return found
 
 
@@ -54,6 +56,10 @@ def test_figure_8_reads_direct_and_indirect_light_off_its_lines() -> None:
     assert numbers["milk: direct light at p = 0, over the true one"].value == pytest.approx(1.0)
     assert numbers["wall: indirect share of all light, from the line"].value == pytest.approx(0.0)
     assert all(number.held for number in numbers.values())
+    lit = "codes in which a cell is lit, largest over smallest"
+    assert numbers[lit].value == 1.0
+    uneven = fraction_photos(0.5, {"1/4, ours": 128, "1/8, ours": 32})
+    assert held(fig08.FIGURE, uneven)[lit].value == 8.0
     gone = held(fig08.FIGURE, fraction_photos(0.0))
     assert not gone["milk: indirect share of all light, from the line"].held
 

@@ -1,0 +1,163 @@
+"""Figures ask for the captures, and make of photos, what they did when their bounds were stated.
+
+`tests/data/figures.json` has each figure's captures, and what it shows of photos that are made up:
+numbers with their bounds, panels, lines of plots. Where a figure is changed on purpose, write it
+anew by ``python -m tests.unit.figures.test_figures_golden``, and look at what has changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.toml_text import TIMES
+from pdcd.figures.bench import bench_of
+from pdcd.figures.catalog import FILES, figure_of
+from pdcd.figures.figure import FULL, QUICK, TINY, Figure, Mode, Photo, Take
+from tests.golden import alike, keep, kept_in, plain
+from tests.places import DATA
+
+GOLDEN = DATA / "figures.json"
+MODES = {
+    "quick": Mode("quick", (24, 32), (240, 160), 100, True, thrift=4, least_codes=16),
+    "whole": Mode("whole", (24, 32), (240, 160), 100, False),
+}
+"""All that the pages have, with few cells."""
+NAMES = ("answer", "white", "direct", "indirect", "high", "low")
+
+
+def made_up(name: str, take: Take, grid: tuple[int, int]) -> Photo:
+    """A photo whose numbers are chance, and always the same."""
+    seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big")
+    rng = np.random.default_rng(seed)
+
+    def picture() -> Any:
+        coarse = rng.random((*grid, 3)).repeat(6, axis=0).repeat(6, axis=1)
+        return (0.2 + 0.6 * coarse + 0.2 * rng.random(coarse.shape)).astype(np.float32)
+
+    pictures, truths = ({one: picture() for one in NAMES} for _ in range(2))
+    errors = {one: 0.01 * (k + 1) for k, one in enumerate(NAMES)}
+    cells = grid[1]
+    found, true = (rng.random((cells, cells, 3)) + np.eye(cells)[..., None] for _ in range(2))
+    codes = int(take.asked.get("codes", 8))
+    return Photo(pictures, truths, errors, found, true, {"codes": codes, "exposure_s": 2.5}, grid)
+
+
+class Axes:
+    """Axes that note all that is done with them."""
+
+    def __init__(self) -> None:
+        self.done: list[Any] = []
+
+    def __getattr__(self, name: str) -> Any:
+        def noted(*told: Any, **how: Any) -> Any:
+            self.done.append([name, plain([np.asarray(t) if _is_row(t) else t for t in told])])
+            self.done.append(plain(dict(sorted(how.items()))))
+            if name == "get_legend_handles_labels":
+                return [1], ["one"]
+            if name == "get_color":
+                return "red"
+            return [self] if name == "plot" else self
+
+        return noted
+
+
+def _is_row(value: Any) -> bool:
+    return isinstance(value, list | tuple) and bool(value) and not isinstance(value[0], str)
+
+
+def asked(figure: Figure, mode: Mode) -> dict[str, Any]:
+    return {
+        name: plain({field: getattr(take, field) for field in Take.__dataclass_fields__})
+        for name, take in figure.takes(mode).items()
+    }
+
+
+def shown(figure: Figure, mode: Mode) -> dict[str, Any]:
+    photos = {n: made_up(n, take, mode.grid) for n, take in figure.takes(mode).items()}
+    drawn = figure.drawn(mode, photos)
+    plots = []
+    for plot in drawn.plots:
+        axes = Axes()
+        plot.draw(axes)
+        plots.append([plot.name, plot.caption, plot.wide, axes.done])
+    panels = [
+        [row.title, row.small, [plain({k: getattr(p, k) for k in FIELDS}) for p in row.panels]]
+        for row in drawn.rows
+    ]
+    numbers = [plain({k: getattr(n, k) for k in n.__dataclass_fields__}) for n in drawn.numbers]
+    return {"rows": panels, "plots": plots, "numbers": numbers}
+
+
+FIELDS = ("image", "caption", "white", "signed", "kind")
+TAKES = {
+    "plain": Take("open-book", "white"),
+    "perfect": Take("open-book", "white", perfect=True),
+    "off axis": Take("box-wall", "keyed", options={"disparity": 0.5}, off_axis=True, f_number=4.0),
+    "own grid": Take("open-book", "white", grid=(6, 8)),
+}
+
+
+def bench(take: Take, mode: Mode, folder: Path) -> dict[str, Any]:
+    """Its configuration and its truth, without the folder that they lie in."""
+    told = bench_of(take, mode, folder)
+    told_of = msgspec.to_builtins(told, builtin_types=TIMES)
+    assert told_of.pop("server")["state_dir"] == str(folder)
+    assert told_of.pop("bench")["truth"] == (None if take.perfect else str(folder / "truth.toml"))
+    truth = "" if take.perfect else (folder / "truth.toml").read_text(encoding="utf-8")
+    return {"believed": plain(told_of), "true": truth}
+
+
+@pytest.fixture(scope="module")
+def golden() -> dict[str, Any]:
+    return kept_in(GOLDEN)
+
+
+@pytest.mark.parametrize("mode", list(MODES))
+@pytest.mark.parametrize("number", list(FILES))
+def test_a_figure_asks_for_the_captures_that_it_did(
+    number: str, mode: str, golden: dict[str, Any]
+) -> None:
+    alike(asked(figure_of(number), MODES[mode]), golden["asked"][f"{number}, {mode}"], number)
+
+
+@pytest.mark.parametrize("mode", list(MODES))
+@pytest.mark.parametrize("number", list(FILES))
+def test_a_figure_makes_of_photos_what_it_did(
+    number: str, mode: str, golden: dict[str, Any]
+) -> None:
+    found = plain(shown(figure_of(number), MODES[mode]))
+    alike(found, golden["shown"][f"{number}, {mode}"], number)
+
+
+@pytest.mark.parametrize("name", list(TAKES))
+def test_the_bench_of_figures_is_as_it_was(
+    name: str, golden: dict[str, Any], tmp_path: Path
+) -> None:
+    alike(bench(TAKES[name], TINY, tmp_path), golden["bench"][name], name)
+
+
+def test_modes_have_the_cells_and_the_frames_that_bounds_were_stated_for() -> None:
+    assert Mode("quick", (30, 40), (336, 224), 320, True, 4, 32) == QUICK
+    assert Mode("full", (48, 64), (2145, 1428), 1280, False, 1, 32) == FULL
+    assert Mode("tiny", (12, 16), (120, 80), 100, True, 4, 16) == TINY
+    assert (QUICK.bound(1.0, 2.0), FULL.bound(1.0, 2.0)) == (1.0, 2.0)
+
+
+if __name__ == "__main__":
+    kept: dict[str, dict[str, Any]] = {"asked": {}, "shown": {}, "bench": {}}
+    for number in FILES:
+        for mode_name, mode in MODES.items():
+            key = f"{number}, {mode_name}"
+            kept["asked"][key] = asked(figure_of(number), mode)
+            kept["shown"][key] = plain(shown(figure_of(number), mode))
+    with tempfile.TemporaryDirectory() as folder:
+        for name, take in TAKES.items():
+            kept["bench"][name] = bench(take, TINY, Path(folder))
+    keep(GOLDEN, kept)
