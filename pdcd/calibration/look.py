@@ -265,7 +265,9 @@ def _strips(
     value, sigma = share * read.value, np.hypot(share * read.sigma, STRIPS_FLOOR)
     on_mask, tail_share, slower = session.arrays.get("timing.tail", np.array([0.0, 0.0, 1.0]))
     tail = Tail(bool(on_mask), float(tail_share), float(slower)) if tail_share else None
-    times = Times(session.arrays["timing.taus_s"], session.arrays["timing.leaks"], lags, tail)
+    across_s = float(session.arrays.get("timing.across_s", 0.0))
+    taus_s, leaks = session.arrays["timing.taus_s"], session.arrays["timing.leaks"]
+    times = Times(taus_s, leaks, lags, tail, across_s)
     model = Model([read], [taken.ran], session.refresh_s)
     model.slope_s = float(np.polyfit(read.bands, lags, 1)[0]) if lags.size > 1 else 0.0
     return value.ravel(), sigma.ravel(), Lagged(model, times)

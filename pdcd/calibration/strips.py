@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ class Readings:
     value, sigma : (B, K); sigma is that of the noise alone.
     bands : (B,) middle of each band on the field, y from 0 to 1. height : of a band.
     projector, mask : (K,) the programmes of both panels; on a sound bench they are the same.
+    x : (K,) middle of each strip, less that of the field, x from 0 to 1; 0 of the whole field.
     """
 
     value: Floats
@@ -46,6 +47,7 @@ class Readings:
     height: float
     projector: tuple[Programme, ...]
     mask: tuple[Programme, ...]
+    x: Floats = field(default_factory=lambda: np.zeros(1))
 
     def mirrored(self, *, projector: bool, mask: bool) -> Readings:
         """The same readings, were panels' pictures mirrored left to right."""
@@ -96,6 +98,7 @@ def read_strips(
         1.0 / bands,
         strips.programmes,
         strips.programmes,
+        (np.arange(strips.count) + 0.5) / strips.count - 0.5,
     )
 
 

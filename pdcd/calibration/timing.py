@@ -2,7 +2,8 @@
 
 Photos of strips (`pdcd.calibration.programmes`), read band by band (`pdcd.calibration.strips`), are
 fitted by pulses in closed form. Three rounds: the second and third take in what the fit so far
-says of beginning and end of the exposures and of the lag's slope within a band.
+says of beginning and end of the exposures, of the lag's slope within a band, and of how far strips
+are off beside their noise.
 
 Only differences show: a delay that both panels share moves nothing, and of two panels that are set
 row by row only the mask's time minus the projector's at the same place is found. The weakest
@@ -59,15 +60,17 @@ class Timing:
 
     bands : (B,) middle of each band on the field, y from 0 to 1.
     lag_s, lag_sigma_s : (B,) the mask's light behind the projector's, of what the frame log does
-        not say; positive: the mask comes later.
+        not say; positive: the mask comes later. In the middle of the rows.
+    across_s : what is added to it from x = 0 to x = 1.
     line_s : lag at y = 0, and what is added until y = 1. line_covariance : (2, 2).
     line_chi2 : reduced, of the bands against that line.
     taus_s, taus_sigma_s : (4,) rise and fall of the projector, then of the mask.
     leaks : (2,) what falls on the mask beside the projector's white (leak and ambient light), and
         what the mask's black lets through, over white.
     tail : a second, slower answer of one panel, where one was needed.
-    chi2 : reduced, of the whole fit. covariance : (6 + B, 6 + B), and 2 more with a tail: of
-        logarithms of `taus_s`, of `leaks`, of `lag_s` in s, of share and log slowness of the tail.
+    chi2 : reduced, of the whole fit. covariance : (7 + B, 7 + B), and 2 more with a tail: of
+        logarithms of `taus_s`, of `leaks`, of `lag_s` and `across_s` in s, of share and log
+        slowness of the tail.
     scale : (photos, B) of light over that of the white photo: the lamp. stray : (photos, B).
     apart_s : how much later the mask was sent its rows, as the log has it.
     """
@@ -75,6 +78,7 @@ class Timing:
     bands: Floats
     lag_s: Floats
     lag_sigma_s: Floats
+    across_s: float
     line_s: tuple[float, float]
     line_covariance: Floats
     line_chi2: float
@@ -228,20 +232,20 @@ def _again(model: Model, found: Fitted) -> Fitted:
     _, slope = _line(model, found)[0]
     model.slope_s = slope if abs(slope) * model.height > STEEP_S else 0.0
     model.correct(found.times)
-    return Fit(model).solve(found.times)
+    return Fit(model, found.floors).solve(found.times)
 
 
 def _with_tail(model: Model, found: Fitted) -> tuple[Model, Fitted]:
     """The better of both panels having a second answer; `found` where that does not mend it."""
     best = found
     for mask in (True, False):
-        fitted = Fit(model).solve(found.times, tail=mask)
+        fitted = Fit(model, found.floors).solve(found.times, tail=mask)
         if fitted.chi2 < min(MENDS * found.chi2, best.chi2):
             best = fitted
     if best is found:
         return model, found
     model.correct(best.times)
-    again = Fit(model).solve(best.times)
+    again = Fit(model, best.floors).solve(best.times)
     return model, again
 
 
@@ -352,14 +356,16 @@ def _timing(model: Model, found: Fitted) -> Timing:
     bands = model.readings[0].bands
     covariance = found.covariance.copy()
     part = slice(COMMON, COMMON + bands.size)
-    covariance[part] *= model.refresh_s
-    covariance[:, part] *= model.refresh_s
+    in_refreshes = slice(COMMON, COMMON + bands.size + 1)
+    covariance[in_refreshes] *= model.refresh_s
+    covariance[:, in_refreshes] *= model.refresh_s
     sigma = np.sqrt(np.diag(covariance))
     times = found.times
     return Timing(
         bands=bands,
         lag_s=times.lags_s,
         lag_sigma_s=sigma[part],
+        across_s=times.across_s,
         line_s=line,
         line_covariance=spread,
         line_chi2=line_chi2,

@@ -27,16 +27,21 @@ TRIES = 30
 NO_SLOPE = 1e-9
 """Standard deviations for a whole unit of a parameter: less is none."""
 FLAT = 5e-4
-"""Relative error of each strip beside noise: of flat field and lamp."""
+"""Relative error of each strip beside noise, at most: of flat field and lamp."""
 FLOOR = 1e-4
-"""Error of each strip over white beside that."""
+"""Error of each strip over white beside that, at most."""
+LEAST_FLOORS = 0.02
+"""Share of both that is left at least, however well strips fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
     """times : the best. covariance : of the logarithms of four time constants, two leaks, the lags,
-    then share and slowness of a tail where there is one. chi2 : reduced.
-    scale, stray : (photos, B). dof : degrees of freedom."""
+    what the lag grows across, then share and slowness of a tail where there is one.
+
+    chi2 : reduced, by `FLAT` and `FLOOR` as they stand. scale, stray : (photos, B). dof : degrees
+    of freedom. floors : the share of `FLAT` and `FLOOR` that what is left of the strips speaks for.
+    """
 
     times: Times
     covariance: Floats
@@ -44,16 +49,23 @@ class Fitted:
     dof: int
     scale: Floats
     stray: Floats
+    floors: float
 
 
 class Fit:
-    """The readings of a model, and their errors."""
+    """The readings of a model, and their errors.
 
-    def __init__(self, model: Model) -> None:
-        self._model = model
+    floors : share of `FLAT` and `FLOOR` to weigh by. All of it, where a bench does better, hides
+    the faint tails of slow panels, which tell a late mask from a slow projector.
+    """
+
+    def __init__(self, model: Model, floors: float = 1.0) -> None:
+        self._model, self._floors = model, floors
         self._value = np.stack([r.value for r in model.readings])
         noise = np.stack([r.sigma for r in model.readings])
-        self._sigma = np.sqrt(noise**2 + (FLAT * self._value) ** 2 + FLOOR**2)
+        most = (FLAT * self._value) ** 2 + FLOOR**2
+        self._stated = np.sqrt(noise**2 + most)
+        self._sigma = np.sqrt(noise**2 + floors**2 * most)
         self._bands = self._value.shape[1]
 
     def starts(self) -> list[Times]:
@@ -112,11 +124,13 @@ class Fit:
         best = np.asarray(solved.x, dtype=np.float64)
         times, scale, stray = self._unpacked(best, start.tail)
         dof = max(self._value.size - best.size, 1)
-        chi2 = 2.0 * float(solved.cost) / dof
-        jac = np.asarray(solved.jac, dtype=np.float64)
-        covariance = self._covariance(jac, np.asarray(solved.fun, dtype=np.float64))
+        left = np.asarray(solved.fun, dtype=np.float64)
+        chi2 = float(np.sum((left * (self._sigma / self._stated).ravel()) ** 2)) / dof
+        floors = self._floors * float(np.sqrt(left @ left / dof))
+        floors = min(max(floors, LEAST_FLOORS), 1.0)
+        covariance = self._covariance(np.asarray(solved.jac, dtype=np.float64), left)
         count = free.size
-        return Fitted(times, covariance[:count, :count], chi2, dof, scale, stray)
+        return Fitted(times, covariance[:count, :count], chi2, dof, scale, stray, floors)
 
     def _covariance(self, jac: Floats, residuals: Floats) -> Floats:
         """Covariance of all parameters, by the scatter of the residuals. What all bands of a strip
@@ -143,7 +157,7 @@ class Fit:
 
     def _packed(self, times: Times) -> Floats:
         more = [] if times.tail is None else [times.tail.share, np.log(times.tail.slower)]
-        lags = times.lags_s / self._model.refresh_s
+        lags = np.append(times.lags_s, times.across_s) / self._model.refresh_s
         return np.concatenate([np.log(times.taus_s), times.leaks, lags, more])
 
     def _bounds(self, start: Times, free: int) -> tuple[Floats, Floats]:
@@ -162,13 +176,14 @@ class Fit:
     def _unpacked(self, v: Floats, tail: Tail | None) -> tuple[Times, Floats, Floats]:
         bands, refresh = self._bands, self._model.refresh_s
         lags = v[COMMON : COMMON + bands] * refresh
-        at = COMMON + bands
+        across_s = float(v[COMMON + bands]) * refresh
+        at = COMMON + bands + 1
         if tail is not None:
             tail = Tail(tail.mask, float(v[at]), float(np.exp(v[at + 1])))
             at += 2
         shape = self._value.shape[:2]
         scale, stray = v[at:].reshape(2, *shape)
-        return Times(np.exp(v[:4]), v[4:COMMON], lags, tail), scale, stray
+        return Times(np.exp(v[:4]), v[4:COMMON], lags, tail, across_s), scale, stray
 
     def _residuals(self, v: Floats, tail: Tail | None) -> Floats:
         times, scale, stray = self._unpacked(v, tail)

@@ -9,7 +9,7 @@ each band of each photo; times and leaks are of the whole bench, the lag of each
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,13 +48,16 @@ class Times:
     """What is to be found.
 
     taus_s : (4,) as `TAUS`. leaks : (2,) a and b of the module. lags_s : (B,) of the mask's light
-        behind the projector's, as the frame log does not explain it.
+        behind the projector's, as the frame log does not explain it, in the middle of its rows.
+    across_s : what is added to it from x = 0 to x = 1, of panels that are turned against the field
+        and set row by row.
     """
 
     taus_s: Floats
     leaks: Floats
     lags_s: Floats
     tail: Tail | None = None
+    across_s: float = 0.0
 
     @property
     def answers(self) -> tuple[Answer, Answer]:
@@ -124,10 +127,11 @@ class Model:
         shares = NODE_SHARES if self.slope_s else np.ones(1)
         lags = np.stack([times.lags_s for times in variants])  # (V, B)
         late = lags[..., None, None] + nodes[:, None]  # (V, B, nodes, 1)
+        across = np.array([times.across_s for times in variants])[:, None, None, None]
         answers, leaks = _stacked(variants)
         parts = []
-        for (light, opening), apart in zip(self._pulses, self._apart_s, strict=True):
-            found = _over_white(answers, leaks, light, opening, late + apart)
+        for reading, pair, apart in zip(self.readings, self._pulses, self._apart_s, strict=True):
+            found = _over_white(answers, leaks, *pair, late + across * reading.x + apart)
             parts.append(np.tensordot(found, shares, (2, 0)))
         return np.stack(parts, axis=1) + self.correction
 
@@ -137,9 +141,10 @@ class Model:
         shape = len(self.readings), *self.readings[0].value.shape
         self.correction = np.zeros(shape)
         plain = self.shape(times)
-        if self.slope_s:  # what is corrected hardly changes within a band: its middle will do
+        if self.slope_s or times.across_s:
+            # What is corrected hardly changes within a band: its middle will do.
             slope, self.slope_s = self.slope_s, 0.0
-            plain, self.slope_s = self.shape(times), slope
+            plain, self.slope_s = self.shape(replace(times, across_s=0.0)), slope
         for n, (reading, ran) in enumerate(zip(self.readings, self.ran, strict=True)):
             for b, lag in enumerate(times.lags_s):
                 self.correction[n, b] = exact(reading, ran, times, float(lag)) - plain[n, b]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.calibration import MAPS, Calibration
 from pdcd.bench.placed import camera_map, panels_of
-from pdcd.bench.tables import Config
+from pdcd.bench.tables import Config, PanelConfig
 from pdcd.maps.file import load_maps
 from pdcd.maps.map import Map, between
 from pdcd.sensor.profile import IsoRow
@@ -28,7 +28,8 @@ def compared(
 ) -> dict[str, float]:
     """Errors by name, with the unit in the name; shares are of the true value."""
     values = {name: entry.value for name, entry in record.measured.items()}
-    found = _maps(load_maps(folder / MAPS), believed, true)
+    maps = load_maps(folder / MAPS)
+    found = _maps(maps, believed, true)
     for panel in ("projector", "mask"):
         for key in ("contrast", "rise_s", "fall_s"):
             name = f"{panel}.{key}"
@@ -43,7 +44,7 @@ def compared(
                 found["gain share"] = _share(figure.value, sensor.gain_e_per_dn)
             if figure.name == "sensor.read_noise_e":
                 found["read noise share"] = _share(figure.value, sensor.read_noise_e)
-    found["lag ms"] = _lag_ms(values, true)
+    found["lag ms"] = _lag_ms(values, maps, true)
     return found
 
 
@@ -77,23 +78,39 @@ def _q95(found: Floats, points: Floats) -> float:
     return float(np.percentile(np.hypot(*(found - points).T), 95.0))
 
 
-def _lag_ms(values: dict[str, object], true: Config) -> float:
-    """The largest error of the mask's lag behind the projector over bands of rows."""
-    shares = (np.arange(BANDS) + 0.5) / BANDS
-    wanted = _lags(
-        true.mask.skew_s - true.projector.skew_s, true.mask.scan_s, true.projector.scan_s, shares
-    )
-    got = _lags(
-        _number(values.get("mask.skew_s")) - _number(values.get("projector.skew_s", 0.0)),
-        _number(values.get("mask.scan_s")),
-        _number(values.get("projector.scan_s")),
-        shares,
-    )
-    return float(1e3 * np.abs(got - wanted).max())
+def _lag_ms(values: dict[str, object], maps: dict[str, Map], true: Config) -> float:
+    """The largest error of the mask's lag behind the projector, over bands of rows of the
+    projector; each is the mean over what lies in it."""
+    panels = panels_of(true)
+    width, height = true.projector.size_px
+    across = np.linspace(MARGIN_PX, width - MARGIN_PX, POINTS)
+    down = (np.arange(BANDS * POINTS) + 0.5) * height / (BANDS * POINTS)
+    points = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    on_mask = panels.mask.map.from_field(panels.projector.map.to_field(points))
+    seen = _inside(on_mask, true.mask.size_px)
+    real = _late(true.mask, on_mask) - _late(true.projector, points)
+    found = [
+        PanelConfig(
+            size_px=size_px,
+            skew_s=_number(values.get(f"{panel}.skew_s", 0.0)),
+            scan_s=_number(values.get(f"{panel}.scan_s", 0.0)),
+            scan_bands=round(_number(values.get(f"{panel}.scan_bands", 1))),
+        )
+        for panel, size_px in (("projector", true.projector.size_px), ("mask", true.mask.size_px))
+    ]
+    said = _late(found[1], between(maps["projector"], maps["mask"], points))
+    said = said - _late(found[0], points)
+    off = np.where(seen, said - real, np.nan).reshape(BANDS, -1)
+    return float(1e3 * np.abs(np.nanmean(off, axis=1)).max())
 
 
-def _lags(skew_s: float, mask_scan_s: float, projector_scan_s: float, shares: Floats) -> Floats:
-    return skew_s + (mask_scan_s - projector_scan_s) * shares
+def _late(panel: PanelConfig, points: Floats) -> Floats:
+    """When what a panel shows at points of it comes, after it was sent, in s."""
+    bands = panel.scan_bands
+    row = np.clip(points[:, 1] / panel.size_px[1], 0.0, 1.0 - 1e-9)
+    part = np.floor(row * bands) / max(bands - 1, 1)
+    scan_s = panel.scan_s * part if panel.scan_s > 0 else -panel.scan_s * (1.0 - part)
+    return np.asarray(panel.skew_s + scan_s)
 
 
 def _number(value: object) -> float:

@@ -12,6 +12,8 @@ from pdcd.bench.tables import Config
 from pdcd.bench.toml_text import emit
 
 PROJECTOR_PX, MASK_PX = (1024, 768), (1600, 1200)
+SCAN_BANDS = 32
+"""Panels set row after row, not in a few steps: as many bands as a mock photo has time for."""
 
 
 def drawn(seed: int, folder: Path, quads: tuple[int, int]) -> Config:
@@ -53,6 +55,7 @@ def _truth(rng: np.random.Generator) -> dict[str, Any]:
             "rise_s": within(0.0008, 0.004),
             "fall_s": within(0.0005, 0.003),
             "scan_s": within(0.0, 0.016),
+            "scan_bands": SCAN_BANDS,
         },
         "mask": {
             "contrast": by_factor(200.0, 1000.0),
@@ -60,6 +63,7 @@ def _truth(rng: np.random.Generator) -> dict[str, Any]:
             "rise_s": within(0.002, 0.008),
             "fall_s": within(0.001, 0.005),
             "scan_s": within(-0.016, 0.016),
+            "scan_bands": SCAN_BANDS,
             "place": {
                 "flip": "horizontal" if mirrored else "none",
                 "turn_deg": within(-1.0, 1.0),

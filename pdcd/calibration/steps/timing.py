@@ -41,7 +41,7 @@ TRAIL = 13
 BANDS = 3, 12
 QUADS_A_BAND = 40
 """Rows of quads that a band has, at least."""
-PERMUTATIONS = 2
+PERMUTATIONS = 4
 NEAR = 1
 """Refreshes by which a second coarse search may still be off."""
 FLAT_S = 1e-4
@@ -85,7 +85,7 @@ class _Rig:
 
 
 def timing(session: Session) -> Script:
-    """White, coarse strips, fine strips twice: four photos; seven where the mask is whole
+    """White, coarse strips, fine strips four times: six photos; eight where the mask is whole
     refreshes late, or early.
 
     Raises CalibrationError as `coarse_delay`, `read_strips` and `fit_timing` do.
@@ -266,6 +266,7 @@ def _arrays(found: Timing) -> dict[str, Floats]:
         "timing.bands": found.bands,
         "timing.lag_s": found.lag_s,
         "timing.lag_sigma_s": found.lag_sigma_s,
+        "timing.across_s": np.array(found.across_s),
         "timing.line_s": np.array(found.line_s),
         "timing.taus_s": found.taus_s,
         "timing.taus_sigma_s": found.taus_sigma_s,

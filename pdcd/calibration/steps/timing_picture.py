@@ -21,7 +21,7 @@ def picture(found: Timing, readings: Sequence[Readings], ran: Sequence[Ran]) -> 
     it. Right: the lag of each band, with three sigmas, and the line through them."""
     drawn = sheet(1000, 560)
     model = Model(readings, ran, found.refresh_s)
-    times = Times(found.taus_s, found.leaks, found.lag_s, found.tail)
+    times = Times(found.taus_s, found.leaks, found.lag_s, found.tail, found.across_s)
     model.correct(times)
     shape = found.scale[..., None] * model.shape(times) + found.stray[..., None]
     middle = found.bands.size // 2

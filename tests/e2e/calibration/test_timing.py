@@ -15,6 +15,7 @@ from pdcd.frames.schedule import SLOTS
 from tests.e2e.calibration.timing_rig import bench, calibrated, record_of
 
 REFRESH_S = 1.0 / 60.0
+STRIPS = tuple(f"strips-{number}" for number in (1, 2, 3, 4))
 TAUS = """
 [projector]
 contrast = 900.0
@@ -78,8 +79,7 @@ def test_lag_rise_and_fall_and_whole_refreshes(tmp_path: Path) -> None:
     assert found.mask.scan_s == 0.0
     assert (found.projector.skew_s, found.projector.scan_s) == (0.0, 0.0)
     assert [photo.name for photo in record.steps[-1].photos] == [
-        f"timing-{name}"
-        for name in ("white", "coarse", "white-again", "coarse-again", "strips-1", "strips-2")
+        f"timing-{name}" for name in ("white", "coarse", "white-again", "coarse-again", *STRIPS)
     ]
     assert record.steps[-1].verdict == "good"
     assert any("7 refreshes earlier" in text for text in record.steps[-1].advice)
@@ -114,7 +114,7 @@ def test_times_are_found_again_once_the_delay_is_taken_out(tmp_path: Path) -> No
     display = msgspec.structs.replace(believed.display, mask_delay_refreshes=2)
     believed = msgspec.structs.replace(believed, display=display)
     result, found = calibrated(believed, "timing")
-    assert len(record_of(result).steps[-1].photos) == 4
+    assert len(record_of(result).steps[-1].photos) == 2 + len(STRIPS)
     check_found(believed, found)
     assert found.display.mask_delay_refreshes == 2
     assert found.mask.skew_s == pytest.approx(-0.0287, abs=0.15e-3)

@@ -66,6 +66,7 @@ def answered(panel: TruePanel, asked: Floats) -> Floats:
 @dataclass
 class Bench:
     """skew_s : of the mask over the projector at y = 0, scan_s : what is added until y = 1.
+    across_s : what is added from x = 0 to x = 1, none of it in the middle.
 
     electrons : of a quad for white. flat : relative error of each patch of a photo. ambient : light
     on the mask beside the projector's; stray : light that comes past the mask. blur : in quads.
@@ -78,6 +79,7 @@ class Bench:
     mask: TruePanel = field(default_factory=TruePanel)
     skew_s: float = 0.0
     scan_s: float = 0.0
+    across_s: float = 0.0
     electrons: float = 20000.0
     flat: float = 5e-4
     ambient: float = 0.0
@@ -116,7 +118,9 @@ class Bench:
             opened = np.repeat(opened.any(axis=0, keepdims=True), len(opened), 0).astype(float)
         p = self._under(lit_kind, self.projector_map, centres)
         m = self._under(open_kind, self.mask_map, centres)
-        light = self._light(lit, opened, p, m, np.clip(centres[..., 1], 0.0, 1.0))
+        x, y = (np.clip(centres[..., axis], 0.0, 1.0) for axis in (0, 1))
+        late_s = self.scan_s * y + self.across_s * (x - 0.5)
+        light = self._light(lit, opened, p, m, late_s)
         light = np.where(centres[..., 0] < self.covered, light, 0.02 * light)
         light = gaussian_filter(light, self.blur) if self.blur else light
         patches = 1.0 + self.flat * rng.standard_normal((1, 1 + width // self.patch))
@@ -147,22 +151,29 @@ class Bench:
         return np.asarray(map_coordinates(kind, place, order=0, mode="nearest"), dtype=np.int64)
 
     def _light(
-        self, lit: Floats, opened: Floats, p: NDArray[np.int64], m: NDArray[np.int64], y: Floats
+        self,
+        lit: Floats,
+        opened: Floats,
+        p: NDArray[np.int64],
+        m: NDArray[np.int64],
+        late_s: Floats,
     ) -> Floats:
-        """Mean of the product over the refreshes, of each quad; lags by 17 heights between which
-        it is interpolated."""
-        heights = np.linspace(0.0, 1.0, 17 if self.scan_s else 1)
+        """Mean of the product over the refreshes, of each quad that is `late_s` beside the skew; by
+        17 lags between which it is interpolated."""
+        low_s = min(self.scan_s, 0.0) - 0.5 * abs(self.across_s)
+        range_s = abs(self.scan_s) + abs(self.across_s)
+        lags = low_s + range_s * np.linspace(0.0, 1.0, 17 if range_s else 1)
         pairs, which = np.unique(p * 1000 + m, return_inverse=True)
         table = products(
             self.projector, self.mask, tuple(map(tuple, lit.T)), tuple(map(tuple, opened.T)),
-            tuple(pairs.tolist()), tuple((self.skew_s + self.scan_s * heights).tolist()),
+            tuple(pairs.tolist()), tuple((self.skew_s + lags).tolist()),
             self.ambient, self.apart_s, self.slip_s,
         )  # fmt: skip
         which = which.reshape(p.shape)
-        if len(heights) == 1:
+        if len(lags) == 1:
             return np.asarray(table[which, 0])
-        place = y * (len(heights) - 1)
-        low = np.minimum(place.astype(int), len(heights) - 2)
+        place = (late_s - low_s) / range_s * (len(lags) - 1)
+        low = np.minimum(place.astype(int), len(lags) - 2)
         part = place - low
         return np.asarray((1 - part) * table[which, low] + part * table[which, low + 1])
 

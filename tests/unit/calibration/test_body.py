@@ -234,7 +234,7 @@ def leaking(name: str, light: Floats) -> Floats:
     [
         (lambda name, light: 0.0 * light, "lens cap"),
         (of_one(("dose-88",), 0.0), "dose-88 is dark.*shutter"),
-        (of_one(("dose-48-again",), 0.1), "48 refreshes is dark.*shutter"),
+        (of_one(("dose-48-again",), 0.1), "48 refreshes lacks light.*shutter"),
         (lambda name, light: 8.0 * light, "saturat|doses"),
         (lambda name, light: 0.02 * light, "dim"),
         (leaking, "light comes in"),

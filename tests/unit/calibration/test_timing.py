@@ -122,6 +122,19 @@ def test_panels_that_scan_against_each_other() -> None:
     assert (skew_s, scan_s) == pytest.approx((-0.0162, 0.0317), abs=3e-4)
 
 
+def test_panels_that_are_turned_against_the_field() -> None:
+    """The rows of a mask that hangs askew come later on one side. A fit with one lag a row takes
+    that for a slower projector, whatever photos it has."""
+    on = bench(skew_s=0.0095, scan_s=-0.0004, across_s=-0.0005, flat=0.0, electrons=1e6)
+    timing = found(on)
+    assert timing.across_s == pytest.approx(-0.0005, abs=1e-5)
+    lag = on.skew_s + on.scan_s * timing.bands
+    np.testing.assert_allclose(timing.lag_s, lag, rtol=0, atol=0.1e-3)
+    np.testing.assert_allclose(timing.taus_s, (*PROJECTOR_S, *MASK_S), rtol=0.06)
+    assert timing.chi2 < 0.2
+    assert timing.covariance.shape == (6 + timing.bands.size + 1,) * 2
+
+
 @pytest.mark.parametrize(("lag", "delay"), [(2.2, -2), (-1.6, 2)])
 def test_whole_refreshes_are_told(lag: float, delay: int) -> None:
     timing = found(bench(skew_s=lag * REFRESH_S), bands=1)

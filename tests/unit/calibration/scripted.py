@@ -1,0 +1,65 @@
+"""Runs the script of a step before a camera that is made up, and keeps what was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pdcd.bench.devices import CameraInfo
+from pdcd.bench.tables import Config
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.script import Ask, Outcome, Script, Session, Wanted
+from pdcd.sensor.profile import load_profile
+
+STOPS = tuple(round(2.0 ** (k / 6.0), 3) for k in range(6, 49))
+
+
+@dataclass
+class Answered(Session):
+    """A session whose photos are what `answer` gives for what was wanted."""
+
+    answer: Callable[[Wanted], Photo] | None = None
+
+    def photo(self, taken: Any) -> Photo:
+        """The photo of what was wanted."""
+        assert self.answer is not None
+        return self.answer(taken)
+
+
+def session_of(
+    config: Config | None = None,
+    answer: Callable[[Wanted], Photo] | None = None,
+    f_numbers: tuple[float, ...] = STOPS,
+) -> Answered:
+    """A session of a camera with these apertures."""
+    camera = CameraInfo("", "", "450d", np.ones(3), (100,), f_numbers)
+    return Answered(config or Config(), load_profile("450d"), camera, 100, answer=answer)
+
+
+@dataclass
+class Run:
+    """What a script asked for, and what it found."""
+
+    wanted: list[Wanted] = field(default_factory=list)
+    asked: list[Ask] = field(default_factory=list)
+    outcome: Outcome | None = None
+
+
+def run(script: Script, taken: Callable[[Wanted], Any] = lambda wanted: wanted) -> Run:
+    """Send a script what `taken` makes of each photo it wants, to its end."""
+    found = Run()
+    try:
+        asked = next(script)
+        while True:
+            if isinstance(asked, Ask):
+                found.asked.append(asked)
+                asked = script.send(None)
+            else:
+                found.wanted.append(asked)
+                asked = script.send(taken(asked))
+    except StopIteration as end:
+        found.outcome = end.value
+    return found

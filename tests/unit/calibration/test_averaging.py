@@ -1,0 +1,116 @@
+"""Averages of stripes over blocks and whole periods, against sums written out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.averaging import Averaging
+
+SHAPE = (64, 80)
+RNG = np.random.default_rng(2)
+WHITE = 100.0 + 50.0 * RNG.random(SHAPE)
+
+
+def averaging(block: int = 2, period: float = 8.0, **dark: slice) -> Averaging:
+    lit = np.ones(SHAPE, np.bool_)
+    if dark:
+        lit[dark["rows"], dark["cols"]] = False
+    return Averaging(lit, WHITE, period, block)
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_light_over_white_is_summed_over_the_lit_quads_of_each_block(power: int) -> None:
+    found = averaging(4, rows=slice(0, 2), cols=slice(0, 3))
+    light = RNG.random(SHAPE)
+    light[0, 0] = np.nan  # where nothing is lit there may be anything
+    summed = found.over_white(light, power)
+    assert summed.shape == (16, 20)
+    over = light / WHITE**power
+    over[:2, :3] = 0.0
+    assert summed[3, 5] == pytest.approx(over[12:16, 20:24].sum())
+    assert summed[0, 0] == pytest.approx(over[:4, :4].sum())
+    assert found.count[0, 0] == 10.0 and found.count[3, 5] == 16.0
+    assert np.array_equal(found.over_white(light), found.over_white(light, 1))
+
+
+def test_what_is_beyond_the_last_whole_block_is_left_out() -> None:
+    found = Averaging(np.ones((13, 22), np.bool_), np.ones((13, 22)), 8.0, 4)
+    assert found.count.shape == (3, 5) and (found.count == 16.0).all()
+    assert found.over_white(np.ones((13, 22))).tolist() == [[16.0] * 5] * 3
+
+
+def test_an_average_over_stripes_is_that_of_one_quad() -> None:
+    even = averaging()
+    flat = even.over_white(0.3 * WHITE)
+    np.testing.assert_allclose(even.smooth(flat), 0.3)
+    holed = averaging(rows=slice(10, 14), cols=slice(20, 30))
+    np.testing.assert_allclose(holed.smooth(holed.over_white(0.3 * WHITE)), 0.3)
+
+
+@pytest.mark.parametrize("period", [8.0, 9.0, 10.0, 12.0, 16.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_stripes_go_out_of_averages(period: float, axis: int) -> None:
+    found = averaging(1, period)
+    at = np.indices(SHAPE)[axis] + 0.5
+    waves = np.cos(2.0 * np.pi * at / period)
+    smooth = found.smooth(found.over_white(WHITE * (0.5 + 0.5 * waves)))
+    inside = found.places(1.0).astype(int)
+    left = smooth[inside[:, 1], inside[:, 0]] - 0.5
+    assert np.abs(left).max() < 0.003
+
+
+def test_boxes_are_one_period_long_and_centred() -> None:
+    """A single light spreads evenly to both sides, over three periods less two blocks."""
+    found = averaging(1, 8.0)
+    light = np.zeros(SHAPE)
+    light[32, 40] = WHITE[32, 40]
+    spread = found.smooth(found.over_white(light))
+    across = spread.sum(axis=0)
+    middle = 40
+    reach = int(np.flatnonzero(across > 1e-12).max()) - middle
+    assert reach == (7 + 7 + 9) // 2 == 11 or reach == (7 + 9 + 9) // 2 == 12
+    np.testing.assert_allclose(
+        across[middle - 11 : middle], across[middle + 1 : middle + 12][::-1], atol=1e-12
+    )
+
+
+def test_noise_of_an_average_is_that_of_its_weights() -> None:
+    found = averaging(1, 16.0)
+    light = np.zeros((128, 128))
+    light[64, 64] = 1.0
+    wide = Averaging(np.ones((128, 128), np.bool_), np.ones((128, 128)), 16.0, 1)
+    weights = wide.smooth(wide.over_white(light))
+    assert wide.noise == pytest.approx(np.sqrt(np.sum(weights**2)), rel=0.03)
+    assert found.noise == pytest.approx(0.55 / 16.0)
+
+
+def test_places_lie_on_a_lattice_with_light_all_around() -> None:
+    found = averaging(2, 8.0)
+    places = found.places(8.0)
+    x, y = np.unique(places[:, 0]), np.unique(places[:, 1])
+    assert (np.diff(x) == 8.0).all() and (np.diff(y) == 8.0).all()
+    assert len(places) == x.size * y.size
+    # In the middle of blocks, and three half periods off the photo's edges.
+    assert ((places - 1.0) % 2.0 == 0.0).all()
+    assert x.min() >= 12.0 and x.max() <= 80.0 - 12.0
+    assert y.min() >= 12.0 and y.max() <= 64.0 - 12.0
+    holed = averaging(2, 8.0, rows=slice(30, 34), cols=slice(38, 42)).places(8.0)
+    kept = {tuple(at) for at in holed.tolist()}
+    lost = [at for at in places.tolist() if tuple(at) not in kept]
+    assert kept < {tuple(at) for at in places.tolist()} and lost
+    assert all(np.hypot(at[0] - 40.0, at[1] - 32.0) < 16.0 for at in lost)
+    # Boxes of 5, 5 and 3 blocks reach 6 of them, and one more is left.
+    assert x.tolist() == [21.0, 29.0, 37.0, 45.0, 53.0, 61.0]
+    assert y.tolist() == [21.0, 29.0, 37.0, 45.0]
+    dense = found.places(2.0)
+    assert dense.min(axis=0).tolist() == [15.0, 15.0] and dense.max(axis=0).tolist() == [65.0, 49.0]
+    assert len(dense) == 26 * 18
+    assert len(averaging(2, 8.0).places(1.0)) == len(averaging(2, 8.0).places(2.0))
+
+
+def test_values_at_places_are_those_of_their_blocks() -> None:
+    found = averaging(4, 8.0)
+    blocks = np.arange(16.0 * 20.0).reshape(16, 20)
+    places = np.array([[0.0, 0.0], [3.9, 4.0], [79.9, 63.9], [41.0, 9.0]])
+    assert found.at(blocks, places).tolist() == [0.0, 20.0, 319.0, 2.0 * 20.0 + 10.0]

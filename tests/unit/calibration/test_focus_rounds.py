@@ -1,0 +1,152 @@
+"""The step of focus: photo after photo while somebody turns the rings, and when it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.script import Wanted
+from pdcd.calibration.steps.focus import focus
+from pdcd.errors import CalibrationError
+from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing
+from tests.unit.calibration.scripted import Answered, Run, run, session_of
+from tests.unit.planning.test_measured import config
+
+FRAME = (192, 256)
+PANEL = (256, 192)
+
+
+def stripes(depth: float, period: float, right: float = 0.0) -> Photo:
+    """Upright stripes of that depth, which is `right` times deeper at the right edge (ln)."""
+    x = np.arange(FRAME[1]) + 0.5
+    deeper = depth * np.exp(right * (x / FRAME[1] - 0.5))
+    row = 1000.0 * (1.0 + deeper * np.cos(2.0 * np.pi * x / period))
+    light = np.broadcast_to(row[None, :, None], (*FRAME, 3)).copy()
+    return Photo(light, np.full(light.shape, 1.0))
+
+
+def bench(placed: bool = True) -> Any:
+    def place(size: tuple[int, int]) -> dict[str, Any]:
+        return {"place": Placing(map=Map.filling(size))} if placed else {}
+
+    return config(
+        projector={"size_px": PANEL, **place(PANEL)},
+        mask={"size_px": PANEL, **place(PANEL)},
+        camera=place((FRAME[1], FRAME[0])),
+    )
+
+
+def focused(
+    depths: dict[str, list[float]], period: float = 6.0, placed: bool = True, right: float = 0.0
+) -> tuple[Answered, Run]:
+    """Depths of the photos of either panel; the last one stays."""
+
+    def answer(wanted: Wanted) -> Photo:
+        panel, number = wanted.shown.name.split("-")
+        seen = depths[panel]
+        return stripes(seen[min(int(number), len(seen)) - 1], period, right)
+
+    session = session_of(bench(placed), answer)
+    session.full = 240
+    return session, run(focus(session))
+
+
+def test_it_ends_when_three_photos_are_alike() -> None:
+    _, found = focused({"mask": [0.9], "projector": [0.3, 0.6, 0.9, 0.91, 0.9]})
+    names = [wanted.shown.name for wanted in found.wanted]
+    assert names == [f"mask-{n}" for n in (1, 2, 3)] + [f"projector-{n}" for n in range(1, 6)]
+    # Nobody is asked to turn a ring after the last photo of a panel.
+    assert len(found.asked) == 2 + 4
+    told = found.asked[3]
+    assert told.text.startswith("focus the projector on the card: now 0.6")
+    assert told.now == pytest.approx(0.6, abs=0.02) and told.best == told.now
+    assert found.asked[0].text.startswith("focus the camera on the mask (the relay): now 0.9")
+    assert found.outcome is not None and found.outcome.verdict is Verdict.GOOD
+    assert [figure.name for figure in found.outcome.figures] == ["focus.mask", "focus.projector"]
+    assert found.outcome.figures[1].value == pytest.approx(0.9, abs=0.02)
+    assert not found.outcome.advice and found.outcome.picture is not None
+
+
+def test_a_photo_shows_the_stripes_of_one_panel_alone() -> None:
+    _, found = focused({"mask": [0.9], "projector": [0.9]})
+    for wanted in found.wanted:
+        shown = wanted.shown
+        own, other = (shown.mask, shown.projector)
+        index = shown.projector_index
+        if shown.name.startswith("projector"):
+            own, other, index = shown.projector, shown.mask, shown.mask_index
+        assert shown.refreshes == 240 and len(other) == 0 and (index == -2).all()
+        # Six quads a period at least: of one pixel each, six pixels.
+        row = np.arange(PANEL[0]) % 6 < 3
+        assert np.array_equal(own[0], np.broadcast_to(row, PANEL[::-1]))
+
+
+@pytest.mark.parametrize(
+    ("depths", "value", "good"),
+    [
+        ([0.9, 0.5, 0.83, 0.83, 0.83], 0.83, True),
+        ([0.9, 0.5, 0.79, 0.79, 0.79], 0.79, False),
+        ([0.62], 0.62, True),
+        ([0.57], 0.57, False),
+    ],
+)
+def test_a_ring_may_stay_near_the_best_where_stripes_are_sharp(
+    depths: list[float], value: float, good: bool
+) -> None:
+    _, found = focused({"mask": [0.9], "projector": depths})
+    assert found.outcome is not None
+    figure = found.outcome.figures[1]
+    assert figure.value == pytest.approx(value, abs=0.02)
+    assert (figure.verdict is Verdict.GOOD) is good
+    assert figure.limit.startswith("at least 0.6, and 90% of the best, ")
+    assert [
+        text.startswith("focus the projector on the card: ") for text in found.outcome.advice
+    ] == ([] if good else [True])
+
+
+def test_it_ends_after_fifteen_photos_of_a_panel() -> None:
+    turned = [0.4, 0.8] * 10
+    _, found = focused({"mask": turned, "projector": [0.9]})
+    names = [wanted.shown.name for wanted in found.wanted]
+    assert names[14] == "mask-15" and names[15] == "projector-1"
+    assert found.asked[5].best == pytest.approx(0.8, abs=0.02)
+
+
+@pytest.mark.parametrize(("right", "tilted"), [(0.2, False), (0.5, True), (-0.5, True)])
+def test_sharpness_that_changes_over_the_field_is_a_tilt(right: float, tilted: bool) -> None:
+    _, found = focused({"mask": [0.8], "projector": [0.8]}, right=right)
+    assert found.outcome is not None
+    told = [text for text in found.outcome.advice if "something is tilted" in text]
+    assert len(told) == (2 if tilted else 0)
+    if tilted:
+        assert f"by {right:+.1f} from left to right and +0.0" in told[0].replace("-0.0", "+0.0")
+
+
+@pytest.mark.parametrize("scale", [0.64, 0.8, 1.0, 1.25])
+def test_the_period_is_guessed_where_no_map_tells(scale: float) -> None:
+    """A photo of twice as many quads as the panel has pixels, or a part of that."""
+    session = session_of(bench(placed=False), lambda wanted: stripes(0.9, 8.0 * scale))
+    session.full = 240
+    found = run(focus(session))
+    assert found.outcome is not None
+    assert found.outcome.figures[0].value == pytest.approx(0.9, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (lambda wanted: stripes(0.0, 6.0), "no stripes of 6.0 quads are seen"),
+        (lambda wanted: Photo(np.zeros((*FRAME, 3)), np.ones((*FRAME, 3))), "there is no light"),
+    ],
+)
+def test_photos_without_stripes_are_refused(answer: Callable[[Wanted], Photo], words: str) -> None:
+    session = session_of(bench(), answer)
+    session.full = 240
+    with pytest.raises(CalibrationError, match=words):
+        run(focus(session))

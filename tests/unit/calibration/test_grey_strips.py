@@ -1,0 +1,258 @@
+"""Light of grey levels out of strips without noise, at the edges of what is borne."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.response import (
+    LEVELS,
+    NOWHERE,
+    Response,
+    orders,
+    response_of,
+    steps_photos,
+    strips_of,
+)
+from pdcd.errors import CalibrationError
+
+Floats = NDArray[np.float64]
+
+QUADS = 40
+STRIPS = np.repeat(np.arange(17, dtype=np.int32), QUADS)[None, :]
+GREY = np.array(LEVELS) / 255.0
+WHITE = 1000.0
+
+
+def photos(
+    light: Floats | tuple[Floats, Floats],
+    *,
+    sigma: float = 1e-3,
+    white: Floats | None = None,
+    colours: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> dict[str, Photo]:
+    """Strips that show `light` (17,) of each level over white, of either order."""
+    full = np.full(17, 1.0) if white is None else white
+
+    def photo(of_strips: Floats) -> Photo:
+        seen = np.repeat(of_strips, QUADS)[None, :, None] * np.array([0.7, 1.0, 0.8]) * WHITE
+        return Photo(seen, np.full(seen.shape, (sigma * WHITE) ** 2))
+
+    both = light if isinstance(light, tuple) else (light, light)
+    found = {"white": photo(full)}
+    for name, order, levels in zip(("steps-a", "steps-b"), orders(), both, strict=True):
+        found[name] = photo(levels[order] * full)
+        found[name].light[...] *= np.array(colours)
+    return found
+
+
+def gamma_of(gamma: float, black: float = 0.0) -> Floats:
+    return np.asarray(black + (1.0 - black) * GREY**gamma)
+
+
+@pytest.mark.parametrize("gamma", [0.5, 1.0, 2.2])
+@pytest.mark.parametrize("black", [0.0, 0.1])
+def test_light_is_told_from_black_to_white(gamma: float, black: float) -> None:
+    found = response_of(photos(gamma_of(gamma, black)), STRIPS, "mask")
+    assert found.panel == "mask" and found.levels.tolist() == list(map(float, LEVELS))
+    np.testing.assert_allclose(found.light, GREY**gamma, atol=1e-12)
+    np.testing.assert_allclose(found.channels, np.tile(GREY**gamma, (3, 1)), atol=1e-12)
+    assert found.gamma == pytest.approx(gamma, rel=1e-5)
+    assert found.channel_gammas == pytest.approx((gamma,) * 3, rel=1e-5)
+    assert found.misfit < 1e-5 and 0.0 < found.gamma_sigma < 1e-2
+    assert (found.sigma[0], found.sigma[-1]) == (0.0, 0.0)
+    told = {figure.name: figure for figure in found.figures()}
+    assert told["mask.gamma"].verdict is Verdict.GOOD
+    assert told["mask.gamma"].limit == "a power law within 0.01"
+    assert told["mask.gamma_colours"].value == pytest.approx(0.0, abs=1e-4)
+    assert told["mask.gamma_misfit"].sigma == float(found.sigma.max())
+
+
+def test_errors_are_those_of_a_strip_and_of_both_that_it_is_scaled_by() -> None:
+    """Each ratio has the noise of 40 quads of the strip and of the white photo, in three colours;
+    two orders halve the variance."""
+    light = gamma_of(1.0)
+    found = response_of(photos(light, sigma=0.01), STRIPS)
+    sums = np.array([0.7, 1.0, 0.8])
+    noise2 = np.array(
+        [np.mean(0.01**2 * (1.0 + ratio**2) / sums**2) / 3.0 / QUADS for ratio in light]
+    )
+    wanted = np.sqrt((noise2 + light**2 * noise2[-1] + (1.0 - light) ** 2 * noise2[0]) / 2.0)
+    np.testing.assert_allclose(found.sigma[1:-1], wanted[1:-1], rtol=1e-6)
+
+
+def test_an_error_of_the_flat_field_counts_as_it_is_seen() -> None:
+    """Orders that differ by 1 % up and down, beyond noise: 0.7 % of each strip."""
+    ripple = 1.0 + 0.005 * np.where(np.arange(17) % 2, 1.0, -1.0)
+    ripple[[0, -1]] = 1.0
+    light = gamma_of(1.0)
+    found = response_of(photos((light * ripple, light / ripple)), STRIPS)
+    bright = (light > 0.2) & (np.arange(17) < 16)
+    apart = (light * ripple - light / ripple)[bright] / light[bright]
+    flat = float(np.sqrt(np.var(apart, ddof=1) / 2.0))
+    own2 = (flat * light) ** 2
+    wanted = np.sqrt((own2 + light**2 * own2[-1]) / 2.0)
+    np.testing.assert_allclose(found.sigma[1:-1], wanted[1:-1], rtol=0.03)
+
+
+def refused(given: dict[str, Photo], strips: Any = STRIPS) -> tuple[str, str, str]:
+    with pytest.raises(CalibrationError) as caught:
+        response_of(given, strips)
+    return str(caught.value), str(caught.value.device), str(caught.value.hint)
+
+
+def fault(given: dict[str, Photo]) -> str:
+    """What is wrong with photos; nothing where nothing is."""
+    try:
+        response_of(given, STRIPS)
+    except CalibrationError as err:
+        return str(err)
+    return ""
+
+
+def test_strips_need_thirty_quads() -> None:
+    for count in (30, 29):
+        strips = STRIPS.copy()
+        strips[0, 3 * QUADS + count : 4 * QUADS] = NOWHERE
+        if count == 30:
+            response_of(photos(gamma_of(2.2)), strips)
+        else:
+            words, device, hint = refused(photos(gamma_of(2.2)), strips)
+            assert "strip 4 of 17 is seen by 29 quads" in words
+            assert device == "camera" and "geometry" in hint
+
+
+def test_strips_need_a_tenth_of_the_white_light() -> None:
+    for share, good in ((0.11, True), (0.09, False)):
+        white = np.ones(17)
+        white[6] = share * (16.0 / (17.0 - share))  # of the mean of all
+        if good:
+            response_of(photos(gamma_of(2.2), white=white), STRIPS)
+        else:
+            words, device, hint = refused(photos(gamma_of(2.2), white=white))
+            assert "strip 7 of 17 is dark in the white photo" in words
+            assert device == "camera" and "covers" in hint
+
+
+@pytest.mark.parametrize(
+    ("light", "words"),
+    [
+        (np.linspace(0.95, 1.06, 17), "black strips have 9. % of the light"),
+        (0.5 + 0.098 * GREY, "all strips are equally bright"),
+        (1.0 - 0.5 * GREY, "the panel is inverted"),
+        (gamma_of(1.0, 0.21), "black strips have 21 % of the light"),
+        (np.where(GREY < 0.5, 0.0, 1.0), "black and white only, no grey"),
+    ],
+)
+def test_levels_that_are_none_have_a_name(light: Floats, words: str) -> None:
+    text, device, hint = refused(photos(light))
+    assert re.search(words, text) and device in ("projector", "camera") and hint != "None"
+
+
+def test_black_may_have_a_fifth_of_the_light() -> None:
+    assert response_of(photos(gamma_of(1.0, 0.19)), STRIPS).gamma == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("scale", "refuse"), [(1.029, False), (0.971, False), (1.032, True), (0.968, True)]
+)
+def test_a_lamp_may_change_by_three_hundredths(scale: float, refuse: bool) -> None:
+    light = gamma_of(2.2)
+    given = photos((light, scale * light))
+    if refuse:
+        words, device, _ = refused(given)
+        assert f"the lamp changed by {100 * (scale - 1):+.2g} %" in words and device == "projector"
+    else:
+        assert response_of(given, STRIPS).gamma == pytest.approx(2.2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("apart", "many", "refuse"), [(0.2, 3, False), (0.2, 4, True), (0.045, 9, False)]
+)
+def test_a_fifth_of_the_levels_may_disagree(apart: float, many: int, refuse: bool) -> None:
+    light = gamma_of(1.0)
+    other = light.copy()
+    other[-1 - many : -1] -= apart * np.where(np.arange(many) % 2, 1.0, 0.999)
+    given = photos((light, other))
+    if refuse:
+        words, device, hint = refused(given)
+        assert "two orders of strips disagree by" in words
+        assert device == "projector" and "mirrored" in hint
+    else:
+        assert "disagree" not in fault(given)
+
+
+@pytest.mark.parametrize(("fall", "refuse"), [(0.019, False), (0.021, True)])
+def test_light_may_fall_by_two_hundredths(fall: float, refuse: bool) -> None:
+    light = gamma_of(1.0)
+    light[9] = light[8] - fall
+    if refuse:
+        words, device, hint = refused(photos(light))
+        assert f"light falls from level {LEVELS[8]} to level {LEVELS[9]}" in words
+        assert device == "projector" and "picture modes" in hint
+        # What noise may have done is no fall.
+        response_of(photos(light, sigma=0.05), STRIPS)
+    else:
+        found = response_of(photos(light), STRIPS)
+        assert (np.diff(found.light_of()) >= 0.0).all()  # but light never falls with the level
+
+
+def test_strips_that_are_known_to_two_hundredths_are_too_dim() -> None:
+    """By noise of a median colour: sigma / (0.8 sqrt(40)) of the strip, and as much of white."""
+    words, device, hint = refused(photos(gamma_of(2.2), sigma=0.12))
+    assert "too dim: a strip is known to" in words and device == "camera" and "aperture" in hint
+    response_of(photos(gamma_of(2.2), sigma=0.08), STRIPS)
+
+
+def made(light: Floats, **more: Any) -> Response:
+    given: dict[str, Any] = {
+        "panel": "mask", "levels": np.array(LEVELS, np.float64), "light": light,
+        "sigma": np.zeros(17), "channels": np.tile(light, (3, 1)), "gamma": 1.0,
+        "gamma_sigma": 0.01, "channel_gammas": (1.0, 1.2, 0.9), "misfit": 0.0, **more,
+    }  # fmt: skip
+    return Response(**given)
+
+
+@pytest.mark.parametrize("law", [lambda g: g, lambda g: g**2.2, lambda g: g**0.45])
+def test_the_level_for_a_light_is_the_nearest(law: Callable[[Floats], Floats]) -> None:
+    found = made(law(GREY))
+    light = found.light_of()
+    assert light.shape == (256,) and light[np.array(LEVELS)] == pytest.approx(law(GREY))
+    levels = found.level_for()
+    assert levels.dtype == np.uint8
+    for k in range(256):
+        away = np.abs(light - k / 255.0)
+        assert away[levels[k]] == pytest.approx(away.min(), abs=1e-12)
+
+
+def test_light_beyond_black_and_white_is_cut_off() -> None:
+    light = made(np.concatenate([[0.0, -0.1], GREY[2:-2], [1.1, 1.0]])).light_of()
+    assert light.min() == 0.0 and light.max() == 1.0 and (np.diff(light) >= 0.0).all()
+
+
+@pytest.mark.parametrize(("misfit", "verdict"), [(0.01, Verdict.GOOD), (0.0101, Verdict.DOUBTFUL)])
+def test_a_law_holds_within_a_hundredth(misfit: float, verdict: Verdict) -> None:
+    gamma, off, colours = made(GREY, misfit=misfit).figures()
+    assert gamma.verdict is verdict and off.verdict is colours.verdict is Verdict.GOOD
+    assert (gamma.value, gamma.sigma, off.value) == (1.0, 0.01, misfit)
+    assert colours.value == pytest.approx(0.3) and colours.sigma == 0.01
+
+
+def test_strips_are_of_one_width_from_edge_to_edge() -> None:
+    assert strips_of([-5.0, 0.0, 9.99, 10.0, 169.9, 170.0, 999.0], 170).tolist() == [
+        0, 0, 0, 1, 16, 16, 16,
+    ]  # fmt: skip
+    white, first, second = steps_photos("projector", (170, 4), 100, cycle=30)
+    assert (white.name, first.name, second.name) == ("white", "steps-a", "steps-b")
+    assert {white.refreshes, first.refreshes, second.refreshes} == {120}
+    assert (white.levels == 255).all() and white.levels.shape == (4, 170)
+    for steps, order in zip((first, second), orders(), strict=True):
+        assert steps.levels[2, ::10].tolist() == [LEVELS[n] for n in order]
+        assert steps.panel == "projector"

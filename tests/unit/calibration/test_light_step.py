@@ -1,0 +1,211 @@
+"""The step of light before a bench whose numbers are known: photos, words, figures, advice."""
+
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.light_plan import COVERED
+from pdcd.calibration.photo import Photo, Seen
+from pdcd.calibration.script import Wanted
+from pdcd.calibration.steps.light import COVER, LAMP_PHOTOS, UNCOVER, light
+from pdcd.calibration.steps.sensor import BLACK, EDGE, GAIN
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import WHITE
+from tests.unit.calibration.scripted import Answered, Run, run, session_of
+from tests.unit.planning.test_measured import config
+
+SHAPE = (144, 192)
+PANEL = (256, 192)
+T = 1.0 / 60.0
+FULL = 240
+COLOURS = np.array([0.7, 1.0, 0.8])
+
+
+class Bench:
+    """Panels that switch at once and leak, a room, a lamp: light is a sum over refreshes."""
+
+    def __init__(self, projector: float, mask: float, room: float, lamp: dict[str, float]) -> None:
+        self.leaks, self.room, self.lamp = (1.0 / projector, 1.0 / mask), room, lamp
+        self.rng = np.random.default_rng(5)
+        self.taken_ns = 0
+
+    def taken(self, wanted: Wanted) -> Any:
+        self.taken_ns += 10 * 10**9
+        open_s = wanted.shown.refreshes * T + 0.1
+        said = Seen(iso=100, f_number=wanted.f_number, exposure_s=open_s)
+        return SimpleNamespace(wanted=wanted, seen=said, open_s=open_s, open_ns=self.taken_ns)
+
+    def photo(self, session: Answered, taken: Any) -> Photo:
+        wanted = taken.wanted
+        shown = wanted.shown
+        both = np.stack([shown.projector_index, shown.mask_index])
+        pairs, counts = np.unique(both, axis=1, return_counts=True)
+        lit_s, open_s = np.zeros(SHAPE), np.zeros(SHAPE)
+        for (first, second), count in zip(pairs.T, counts, strict=True):
+            p = self._panel(shown.projector, int(first), self.leaks[0]) * (not wanted.covered)
+            m = self._panel(shown.mask, int(second), self.leaks[1])
+            lit_s += count * T * p * m
+            open_s += count * T * m
+        full_dn = session.profile.saturation_dn(100)
+        rate_dn = 0.65 * full_dn / (FULL * T) * (8.0 / wanted.f_number) ** 2
+        lamp = self.lamp.get(shown.name, 1.0)
+        light = rate_dn * (lamp * lit_s + self.room * open_s)[..., None] * COLOURS
+        variance = np.full(light.shape, 4.0)
+        noisy = light + 2.0 * self.rng.standard_normal(light.shape)
+        return Photo(noisy, variance, (light > full_dn).any(axis=2))
+
+    @staticmethod
+    def _panel(patterns: Any, which: int, leak: float) -> np.ndarray:
+        """What a panel lets pass at each quad."""
+        if which < 0:
+            asked = np.full(SHAPE, float(which == WHITE))
+        else:
+            rows = np.arange(SHAPE[0]) * patterns.shape[1] // SHAPE[0]
+            cols = np.arange(SHAPE[1]) * patterns.shape[2] // SHAPE[1]
+            asked = patterns[which][rows][:, cols].astype(np.float64)
+        return np.asarray(leak + (1.0 - leak) * asked)
+
+
+@cache
+def stepped(
+    *,
+    helped: bool = True,
+    mask: float = 500.0,
+    room: float = 0.002,
+    lamp: tuple[tuple[str, float], ...] = (),
+    gain: tuple[float, float] | None = None,
+    estimated: bool = True,
+) -> tuple[Answered, Run]:
+    still = {"size_px": PANEL, "rise_s": 0.0, "fall_s": 0.0}
+    bench = Bench(2000.0, mask, room, dict(lamp))
+    session = session_of(config(projector=still, mask=still))
+    session.answer = lambda taken: bench.photo(session, taken)
+    session.helped, session.full, session.f_number = helped, FULL, 8.0
+    session.arrays[EDGE] = np.array([0.0, 1e-4])
+    session.arrays[BLACK] = np.array([0.1])
+    session.profile = msgspec.structs.replace(session.profile, estimated=estimated)
+    if gain is not None:
+        session.arrays[GAIN] = np.array(gain)
+    return session, run(light(session), bench.taken)
+
+
+def test_both_contrasts_are_found_and_the_room_apart_from_black() -> None:
+    _, found = stepped()
+    out = found.outcome
+    assert out is not None
+    assert out.words["mask.contrast"].value == pytest.approx(500.0, rel=0.02)
+    assert out.words["projector.contrast"].value == pytest.approx(2000.0, rel=0.05)
+    for name in ("mask.contrast", "projector.contrast"):
+        sigma = out.words[name].sigma
+        assert isinstance(sigma, float) and 0.0 < sigma < 200.0
+    # Of a card that reflects nine tenths, in units of a white card's light.
+    ambient, sigma = np.asarray(out.arrays["light.ambient"]).tolist()
+    assert ambient == pytest.approx(0.0018, rel=0.01) and 0.0 < sigma < 1e-4
+    leak = np.asarray(out.arrays["light.mask_leak"])
+    assert leak.shape == (9, 12) and float(leak.mean()) == pytest.approx(1 / 500.0, rel=0.02)
+    assert {"light.rate_dn", "light.flat"} <= set(out.arrays)
+    assert out.picture is not None and out.picture.shape[1] == 900
+
+
+def test_the_series_is_taken_with_more_of_white_and_with_the_lens_covered() -> None:
+    _, found = stepped()
+    names = [wanted.shown.name for wanted in found.wanted]
+    lamps = [f"lamp-{n + 1}" for n in range(LAMP_PHOTOS)]
+    assert names[:10] == [
+        "WW", *lamps, "BW", "WB", "BB", "WB-again", "BW-again", "WW-again",
+    ]  # fmt: skip
+    assert names[10:12] == list(COVERED) and names[12] == "glare" and len(names) > 13
+    assert [wanted.covered for wanted in found.wanted] == [n in COVERED for n in names]
+    assert [ask.text for ask in found.asked] == [COVER, UNCOVER]
+    # The widest lens at which a second of light is not too much.
+    f_numbers = {wanted.f_number for wanted in found.wanted}
+    assert len(f_numbers) == 1
+    (f_number,) = f_numbers
+    assert f_number is not None
+    full = int(FULL * (f_number / 8.0) ** 2)
+    assert 60 <= full < 80
+    lit = {w.shown.name: int((w.shown.projector_index == WHITE).sum()) for w in found.wanted}
+    longer = min(600 // full, 8)
+    assert (lit["WW"], lit["lamp-1"], lit["WB"], lit["BB"]) == (full, full, longer * full, 0)
+
+
+def test_without_somebody_to_cover_the_lens_room_and_black_are_one() -> None:
+    _, found = stepped(helped=False)
+    assert not found.asked and not any(wanted.covered for wanted in found.wanted)
+    out = found.outcome
+    assert out is not None
+    told = [text for text in out.advice if "were not told apart" in text]
+    assert len(told) == 1 and "cover the projector's lens" in told[0]
+    # What the room gives counts as the projector's black.
+    contrast = out.words["projector.contrast"].value
+    assert contrast == pytest.approx(1.0 / (1 / 2000.0 + 0.002), rel=0.02)
+    doubtful = [f.name for f in out.figures if f.verdict is not Verdict.GOOD]
+    assert doubtful == ["projector.contrast"] and len(out.advice) == 2
+    assert "light.ambient" not in out.arrays
+
+
+@pytest.mark.parametrize(
+    ("gain", "estimated", "error"),
+    [((2.5, 0.25), False, 0.1), ((2.5, 0.25), True, 0.2), (None, True, 0.2), (None, False, 0.0)],
+)
+def test_brightness_is_told_in_electrons_at_an_open_lens(
+    gain: tuple[float, float] | None, estimated: bool, error: float
+) -> None:
+    """By the gain that was measured; out of a table of guesses it is known to a fifth."""
+    session, found = stepped(gain=gain, estimated=estimated)
+    out = found.outcome
+    assert out is not None
+    value = out.words["camera.responsivity_e"].value
+    table = session.profile.row(100).gain_e_per_dn
+    e_per_dn = table if gain is None or estimated else gain[0]
+    full_dn = session.profile.saturation_dn(100)
+    green = 0.65 * full_dn / (FULL * T) * 64.0 * e_per_dn / 0.9
+    assert value == pytest.approx(tuple(green * COLOURS), rel=0.01)
+    figure = out.figures[-1]
+    assert (figure.name, figure.unit, figure.limit) == ("camera.responsivity_e", "e-/s", "of green")
+    assert figure.value == value[1]
+    sigmas = out.words["camera.responsivity_e"].sigma
+    assert isinstance(sigmas, tuple) and sigmas[1] == figure.sigma
+    assert figure.sigma / figure.value == pytest.approx(np.hypot(0.03 / 0.9, error), rel=0.02)
+
+
+def test_of_a_sound_bench_there_is_nothing_to_advise() -> None:
+    _, found = stepped()
+    out = found.outcome
+    assert out is not None
+    assert out.verdict is Verdict.GOOD and not out.advice
+    assert [figure.name for figure in out.figures] == [
+        "projector.contrast", "mask.contrast", "light.lamp_change", "scene.ambient",
+        "light.lamp_drift", "light.lamp_flicker", "light.iris", "light.glare",
+        "light.glare_worst", "light.flat_least", "light.dust_share", "camera.responsivity_e",
+    ]  # fmt: skip
+
+
+def test_a_lamp_that_dims_within_the_series_is_advised_on() -> None:
+    dims = tuple((name, 0.98) for name in ("WW-again", "WB-again"))
+    _, found = stepped(lamp=dims)
+    out = found.outcome
+    assert out is not None
+    assert any(text.startswith("the lamp drifts") for text in out.advice)
+    assert len(out.advice) == len(set(out.advice))  # each is said once
+
+
+@pytest.mark.parametrize(
+    ("fields", "words", "device"),
+    [
+        ({"lamp": (("WW-again", 0.9),)}, "the lamp changed by", "projector"),
+        ({"mask": 2.0}, "photo WB is saturated", "camera"),
+        ({"lamp": (("WW", 0.0),)}, "is dark", "shutter"),
+    ],
+)
+def test_what_spoils_the_series_is_named(fields: dict[str, Any], words: str, device: str) -> None:
+    with pytest.raises(CalibrationError, match=words) as caught:
+        stepped(**fields)
+    assert caught.value.device == device and caught.value.hint

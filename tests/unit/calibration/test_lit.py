@@ -1,0 +1,113 @@
+"""Where a panel's light falls, and the faults of photos that tell nothing of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.lit import GREEN, OFFSETS_QUADS, RED, lit_by
+from pdcd.calibration.photo import Photo
+from pdcd.errors import CalibrationError
+
+SHAPE = (80, 100)
+
+
+def photo(light: float, *, sigma: float = 1.0, room: float = 10.0, share: float = 1.0,
+          noise: bool = True, seed: int = 0) -> Photo:  # fmt: skip
+    """A panel that lights the left `share` of the picture, in the room's light."""
+    values = np.full((*SHAPE, 3), room)
+    values[:, : round(share * SHAPE[1])] += light
+    if noise:
+        values += sigma * np.random.default_rng(seed).standard_normal(values.shape)
+    return Photo(values, np.full(values.shape, sigma**2))
+
+
+def corner(columns: int) -> Photo:
+    """A panel that lights 8 rows of so many columns."""
+    found = photo(0.0)
+    found.light[:8, :columns] += 100.0
+    return found
+
+
+def speck() -> Photo:
+    """One quad that holds no number."""
+    found = photo(100.0)
+    found.light[8, 12] = np.nan
+    return found
+
+
+def test_lit_quads_have_a_seventh_of_the_brightest_light() -> None:
+    white = photo(100.0, noise=False)
+    white.light[3, 5] = 10.0 + 14.9
+    white.light[4, 6] = 10.0 + 15.1
+    found = lit_by(white, photo(0.0, noise=False), "mask")
+    assert found.shape == SHAPE and found.sum() == 80 * 100 - 1 and not found[3, 5]
+    half = lit_by(photo(100.0, share=0.5), photo(0.0, seed=1), "mask")
+    assert half[:, :50].all() and not half[:, 50:].any()
+
+
+def test_each_colour_has_light_of_its_own() -> None:
+    white, black = photo(100.0), photo(0.0, seed=1)
+    white.light[..., RED] = black.light[..., RED]
+    assert lit_by(white, black, "projector").all()
+    assert lit_by(white, black, "projector", channel=GREEN).all()
+    with pytest.raises(CalibrationError, match="the projector looks the same"):
+        lit_by(white, black, "projector", channel=RED)
+
+
+@pytest.mark.parametrize(
+    ("white", "black", "words", "device"),
+    [
+        (photo(0.0, room=0.0), photo(0.0, room=0.0, seed=1), "no light reaches", "camera"),
+        (photo(0.0), photo(0.0, seed=1), "the mask looks the same white and black", "mask"),
+        (photo(0.0, seed=1), photo(50.0), "the mask looks the same white and black", "mask"),
+        (photo(0.7), photo(0.0, seed=1), "too dim to tell white from black in one quad", "mask"),
+        (photo(5.5), photo(0.0, seed=1), r"too dim: 3\.\d times the noise", "mask"),
+        (corner(16), photo(0.0, seed=1), r"only 1\.6% of the photo is lit", "mask"),
+        (photo(9.5), photo(0.0, seed=1), r"is 1\.1 times as strong as its own", "mask"),
+        (photo(np.nan), photo(0.0), "not finite", "mask"),
+        (speck(), photo(0.0), "not finite", "mask"),
+        (photo(100.0), photo(np.inf, noise=False), "not finite", "mask"),
+    ],
+)
+def test_photos_that_tell_nothing_say_why(
+    white: Photo, black: Photo, words: str, device: str
+) -> None:
+    with pytest.raises(CalibrationError, match=words) as caught:
+        lit_by(white, black, "mask")
+    assert caught.value.device == device and caught.value.hint
+
+
+def test_what_is_borne_is_borne() -> None:
+    assert lit_by(photo(7.0, room=5.0), photo(0.0, room=5.0, seed=1), "mask").mean() > 0.9
+    assert lit_by(photo(10.6), photo(0.0, seed=1), "mask").mean() > 0.9
+    assert lit_by(corner(20), photo(0.0, seed=1), "mask").sum() == 160
+
+
+def test_photos_of_two_sizes_are_none_of_one_bench() -> None:
+    small = Photo(np.ones((40, 50, 3)), np.ones((40, 50, 3)))
+    with pytest.raises(CalibrationError, match="differ in size"):
+        lit_by(photo(100.0), small, "mask")
+
+
+@pytest.mark.parametrize(("count", "refused"), [(16, False), (17, True)])
+def test_two_thousandths_may_be_saturated(count: int, refused: bool) -> None:
+    white = photo(100.0)
+    saturated = np.zeros(SHAPE, np.bool_)
+    saturated.ravel()[:count] = True
+    given = Photo(white.light, white.variance, saturated)
+    if refused:
+        with pytest.raises(CalibrationError, match=r"0\.2% of the photo is saturated") as caught:
+            lit_by(given, photo(0.0, seed=1), "mask")
+        assert caught.value.device == "mask" and "shorter" in str(caught.value.hint)
+    else:
+        assert lit_by(given, photo(0.0, seed=1), "mask").all()
+
+
+@pytest.mark.parametrize("pattern", OFFSETS_QUADS)
+def test_samples_lie_a_quarter_of_a_quad_off_its_middle(pattern: str) -> None:
+    """Letters of the four samples: above left, above right, below left, below right."""
+    places = [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)]
+    for number, colour in enumerate("RGB"):
+        own = [place for letter, place in zip(pattern, places, strict=True) if letter == colour]
+        assert OFFSETS_QUADS[pattern][number] == pytest.approx(tuple(np.mean(own, axis=0)))

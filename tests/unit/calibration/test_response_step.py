@@ -1,0 +1,104 @@
+"""The step of grey levels: six photos, what is kept of them, and what is advised."""
+
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.photo import Photo, Seen
+from pdcd.calibration.script import Wanted
+from pdcd.calibration.steps.response import HELD, response
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import WHITE
+from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing
+from tests.unit.calibration.scripted import Answered, Run, run, session_of
+from tests.unit.calibration.test_response import CAMERA, PANEL, Law, power, s_curve, series
+from tests.unit.planning.test_measured import config
+
+
+@cache
+def photos_of(law: Law) -> dict[str, Photo]:
+    return series(law)
+
+
+GAMMA, CURVE = power(2.2), s_curve
+
+
+def stepped(
+    projector: Law = GAMMA, mask: Law = GAMMA, said: Seen | None = None
+) -> tuple[Answered, Run]:
+    place = Placing(map=Map.filling(PANEL))
+    panel = {"size_px": PANEL, "place": place}
+    tables = config(projector=panel, mask=panel, camera={"place": Placing(map=CAMERA)})
+
+    def photo(taken: Any) -> Photo:
+        panel, _, name = taken.name.partition("-")
+        return photos_of(projector if panel == "projector" else mask)[name]
+
+    def taken(wanted: Wanted) -> Any:
+        return SimpleNamespace(name=wanted.shown.name, seen=said or Seen(iso=100))
+
+    session = session_of(tables, photo)
+    session.full, session.f_number = 300, 8.0
+    return session, run(response(session), taken)
+
+
+def test_each_panel_shows_its_levels_before_a_white_other_one() -> None:
+    _, found = stepped()
+    names = ["white", "steps-a", "steps-b"]
+    shown = [wanted.shown for wanted in found.wanted]
+    assert [one.name for one in shown] == [f"{p}-{n}" for p in ("projector", "mask") for n in names]
+    for one in shown:
+        own, other = (one.projector, one.mask), (one.projector_index, one.mask_index)
+        which = 0 if one.name.startswith("projector") else 1
+        assert own[which].shape == (1, PANEL[1], PANEL[0]) and not own[1 - which].size
+        assert (other[which] == 0).all() and (other[1 - which] == WHITE).all()
+        assert one.refreshes % 16 == 0 and one.refreshes >= HELD
+    # At the widest lens at which light may be held for so long.
+    assert len({wanted.f_number for wanted in found.wanted}) == 1
+    f_number = found.wanted[0].f_number
+    assert f_number is not None and 300 * (f_number / 8.0) ** 2 >= HELD
+
+
+def test_a_panel_that_follows_its_law_is_sent_by_gamma() -> None:
+    _, found = stepped()
+    out = found.outcome
+    assert out is not None and out.verdict is Verdict.GOOD and not out.advice
+    assert len(out.figures) == 6 and out.picture is not None
+    for panel in ("projector", "mask"):
+        gamma, table = out.words[f"{panel}.gamma"], out.words[f"{panel}.lut"]
+        assert gamma.value == pytest.approx(2.2, abs=0.02) and gamma.sigma is not None
+        assert (table.value, table.sigma) == (None, None)
+        assert out.arrays[f"{panel}.grey.levels"].shape == (17,)
+        light, sigma = out.arrays[f"{panel}.grey.light"]
+        assert (light[0], light[-1]) == pytest.approx((0.0, 1.0)) and sigma.max() > 0.0
+        assert out.arrays[f"{panel}.grey.level_for"].shape == (256,)
+
+
+def test_a_panel_that_follows_none_is_sent_by_its_table() -> None:
+    _, found = stepped(mask=CURVE)
+    out = found.outcome
+    assert out is not None and out.verdict is Verdict.DOUBTFUL
+    assert out.words["projector.gamma"].value == pytest.approx(2.2, abs=0.02)
+    gamma, table = out.words["mask.gamma"], out.words["mask.lut"]
+    assert (gamma.value, gamma.sigma) == (None, None)
+    lights = np.array(table.value)
+    assert lights.shape == (256,) and (lights[0], lights[-1]) == (0.0, 1.0)
+    assert (np.diff(lights) >= 0.0).all()
+    sigma = out.arrays["mask.grey.light"][1]
+    assert table.sigma == pytest.approx(float(sigma.max()))
+    (told,) = out.advice
+    assert told.startswith("grey of the mask follows no power law")
+
+
+def test_a_camera_that_was_set_otherwise_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="at ISO 200, not at ISO 100"):
+        stepped(said=Seen(iso=200))
+    with pytest.raises(CalibrationError, match="was taken at f/22"):
+        stepped(said=Seen(iso=100, f_number=22.0))

@@ -1,0 +1,106 @@
+"""What a session knows, and how it goes on by what steps found."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.light_plan import COVERED, LightPlan
+from pdcd.calibration.script import Measured, Outcome, Taken, Wanted, take
+from pdcd.calibration.shown import still
+from pdcd.errors import CalibrationError
+from pdcd.frames.frames import BLACK, WHITE
+from pdcd.maps.map import Map
+from pdcd.maps.placing import Placing
+from tests.unit.calibration.scripted import run, session_of
+from tests.unit.planning.test_measured import config
+
+
+def test_an_outcome_is_as_bad_as_its_worst_figure() -> None:
+    assert Outcome().verdict is Verdict.GOOD
+    figures = [Figure("a", 1.0, 0.1, "px", "", verdict) for verdict in Verdict]
+    assert Outcome(tuple(figures)).verdict is Verdict.BAD
+    assert Outcome(tuple(figures[:2])).verdict is Verdict.DOUBTFUL
+    assert Outcome(tuple(figures[:1])).verdict is Verdict.GOOD
+
+
+def test_a_session_goes_on_by_what_a_step_found() -> None:
+    session = session_of()
+    before = session.profile
+    map_ = Map.filling((1600, 1200))
+    words = {"mask.skew_s": Measured(0.002, 1e-4), "camera.profile": Measured("own.toml")}
+    session.learn("timing", Outcome(words=words, maps={"mask": map_}, arrays={"a": np.ones(2)}))
+    assert session.config.mask.skew_s == 0.002
+    assert session.config.camera.profile != "own.toml"
+    assert session.found("mask").size_px == (1600, 1200)
+    assert session.done == ["timing"] and session.arrays["a"].tolist() == [1.0, 1.0]
+    assert session.profile is before
+    other: Any = SimpleNamespace()
+    session.learn("sensor", Outcome(profile=other, arrays={"b": np.zeros(1)}))
+    assert session.profile is other and session.done == ["timing", "sensor"]
+    assert set(session.arrays) == {"a", "b"}
+
+
+@pytest.mark.parametrize("device", ["projector", "mask", "camera"])
+def test_where_a_device_lies_must_have_been_measured(device: str) -> None:
+    with pytest.raises(CalibrationError, match=f"where the {device} lies was not") as caught:
+        session_of().found(device)
+    assert caught.value.device == device and "geometry" in str(caught.value.hint)
+    named = session_of(config(mask={"place": Placing(turn_deg=1.0)}))
+    with pytest.raises(CalibrationError):
+        named.found("mask")
+
+
+def test_a_session_knows_its_panels_and_its_refresh() -> None:
+    session = session_of(config(projector={"size_px": (640, 480), "refresh_hz": 50.0}))
+    assert session.sizes == ((640, 480), (1600, 1200))
+    assert session.refresh_s == pytest.approx(1.0 / 50.0)
+
+
+def test_a_photo_that_is_wanted_must_come() -> None:
+    wanted = Wanted(still("white", 3, WHITE, WHITE))
+    found = run(take(wanted))  # type: ignore[arg-type]
+    assert found.wanted == [wanted] and id(found.outcome) == id(wanted)
+    script = take(wanted)
+    next(script)
+    with pytest.raises(ValueError, match="is sent one"):
+        script.send(None)
+
+
+def test_a_photo_was_open_from_its_opening_to_its_closing() -> None:
+    raw: Any = SimpleNamespace(
+        iso=200, exposure_s=1.5, f_number=8.0, black=np.array([1024.0, 1023.0]), masked=True
+    )
+    log: Any = SimpleNamespace()
+    taken = Taken("white", raw, log, 2_000_000_000, 3_500_000_000, 200)
+    assert taken.open_s == pytest.approx(1.5)
+    ran = taken.ran
+    assert (ran.log, ran.open_ns, ran.close_ns) == (log, 2_000_000_000, 3_500_000_000)
+    said = taken.seen
+    assert (said.iso, said.exposure_s, said.f_number) == (200, 1.5, 8.0)
+    assert said.black_dn == (1024.0, 1023.0)
+    raw.masked = False
+    assert taken.seen.black_dn == ()
+
+
+def test_a_series_of_light_shows_both_panels_in_all_four_ways() -> None:
+    plan = LightPlan(refreshes=10, longer=3, lead=2, refresh_s=0.02)
+    shown = {one.name: one for one in plan.photos()}
+    assert list(shown) == [
+        "WW", "BW", "WB", "BB", "WB-again", "BW-again", "WW-again", *COVERED,
+    ]  # fmt: skip
+    for name, one in shown.items():
+        letters = "BW" if name in COVERED else name[:2]
+        light, mask = (WHITE if letter == "W" else BLACK for letter in letters)
+        count = 10 if letters == "WW" else 30
+        assert one.projector_index.tolist() == [BLACK] * 2 + [light] * count + [BLACK] * 2
+        assert one.mask_index.tolist() == [mask] * (count + 4)
+        assert not one.projector.size and not one.mask.size
+    assert plan.lit_s(1) == pytest.approx(0.2)
+    assert plan.lit_s(3, 0.004) == pytest.approx(0.604)
+    assert plan.open_s(1) == pytest.approx(0.28)
+    assert plan.open_s(3, -0.004) == pytest.approx(0.676)

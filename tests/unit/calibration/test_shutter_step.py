@@ -1,0 +1,169 @@
+"""The step of the shutter before a camera whose times are known: lags, advice, refusals."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.charts import BLUE
+from pdcd.calibration.figures import Verdict
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.script import Wanted
+from pdcd.calibration.steps.shutter import shutter
+from pdcd.errors import CalibrationError
+from pdcd.maps.placing import Placing
+from tests.unit.calibration.scripted import Answered, Run, run, session_of
+from tests.unit.calibration.test_shutter import (
+    CAMERA,
+    MASK,
+    PROJECTOR,
+    SIZE,
+    START_S,
+    TAUS,
+    Camera,
+    T,
+    log,
+)
+from tests.unit.planning.test_measured import config
+
+LAG_S = 0.06
+SURE_S = config().trigger.sure_ns * 1e-9
+
+
+class Bench:
+    """Takes the photos that the step wants: opened and closed so much after it was told."""
+
+    def __init__(self, opening_s: tuple[float, ...], closing_s: tuple[float, ...]) -> None:
+        self._late = opening_s, closing_s
+        self.photos: dict[str, Photo] = {}
+
+    def taken(self, wanted: Wanted) -> Any:
+        name = wanted.shown.name
+        if wanted.moving is None:
+            self.photos[name] = Camera(0.0, 0.0).white()
+            return SimpleNamespace(name=name)
+        number = int(name.removeprefix("bar-")) - 1
+        opening_s, closing_s = (late[number % len(late)] for late in self._late)
+        told_s = START_S + wanted.moving.after * T
+        close_s = told_s + SURE_S + wanted.moving.open_s
+        camera = Camera(told_s + opening_s, close_s + closing_s, seed=number + 1)
+        self.photos[name] = camera.photo(wanted.shown)
+        return SimpleNamespace(
+            name=name,
+            log=log(wanted.shown.refreshes),
+            open_ns=round((told_s + SURE_S) * 1e9),
+            close_ns=round((close_s + SURE_S) * 1e9),
+        )
+
+
+def session_before(bench: Bench) -> Answered:
+    """A rig whose maps are known, and how its projector rises and falls."""
+    tables = config(
+        projector={
+            "size_px": SIZE, "place": Placing(map=PROJECTOR), "rise_s": TAUS[0], "fall_s": TAUS[1],
+        },
+        mask={"size_px": MASK.size_px, "place": Placing(map=MASK)},
+        camera={"place": Placing(map=CAMERA)},
+        trigger={"lag_s": LAG_S},
+    )  # fmt: skip
+    session = session_of(tables, lambda taken: bench.photos[taken.name])  # type: ignore[attr-defined]
+    session.full = 24
+    return session
+
+
+@cache
+def stepped(opening_s: tuple[float, ...], closing_s: tuple[float, ...] = ()) -> Run:
+    bench = Bench(opening_s, closing_s or opening_s)
+    session = session_before(bench)
+    session.arrays["timing.taus_s"] = np.array([*TAUS, *TAUS])
+    session.arrays["timing.taus_sigma_s"] = 0.02 * np.array([*TAUS, *TAUS])
+    return run(shutter(session), bench.taken)
+
+
+LATE = (0.052, 0.0522, 0.0518, 0.052, 0.0521)
+
+
+def test_one_lag_is_told_where_opening_and_closing_are_alike() -> None:
+    found = stepped(LATE)
+    out = found.outcome
+    assert out is not None and not out.advice
+    figures = {figure.name: figure for figure in out.figures}
+    lag = figures["trigger.lag_s"]
+    assert lag.value == pytest.approx(0.05202, abs=1.5e-4) and lag.verdict is Verdict.GOOD
+    assert 0.0 < lag.sigma < 2e-4
+    for name in ("shutter.opening_s", "shutter.closing_s"):
+        assert figures[name].value == pytest.approx(0.05202, abs=2e-4)
+    assert figures["trigger.jitter_s"].value < 5e-4
+    jitter = figures["trigger.jitter_s"]
+    assert jitter.sigma == pytest.approx(jitter.value / np.sqrt(18.0))
+    assert figures["shutter.chi2"].value < 3.0
+    for name in ("shutter.travel_opening_s", "shutter.travel_closing_s"):
+        assert abs(figures[name].value) < 2e-3
+    assert out.words["trigger.lag_s"].value == lag.value
+    assert out.words["trigger.lag_s"].sigma == lag.sigma
+    assert out.words["trigger.jitter_s"].value == jitter.value
+    assert out.words["trigger.jitter_s"].sigma == jitter.sigma
+    assert out.picture is not None and out.picture.shape == (560, 1000, 3)
+    for half in (out.picture[:, :500], out.picture[:, 500:]):
+        assert (half == BLUE).all(axis=2).any()  # the lags, and the cells of the last bar
+
+
+def test_a_photo_of_white_and_five_of_a_bar_in_two_lengths() -> None:
+    found = stepped(LATE)
+    names = [wanted.shown.name for wanted in found.wanted]
+    assert names == ["white", *(f"bar-{n}" for n in range(1, 6))]
+    assert found.wanted[0].shown.refreshes == 24
+    cells = [len(wanted.shown.projector) for wanted in found.wanted[1:]]
+    assert cells[0] == cells[2] == cells[4] != cells[1] == cells[3]
+    open_s = max(0.75 - SURE_S, 0.2)
+    for wanted in found.wanted[1:]:
+        moving = wanted.moving
+        assert moving is not None and moving.after == 30  # half a second
+        assert moving.open_s == pytest.approx(open_s)
+        assert wanted.shown.refreshes == 30 + round((2.0 * SURE_S + open_s + 1.5) / T)
+
+
+def test_the_longer_lag_counts_where_opening_and_closing_differ() -> None:
+    for opening_s, closing_s in ((0.045, 0.058), (0.058, 0.045)):
+        found = stepped((opening_s,), (closing_s,))
+        out = found.outcome
+        assert out is not None and len(out.advice) == 1
+        told = [float(word) for word in re.findall(r"([0-9.]+) ms", out.advice[0])]
+        assert told == pytest.approx([1e3 * opening_s, 1e3 * closing_s], abs=0.3)
+        assert out.advice[0].endswith("trigger.lag_s is the longer of both")
+        assert out.words["trigger.lag_s"].value == pytest.approx(0.058, abs=3e-4)
+        figures = {figure.name: figure.value for figure in out.figures}
+        assert figures["shutter.opening_s"] == pytest.approx(opening_s, abs=3e-4)
+        assert figures["shutter.closing_s"] == pytest.approx(closing_s, abs=3e-4)
+
+
+def test_scatter_of_the_exposures_is_jitter() -> None:
+    late = (0.048, 0.056, 0.050, 0.054, 0.052)
+    found = stepped(late)
+    assert found.outcome is not None
+    jitter = found.outcome.words["trigger.jitter_s"].value
+    assert jitter == pytest.approx(float(np.std(late * 2, ddof=1)), rel=0.15)
+
+
+def test_rise_and_fall_that_were_not_measured_are_told() -> None:
+    bench = Bench(LATE, LATE)
+    found = run(shutter(session_before(bench)), bench.taken)
+    assert found.outcome is not None
+    assert found.outcome.advice == (
+        "rise and fall of the projector are not measured: run timing, then shutter",
+    )
+    known = stepped(LATE).outcome
+    assert known is not None
+    assert found.outcome.figures[0].sigma >= known.figures[0].sigma
+
+
+def test_a_lag_that_is_a_whole_cycle_off_is_refused() -> None:
+    """In one of both bars half a second and more late looks like what was thought."""
+    with pytest.raises(CalibrationError) as caught:
+        stepped((LAG_S + 24 * T,))
+    assert caught.value.device in ("shutter", "camera")
