@@ -25,6 +25,8 @@ OTHER_NAME = {
 }  # fmt: skip
 WORDS = re.compile(r"^(logger\.|warnings\.|print\(|parser\.add)")
 """Statements that only say something."""
+TYPED = re.compile(r"(typing\.)?Protocol\b")
+"""The base of classes that only name types: not one of asyncio's protocols."""
 TYPES = ("annotation", "returns", "decorator_list", "bases")
 
 
@@ -97,6 +99,11 @@ def _of_value(node: ast.AST) -> Iterator[Change]:
                 yield "off by one", _with(node, **{end: later})
 
 
+def _only_sure(call: ast.Call, given: ast.keyword) -> bool:
+    """Whether an argument only makes sure of what holds: that zipped lists are of equal length."""
+    return given.arg == "strict" and ast.unparse(call.func) == "zip"
+
+
 def _of_call(node: ast.Call) -> Iterator[Change]:
     """Changes of what is called, and with what."""
     func = node.func
@@ -109,7 +116,7 @@ def _of_call(node: ast.Call) -> Iterator[Change]:
         sooner = ast.BinOp(node.args[-1], ast.Sub(), ast.Constant(1))
         yield "off by one", _with(node, args=[*node.args[:-1], sooner])
     for given in node.keywords:
-        if given.arg is not None:
+        if given.arg is not None and not _only_sure(node, given):
             rest = [other for other in node.keywords if other is not given]
             yield "argument dropped", _with(node, keywords=rest)
     if name == "suppress":
@@ -147,10 +154,10 @@ def _changes(node: ast.AST) -> Iterator[Change]:
 
 def _worked(node: ast.AST) -> list[ast.AST]:
     """The children in which a change is one of what the program does, not of what it says
-    (docstrings, log lines, messages of errors) nor of its types."""
+    (docstrings, log lines, messages of errors) or makes sure of, nor of its types."""
     if isinstance(node, ast.JoinedStr | ast.Raise):
         return []
-    if isinstance(node, ast.ClassDef) and any("Protocol" in ast.unparse(b) for b in node.bases):
+    if isinstance(node, ast.ClassDef) and any(TYPED.match(ast.unparse(b)) for b in node.bases):
         return []
     if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
         return []
@@ -159,6 +166,9 @@ def _worked(node: ast.AST) -> list[ast.AST]:
         if name not in TYPES:
             nodes = value if isinstance(value, list) else [value]
             found += [child for child in nodes if isinstance(child, ast.AST)]
+    if isinstance(node, ast.Call):
+        sure = [given.value for given in node.keywords if _only_sure(node, given)]
+        found = [c for c in found if not (isinstance(c, ast.keyword) and c.value in sure)]
     return found
 
 

@@ -11,6 +11,8 @@ CAPTURES = (
     "tests/e2e/capture/test_golden.py",
 )
 """Whole captures on the mock bench: asked last, about every module."""
+RULES = ("tests/unit/test_catches.py",)
+"""Rules that all source keeps: asked about every module."""
 
 
 @cache
@@ -70,4 +72,4 @@ def related(path: str, root: Path) -> list[str]:
         elif knows & helpers:
             ranks[name] = 3
     found = sorted(ranks, key=lambda name: (ranks[name], name))
-    return found + [name for name in CAPTURES if name not in ranks]
+    return [*found, *RULES, *(name for name in CAPTURES if name not in ranks)]

@@ -119,8 +119,10 @@ class Bench:
         """Run test files, or single tests of them, up to the first failure."""
         files = self.copy / "t"
         shutil.rmtree(files, ignore_errors=True)
+        # A path from outside would lead the programs that tests start to another tree.
+        inherited = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         environ = {
-            **os.environ, "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1",
+            **inherited, "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1",
             "TMPDIR": str(self.copy), MARK: str(self.copy),
         }  # fmt: skip
         words = ["-m", "pytest", "-q", "-x", "-n", "0", "--tb=no", "-p", "no:cacheprovider"]

@@ -70,6 +70,18 @@ def test_changes_of_calls_and_statements() -> None:
     }
 
 
+@pytest.mark.parametrize("base", ["Protocol", "typing.Protocol", "Protocol[T]"])
+def test_classes_that_only_name_types_are_left_alone(base: str) -> None:
+    text = "class A({}):\n    n = 1\n"
+    assert not made(text.format(base).encode())
+    assert made(text.format("asyncio.Protocol").encode()) == {"1 => 2"}
+
+
+def test_that_zipped_lists_are_of_equal_length_is_only_made_sure_of() -> None:
+    assert made(b"f(zip(a, b, strict=True))\n") == {"f(zip(a, b, strict=True)) => pass"}
+    assert "True => False" in made(b"f(a, strict=True)\n")
+
+
 def test_a_mutant_changes_its_place_only() -> None:
     (one,) = (m for m in mutants("pdcd/a.py", SOURCE) if m.new == "max(a, b)")
     assert one.applied(SOURCE) == SOURCE.replace(b"min(", b"max(")
@@ -167,6 +179,7 @@ def test_what_is_tested_is_noticed_and_nothing_else(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A test that fails anyway notices nothing; one that hangs does."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))  # where another pdcd is
     files = ["tests/test_wrong.py", "tests/test_a.py"]
     try:
         assert bench.copy.stat().st_mode & 0o777 == 0o755  # else tests of rights fail anyway

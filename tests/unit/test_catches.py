@@ -1,0 +1,97 @@
+"""Who may catch every exception: few, and each for a reason.
+
+Whoever catches more than it knows how to mend hides faults of the program, and goes on with a
+shutter or a panel in a state that nobody knows. So all others name what they catch. To close what
+was opened and raise the same again is always right.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+import pytest
+
+from tests.places import ROOT
+
+ALL = {"Exception", "BaseException"}
+ALLOWED = {
+    "drivers/virtual_camera/shutter.py::Shutter._collect": "a thread of the camera: it says so",
+    "pdcd/api/task.py::taken": "a capture of a sweep: the others go on",
+    "pdcd/bench/registry.py::_import": "a stranger's module, raised as a driver that is none",
+    "pdcd/capture/check.py::_Check._try": "a stranger's driver: the check tells what it found",
+    "pdcd/capture/engine.py::Engine.capture": "a job ends, the daemon stays",
+    "pdcd/capture/engine.py::Engine.calibrate": "a job ends, the daemon stays",
+    "pdcd/capture/rig.py::Rig.make_safe": "one device must not keep the others from being safe",
+    "pdcd/capture/run.py::Run._report": "the run is there; its report can be made again",
+    "pdcd/offload/process.py::_answer": "the answer of the work process, raised in the daemon",
+    "pdcd/pictures/decode.py::record_errors": "a record that fits no files, raised as that",
+    "pdcd/presenter/process.py::main": "the end of the display process: black, then it is told",
+    "pdcd/server/aside.py::aside.run": "a thread hands it to whoever waits",
+    "pdcd/server/connections.py::_answer": "a request gets an answer, whatever happens",
+    "pdcd/server/readers.py::Readers._started.body": "a thread hands it to whoever waits",
+    "pdcd/server/runner.py::Runner._run": "a job ends, the daemon stays",
+    "pdcd/web/app.py::Site._keep": "a request gets an answer, whatever happens",
+}
+"""Functions and why they may."""
+
+
+def names(node: ast.AST | None) -> set[str]:
+    """What a handler catches; `except:` is everything."""
+    if node is None:
+        return {"BaseException"}
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+
+
+def raises_again(handler: ast.ExceptHandler) -> bool:
+    last = handler.body[-1]
+    return isinstance(last, ast.Raise) and last.exc is None
+
+
+def catching(path: str, source: str) -> Iterator[str]:
+    """Functions of a file that catch everything and keep it."""
+
+    def walk(node: ast.AST, function: str) -> Iterator[str]:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            function = f"{function}.{node.name}".lstrip(".")
+        if (
+            isinstance(node, ast.ExceptHandler)
+            and names(node.type) & ALL
+            and not raises_again(node)
+        ):
+            yield f"{path}::{function}"
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("suppress"):
+            if any(names(arg) & ALL for arg in node.args):
+                yield f"{path}::{function}"
+        for child in ast.iter_child_nodes(node):
+            yield from walk(child, function)
+
+    return walk(ast.parse(source), "")
+
+
+def test_only_these_catch_everything_and_keep_it() -> None:
+    found = {
+        place
+        for folder in ("pdcd", "drivers")
+        for file in sorted((ROOT / folder).rglob("*.py"))
+        for place in catching(file.relative_to(ROOT).as_posix(), file.read_text(encoding="utf-8"))
+    }
+    assert found == set(ALLOWED)
+
+
+@pytest.mark.parametrize(
+    ("handler", "caught"),
+    [
+        ("except Exception:\n        pass", True),
+        ("except (OSError, Exception) as err:\n        print(err)", True),
+        ("except:\n        pass", True),
+        ("except BaseException:\n        close()\n        raise", False),
+        ("except Exception as err:\n        raise Other() from err", True),
+        ("except OSError:\n        pass", False),
+    ],
+)
+def test_what_counts_as_that(handler: str, caught: bool) -> None:
+    source = f"def f():\n    try:\n        g()\n    {handler}\n"
+    assert list(catching("a.py", source)) == (["a.py::f"] if caught else [])
+    quiet = "with contextlib.suppress(Exception):\n    f()\n"
+    assert list(catching("a.py", quiet)) == ["a.py::"]
