@@ -231,6 +231,6 @@ class _Connection(socketserver.BaseRequestHandler):
             if not piece:
                 if found:
                     raise DecodeError("the connection ended within a packet")
-                return None if count else b""
+                return None
             found += piece
         return bytes(found)
