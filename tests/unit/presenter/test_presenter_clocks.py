@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import pytest
@@ -11,6 +10,7 @@ from pdcd.errors import DeviceLost
 from pdcd.presenter import clocks
 from pdcd.presenter.clocks import Completions, Vblanks
 from pdcd.presenter.xconnection import lost
+from tests.own_clock import keep_time
 
 PERIOD_NS = 16_667_000
 
@@ -49,12 +49,7 @@ class Server:
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     server = Server()
-
-    def sleep_until(t_ns: int) -> None:
-        server.now_ns = max(server.now_ns, t_ns)
-
-    monkeypatch.setattr(time, "monotonic_ns", lambda: server.now_ns)
-    monkeypatch.setattr(clocks, "sleep_until", sleep_until)
+    keep_time(monkeypatch, server)
     return server
 
 

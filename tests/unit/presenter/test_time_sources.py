@@ -24,6 +24,7 @@ from pdcd.presenter.clocks import (
     SyncValues,
     Vblanks,
 )
+from tests.own_clock import keep_time
 
 PERIOD_NS = 10_000_000
 
@@ -50,12 +51,7 @@ class Desk:
 @pytest.fixture
 def desk(monkeypatch: pytest.MonkeyPatch) -> Desk:
     desk = Desk()
-
-    def sleep_until(t_ns: int) -> None:
-        desk.now_ns = max(desk.now_ns, t_ns)
-
-    monkeypatch.setattr(time, "monotonic_ns", lambda: desk.now_ns)
-    monkeypatch.setattr(clocks, "sleep_until", sleep_until)
+    keep_time(monkeypatch, desk)
     return desk
 
 

@@ -1,0 +1,313 @@
+"""What commands ask of panels, cameras and shutters, and how they say what came of it."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.findings import Finding
+from pdcd.bench.tables import Config
+from pdcd.cli import doctor as doctor_cli
+from pdcd.cli import panels as panels_cli
+from pdcd.cli import virtual as virtual_cli
+from pdcd.cli.main import main
+from pdcd.cli.output import say
+from pdcd.client import Unreachable
+from tests.unit.cli.cli_stubs import JOB, no_configuration
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    no_configuration(monkeypatch, tmp_path)
+
+
+def noting(asked: list[Any], answer: Any) -> Callable[..., Any]:
+    """What answers always the same; what it was asked is noted, a single thing by itself."""
+
+    def call(*words: Any) -> Any:
+        asked.append(words[0] if len(words) == 1 else words)
+        return answer
+
+    return call
+
+
+# --- doctor ---------------------------------------------------------------------------------------
+
+GOOD = Finding("renderer", "good", "a card")
+WARNING = Finding("real time", "warning", "not permitted", "LimitRTPRIO=20")
+UNKNOWN = Finding("outputs", "unknown", "there is no X server")
+FAULT = Finding("desktop", "fault", "blanks", "xset s off")
+
+
+@pytest.mark.parametrize(
+    ("findings", "code", "last"),
+    [
+        ([GOOD], 0, "nothing to mend"), ([GOOD, WARNING], 0, "nothing to mend"), ([FAULT], 5,
+        "1 to mend"), ([FAULT, UNKNOWN, FAULT], 5, "2 to mend"),
+        ([UNKNOWN, GOOD, UNKNOWN], 0, "nothing to mend so far; not tried: outputs, outputs"),
+    ],
+)  # fmt: skip
+def test_a_doctor_ends_with_what_there_is_to_mend(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    findings: list[Finding],
+    code: int,
+    last: str,
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr("pdcd.presenter.examine.examine", noting(asked, findings))
+    assert main(["doctor", "display", "--display", ":7"]) == code
+    lines = capsys.readouterr().out.splitlines()
+    hints = [f"{found.what}: {found.hint}" for found in findings if found.hint]
+    assert lines[len(findings) :] == [*hints, last]
+    assert [line.split()[0] for line in lines[: len(findings)]] == [f.state for f in findings]
+    assert lines[0].split() == [findings[0].state, *findings[0].what.split(),
+                                *findings[0].found.split()]  # fmt: skip
+    assert main(["doctor", "display", "--json"]) == code
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"fit": code == 0, "findings": msgspec.to_builtins(findings)}
+    assert asked == [(Config(), ":7"), (Config(), None)]
+
+
+def test_a_camera_is_looked_at_and_its_photo_behind_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[Any] = []
+
+    def camera(context: Any) -> list[Finding]:
+        asked.append((context.config, type(context.clock).__name__))
+        return [GOOD]
+
+    monkeypatch.setattr(doctor_cli, "own_module", noting(asked, SimpleNamespace(examine=camera)))
+    monkeypatch.setattr("pdcd.capture.sight.examine", noting(asked, [WARNING]))
+    assert main(["doctor", "camera", "--raw", "a.cr2", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [found["what"] for found in told["findings"]] == ["renderer", "real time"]
+    assert asked == ["ptp.doctor", (Config(), "RealClock"), (Config(), Path("a.cr2"))]
+
+
+@pytest.mark.parametrize(("seconds", "fits"), [("0", True), ("5", True), ("5.1", False),
+                                               ("-0.1", False)])  # fmt: skip
+def test_a_shutter_is_open_no_longer_than_any_exposure(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    seconds: str,
+    fits: bool,
+) -> None:
+    asked: list[Any] = []
+
+    def examine(config: Config, **how: Any) -> list[Finding]:
+        asked.append((how, signal.getsignal(signal.SIGTERM)))
+        return [GOOD]
+
+    monkeypatch.setattr("pdcd.bench.click.examine", examine)
+    (tmp_path / "rig.toml").write_text("[limits]\nmax_exposure_s = 5.0\n")
+    line = ["doctor", "trigger", "--config", str(tmp_path / "rig.toml"), "--click"]
+    assert main([*line, f"--seconds={seconds}"]) == (0 if fits else 2)
+    if fits:
+        how = {"click": True, "seconds": float(seconds)}
+        assert asked == [(how, signal.default_int_handler)]  # a signal closes it again
+        assert capsys.readouterr().out.endswith("nothing to mend\n")
+    else:
+        assert asked == []
+        assert f"--seconds {seconds} is not between 0 and" in capsys.readouterr().err
+
+
+# --- the panels -----------------------------------------------------------------------------------
+
+
+class Shower:
+    """A daemon's panels: takes note; `end` is raised where it is waited for."""
+
+    def __init__(self, path: Path) -> None:
+        self.done: list[Any] = []
+        self.end: BaseException | None = None
+        self.hello = SimpleNamespace(drivers={"display": "x11"})
+
+    def __enter__(self) -> Shower:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.done.append("closed")
+
+    def show(self, pattern: str, index: int, *, detach: bool) -> Any:
+        self.done.append(("show", pattern, index, detach))
+        return Shown(JOB, pattern, index)
+
+    def wait(self, job: str) -> None:
+        self.call("wait", {"job": job})
+
+    def call(self, name: str, words: dict[str, Any], timeout_s: float | None = None) -> None:
+        self.done.append((name, words, timeout_s))
+        if self.end is not None:
+            raise self.end
+
+    def cancel(self, job: str) -> None:
+        self.done.append(("cancel", job))
+
+
+class Shown(msgspec.Struct):
+    """What a daemon answers."""
+
+    job: str
+    pattern: str
+    index: int
+
+
+@pytest.fixture
+def shower(monkeypatch: pytest.MonkeyPatch) -> Shower:
+    made = Shower(Path())
+    monkeypatch.setattr(panels_cli, "Client", lambda path: made)
+    return made
+
+
+WAIT, FOR = ("wait", {"job": JOB}, None), ("capture.wait", {"job": JOB}, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "end", "done", "code", "said"),
+    [
+        (None, None, [WAIT], 0, ["Ctrl-C ends", "ended by another command"]),
+        (None, KeyboardInterrupt(), [WAIT, ("cancel", JOB)], 0, ["Ctrl-C ends"]),
+        (None, Unreachable("gone"), [WAIT], 3, ["Ctrl-C ends", "pdcd: gone"]),
+        (2.5, None, [FOR], 0, ["for 2.5 s", "ended by another command"]),
+        (2.5, KeyboardInterrupt(), [FOR, ("cancel", JOB)], 0, ["for 2.5 s"]),
+        (2.5, Unreachable("late"), [FOR, ("cancel", JOB)], 0, ["for 2.5 s"]),
+    ],
+)
+def test_a_daemons_panels_show_a_picture_as_long_as_the_command_lives(
+    shower: Shower,
+    capsys: pytest.CaptureFixture[str],
+    seconds: float | None,
+    end: BaseException | None,
+    done: list[Any],
+    code: int,
+    said: list[str],
+) -> None:
+    shower.end = end
+    words = [] if seconds is None else ["--seconds", str(seconds)]
+    assert main(["show", "code", "--index", "3", *words]) == code
+    assert shower.done == [("show", "code", 3, False), *done, "closed"]
+    printed = capsys.readouterr()
+    assert printed.out == f"code 3 on the projector, its complement on the mask: job {JOB}\n"
+    assert printed.err.splitlines() == said
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("black", []),
+        ("grid --detach", [f"it stays: pdcd cancel {JOB}, or pdcd show black, ends it"]),
+    ],
+)
+def test_black_and_what_is_left_there_are_not_waited_for(
+    shower: Shower, capsys: pytest.CaptureFixture[str], line: str, said: list[str]
+) -> None:
+    assert main(["show", *line.split()]) == 0
+    detached = "--detach" in line
+    assert shower.done == [("show", line.split()[0], 0, detached), "closed"]
+    assert capsys.readouterr().err.splitlines() == said
+    shower.hello.drivers = {"display": "mock"}
+    assert main(["show", *line.split(), "--json"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == {"job": JOB, "pattern": line.split()[0], "index": 0}
+    assert printed.err.startswith("these are the mock bench's panels")
+    assert "pdcd show without a daemon draws them" in printed.err.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "words"),
+    [
+        ("projector", "the projector alone, white"), ("mask", "the mask alone, white"),
+        ("white", "white on projector and mask"), ("grid", "grid on projector and mask"),
+        ("checker", "checker on the projector, its complement on the mask"),
+    ],
+)  # fmt: skip
+def test_what_both_panels_show_is_said(
+    shower: Shower, capsys: pytest.CaptureFixture[str], pattern: str, words: str
+) -> None:
+    assert main(["show", pattern, "--detach"]) == 0
+    assert capsys.readouterr().out == f"{words}: job {JOB}\n"
+
+
+@pytest.mark.parametrize("words", [["--loop"], ["flash"], ["bar"]])
+def test_what_moves_is_nothing_for_a_daemons_panels(shower: Shower, words: list[str]) -> None:
+    assert main(["show", *words]) == 4
+    assert shower.done == ["closed"]
+
+
+@pytest.mark.parametrize("words", [["--detach"], ["--socket", "/nobody.sock"]])
+def test_a_daemon_that_must_be_there_and_is_not_is_no_reason_to_show_it_here(
+    monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    def nobody(path: Path) -> Any:
+        raise Unreachable("nobody")
+
+    monkeypatch.setattr(panels_cli, "Client", nobody)
+    monkeypatch.setattr(panels_cli, "_show_here", lambda args: 77)
+    assert main(["show", "grid", *words]) == 3
+    assert main(["show", "grid"]) == 77
+
+
+@pytest.mark.parametrize("missed", [0, 3])
+def test_timing_prints_the_times_and_fails_for_what_was_missed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], missed: int
+) -> None:
+    ready = SimpleNamespace(refresh_hz=59.94, source="drm", identity={"renderer": "a card"})
+    found = SimpleNamespace(
+        missed=np.array([0, missed, 0]), ready=ready, table=lambda: [("drawing", 1.0, 2.5, 3.25)]
+    )
+    asked: list[Any] = []
+    monkeypatch.setattr("pdcd.presenter.timing.measure", noting(asked, found))
+    monkeypatch.setattr("pdcd.presenter.timing.histogram", noting(asked, None))
+    code = 5 if missed else 0
+    assert main(["timing", "--frames", "90"]) == code
+    assert [line.split() for line in capsys.readouterr().out.splitlines()] == [
+        ["ms", "median", "99", "%", "longest"], ["drawing", "1.000", "2.500", "3.250"],
+        ["renderer:", "a", "card"],
+        ["90", "refreshes", "at", "59.9400", "Hz,", str(missed), "missed"],
+    ]  # fmt: skip
+    assert main(["timing", "--json", "--out", "a.png"]) == code
+    assert json.loads(capsys.readouterr().out) == {
+        "refreshes": 3000, "missed": missed, "refresh_hz": 59.94, "source": "drm",
+        "times": {"drawing": {"p50_ms": 1.0, "p99_ms": 2.5, "max_ms": 3.25}},
+        "identity": {"renderer": "a card"},
+    }  # fmt: skip
+    assert asked == [(Config(), 90), (Config(), 3000), (found, Path("a.png"))]
+
+
+# --- a camera on the network ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("port", [0, 65535])
+def test_a_camera_is_served_until_it_is_interrupted(
+    monkeypatch: pytest.MonkeyPatch, port: int
+) -> None:
+    served: list[Any] = []
+    end: list[BaseException] = []
+
+    def serve(port: int, **how: Any) -> None:
+        served.append((port, how.pop("say"), how))
+        if end:
+            raise end.pop()
+
+    monkeypatch.setattr(virtual_cli, "own_module", noting(served, SimpleNamespace(serve=serve)))
+    line = ["virtual-camera", "--port", str(port)]
+    assert main([*line, "--small"]) == 0
+    end.append(KeyboardInterrupt())
+    assert main([*line, "--scene", "book"]) == 0
+    end.append(OSError("taken"))
+    assert main(line) == 5
+    assert served[:2] == [
+        "virtual_camera.command", (port, say, {"scene": "chart", "small": True}),
+    ]  # fmt: skip
+    assert served[3][2] == {"scene": "book", "small": False}

@@ -1,0 +1,307 @@
+"""What commands do with files of runs, and what they say of it: export, verify, report, figures."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.bench.calibration import RECORD
+from pdcd.cli import figures as figures_cli
+from pdcd.cli import report as report_cli
+from pdcd.cli import verify as verify_cli
+from pdcd.cli.export import Written
+from pdcd.cli.main import main
+from pdcd.figures.figure import FULL, QUICK
+from pdcd.figures.make import Ahead
+from pdcd.pictures.export import Asked, Exported
+from pdcd.runs.verify import Finding, Verified
+
+# --- export ---------------------------------------------------------------------------------------
+
+
+def picture(**changed: Any) -> Exported:
+    told: dict[str, Any] = {
+        "picture": "direct", "name": "direct.exr", "size_px": (20, 10), "span": (0.5, 2.0),
+        "below": 3, "above": 60, "unknown": 7, "data": b"some floats",
+    }  # fmt: skip
+    return Exported(**{**told, **changed})
+
+
+@pytest.fixture
+def pictures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What is exported; what was asked comes behind it."""
+    found: list[Any] = [
+        (picture(), picture(picture="white", name="white.exr", span=None, below=0, above=0,
+                            unknown=0, data=b"others")),
+    ]  # fmt: skip
+
+    def exported(folder: Path, asked: Asked, alive: Callable[[], None]) -> Any:
+        alive()
+        found.append((folder, asked))
+        return found[0]
+
+    monkeypatch.setattr("pdcd.pictures.export.exported", exported)
+    return found
+
+
+def test_files_are_written_and_what_did_not_fit_is_said(
+    pictures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", "run", "--format", "exr", "--out", str(tmp_path)]) == 0
+    assert pictures[1] == (
+        Path("run"),
+        Asked(format="exr", pictures=(), upright=False, white_patch=None, span=None),
+    )
+    assert (tmp_path / "direct.exr").read_bytes() == b"some floats"
+    assert (tmp_path / "white.exr").read_bytes() == b"others"
+    assert capsys.readouterr().out.splitlines() == [
+        f"{tmp_path}/direct.exr: 20 x 10",
+        "  black is 0.5, white is 2 scene units",
+        "  clipped: 3 values below black, 0.5 %",
+        "  clipped: 60 values above white, 10 %",
+        "  not known: 7 values",
+        f"{tmp_path}/white.exr: 20 x 10",
+    ]
+
+
+def test_scripts_are_told_each_file_with_its_checksum(
+    pictures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "--picture direct --picture white --upright --white-patch 0 1 --range 0 3 --json"
+    line = ["export", "run", "--format", "npz", "--out", str(tmp_path), *words.split()]
+    assert main(line) == 0
+    asked = Asked(
+        format="npz", pictures=("direct", "white"), upright=True, white_patch=(0.0, 1.0),
+        span=(0.0, 3.0),
+    )  # fmt: skip
+    assert pictures[1] == (Path("run"), asked)
+    lines = capsys.readouterr().out.splitlines()
+    first, second = (msgspec.json.decode(text, type=Written) for text in lines)
+    assert msgspec.to_builtins(first) == {
+        "file": f"{tmp_path}/direct.exr", "picture": "direct",
+        "sha256": hashlib.sha256(b"some floats").hexdigest(), "size_px": (20, 10), "black": 0.5,
+        "white": 2.0, "below": 3, "above": 60, "unknown": 7,
+    }  # fmt: skip
+    assert (second.picture, second.black, second.white) == ("white", None, None)
+
+
+def test_files_that_are_there_stay_unless_they_are_to_be_replaced(
+    pictures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All or none: the first is not written where the second is in the way."""
+    (tmp_path / "white.exr").write_bytes(b"mine")
+    line = ["export", "run", "--format", "exr", "--out", str(tmp_path)]
+    assert main(line) != 0
+    assert "white.exr" in capsys.readouterr().err
+    assert not (tmp_path / "direct.exr").exists()
+    assert (tmp_path / "white.exr").read_bytes() == b"mine"
+    assert main([*line, "--force"]) == 0
+    assert (tmp_path / "white.exr").read_bytes() == b"others"
+
+
+@pytest.mark.parametrize(
+    ("at", "fits"),
+    [("0 0", True), ("1 1", True), ("-0.01 0", False), ("0 1.01", False), ("1.01 -1", False)],
+)
+def test_a_white_patch_lies_on_the_field(
+    pictures: list[Any],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    at: str,
+    fits: bool,
+) -> None:
+    line = ["export", "run", "--format", "exr", "--out", str(tmp_path), "--white-patch"]
+    assert main([*line, *at.split()]) == (0 if fits else 2)
+    assert ("0 to 1 across and 0 to 1 down" in capsys.readouterr().err) == (not fits)
+    assert len(pictures) == 1 + fits
+
+
+# --- verify ---------------------------------------------------------------------------------------
+
+
+def verified(folder: str, *findings: tuple[Any, str], **more: Any) -> Verified:
+    return Verified(
+        folder=folder, whole=not findings, job="j", schema=3, manifest_sha256=None, files=7,
+        size_bytes=99, findings=tuple(Finding(what=a, path=b, detail="so") for a, b in findings),
+        unchecked=more.pop("unchecked", ()), **more,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def checked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Answers by the folder's name; `asked` is what was looked at how."""
+    found: dict[str, Any] = {"asked": []}
+
+    def looker(how: str) -> Any:
+        def look(folder: Path, *, manifest_sha256: str | None) -> Verified:
+            found["asked"].append((how, folder.name, manifest_sha256))
+            answer: Verified = found[folder.name]
+            return answer
+
+        return look
+
+    for name in ("verify", "verify_calibration"):
+        monkeypatch.setattr(verify_cli, name, looker(name))
+    return found
+
+
+def test_every_folder_is_looked_at_and_one_that_is_not_whole_fails(
+    checked: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "b", "c", "d"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "d" / RECORD).touch()
+    checked["a"] = verified("/a", later=("report.html",), unchecked=("the codes",))
+    checked["b"] = verified("/b", ("changed", "x.tif"), ("partial", "y"))
+    checked["c"] = verified("/c", ("partial", "y"))
+    checked["d"] = verified("/d")
+    folders = [str(tmp_path / name) for name in ("a", "d")]
+    assert main(["verify", *folders]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "whole    /a: 7 files, 99 bytes as they were",
+        "  made later  report.html: to look at; nothing vouches for it",
+        "  not checked: the codes",
+        "whole    /d: 7 files, 99 bytes as they were",
+    ]
+    assert checked["asked"] == [("verify", "a", None), ("verify_calibration", "d", None)]
+    folders = [str(tmp_path / name) for name in ("b", "c", "a")]
+    assert main(["verify", *folders]) == 5
+    assert capsys.readouterr().out.splitlines()[:6] == [
+        "DAMAGED  /b: 7 files, 99 bytes as they were",
+        "  changed     x.tif: so",
+        "  partial     y: so",
+        "PARTIAL  /c: 7 files, 99 bytes as they were",
+        "  partial     y: so",
+        "whole    /a: 7 files, 99 bytes as they were",
+    ]
+    assert main(["verify", "--json", *folders]) == 5
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(run["folder"], run["whole"]) for run in told] == [
+        ("/b", False), ("/c", False), ("/a", True),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("digits", "folders", "fits"),
+    [("a" * 64, 1, True), ("0123456789ABCDEF" * 4, 1, True), ("a" * 63, 1, False),
+     ("a" * 65, 1, False), ("g" * 64, 1, False), ("a" * 64, 2, False)],
+)  # fmt: skip
+def test_a_checksum_is_of_one_run(
+    checked: dict[str, Any],
+    capsys: pytest.CaptureFixture[str],
+    digits: str,
+    folders: int,
+    fits: bool,
+) -> None:
+    checked["a"] = verified("/a")
+    code = main(["verify", *["a"] * folders, "--manifest-sha256", digits])
+    assert code == (0 if fits else 2)
+    assert checked["asked"] == [("verify", "a", digits)] * fits
+    assert ("64 hexadecimal digits" in capsys.readouterr().err) == (not fits)
+
+
+# --- report ---------------------------------------------------------------------------------------
+
+
+def test_a_page_is_written_and_its_place_and_size_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page.html"
+    asked: list[Any] = []
+
+    def write(folder: Path, out: Path | None, watch: Any) -> Path:
+        asked.append((folder, out))
+        watch.step(1.0, 4.0)
+        page.write_bytes(bytes(1_250_000))
+        return page
+
+    monkeypatch.setattr(report_cli, "write", write)
+    assert main(["report", "run", "--out", "x.html"]) == 0
+    said = capsys.readouterr()
+    assert said.out == f"{page}: 1.2 MB, opens in a browser without a network\n"
+    assert "25 %" in said.err
+    assert main(["report", "run", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"file": str(page), "size_bytes": 1_250_000}
+    assert asked == [(Path("run"), Path("x.html")), (Path("run"), None)]
+
+
+# --- figures --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def outcome(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """What comes of the figures: one that held, one that did not, one that was not made."""
+
+    def thing(name: str, held: bool) -> SimpleNamespace:
+        return SimpleNamespace(what=name, name=name, held=held)
+
+    good = SimpleNamespace(number="1", numbers=[thing("gain", True)], captures=[])
+    bad = SimpleNamespace(
+        number="2", numbers=[thing("gain", False), thing("loss", True), thing("lag", False)],
+        captures=[thing("book", False), thing("chart", True)],
+    )  # fmt: skip
+    made = SimpleNamespace(held=False, made=[good, bad], failed={"3": "no light"}, asked=[])
+
+    def make(*asked: Any, **how: Any) -> SimpleNamespace:
+        made.asked.append((*asked, how))
+        return made
+
+    monkeypatch.setattr(figures_cli, "make", make)
+    monkeypatch.setattr(figures_cli, "figures_of", lambda numbers: [f"figure {n}" for n in numbers])
+    return made
+
+
+def test_figures_say_which_of_their_numbers_did_not_hold(
+    outcome: SimpleNamespace,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["figures", "1", "2", "--out", "page", "--full", "--workers", "3"]) == 5
+    assert capsys.readouterr().out.splitlines() == [
+        "1: held", "2: NOT HELD: gain; lag; RMS error of book", "3: could not be made: no light",
+        f"page  {tmp_path}/page/index.html",
+    ]  # fmt: skip
+    ((figures, out, mode, how),) = outcome.asked
+    assert (figures, out, mode) == (["figure 1", "figure 2"], tmp_path / "page", FULL)
+    assert (how["workers"], how["plots"]) == (3, True)
+    outcome.held = True
+    assert main(["figures", "--out", "page", "--no-plots"]) == 0
+    *_, (figures, _, mode, how) = outcome.asked
+    assert (figures, mode, how["workers"], how["plots"]) == ([], QUICK, None, False)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_scripts_are_told_the_figures(
+    outcome: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str], held: bool
+) -> None:
+    outcome.held, outcome.made = held, ["a", "b"]
+    line = ["figures", "--out", str(tmp_path), "--json"]
+    assert main(line) == (0 if held else 5)
+    assert json.loads(capsys.readouterr().out) == {
+        "page": f"{tmp_path}/index.html", "held": held, "figures": ["a", "b"],
+        "failed": {"3": "no light"},
+    }  # fmt: skip
+
+
+def test_how_far_figures_are_is_said_when_that_has_changed(
+    outcome: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["figures", "--out", str(tmp_path)])
+    tell = outcome.asked[0][-1]["tell"]
+    capsys.readouterr()
+    for taken, left_s in ((0, None), (0, 9.0), (1, 119.4), (2, 120.0), (2, 5.0), (3, 329.0)):
+        tell(Ahead(taken, 7, ("1",), left_s))
+    assert capsys.readouterr().err.splitlines() == [
+        "0 of 7 captures", "1 of 7 captures, about 119 s left", "2 of 7 captures, about 2 min left",
+        "3 of 7 captures, about 5 min left",
+    ]  # fmt: skip

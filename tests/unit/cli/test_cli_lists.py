@@ -1,0 +1,456 @@
+"""Lists of runs and jobs, what is said of one, which runs go; and sensors' tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.cli import runs as runs_cli
+from pdcd.cli import runs_prune as prune_cli
+from pdcd.cli import snr as snr_cli
+from pdcd.cli.main import main
+from pdcd.client import Unreachable
+from pdcd.errors import DecodeError, RequestError
+from pdcd.request import Quality
+from pdcd.runs.entry import Page, RunEntry, RunQuery
+from pdcd.runs.prune import Unwanted
+from pdcd.sensor.appendix import PrintedRow
+from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, no_configuration, stub_daemon
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    no_configuration(monkeypatch, tmp_path)
+
+
+def entry(number: int, **more: Any) -> RunEntry:
+    told: dict[str, Any] = {"state": "done", "goal": "white", "folder": f"/r/{number}"}
+    return RunEntry(job=f"2026010{number}T000000Z-beef", **{**told, **more})
+
+
+class Finder:
+    """A daemon that has pages of runs; `asked` is by which queries."""
+
+    pages: list[Page]
+    asked: list[RunQuery]
+    gone = False
+
+    def __init__(self, path: Path) -> None:
+        if self.gone:
+            raise Unreachable("nobody")
+
+    def __enter__(self) -> Finder:
+        return self
+
+    def __exit__(self, *unused: object) -> None: ...
+
+    def find(self, query: RunQuery) -> Page:
+        self.asked.append(query)
+        return self.pages[len(self.asked) - 1]
+
+
+@pytest.fixture
+def finder(monkeypatch: pytest.MonkeyPatch) -> type[Finder]:
+    class Fresh(Finder):
+        pages: list[Page] = []  # noqa: RUF012
+        asked: list[RunQuery] = []  # noqa: RUF012
+
+    monkeypatch.setattr(runs_cli, "Client", Fresh)
+    return Fresh
+
+
+def listed(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[list[str], list[str]]:
+    """Lines of both streams."""
+    assert main(["runs", *words]) == 0
+    said = capsys.readouterr()
+    return said.out.splitlines(), said.err.splitlines()
+
+
+ERROR = "error: against the known truth, or +- what the photo itself expects, as a share of RMS"
+
+
+def test_a_list_has_a_row_for_each_run_and_lines_for_what_was_said_of_it(
+    finder: type[Finder], capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = [
+        entry(3, goal=None, state="failed", reason="no light", taken="1 of 2 shots"),
+        entry(2, verdict="good", codes=8, exposure_s=12.3456, rms_error=0.0125, name="Chart",
+              tags=("wax", "glass"), note="two  words\nhere", rms_sigma=0.5),
+        entry(1, rms_sigma=0.02, reason="cut after 1 of 2", taken="1 of 2"),
+    ]  # fmt: skip
+    finder.pages = [Page(state_folder="/srv", runs=runs, closed=("a", "b"), cut=True)]
+    out, err = listed(capsys)
+    assert out == [
+        "job                    came out    goal          codes  exposure  error",
+        "20260101T000000Z-beef  done        white                          +-2 %",
+        "    cut after 1 of 2",
+        "20260102T000000Z-beef  good        white         8      12.35 s   1.25 %",
+        "    Chart #wax #glass two words here",
+        "20260103T000000Z-beef  failed      ?",
+        "    no light, after 1 of 2 shots",
+    ]
+    assert err == [
+        "3 runs in /srv", ERROR, "not looked into: /srv/a", "not looked into: /srv/b",
+        "there are more names than are looked at: some runs may be missing from this list",
+    ]  # fmt: skip
+    assert finder.asked == [RunQuery(newest=50)]
+
+
+def test_the_newest_fifty_are_listed_and_pages_asked_for_until_then(
+    finder: type[Finder], capsys: pytest.CaptureFixture[str]
+) -> None:
+    finder.pages = [Page(state_folder="/srv", runs=[entry(n % 9)] * 30, more=f"m{n}")
+                    for n in range(4)]  # fmt: skip
+    out, err = listed(capsys)
+    assert len(out) == 51 and err[:1] == ["50 runs in /srv"]
+    assert [query.before for query in finder.asked] == [None, "m0"]
+    del finder.asked[:]
+    finder.pages = [*finder.pages[:3], Page(state_folder="/srv", runs=[entry(7)])]
+    out, _ = listed(capsys, "--all", "--json")
+    assert len(out) == 91 and json.loads(out[0])["job"] == entry(7).job  # the oldest first
+    first = finder.asked[0]
+    assert (first.newest, first.previews, len(finder.asked)) == (1000, True, 4)
+    assert [query.before for query in finder.asked] == [None, "m0", "m1", "m2"]
+
+
+def test_filters_are_told_to_whoever_has_the_runs(
+    finder: type[Finder], capsys: pytest.CaptureFixture[str]
+) -> None:
+    finder.pages = [Page(state_folder="/srv", runs=[])]
+    since = "2026-01-02T03:04:05+00:00"
+    listed(capsys, "--goal", "direct", "--since", since, "--tag", "a", "--tag", "b", "--failed")
+    assert finder.asked == [
+        RunQuery(goal="direct", since=datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC), tags=("a", "b"),
+                 failed=True),
+    ]  # fmt: skip
+    assert main(["runs", "--tag", "a b"]) == 2
+    assert "--tag: it takes" in capsys.readouterr().err
+    assert main(["runs", "--since", "soon"]) == 2
+
+
+def test_folders_are_looked_into_where_no_daemon_answers(
+    finder: type[Finder], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[Any] = []
+
+    def find(folder: Path, query: RunQuery) -> Iterator[Page]:
+        looked.append(folder)
+        yield Page(state_folder=str(folder), runs=[])
+
+    monkeypatch.setattr(runs_cli, "find", find)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(finder, "gone", True)
+    assert main(["runs"]) == 0
+    assert main(["runs", "--socket", "/x"]) == 3
+    (tmp_path / "here").mkdir()
+    assert main(["runs", "--state-dir", "here"]) == 0
+    assert looked == [tmp_path / ".local" / "state" / "pdcd", tmp_path / "here"]
+    assert main(["runs", "--state-dir", "nowhere"]) == 2
+
+
+# --- one run --------------------------------------------------------------------------------------
+
+
+def test_all_that_is_known_of_a_run_is_shown(
+    finder: type[Finder],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("pdcd.cli.output.width", lambda: 300)
+    run = entry(
+        1, state="partial", verdict="good", name="Chart", tags=("wax", "glass"), note="one\ntwo",
+        method="coded", codes=8, exposure_s=1.5, rms_sigma=0.02, rms_error=0.01, mock=False,
+        user="ada", started_utc="2026-01-02T03:04:05Z", finished_utc="soon", taken="1 of 2",
+        reason="cut", folder=str(tmp_path),
+    )  # fmt: skip
+    (tmp_path / "report.html").touch()
+    files = {"a": SimpleNamespace(size_bytes=3 << 20), "b": SimpleNamespace(size_bytes=None)}
+    manifest = SimpleNamespace(
+        request={"goal": "white", "codes": 8}, files=files, warnings=("dust",), versions={},
+        summary={"quality": Quality(verdict="doubtful", reasons=("dark",))},
+    )  # fmt: skip
+    monkeypatch.setattr(runs_cli, "read_manifest", lambda folder: manifest)
+    finder.pages = [Page(state_folder="/srv", runs=[run])] * 9
+    out, _ = listed(capsys, "show", run.job)
+    rows = [line.split(maxsplit=1) for line in out]
+    (started,) = [row for row in rows if row[0] == "started"]
+    # In the time of this machine, as people write it.
+    assert started[1].startswith(("2026-01-01 ", "2026-01-02 ")) and started[1].count(":") == 2
+    rows.remove(started)
+    assert rows == [
+        ["job", run.job], ["state", "partial"], ["verdict", "good"], ["name", "Chart"],
+        ["tags", "wax glass"], ["note", "one"], ["two"], ["goal", "white"],
+        ["asked", "for  codes 8"], ["method", "coded"], ["codes", "8"], ["exposure", "1.500 s"],
+        ["RMS", "sigma  2 % of the picture"], ["RMS", "error  1 % against the known truth"],
+        ["bench", "real"], ["user", "ada"], ["finished", "soon"], ["taken", "1 of 2"],
+        ["why", "cut"], ["folder", str(tmp_path)], ["files", "2, 3.0 MiB"],
+        ["report", f"{tmp_path}/report.html"], ["doubtful:", "dark"], ["warning:", "dust"],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("state", "read"), [("done", True), ("partial", True), ("failed", False),
+                                             ("damaged", False), ("running", False)])  # fmt: skip
+def test_a_manifest_is_read_where_there_is_one(
+    finder: type[Finder],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    state: Any,
+    read: bool,
+) -> None:
+    asked: list[Path] = []
+
+    def look(folder: Path) -> Any:
+        asked.append(folder)
+        raise DecodeError("it is damaged")
+
+    monkeypatch.setattr(runs_cli, "read_manifest", look)
+    finder.pages = [Page(state_folder="/srv", runs=[entry(1, state=state, mock=True)])] * 2
+    out, err = listed(capsys, "show", "x")
+    assert asked == [Path("/r/1")] * read and err == ["pdcd: it is damaged"] * read
+    assert ["bench", "virtual"] in [line.split() for line in out]
+    (line,), _ = listed(capsys, "show", "x", "--json")
+    assert list(json.loads(line)) == ["run"]
+
+
+def test_a_run_is_named_by_a_folder_a_job_or_a_name(
+    finder: type[Finder], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    looked: list[Path] = []
+
+    def at(folder: Path) -> RunEntry:
+        looked.append(folder)
+        raise RequestError("no run")
+
+    monkeypatch.setattr(runs_cli, "at", at)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here").mkdir()
+    for name in ("a/b", "here", "/x"):
+        assert main(["runs", "show", name]) == 2
+    assert looked == [Path("a/b"), Path("here"), Path("/x")] and finder.asked == []
+    finder.pages = [Page(state_folder="/srv", runs=[])] * 2
+    assert main(["runs", "show", "Chart"]) == 2
+    assert main(["runs", "show", entry(1).job]) == 2
+    assert [query.name or query.job for query in finder.asked] == ["Chart", entry(1).job]
+
+
+def test_all_finished_runs_are_verified_where_none_is_named(
+    finder: type[Finder], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    states = ("done", "partial", "damaged", "failed", "cancelled", "running", "unfinished")
+    runs = [entry(n + 1, state=state) for n, state in enumerate(states)]
+    finder.pages = [Page(state_folder="/srv", runs=runs)]
+    verified: list[Any] = []
+
+    def verify(args: Any) -> int:
+        verified.append((args.folder, args.manifest_sha256))
+        return 77
+
+    monkeypatch.setattr("pdcd.cli.verify.verify_runs", verify)
+    assert main(["runs", "verify", "--goal", "white"]) == 77
+    assert verified == [([Path("/r/1"), Path("/r/2"), Path("/r/3")], None)]
+    assert finder.asked == [RunQuery(newest=1000, goal="white")]
+
+
+# --- what goes ------------------------------------------------------------------------------------
+
+
+class Pruned:
+    """Two runs that are to go, of a mebibyte each; those in `kept` cannot be removed."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, finder: type[Finder]) -> None:
+        self.going = [Unwanted(run=entry(n), size_bytes=n << 20) for n in (2, 1)]
+        self.asked: list[Any] = []
+        self.removed: list[str] = []
+        self.kept: tuple[str, ...] = ()
+        self.line, self.terminal = "n", True
+        finder.pages = [Page(state_folder="/srv", runs=[])] * 9
+        monkeypatch.setattr(prune_cli, "unwanted", self.unwanted)
+        monkeypatch.setattr(prune_cli, "remove", self.remove)
+        stdin = SimpleNamespace(isatty=lambda: self.terminal, readline=lambda: self.line)
+        monkeypatch.setattr("sys.stdin", stdin)
+
+    def unwanted(self, state: Path, query: RunQuery, **how: Any) -> list[Unwanted]:
+        self.asked.append((state, query, how))
+        return self.going
+
+    def remove(self, state: Path, one: Unwanted) -> Unwanted:
+        assert state == Path("/srv")
+        self.removed.append(one.run.job)
+        if one.run.job in self.kept:
+            return msgspec.structs.replace(one, why="it is in use")
+        return msgspec.structs.replace(one, removed=True)
+
+
+@pytest.fixture
+def pruned(monkeypatch: pytest.MonkeyPatch, finder: type[Finder]) -> Pruned:
+    return Pruned(monkeypatch, finder)
+
+
+OLDEST_FIRST = [entry(1).job, entry(2).job]
+
+
+@pytest.mark.parametrize(
+    ("line", "goes"),
+    [("y\n", True), ("YES\n", True), (" y \n", True), ("\n", False), ("", False), ("n\n", False),
+     ("yep\n", False)],
+)  # fmt: skip
+def test_runs_go_where_somebody_agrees(
+    pruned: Pruned, capsys: pytest.CaptureFixture[str], line: str, goes: bool
+) -> None:
+    pruned.line = line
+    out, err = listed(capsys, "prune", "--failed")
+    assert out[0] == "to be removed from /srv, the oldest first:"
+    assert [row.split()[0] for row in out[2:4]] == OLDEST_FIRST and out[4] == "2 runs, 3.0 MiB"
+    assert pruned.removed == OLDEST_FIRST * goes
+    assert err == ["remove 2 runs for good? [y/N]",
+                   "removed 2 of 2 runs, 3.0 MiB" if goes else "nothing was removed"]  # fmt: skip
+
+
+def test_which_runs_go_is_what_was_typed(pruned: Pruned) -> None:
+    since = "2026-01-02T00:00:00+00:00"
+    words = ["--older-than", since, "--keep", "3", "--tag", "a", "--goal", "white", "--yes"]
+    assert main(["runs", "prune", *words]) == 0
+    assert main(["runs", "prune", "--failed", "--yes"]) == 0
+    then = datetime(2026, 1, 2, tzinfo=UTC)
+    assert pruned.asked == [
+        (Path("/srv"), RunQuery(newest=1000, goal="white", tags=("a",)),
+         {"older_than": then, "leftovers": False, "keep": 3}),
+        (Path("/srv"), RunQuery(newest=1000, failed=True),
+         {"older_than": None, "leftovers": True, "keep": 0}),
+    ]  # fmt: skip
+
+
+def test_a_run_that_could_not_be_removed_is_a_failure(
+    pruned: Pruned, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pruned.kept = (entry(2).job,)
+    assert main(["runs", "prune", "--keep", "0", "--yes"]) == 5
+    said = capsys.readouterr()
+    assert said.out.splitlines()[-1] == f"kept {entry(2).job}: it is in use"
+    assert said.err == "removed 1 of 2 runs, 1.0 MiB\n"
+    assert main(["runs", "prune", "--keep", "0", "--yes", "--json"]) == 5
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(one["run"]["job"], one["removed"]) for one in told] == [
+        (OLDEST_FIRST[0], True), (OLDEST_FIRST[1], False),
+    ]  # fmt: skip
+
+
+def test_nobody_is_asked_where_nothing_goes_or_nothing_is_to_be_removed(
+    pruned: Pruned, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, err = listed(capsys, "prune", "--keep", "1", "--dry-run")
+    assert len(out) == 5 and err == [] and pruned.removed == []
+    pruned.going = []
+    assert listed(capsys, "prune", "--failed") == (["nothing to remove in /srv"], [])
+    assert listed(capsys, "prune", "--failed", "--yes", "--json") == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("words", "terminal", "says"),
+    [
+        ("", True, "it was not said which runs are to go"), ("--yes", True, "it was not said"),
+        ("--keep -1 --yes", True, "--keep -1 is less than nothing"),
+        ("--failed", False, "nobody is there to agree"),
+        ("--failed --json", True, "nobody is there to agree"),
+    ],
+)  # fmt: skip
+def test_nothing_goes_before_it_is_clear_what_and_that_somebody_agrees(
+    pruned: Pruned,
+    capsys: pytest.CaptureFixture[str],
+    words: str,
+    terminal: bool,
+    says: str,
+) -> None:
+    pruned.terminal = terminal
+    assert main(["runs", "prune", *words.split()]) == 2
+    assert says in capsys.readouterr().err and pruned.asked == pruned.removed == []
+
+
+# --- jobs -----------------------------------------------------------------------------------------
+
+
+def test_a_daemons_state_is_a_table(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    daemon = stub_daemon(monkeypatch)
+    assert main(["status"]) == 0
+    words = f"{JOB_VIEW.job} capture indirect by ada"
+    table = [["version", "9.9"], ["state", "busy"], ["running", words], ["connections", "2"],
+             ["up", "61 s"]]  # fmt: skip
+    assert [x.split(maxsplit=1) for x in capsys.readouterr().out.splitlines()] == table
+    daemon.status_answer = msgspec.structs.replace(STATUS, running=None, queued=[JOB_VIEW] * 2)
+    assert main(["status"]) == 0
+    table[2:3] = [["running", "nothing"], ["queued", words], ["queued", words]]
+    assert [x.split(maxsplit=1) for x in capsys.readouterr().out.splitlines()] == table
+
+
+@pytest.mark.parametrize(("newest", "fits"), [(0, True), (1, True), (1000, True), (1001, False)])
+def test_up_to_a_thousand_runs_are_listed(
+    monkeypatch: pytest.MonkeyPatch, newest: int, fits: bool
+) -> None:
+    daemon = stub_daemon(monkeypatch)
+    assert main(["list", "--newest", str(newest)]) == (0 if fits else 2)
+    assert [what for what in daemon.asked if isinstance(what, tuple)] == (
+        [("runs", newest)] * (fits and newest > 0)
+    )
+
+
+# --- sensors --------------------------------------------------------------------------------------
+
+
+def test_the_appendix_is_printed_with_two_digits_more_than_the_paper_has(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = (PrintedRow("gain", "3.9", 3.8764), PrintedRow("codes", "64", 64.4, 3.6),
+            PrintedRow("loss", "1.25", 1.251234, 1.5, note="so it is"))  # fmt: skip
+    monkeypatch.setattr(snr_cli, "appendix_rows", lambda: rows)
+    assert main(["snr"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:7] == [
+        "appendix of the paper (profile mark2)",
+        "quantity  printed  ours    dark shot noise",
+        "gain      3.9      3.876",
+        "codes     64       64      4",
+        "loss      1.25     1.2512  1.5000",
+        "loss: so it is",
+        "",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("read_noise_e", "kept", "words"),
+    [(0.0, None, "never"), (math.inf, None, "at any read noise"), (2.3456, 2.3456,
+     "below 2.35 e-")],
+)  # fmt: skip
+def test_where_a_mask_stops_paying_is_said_for_every_light_mask_goal_and_convention(
+    monkeypatch: pytest.MonkeyPatch, read_noise_e: float, kept: float | None, words: str
+) -> None:
+    asked: list[Any] = []
+
+    def answer(of: Any, goal: str, thermal: str, mask: float) -> float:
+        asked.append((of, goal, thermal, mask))
+        return read_noise_e
+
+    monkeypatch.setattr("pdcd.sensor.snr.break_even_read_noise_e", answer)
+    pixel: Any = SimpleNamespace(dimmed=lambda: "dim")
+    found = snr_cli.break_even_rows(pixel, 0.8)
+    lights = [(row.light, row.transmission, row.goal, row.thermal) for row in found]
+    assert lights == [
+        (light, mask, goal, thermal) for light in (1.0, 0.1) for mask in (1.0, 0.8, 0.5)
+        for goal in ("masked", "signed") for thermal in ("paper", "shot")
+    ]  # fmt: skip
+    assert asked == [
+        (pixel if light == 1.0 else "dim", goal, thermal, mask)
+        for light, mask, goal, thermal in lights
+    ]
+    assert {(row.read_noise_e, row.verdict) for row in found} == {(kept, words)}
+    assert len(snr_cli.break_even_rows(pixel, 0.5)) == 2 * 2 * 4

@@ -1,0 +1,410 @@
+"""What can be typed: every command, option and value, and what is taken where nothing is said."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+from pdcd import words
+from pdcd.cli import options, runs_parser
+from pdcd.cli.commands import commands, groups, words_of
+from pdcd.cli.parser import EXIT_CODES, build_parser
+
+CLIENT = "--config FILE, --socket PATH, --json"
+AGAIN = "--config FILE, --socket PATH, --state-dir DIR, --json"
+FILTERS = "--goal GOAL, --since T, --tag WORD, --failed"
+EXPORT = (
+    "--format FORMAT, --picture NAME, --out DIR, --upright, --white-patch X Y, "
+    "--range BLACK WHITE, --force"
+)
+PHOTO = (
+    f"{CLIENT}, --local, --codes K, --pilot K0, --smooth/--no-smooth, --parts B, --until-error E, "
+    "--error E, --confidence C, --seconds S, --prior PRIOR, --repeat B, --family FAMILY, --p P, "
+    "--equal-brightness, --seed N, --exposure S, --window WINDOW, --guards, --no-guards, "
+    "--schedule GUARDS, --black-level BLACK_LEVEL, --normalise NORMALISE, --no-white, "
+    "--white-patch X Y"
+)
+GOALS = (
+    "parameters of goals: --shift DOWN RIGHT, --radius CELLS, --mix A B, --period CELLS, "
+    "--disparity LOW [HIGH ...], --plane H H H H H H H H H, --keep KEEP, --rows R R2, --masked, "
+    "--illumination FILE, --warp FILE, --warp-b FILE, --region-a FILE, --region-b FILE, "
+    "--disparities FILE, --kernel FILE, --matrix FILE"
+)
+LABELS = "labels: --name TEXT, --tag WORD, --note TEXT"
+RUN = "--out DIR, --detach, --queue"
+DOCTOR = "--config FILE, --json"
+SYNOPSIS = {
+    "serve": "--config FILE, --socket PATH, --state-dir DIR, -v/--verbose",
+    "capture": f"GOAL | {PHOTO}, --method METHOD, {RUN} | {GOALS} | {LABELS}",
+    "transport": f"{PHOTO}, {RUN} | {GOALS.replace('R R2', 'R [R ...]')} | {LABELS}",
+    "compare": f"GOAL | {PHOTO}, --out DIR | {GOALS} | {LABELS}",
+    "demo": "--out DIR, --codes K, --seed N",
+    "plan": f"GOAL | {PHOTO}, --method METHOD, --queue | {GOALS} | {LABELS}",
+    "status": CLIENT,
+    "watch": f"[JOB] | {CLIENT}",
+    "cancel": f"[JOB] | {CLIENT}",
+    "runs": f"--config FILE, --socket PATH, --json, --state-dir DIR, {FILTERS}, --all",
+    "runs show": f"RUN | {AGAIN}",
+    "runs export": f"RUN | {EXPORT}, {AGAIN}",
+    "runs verify": f"[RUN ...] | {FILTERS}, {AGAIN}",
+    "runs prune": f"{FILTERS}, --older-than T, --keep N, --dry-run, --yes, {AGAIN}",
+    "list": f"--newest N, {CLIENT}",
+    "wait": f"JOB | {CLIENT}",
+    "web": "--config FILE, --socket PATH, --state-dir DIR, --host ADDRESS, --port N",
+    "drivers": "--json",
+    "doctor": "",
+    "doctor display": f"{DOCTOR}, --display :N",
+    "doctor camera": f"{DOCTOR}, --raw FILE",
+    "doctor trigger": f"{DOCTOR}, --click, --seconds S",
+    "calibrate": f"[STEP ...] | --again FOLDER, --yes, --queue, --local, {CLIENT}",
+    "show": f"[PATTERN] | --index N, --loop, --out PNG, --seconds S, --detach, {CLIENT}",
+    "timing": "--frames N, --out PNG, --config FILE, --json",
+    "config": "ACTION | --config FILE",
+    "decode": "FOLDER | --partial, --out DIR, --json",
+    "verify": "FOLDER [FOLDER ...] | --manifest-sha256 HEX, --json",
+    "export": f"FOLDER | {EXPORT}, --json",
+    "report": "FOLDER | --out FILE, --json",
+    "row": "FOLDER | --cell ROW COLUMN, --photo NAME, --out PNG, --json",
+    "virtual-camera": "--port N, --scene KIND, --small",
+    "figures": "[N ...] | --out DIR, --quick, --full, --no-plots, --workers N, --json",
+    "snr": "--profile NAME, --iso N, --codes N, --exposure S, --signal E, --transmission T, --json",
+    "version": "",
+    "completion": "SHELL",
+    "man": "",
+}
+"""By command: its arguments, then its options, group by group."""
+UNTITLED = ("options", "positional arguments")
+PARSER = build_parser()
+EVERY = {command.parser.prog.removeprefix("pdcd "): command for command in commands(PARSER)}
+
+
+def synopsis(parser: argparse.ArgumentParser) -> str:
+    """All that can be typed behind a command."""
+    parts = []
+    for title, actions in groups(parser):
+        shown = [
+            " ".join(filter(None, ("/".join(action.option_strings), words_of(action))))
+            for action in actions
+            if action.dest != "help"
+        ]
+        head = "" if title in UNTITLED else f"{title}: "
+        parts += [head + ", ".join(shown)] * bool(shown)
+    return " | ".join(parts)
+
+
+def test_every_command_takes_what_it_says_and_nothing_else() -> None:
+    found = {name: synopsis(command.parser) for name, command in EVERY.items()}
+    assert list(found) == list(SYNOPSIS)
+    assert found == SYNOPSIS
+
+
+WORDLESS = {
+    "watch JOB", "cancel JOB", "wait JOB", "demo --codes", "demo --seed", "show PATTERN",
+    "config ACTION", "decode FOLDER", "verify FOLDER", "export FOLDER", "report FOLDER",
+    "row FOLDER", "completion SHELL",
+}  # fmt: skip
+"""What its name or its choices alone explain."""
+
+
+def test_every_option_says_what_it_is_for() -> None:
+    silent = {
+        f"{name} {[str(action.metavar or action.dest.upper()), *action.option_strings][-1]}"
+        for name, command in EVERY.items()
+        for _, actions in groups(command.parser)
+        for action in actions
+        if not action.help
+    }
+    assert silent == WORDLESS
+
+
+def test_every_command_says_what_it_does_and_how_it_may_end() -> None:
+    assert PARSER.prog == "pdcd" and PARSER.epilog == EXIT_CODES
+    assert PARSER.description is not None and "projector" in PARSER.description
+    for name, (parser, summary) in EVERY.items():
+        assert summary and parser.epilog == EXIT_CODES, name
+        if name not in ("runs prune", "completion"):  # these say more of themselves
+            assert parser.description == summary
+    assert "--keep; what is named" in str(EVERY["runs prune"].parser.description)
+    assert "~/.config/fish" in str(EVERY["completion"].parser.description)
+
+
+def test_every_value_has_a_name_in_capitals_or_is_one_of_some_words() -> None:
+    for name, command in EVERY.items():
+        for _, actions in groups(command.parser):
+            for action in actions:
+                assert action.nargs == 0 or action.metavar or action.choices, (name, action.dest)
+
+
+USAGES = {
+    "capture": "[OPTIONS] GOAL", "compare": "[OPTIONS] GOAL", "plan": "[OPTIONS] GOAL",
+    "transport": "[OPTIONS] [--rows R [R2]]", "calibrate": "[OPTIONS] [STEP ...]",
+    "runs": "[OPTIONS] [show|export|verify|prune]",
+}  # fmt: skip
+
+
+def test_commands_of_many_options_have_a_short_usage() -> None:
+    for name, command in EVERY.items():
+        usage = " ".join(command.parser.format_usage().split())
+        if name in USAGES:
+            assert usage == f"usage: pdcd {name} {USAGES[name]}"
+        else:
+            assert usage.startswith(f"usage: pdcd {name} ") and "[-h]" in usage, name
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["--vers", "serve --sock x", "capture white --loc", "list --new 3", "runs --stat x",
+     "runs show r --js", "doctor", "doctor trigger --cl", "figures", "row f", "export f",
+     "row f --cell 1", "wait", "", "show stripes", "export f --format gif", "completion sh",
+     "figures --out d --quick --full", "capture white --guards --no-guards",
+     "capture white --no-guards --schedule full", "capture white --method dark",
+     "transport --method pairs", "transport white", "capture white --rows 1",
+     "capture white --plane 1 2", "capture white --shift 1", "capture white --keep up",
+     "runs --goal sideways", "web --port x", "row f --cell a b", "snr --iso 1.5",
+     "capture white --pilot much", "capture white --codes 1.5"],
+)  # fmt: skip
+def test_what_is_cut_short_missing_or_unknown_is_refused(line: str) -> None:
+    with pytest.raises(SystemExit) as end:
+        PARSER.parse_args(line.split())
+    assert end.value.code == 2
+
+
+NOTHING: dict[str, Any] = dict.fromkeys(
+    """config socket codes pilot smooth parts until_error error confidence seconds prior shift
+    radius mix period disparity plane keep rows illumination warp warp_b region_a region_b
+    disparities kernel matrix family p exposure_s window guards black_level normalise white_patch
+    name tags out""".split()
+)
+USUAL = {
+    **NOTHING, "local": False, "repeat": 1, "masked": False, "equal_brightness": False, "seed": 0,
+    "white": True, "note": "", "method": "coded",
+}  # fmt: skip
+ANY_RIG: dict[str, Any] = {"config": None, "socket": None}
+LISTED: dict[str, Any] = {
+    **ANY_RIG, "state_dir": None, "list_goal": None, "list_since": None, "list_tags": None,
+    "list_failed": False, "list_all": False,
+}  # fmt: skip
+FILTERED = {"goal": None, "since": None, "tags": None, "failed": False}
+EXPORTED = {
+    "format": "exr", "picture": None, "out": Path(), "upright": False, "white_patch": None,
+    "range": None, "force": False,
+}  # fmt: skip
+DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "serve": ("serve:serve", {**ANY_RIG, "state_dir": None, "verbose": False}),
+    "capture white": (
+        "capture:capture", {**USUAL, "goal": "white", "detach": False, "queue": False},
+    ),
+    "transport": (
+        "capture:capture", {**USUAL, "goal": "transport", "detach": False, "queue": False},
+    ),
+    "compare direct": ("compare:compare", {**USUAL, "goal": "direct"}),
+    "demo": ("demo:demo", {"out": Path("demo"), "codes": 128, "seed": 0}),
+    "status": ("jobs:status", ANY_RIG),
+    "watch": ("jobs:watch", {**ANY_RIG, "job": None}),
+    "cancel": ("jobs:cancel", {**ANY_RIG, "job": None}),
+    "runs": ("runs:list_runs", {**LISTED, "runs_command": None}),
+    "runs show R": ("runs:show", {**LISTED, "runs_command": "show", "run_name": "R"}),
+    "runs export R --format exr": (
+        "runs:export", {**LISTED, "runs_command": "export", "run_name": "R", **EXPORTED},
+    ),
+    "runs verify": (
+        "runs:verify", {**LISTED, "runs_command": "verify", "run_name": [], **FILTERED},
+    ),
+    "runs prune": (
+        "runs_prune:prune",
+        {**LISTED, "runs_command": "prune", **FILTERED, "older_than": None, "keep": None,
+         "dry_run": False, "yes": False},
+    ),
+    "list": ("jobs:list_jobs", {**ANY_RIG, "newest": 50}),
+    "wait J": ("capture:wait", {**ANY_RIG, "job": "J"}),
+    "web": ("web:web", {**ANY_RIG, "state_dir": None, "host": "127.0.0.1", "port": 8137}),
+    "drivers": ("tools:drivers", {}),
+    "doctor display": ("doctor:display", {"device": "display", "config": None, "display": None}),
+    "doctor camera": ("doctor:camera", {"device": "camera", "config": None, "raw": None}),
+    "doctor trigger": (
+        "doctor:trigger", {"device": "trigger", "config": None, "click": False, "seconds": 1.0},
+    ),
+    "calibrate": (
+        "calibrate:calibrate",
+        {**ANY_RIG, "step": [], "again": None, "yes": False, "queue": False, "local": False},
+    ),
+    "show": (
+        "panels:show",
+        {**ANY_RIG, "pattern": "grid", "index": 0, "loop": False, "out": None, "seconds": None,
+         "detach": False},
+    ),
+    "timing": ("panels:timing", {"frames": 3000, "out": None, "config": None}),
+    "config check": ("tools:config", {"action": "check", "config": None}),
+    "decode F": ("tools:decode", {"folder": Path("F"), "partial": False, "out": None}),
+    "verify F": ("verify:verify_runs", {"folder": [Path("F")], "manifest_sha256": None}),
+    "export F --format exr": ("export:export", {"folder": Path("F"), **EXPORTED}),
+    "report F": ("report:report", {"folder": Path("F"), "out": None}),
+    "row F --cell 1 2": (
+        "row:row", {"folder": Path("F"), "cell": [1, 2], "photo": None, "out": None},
+    ),
+    "virtual-camera": (
+        "virtual:virtual_camera", {"port": 15740, "scene": "chart", "small": False},
+    ),
+    "figures --out D": (
+        "figures:figures",
+        {"number": [], "out": Path("D"), "quick": False, "full": False, "plots": True,
+         "workers": None},
+    ),
+    "snr": (
+        "snr:snr",
+        {"profile": "modern", "iso": None, "codes": 512, "exposure_s": 30.0, "signal_e": None,
+         "transmission": 1.0},
+    ),
+    "version": ("tools:version", {}),
+    "completion zsh": ("completion:completion", {"shell": "zsh"}),
+    "man": ("manual:man", {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("line", DEFAULTS)
+def test_what_is_not_typed_is_left_as_documented(line: str) -> None:
+    run, wanted = DEFAULTS[line]
+    told = vars(PARSER.parse_args(line.split()))
+    assert told == {**wanted, "json": False, "command": line.split()[0], "run": run}
+
+
+def test_a_plan_takes_what_a_capture_takes() -> None:
+    planned, taken = (
+        vars(PARSER.parse_args([command, "white"])) for command in ("plan", "capture")
+    )
+    assert planned.pop("run") == "capture:plan"
+    del planned["command"]
+    assert planned == {name: taken[name] for name in planned}
+    assert set(taken) - set(planned) == {"out", "detach", "command", "run"} - set(planned)
+
+
+TYPED: dict[str, dict[str, Any]] = {
+    "capture white --config c --socket s --json --local --codes 4 --pilot 8 --smooth --parts 2": {
+        "config": Path("c"), "socket": Path("s"), "json": True, "local": True, "codes": 4,
+        "pilot": 8, "smooth": True, "parts": 2,
+    },
+    "capture white --pilot auto --parts auto --no-smooth --until-error 2% --error 0.5": {
+        "pilot": "auto", "parts": "auto", "smooth": False, "until_error": 0.02, "error": 0.5,
+    },
+    "capture white --confidence 95% --seconds 1.5 --prior p --repeat 3 --shift -1 2 --radius 4": {
+        "confidence": 0.95, "seconds": 1.5, "prior": "p", "repeat": 3, "shift": [-1, 2],
+        "radius": 4,
+    },
+    "capture white --mix 0.5 -1 --period 8 --disparity 3 --plane 1 2 3 4 5 6 7 8 9.5 --keep in": {
+        "mix": [0.5, -1.0], "period": 8, "disparity": [3], "keep": "in",
+        "plane": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.5],
+    },
+    "capture white --disparity 3 4 --rows 1 2 --masked --equal-brightness --exposure 0.5": {
+        "disparity": [3, 4], "rows": [1, 2], "masked": True, "equal_brightness": True,
+        "exposure_s": 0.5,
+    },
+    "capture white --illumination a --warp b --warp-b c --region-a d --region-b e --p 25%": {
+        "illumination": Path("a"), "warp": Path("b"), "warp_b": Path("c"), "region_a": Path("d"),
+        "region_b": Path("e"), "p": 0.25,
+    },
+    "capture white --disparities f --kernel g --matrix h --guards --tag a --tag b --seed 3": {
+        "disparities": Path("f"), "kernel": Path("g"), "matrix": Path("h"), "guards": True,
+        "tags": ["a", "b"], "seed": 3,
+    },
+    "capture white --no-guards --no-white --white-patch 0 0.5 --out d --detach --queue": {
+        "guards": False, "white": False, "white_patch": [0.0, 0.5], "out": Path("d"),
+        "detach": True, "queue": True,
+    },
+    "plan white --schedule lag --name n --note t --queue": {
+        "guards": "lag", "name": "n", "note": "t", "queue": True,
+    },
+    "compare white --out d": {"out": Path("d")},
+    "transport --rows 3 --masked": {"rows": [3], "masked": True},
+    "serve -v --state-dir d": {"verbose": True, "state_dir": Path("d")},
+    "demo --out d --codes 8 --seed 3": {"out": Path("d"), "codes": 8, "seed": 3},
+    "list --newest 3 --json": {"newest": 3, "json": True},
+    "runs --all --goal white --since 1d --tag a --failed --state-dir d": {
+        "list_all": True, "list_goal": "white", "list_since": "1d", "list_tags": ["a"],
+        "list_failed": True, "state_dir": Path("d"),
+    },
+    "runs --config c --socket s --json show R --json": {
+        "config": Path("c"), "socket": Path("s"), "json": True, "run_name": "R",
+    },
+    "runs show R --config c --socket s --state-dir d --json": {
+        "config": Path("c"), "socket": Path("s"), "state_dir": Path("d"), "json": True,
+    },
+    "runs prune --goal white --since 1d --tag a --tag b --failed --older-than 2w --keep 3": {
+        "goal": "white", "since": "1d", "tags": ["a", "b"], "failed": True, "older_than": "2w",
+        "keep": 3,
+    },
+    "runs prune --dry-run --yes": {"dry_run": True, "yes": True},
+    "runs verify a b": {"run_name": ["a", "b"]},
+    "web --state-dir d --host ::1 --port 0": {"state_dir": Path("d"), "host": "::1", "port": 0},
+    "doctor display --display :7 --config c --json": {
+        "display": ":7", "config": Path("c"), "json": True,
+    },
+    "doctor camera --raw r": {"raw": Path("r")},
+    "doctor trigger --click --seconds 2": {"click": True, "seconds": 2.0},
+    "calibrate lag --again f --yes --queue --local": {
+        "step": ["lag"], "again": Path("f"), "yes": True, "queue": True, "local": True,
+    },
+    "show code --index 3 --loop --out p --seconds 2 --detach": {
+        "pattern": "code", "index": 3, "loop": True, "out": Path("p"), "seconds": 2.0,
+        "detach": True,
+    },
+    "timing --frames 9 --out p --config c": {"frames": 9, "out": Path("p"), "config": Path("c")},
+    "config show --config c": {"action": "show", "config": Path("c")},
+    "decode F --partial --out d --json": {"partial": True, "out": Path("d"), "json": True},
+    "verify F G --manifest-sha256 ab": {"folder": [Path("F"), Path("G")], "manifest_sha256": "ab"},
+    "export F --format npz --picture a --picture b --out d --upright --range 0 2 --force": {
+        "format": "npz", "picture": ["a", "b"], "out": Path("d"), "upright": True,
+        "range": [0.0, 2.0], "force": True,
+    },
+    "report F --out f": {"out": Path("f")},
+    "row F --cell 1 2 --photo p --out f": {"photo": "p", "out": Path("f")},
+    "virtual-camera --port 1 --scene book --small": {"port": 1, "scene": "book", "small": True},
+    "figures 1 appendix --out d --full --no-plots --workers 3": {
+        "number": ["1", "appendix"], "full": True, "plots": False, "workers": 3,
+    },
+    "figures --out d --quick": {"quick": True},
+    "snr --profile p --iso 100 --codes 4 --exposure 2 --signal 5 --transmission 80%": {
+        "profile": "p", "iso": 100, "codes": 4, "exposure_s": 2.0, "signal_e": 5.0,
+        "transmission": 0.8,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("line", TYPED)
+def test_what_is_typed_arrives_as_what_it_is(line: str) -> None:
+    told = vars(PARSER.parse_args(line.split()))
+    wanted = TYPED[line]
+    assert {name: told[name] for name in wanted} == wanted
+    assert {name: type(told[name]) for name in wanted} == {
+        name: type(value) for name, value in wanted.items()
+    }
+
+
+def test_words_that_may_be_typed_are_those_of_requests() -> None:
+    choices = {
+        action.option_strings[-1] if action.option_strings else action.dest: action.choices
+        for name in ("capture", "show", "runs")
+        for action in EVERY[name].parser._actions
+        if action.choices and action.dest != "runs_command"
+    }
+    assert choices == {
+        "goal": get_args(words.GoalName), "--family": get_args(words.FamilyName),
+        "--method": get_args(words.MethodName), "--schedule": get_args(words.GuardsName),
+        "--keep": get_args(words.KeepName), "--window": get_args(words.WindowName),
+        "--black-level": get_args(words.BlackLevelName), "--goal": get_args(words.GoalName),
+        "--normalise": get_args(words.NormaliseName),
+        "pattern": (*get_args(words.PatternName), *get_args(words.MovingName)),
+    }  # fmt: skip
+    assert runs_parser.LISTED == "list_"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1%", 0.01), ("0.01", 0.01), ("100%", 1.0), ("-3", -3.0), ("0", 0.0)]
+)
+def test_a_share_is_a_number_or_a_percentage(text: str, value: float) -> None:
+    assert options.share(text) == pytest.approx(value, abs=1e-15)
+    for wrong in ("", "%", "1%%", "one"):
+        with pytest.raises(ValueError, match="could not convert"):
+            options.share(wrong)

@@ -1,0 +1,369 @@
+"""How results are put into words: plans, ends of jobs, columns, manual pages."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.cli import capture as capture_cli
+from pdcd.cli import manual, tables
+from pdcd.cli.commands import commands, groups, help_of, words_of
+from pdcd.cli.exits import exit_code
+from pdcd.cli.main import main
+from pdcd.cli.output import percent, say_compared, say_result
+from pdcd.cli.parser import build_parser
+from pdcd.cli.tables import fitted, wrapped
+from pdcd.request import (
+    CaptureRequest,
+    CaptureResult,
+    PilotCost,
+    PlanSummary,
+    Prediction,
+    Quality,
+    ShotSummary,
+)
+from tests.unit.cli.cli_stubs import JOB, PLAN, no_configuration, stub_daemon
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    no_configuration(monkeypatch, tmp_path)
+
+
+# --- plans ----------------------------------------------------------------------------------------
+
+
+def planned(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], summary: PlanSummary
+) -> list[list[str]]:
+    """The rows of the table of a plan."""
+
+    class Planner(stub_daemon(monkeypatch)):  # type: ignore[misc]
+        def plan(self, *unused: Any, **how: Any) -> PlanSummary:
+            return summary
+
+    monkeypatch.setattr(capture_cli, "Client", Planner)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr("pdcd.cli.output.width", lambda: 200)
+    assert main(["plan", "indirect"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    begin = max(
+        len(line) - len(line.split("  ", 1)[-1].lstrip()) for line in lines if line[0] != " "
+    )
+    return [[line[:begin].strip(), line[begin:]] for line in lines]
+
+
+PLAIN = [
+    ["goal", "indirect"], ["codes", "8 hadamard, p = 0.5"], ["cells", "48 x 64, window whole"],
+    ["passes", "2, with guards"],
+    ["light", "25 % of a floodlit exposure, 12 times the paper's 1/48"],
+    ["total", "24 refreshes, 0.500 s"], ["parts", "1"],
+    ["RAW files", "1, and test exposures where the aperture is metered"],
+    ["memory", "0 MiB at most"], ["shot coded", "8 codes, 24 refreshes, 0.500 s"],
+]  # fmt: skip
+
+
+def test_a_plain_plan_has_its_ten_rows(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert planned(monkeypatch, capsys, PLAN) == PLAIN
+
+
+@pytest.mark.parametrize(("parts", "at_once"), [(1, " at once"), (2, "")])
+def test_a_plan_says_what_is_foreseen_and_why(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    parts: int,
+    at_once: str,
+) -> None:
+    summary = msgspec.structs.replace(
+        PLAN, schedule="lag", parts=parts, memory_bytes=5 << 20, prior="the scene book",
+        pilot_cost=PilotCost(raw_files=32, seconds=12.5, scouts=4, stopped_codes=64,
+                             stopped_raw_files=6, stopped_seconds=3.25),
+        reasons=("the mask lags", "cells are large"), split=("half", "rest"),
+        prediction=Prediction(error=0.0125, code=0.01, sensor=0.0075, bound=0.02,
+                              confidence=0.95, iso=400, prior="a matrix"),
+        shots=(ShotSummary(name="white", codes=1, refreshes=3, exposure_s=0.05, light_share=1.0),
+               ShotSummary(name="part", exposures=4, codes=2, refreshes=6, exposure_s=0.125,
+                           light_share=0.25)),
+    )  # fmt: skip
+    rows = planned(monkeypatch, capsys, summary)
+    assert rows[3] == ["passes", "2, mask black after each code"]
+    assert rows[6] == ["parts", str(parts)] and rows[8] == ["memory", "5 MiB at most"]
+    assert rows[9:] == [
+        ["pilot", "32 of the codes one by one, 12.500 s, at most"],
+        ["or", "ends after 4 without sharp paths: 6 RAW files, 3.250 s, 64 codes" + at_once],
+        ["codes by", "the scene book"], ["why", "the mask lags"], ["", "cells are large"],
+        ["split", "half"], ["", "rest"], ["RMS error", "1.25 % of the picture's RMS"],
+        ["by codes", "1 %"], ["by sensor", "0.75 % at ISO 400"], ["at most", "2 % with 95 %"],
+        ["prior", "a matrix"], ["shot white", "1 codes, 3 refreshes, 0.050 s"],
+        ["shot part", "4 of 2 codes, 6 refreshes, 0.125 s"],
+    ]  # fmt: skip
+
+
+def test_a_plan_that_nobody_answers_is_made_here_with_the_same_request(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Any] = []
+
+    class Bench:
+        def foresee(self, request: CaptureRequest, files: Any) -> PlanSummary:
+            asked.append((request, files))
+            return PLAN
+
+    @contextmanager
+    def local(config: Path | None) -> Iterator[Bench]:
+        asked.append(config)
+        yield Bench()
+
+    monkeypatch.setattr(capture_cli, "local", local)
+    line = ["plan", "white", "--seed", "3", "--kernel", "k.npy", "--config", "c.toml"]
+    assert main(line) == 0
+    request = CaptureRequest(goal="white", seed=3)
+    assert asked == [Path("c.toml"), (request, {"kernel": Path("k.npy")})]
+
+
+@pytest.mark.parametrize(
+    ("line", "fields"),
+    [
+        ("transport", {"goal": "transport"}),
+        ("transport --rows 12", {"goal": "transport", "rows": (12, 12)}),
+        ("transport --rows 12 20 --masked", {"goal": "transport", "rows": (12, 20),
+                                             "masked": True}),
+        ("capture keyed --disparity 4 7", {"goal": "keyed", "disparity": (4, 7)}),
+    ],
+)  # fmt: skip
+def test_a_row_or_a_number_typed_once_is_both(
+    monkeypatch: pytest.MonkeyPatch, line: str, fields: dict[str, Any]
+) -> None:
+    daemon = stub_daemon(monkeypatch)
+    assert main(line.split()) == 0
+    assert daemon.asked[1][0] == CaptureRequest(**fields)
+    assert main(["transport", "--rows", "1", "2", "3"]) == 2
+
+
+# --- ends of jobs ---------------------------------------------------------------------------------
+
+
+def test_all_that_is_known_of_a_photo_is_in_its_table(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    summary: dict[str, Any] = {
+        "taken": "3 of 4", "decided": "pilot", "codes": 8, "refreshes": 480, "exposure_s": 8.25,
+        "missed_refreshes": 2, "rms_sigma": 0.015, "sigma_kind": "?", "rms_error": 0.01234,
+        "transport_sigma": 0.25, "transport_error": 0.125, "predicted_error": 0.03, "wall_s": 0.125,
+        "picture": "high", "quality": Quality(verdict="good"),
+    }  # fmt: skip
+    files = ("preview/high.png", "linear/high.tif", "preview/transport.png", "transport.npz",
+             "report.html")  # fmt: skip
+    result = CaptureResult(job=JOB, state="done", folder="/r", summary=summary, files=files)
+    monkeypatch.setattr("pdcd.cli.output.width", lambda: 200)
+    assert say_result(result, as_json=False) == 0
+    rows = [line.split("  ", 1) for line in capsys.readouterr().out.splitlines()]
+    assert [[row[0], row[1].strip()] for row in rows] == [
+        ["job", JOB], ["state", "done"], ["verdict", "good"], ["taken", "3 of 4"],
+        ["decided", "pilot"], ["codes", "8"], ["refreshes", "480"], ["exposure", "8.250 s"],
+        ["missed refreshes", "2"], ["RMS sigma", "1.5 % of the picture"], ["error bars", "?"],
+        ["RMS error", "1.23 % against the scene's known truth"],
+        ["sigma of T", "25 % of its entries' RMS"],
+        ["error of T", "12.5 % against the scene's known truth"], ["predicted", "3 %"],
+        ["wall time", "0.12 s"], ["folder", "/r"], ["to look at", "/r/preview/high.png"],
+        ["to measure", "/r/linear/high.tif"], ["T to look at", "/r/preview/transport.png"],
+        ["T", "/r/transport.npz"], ["report", "/r/report.html"],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("state", "error", "code", "told"),
+    [
+        ("done", None, 0, ""), ("done", {"message": "odd"}, 0, ""), ("failed", None, 5, ""),
+        ("failed", {"kind": "busy", "message": "m", "device": "d", "hint": "h"}, 4, "d: m (h)"),
+        ("failed", {"kind": "config"}, 2, "failed"), ("failed", {}, 5, "failed"),
+        ("cancelled", {"message": "gone"}, 130, "gone"), ("cancelled", None, 130, ""),
+        ("running", {"message": "odd"}, 0, ""),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("as_json", [True, False])
+def test_how_a_job_ended_is_an_exit_code_and_a_line(
+    capsys: pytest.CaptureFixture[str],
+    state: Any,
+    error: dict[str, str | None] | None,
+    code: int,
+    told: str,
+    as_json: bool,
+) -> None:
+    result = CaptureResult(job=JOB, state=state, error=error)
+    assert say_result(result, as_json=as_json) == code
+    printed = capsys.readouterr()
+    assert printed.err == (f"pdcd: {told}\n" if told else "")
+    assert printed.out.startswith("{") == as_json
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [
+        ("config", 2), ("request", 2), ("driver_unavailable", 2), ("busy", 4), ("denied", 6),
+        ("cancelled", 130), ("sync", 5), ("", 5), (None, 5),
+    ],
+)  # fmt: skip
+def test_each_kind_of_error_has_its_exit_code(kind: str | None, code: int) -> None:
+    assert exit_code(kind) == code
+
+
+def test_what_was_made_again_is_compared_name_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert say_compared({"a": 1}, iter([("x", True), ("y", False)]), as_json=False) == 5
+    assert capsys.readouterr().out == "identical  x\nDIFFERS    y\n"
+    assert say_compared({"a": 1}, iter([("x", True)]), as_json=True) == 0
+    assert json.loads(capsys.readouterr().out) == {"a": 1}
+    assert say_compared({}, [], as_json=False) == 0
+    assert (percent(0.12345), percent(1), percent("0.5")) == ("12.3 %", "100 %", "50 %")
+
+
+# --- columns --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "lines"),
+    [
+        ([["a", "b"], ["cc", "d"]], 5, ["a   b", "cc  d"]),
+        ([["aa bb", "c"]], 6, ["aa   c", "bb"]),  # the head of a column is broken in the end
+        ([["a", "b c d"]], 6, ["a  b c", "   d"]),
+        ([["a", "b c d"]], 8, ["a  b c d"]),
+        ([["x", "y"], ["a", "one two"]], 4, ["x  y", "a  one", "   two"]),
+        ([["head of it", "y"], ["a", "b"]], 8, ["head   y", "of it", "a      b"]),
+        ([["n", "t"], ["f", "x" * 25]], 8, ["n  t", "f", "    " + "x" * 25]),
+        ([["n", "t"], ["f", "x" * 24]], 8, ["n  t", "f  " + "x" * 24]),
+        ([["a", ""], ["", "b"]], 9, ["a", "   b"]),
+    ],
+)
+def test_columns_give_way_where_words_allow(
+    rows: list[list[str]], columns: int, lines: list[str]
+) -> None:
+    assert list(fitted(rows, columns)) == lines
+
+
+def test_a_sentence_goes_on_further_in_and_never_parts_a_number_from_its_unit() -> None:
+    assert list(wrapped("one two three", 7)) == ["one two", "  three"]
+    assert list(wrapped("take 12 ms more", 8)) == ["take", "  12 ms", "  more"]
+    assert list(wrapped("take 12 four more", 8)) == ["take 12", "  four", "  more"]
+    assert list(wrapped("about 5 % so", 9)) == ["about 5 %", "  so"]
+    assert list(wrapped("x" * 30, 9)) == ["x" * 30]
+    assert list(wrapped("well-known-thing", 9)) == ["well-known-thing"]
+    assert list(wrapped("", 9)) == []
+
+
+def test_where_no_terminal_is_there_are_eighty_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    for typed, columns in (("41", 41), ("40", 40), ("39", 40), ("200", 200)):
+        monkeypatch.setenv("COLUMNS", typed)
+        assert tables.width() == columns
+    monkeypatch.delenv("COLUMNS")
+    monkeypatch.setattr("shutil.get_terminal_size", lambda usual: argparse.Namespace(
+        columns=usual[0]))  # fmt: skip
+    assert tables.width() == tables.WIDTH == 80
+
+
+# --- the manual page ------------------------------------------------------------------------------
+
+
+def small() -> argparse.ArgumentParser:
+    """A parser with one of everything."""
+    parser = argparse.ArgumentParser(prog="pdcd", description="Do it.")
+    below = parser.add_subparsers(metavar="COMMAND")
+    one = below.add_parser("one", help="says one")
+    one.add_argument("what", nargs="+", metavar="WHAT", help="it goes by %(prog)s")
+    one.add_argument("--way", choices=("up", "down"), help="where to")
+    one.add_argument("--cell", nargs=2, metavar=("ROW", "COLUMN"))
+    one.add_argument("--hidden", help=argparse.SUPPRESS)
+    extra = one.add_argument_group("more of it")
+    extra.add_argument("-n", "--number", type=int, default=3, help="default: %(default)s")
+    two = below.add_parser("two", help="says two", description=".Two-fold.")
+    inner = two.add_subparsers()
+    inner.add_parser("three", help="says \\ three")
+    inner.add_parser("four")
+    return parser
+
+
+def test_the_manual_of_a_small_parser_is_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = list(manual._page(small()))
+    begin, end = lines.index(".SH COMMANDS"), lines.index(".SH EXIT STATUS")
+    assert lines[1:10] == [
+        ".SH NAME", r"pdcd \- Do it.", ".SH SYNOPSIS", ".B pdcd", r"\fICOMMAND\fR [\fIOPTIONS\fR]",
+        ".SH DESCRIPTION",
+        "Results go to the standard output, progress and errors to the standard error.",
+        ".TP", r"\fB\-h\fR, \fB\-\-help\fR",
+    ]  # fmt: skip
+    helped = [".TP", r"\fB\-h\fR, \fB\-\-help\fR", "Show this help message and exit."]
+    assert lines[begin + 1 : end] == [
+        ".SS pdcd one", "Says one.", ".PP", ".B pdcd one [OPTIONS] WHAT [WHAT ...]",
+        ".TP", r"\fIWHAT [WHAT ...]\fR", "It goes by pdcd one.", *helped,
+        ".TP", r"\fB\-\-way\fR \fIWAY\fR", "Where to; one of up, down.",
+        ".TP", r"\fB\-\-cell\fR \fIROW COLUMN\fR", r"\&", ".PP", "More of it.",
+        ".TP", r"\fB\-n\fR, \fB\-\-number\fR \fINUMBER\fR", "Default: 3.",
+        ".SS pdcd two", r"\&.Two\-fold.", ".PP", ".B pdcd two [OPTIONS] [COMMAND]", *helped,
+        ".SS pdcd two three", r"Says \e three.", ".PP", ".B pdcd two three [OPTIONS]", *helped,
+        ".SS pdcd two four", "", ".PP", ".B pdcd two four [OPTIONS]", *helped,
+    ]  # fmt: skip
+    assert lines[end + 1] == (
+        "0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, 6 denied, "
+        "130 cancelled."
+    )
+    files = lines[end + 2 : -2]
+    assert files[0] == ".SH FILES" and files[1:4] == [
+        ".TP", ".I $XDG_CONFIG_HOME/pdcd/pdcd.toml",
+        r"The configuration; ~/.config without that variable.",
+    ]  # fmt: skip
+    assert len(files) == 1 + 3 * len(manual.FILES) and lines[-2] == ".SH SEE ALSO"
+
+
+def test_commands_come_before_their_own_and_say_what_they_do() -> None:
+    found = [(command.parser.prog, command.summary) for command in commands(small())]
+    assert found == [
+        ("pdcd one", "says one"), ("pdcd two", "says two"), ("pdcd two three", "says \\ three"),
+        ("pdcd two four", ""),
+    ]  # fmt: skip
+    titles = [title for title, _ in groups(next(commands(small())).parser)]
+    assert titles == ["positional arguments", "options", "more of it"]
+    assert [title for title, _ in groups(small())] == ["options"]
+
+
+@pytest.mark.parametrize(
+    ("how", "words", "told"),
+    [
+        ({"action": "store_true"}, "", ""), ({}, "OPT", ""), ({"metavar": "N"}, "N", ""),
+        ({"nargs": 3, "metavar": "H"}, "H H H", ""), ({"nargs": "?"}, "[OPT]", ""),
+        ({"nargs": "*", "metavar": "N"}, "[N ...]", ""), ({"nargs": "+"}, "OPT [OPT ...]", ""),
+        ({"nargs": "+", "metavar": ("LOW", "HIGH")}, "LOW [HIGH ...]", ""),
+        ({"nargs": 2, "metavar": ("A", "B")}, "A B", ""),
+        ({"choices": (1, 2)}, "OPT", "one of 1, 2"),
+        ({"choices": (1, 2), "help": "x"}, "OPT", "x; one of 1, 2"),
+        ({"choices": (1, 2), "metavar": "N", "help": "x"}, "N", "x"),
+        ({"help": "50 %%"}, "OPT", "50 %"),
+    ],
+)  # fmt: skip
+def test_values_are_written_as_they_are_typed(how: dict[str, Any], words: str, told: str) -> None:
+    parser = argparse.ArgumentParser(prog="p")
+    action = parser.add_argument("--opt", **how)
+    assert (words_of(action), help_of(action, parser)) == (words, told)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", ""), ("a", "A."), ("A.", "A."), ("'tis", r"\&'tis."), (".x", r"\&.x."),
+        (r"a\b-c", r"A\eb\-c."), ("x.y", "X.y."),
+    ],
+)  # fmt: skip
+def test_nothing_in_a_sentence_is_taken_for_an_order(text: str, sentence: str) -> None:
+    assert manual._sentence(text) == sentence
+
+
+def test_the_manual_is_of_the_programs_own_parser() -> None:
+    assert manual.page() == "\n".join(manual._page(build_parser())) + "\n"

@@ -1,0 +1,187 @@
+"""Every tag of a DNG file, read by a TIFF reader of its own.
+
+Numbers and types are those of TIFF 6.0, of the DNG specification 1.4 and of EXIF 2.3.
+"""
+
+from __future__ import annotations
+
+import struct
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.mock.dng import MIN_SIDE, dng_bytes
+
+SIZES = {
+    1: ("B", 1),
+    2: ("s", 1),
+    3: ("H", 2),
+    4: ("I", 4),
+    5: ("II", 8),
+    7: ("s", 1),
+    10: ("ii", 8),
+}
+NAMES = {1: "byte", 2: "text", 3: "short", 4: "long", 5: "ratio", 7: "raw", 10: "signed ratio"}
+
+
+def directory(data: bytes, at: int) -> tuple[dict[int, tuple[str, Any]], int]:
+    """Tag -> type and value, or values, of one IFD; and where what belongs to it ends."""
+    (count,) = struct.unpack_from("<H", data, at)
+    found: dict[int, tuple[str, Any]] = {}
+    tags: list[int] = []
+    end = at + 2 + 12 * count + 4
+    for entry in range(count):
+        tag, kind, number, offset = struct.unpack_from("<HHII", data, at + 2 + 12 * entry)
+        letters, size = SIZES[kind]
+        place = at + 2 + 12 * entry + 8 if number * size <= 4 else offset
+        if number * size > 4:
+            assert place % 2 == 0 and place == end + end % 2  # one behind the other, on even places
+            end = place + number * size
+        if letters == "s":
+            value: Any = data[place : place + number]
+        else:
+            values = struct.unpack_from(f"<{number * len(letters)}{letters[0]}", data, place)
+            value = values[0] if len(values) == 1 else values
+        found[tag] = (NAMES[kind], value)
+        tags.append(tag)
+    assert tags == sorted(set(tags))
+    assert struct.unpack_from("<I", data, at + 2 + 12 * count) == (0,)  # there is no other
+    return found, end + end % 2
+
+
+def made(height: int, width: int, **changes: Any) -> tuple[bytes, np.ndarray[Any, Any]]:
+    mosaic = np.arange(height * width, dtype=np.uint16).reshape(height, width)
+    fields: dict[str, Any] = {
+        "black": 512, "white": 16383, "iso": 400, "exposure_s": 25.6, "f_number": 5.6,
+        "model": "Virtual 1", "date": datetime(2024, 2, 29, 23, 59, 58),
+        "as_shot_neutral": (0.5, 1.0, 0.8),
+    }  # fmt: skip
+    return dng_bytes(mosaic, **(fields | changes)), mosaic
+
+
+def test_the_file_begins_with_its_directory() -> None:
+    data, _ = made(48, 64)
+    assert data[:8] == b"II*\0" + struct.pack("<I", 8)
+
+
+def test_every_tag_of_the_image() -> None:
+    data, mosaic = made(48, 64)
+    image, end = directory(data, 8)
+    kind, exif = image.pop(34665)
+    assert (kind, exif) == ("long", end)  # the EXIF directory follows
+    _, behind = directory(data, exif)
+    assert image.pop(273) == ("long", behind)  # and then the samples
+    assert data[behind:] == mosaic.astype("<u2").tobytes()
+    xyz_to_srgb = image.pop(50721)
+    assert image == {
+        254: ("long", 0),
+        256: ("long", 64),
+        257: ("long", 48),
+        258: ("short", 16),
+        259: ("short", 1),  # not compressed
+        262: ("short", 32803),  # colour filter array
+        271: ("text", b"pdcd\0"),
+        272: ("text", b"Virtual 1\0"),
+        274: ("short", 1),
+        277: ("short", 1),
+        278: ("long", 48),
+        279: ("long", 48 * 64 * 2),
+        284: ("short", 1),
+        306: ("text", b"2024:02:29 23:59:58\0"),
+        33421: ("short", (2, 2)),
+        33422: ("byte", (0, 1, 1, 2)),  # red, green; green, blue
+        50706: ("byte", (1, 4, 0, 0)),
+        50707: ("byte", (1, 1, 0, 0)),
+        50708: ("text", b"Virtual 1\0"),
+        50711: ("short", 1),
+        50713: ("short", (2, 2)),
+        50714: ("long", (512,) * 4),
+        50717: ("long", 16383),
+        50719: ("long", (0, 0)),
+        50720: ("long", (64, 48)),
+        50728: ("ratio", (1, 2, 1, 1, 4, 5)),
+        50778: ("short", 21),  # D65
+    }
+    kind, values = xyz_to_srgb
+    matrix = np.array(values[::2]).reshape(3, 3) / np.array(values[1::2]).reshape(3, 3)
+    iec_61966 = [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+    assert kind == "signed ratio" and set(values[1::2]) == {10000}
+    np.testing.assert_allclose(matrix, iec_61966, atol=1e-12)
+
+
+def test_every_tag_of_the_exposure() -> None:
+    data, _ = made(48, 64)
+    exif, _ = directory(data, directory(data, 8)[0][34665][1])
+    assert exif == {
+        33434: ("ratio", (128, 5)),
+        33437: ("ratio", (28, 5)),
+        34855: ("short", 400),
+        36864: ("raw", b"0230"),
+        36867: ("text", b"2024:02:29 23:59:58\0"),
+        36868: ("text", b"2024:02:29 23:59:58\0"),
+    }
+    data, _ = made(48, 64, f_number=None)
+    exif, _ = directory(data, directory(data, 8)[0][34665][1])
+    assert 33437 not in exif and len(exif) == 5
+
+
+@pytest.mark.parametrize(
+    ("seconds", "ratio"),
+    [
+        (0.5, (1, 2)),
+        (1.0 / 3.0, (1, 3)),
+        (1.0 / 1_000_001.0, (1, 1_000_000)),  # the finest there is
+        (4000.0, (4000, 1)),
+        (0.0, (0, 1)),
+    ],
+)
+def test_times_are_the_closest_fraction_that_fits(seconds: float, ratio: tuple[int, int]) -> None:
+    data, _ = made(48, 64, exposure_s=seconds)
+    exif, _ = directory(data, directory(data, 8)[0][34665][1])
+    assert exif[33434] == ("ratio", ratio)
+
+
+@pytest.mark.parametrize("neutral", [{}, {"as_shot_neutral": (1.0, 1.0, 1.0)}])
+def test_white_is_white_where_nothing_is_said(neutral: dict[str, Any]) -> None:
+    mosaic = np.zeros((22, 22), np.uint16)
+    data = dng_bytes(
+        mosaic, black=0, white=1, iso=1, exposure_s=1.0, f_number=1.0, model="m",
+        date=datetime(2024, 1, 1), **neutral,
+    )  # fmt: skip
+    assert directory(data, 8)[0][50728] == ("ratio", (1, 1) * 3)
+
+
+@pytest.mark.parametrize(
+    ("size", "frame"),
+    [
+        ((22, 22), (22, 22)),
+        ((22, 24), (22, 24)),
+        ((20, 22), (22, 24)),  # a border on both sides where one is needed
+        ((22, 20), (24, 22)),
+        ((4, 30), (22, 32)),
+        ((30, 4), (32, 22)),
+        ((2, 2), (22, 22)),
+    ],
+)
+def test_a_small_mosaic_lies_in_the_corner_of_a_black_frame(
+    size: tuple[int, int], frame: tuple[int, int]
+) -> None:
+    assert MIN_SIDE == 22  # what LibRaw 0.22 and dcraw 9.28 take
+    data, mosaic = made(*size)
+    image, _ = directory(data, 8)
+    assert (image[257][1], image[256][1]) == frame
+    assert image[278][1] == frame[0] and image[279][1] == 2 * frame[0] * frame[1]
+    assert image[50720] == ("long", (size[1], size[0]))
+    samples = np.frombuffer(data, "<u2", offset=image[273][1]).reshape(frame).copy()
+    corner = samples[: size[0], : size[1]].copy()
+    np.testing.assert_array_equal(corner, mosaic)
+    samples[: size[0], : size[1]] = 512
+    assert (samples == 512).all()
+
+
+def test_letters_that_are_not_ascii_become_question_marks() -> None:
+    data, _ = made(22, 22, model="Caméra")
+    image, _ = directory(data, 8)
+    assert image[272] == ("text", b"Cam?ra\0") == image[50708]

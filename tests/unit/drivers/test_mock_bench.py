@@ -1,0 +1,285 @@
+"""The mock bench's shutter and what it makes of an exposure: states, edges, and who may look."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.mock.bench import Bench
+from drivers.mock.shutter import Lag, MockShutter
+from pdcd.bench.clock import VirtualClock
+from pdcd.bench.devices import DriverContext
+from pdcd.bench.tables import (
+    CameraConfig,
+    Config,
+    PanelConfig,
+    RigConfig,
+    SceneConfig,
+    ScheduleConfig,
+    TriggerConfig,
+)
+from pdcd.errors import ConfigError, ExposureError
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.maps.placing import Placing
+
+MS = 1_000_000
+GRID = (3, 4)
+
+
+def context_of(**tables: Any) -> DriverContext:
+    given = {
+        "projector": PanelConfig(size_px=(64, 48)),
+        "mask": PanelConfig(size_px=(80, 60)),
+        "camera": CameraConfig(noise="none"),
+        "scene": SceneConfig(grid=GRID, ambient=1.0),
+        "rig": RigConfig(settle_s=0.05),
+        **tables,
+    }
+    return DriverContext(config=Config(**given), clock=VirtualClock())
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench.of(context_of())
+
+
+class Draws:
+    """A source of chance that says what it is told to."""
+
+    def __init__(self, *numbers: float) -> None:
+        self.numbers = list(numbers)
+
+    def standard_normal(self) -> float:
+        return self.numbers.pop(0)
+
+
+# The shutter's blades.
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "jitter_s", "draw", "late_ns"),
+    [
+        (0.06, 0.01, 0.0, 60 * MS),
+        (0.06, 0.01, 1.5, 75 * MS),
+        (0.06, 0.01, -1.5, 45 * MS),
+        (0.06, 0.01, 4.5, 100 * MS),  # at most four jitters
+        (0.06, 0.01, -4.5, 20 * MS),
+        (0.01, 0.01, -3.0, 0),  # and never before the order
+        (0.0, 0.0, 1.0, 0),
+    ],
+)
+def test_blades_are_late_by_the_lag_and_up_to_four_jitters(
+    monkeypatch: pytest.MonkeyPatch, lag_s: float, jitter_s: float, draw: float, late_ns: int
+) -> None:
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Draws(draw))
+    assert Lag(TriggerConfig(lag_s=lag_s, jitter_s=jitter_s), 0).draw_ns() == late_ns
+
+
+def test_chance_is_that_of_the_seed() -> None:
+    config = TriggerConfig(lag_s=0.06, jitter_s=0.01)
+    first, again, other = (Lag(config, seed) for seed in (3, 3, 4))
+    drawn = [[lag.draw_ns() for _ in range(5)] for lag in (first, again, other)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    assert len(set(drawn[0])) == 5
+
+
+@pytest.fixture
+def still() -> tuple[MockShutter, Bench, VirtualClock]:
+    """A shutter without jitter, late by 60 ms, that is believed to be by 50 and four times 5 ms."""
+    context = context_of(trigger=TriggerConfig(lag_s=0.05, jitter_s=0.005))
+    shutter, bench = MockShutter.create(context), Bench.of(context)
+    shutter._lag = Lag(TriggerConfig(lag_s=0.06, jitter_s=0.0), 0)
+    assert isinstance(context.clock, VirtualClock)
+    return shutter, bench, context.clock
+
+
+def test_times_are_those_by_which_it_is_believed_to_have_moved(
+    still: tuple[MockShutter, Bench, VirtualClock],
+) -> None:
+    shutter, bench, clock = still
+    asked_ns = clock.now_ns()
+    assert shutter.open() == asked_ns + 70 * MS == clock.now_ns()
+    assert (bench.open_ns, bench.close_ns, bench.shutter_open) == (asked_ns + 60 * MS, None, True)
+    asked_ns = clock.now_ns()
+    assert shutter.close() == asked_ns + 70 * MS == clock.now_ns()
+    assert (bench.close_ns, bench.shutter_open) == (asked_ns + 60 * MS, False)
+    assert shutter.close() == clock.now_ns() == asked_ns + 70 * MS  # closed: nothing happens
+    assert bench.close_ns == asked_ns + 60 * MS
+
+
+@pytest.mark.parametrize("end", [MockShutter.connect, MockShutter.disconnect])
+def test_a_shutter_is_closed_when_it_is_connected_and_when_it_is_let_go(
+    still: tuple[MockShutter, Bench, VirtualClock], end: Any
+) -> None:
+    shutter, bench, _ = still
+    shutter.open()
+    assert end(shutter) in ({"model": "mock shutter"}, None)
+    assert not bench.shutter_open
+
+
+def test_the_mock_has_no_options() -> None:
+    with pytest.raises(ConfigError, match=r"\[trigger\.options\] port: the driver mock has no"):
+        MockShutter.create(context_of(trigger=TriggerConfig(options={"port": "x"})))
+
+
+# Panels that have to settle.
+
+
+def test_all_drivers_of_a_rig_share_one_bench() -> None:
+    context = context_of()
+    assert Bench.of(context) is Bench.of(context)
+    assert Bench.of(context).shared is context.shared
+    assert context.shared.scene is Bench.of(context).scene
+    assert Bench.of(context) is not Bench.of(context_of())
+
+
+def test_panels_are_black_from_when_they_were_first_told(bench: Bench) -> None:
+    assert bench.panels_black and bench.black_since_ns == -(2**62)  # long ago
+    bench.lit()
+    assert not bench.panels_black
+    bench.black(5)
+    bench.black(9)
+    assert bench.panels_black and bench.black_since_ns == 5
+
+
+@pytest.mark.parametrize(("after_ms", "settled"), [(0, False), (49.999, False), (50, True)])
+def test_a_shutter_opens_on_panels_that_have_settled(
+    bench: Bench, after_ms: float, settled: bool
+) -> None:
+    bench.lit()
+    bench.black(1000 * MS)
+    bench.open_shutter(1000 * MS + round(after_ms * MS))
+    bench.close_shutter(5000 * MS)
+    if settled:
+        assert bench.photo().shape == (12, 3)
+    else:
+        with pytest.raises(ExposureError, match="opened on panels that had not") as caught:
+            bench.photo()
+        assert caught.value.device == "shutter"
+        with pytest.raises(ExposureError, match="opened on panels"):
+            bench.quads()
+        bench.open_shutter(2000 * MS)  # the next one is another
+        assert bench.unsettled == ""
+
+
+@pytest.mark.parametrize(("whole", "said"), [(True, True), (False, False)])
+def test_an_exposure_that_was_given_up_may_close_at_any_time(
+    bench: Bench, whole: bool, said: bool
+) -> None:
+    bench.open_shutter(0)
+    bench.lit()
+    bench.whole = whole
+    bench.close_shutter(10 * MS)
+    assert ("the shutter closed on panels" in bench.unsettled) == said
+    assert not bench.shutter_open and bench.close_ns == 10 * MS
+
+
+def test_of_two_movements_too_soon_the_first_is_told(bench: Bench) -> None:
+    bench.lit()
+    bench.open_shutter(0)
+    bench.whole = True
+    bench.close_shutter(1)
+    assert bench.unsettled == "the shutter opened on panels that had not settled"
+
+
+def frames_and_log() -> tuple[Frames, FrameLog]:
+    patterns, one = np.zeros((1, 2), np.uint8), np.zeros(1, np.int32)
+    none, guard = np.zeros(1, np.uint8), np.zeros(1, np.bool_)
+    frames = Frames(patterns, patterns, one, one, none, one, guard, GRID, GRID, "whole")
+    at = np.zeros(1, np.int64)
+    return frames, FrameLog(one, one, at, at, np.array([1, 1]), one, "mock", True)
+
+
+def test_what_was_shown_before_the_shutter_opened_does_not_count(bench: Bench) -> None:
+    bench.frames, bench.log = frames_and_log()
+    bench.shared.played = frames_and_log()
+    bench.shared.pixels = object()  # type: ignore[assignment]
+    bench.whole, bench.close_ns = True, 7
+    bench.open_shutter(20)
+    left: list[object] = [bench.frames, bench.log, bench.shared.played, bench.shared.pixels]
+    assert left == [None] * 4
+    now: list[object] = [bench.whole, bench.open_ns, bench.close_ns, bench.shutter_open]
+    assert now == [False, 20, None, True]
+
+
+# What there is to read out.
+
+
+def test_an_exposure_is_finished_once_it_is_closed_and_read_out_once(bench: Bench) -> None:
+    with pytest.raises(ExposureError, match=r"no finished exposure \(open and close"):
+        bench.exposed_ns()
+    bench.open_shutter(3)
+    bench.shared.exposed_ns = (1, 2)  # another driver's shutter, before: this one counts
+    with pytest.raises(ExposureError, match="no finished exposure"):
+        bench.exposed_ns()
+    bench.close_shutter(9)
+    assert bench.exposed_ns() == (3, 9)
+    bench.photo_taken()
+    left: list[object] = [bench.open_ns, bench.close_ns, bench.shared.exposed_ns]
+    assert left == [None] * 3
+    with pytest.raises(ExposureError, match="no finished exposure"):
+        bench.photo()
+
+
+def test_of_another_drivers_shutter_the_rig_knows(bench: Bench) -> None:
+    bench.shared.exposed_ns = (4, 8)
+    assert bench.exposed_ns() == (4, 8)
+    bench.photo_taken()
+    with pytest.raises(ExposureError):
+        bench.exposed_ns()
+
+
+def test_ambient_light_comes_through_what_the_mask_leaks() -> None:
+    """1 of ambient for 2 s through a black mask of contrast 4."""
+    bench = Bench.of(context_of(mask=PanelConfig(size_px=(80, 60), contrast=4.0)))
+    bench.open_shutter(0)
+    bench.close_shutter(2000 * MS)
+    np.testing.assert_allclose(bench.photo(), 0.5, rtol=1e-9)
+    assert bench.quads().shape == (3, 4, 3)
+    np.testing.assert_allclose(bench.quads(), 0.5, rtol=1e-9)
+
+
+def test_cells_of_several_quads_are_repeated() -> None:
+    camera = CameraConfig(noise="none", quads_per_cell=2)
+    bench = Bench.of(context_of(camera=camera))
+    assert (bench.grid, bench.frame) == (GRID, (6, 8))
+    bench.open_shutter(0)
+    bench.close_shutter(2000 * MS)
+    cells = bench.photo().reshape(3, 4, 3)
+    quads = bench.quads()
+    assert quads.shape == (6, 8, 3)
+    for row in range(6):
+        for column in range(8):
+            np.testing.assert_array_equal(quads[row, column], cells[row // 2, column // 2])
+
+
+def test_a_bench_of_pixels_has_no_photo_of_panels_that_had_not_settled_either() -> None:
+    camera = CameraConfig(noise="none", frame_quads=(16, 12), place=Placing(scale=2.0))
+    bench = Bench.of(context_of(camera=camera))
+    assert bench.optics is not None
+    bench.lit()
+    bench.open_shutter(0)
+    bench.close_shutter(2000 * MS)
+    with pytest.raises(ExposureError, match="opened on panels that had not settled"):
+        bench.quads()
+
+
+def test_the_grid_is_the_schedules_where_it_has_one() -> None:
+    bench = Bench.of(context_of(schedule=ScheduleConfig(grid=(6, 8))))
+    assert (bench.grid, bench.scene.grid) == ((6, 8), GRID)
+
+
+def test_the_second_bucket_sees_what_the_first_does_not() -> None:
+    """Of light that the mask stopped: it is open for the second where it is shut for the first."""
+    bench = Bench.of(context_of())
+    frames, log = frames_and_log()
+    white = replace(frames, primal_index=np.array([-2], np.int32))
+    bench.open_shutter(0)
+    bench.frames, bench.log = white, replace(log, end_ns=np.array([500 * MS, 500 * MS]))
+    bench.close_shutter(500 * MS)
+    first = bench.photo().sum()
+    bench.second = True
+    assert bench.photo().sum() > first

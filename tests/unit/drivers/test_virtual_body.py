@@ -1,0 +1,330 @@
+"""The virtual body's answers, operation by operation, without a transport."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import pytest
+
+from drivers.ptp.codes import ExposureMode, FocusMode
+from drivers.ptp.events import ObjectAdded, Plain, PropValue, parse_events
+from drivers.virtual_camera.body import DATA_OUT, Body
+from drivers.virtual_camera.faults import Script, WireFault, WireKind
+from drivers.virtual_camera.films import PlainFilm
+from drivers.virtual_camera.model import BULB_BODY, RELEASE_BODY, Model
+from drivers.virtual_camera.reply import OK as DONE
+from drivers.virtual_camera.reply import Reply
+from pdcd.bench.clock import VirtualClock
+
+OK, GENERAL, NO_SESSION, UNSUPPORTED, BAD_HANDLE = 0x2001, 0x2002, 0x2003, 0x2005, 0x2009
+BAD_PROPERTY, FULL, BUSY, BAD_VALUE, BAD_PARAMETER = 0x200A, 0x200C, 0x2019, 0x201C, 0x201D
+OPEN, CLOSE, REMOTE, EVENTS, GET_EVENT, SET = 0x1002, 0x1003, 0x9114, 0x9115, 0x9116, 0x9110
+START, END, KEEP_ON = 0x9125, 0x9126, 0x911D
+SHOTS, DESTINATION = 0xD11B, 0xD11C
+
+
+class Camera:
+    """A body, and what is asked of it."""
+
+    def __init__(self, model: Model = BULB_BODY, **script: Any) -> None:
+        self.clock = VirtualClock()
+        self.behind: list[Any] = []
+        self.body = Body(self.clock, PlainFilm(lambda _: b"photo"), model, Script(**script))
+
+    def ask(self, code: int, *parameters: int, data: bytes = b"") -> int:
+        return self.body.transact(code, parameters, data).code
+
+    def set(self, prop: int, value: int) -> int:
+        return self.ask(SET, data=struct.pack("<3I", 12, prop, value))
+
+    def heard(self) -> list[Any]:
+        reply = self.body.transact(GET_EVENT)
+        assert reply.code == OK and reply.data is not None
+        return parse_events(reply.data)
+
+    def begin(self) -> Camera:
+        """In remote and event mode, bulb, all heard."""
+        assert [self.ask(*word) for word in ((OPEN, 1), (REMOTE, 1), (EVENTS, 1))] == [OK] * 3
+        self.set(0xD102, 0x0C)
+        self.heard()
+        return self
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
+
+    def photo(self) -> ObjectAdded:
+        assert self.ask(START) == OK
+        self.wait(1.0)
+        assert self.ask(END) == OK
+        self.wait(1.0)
+        found, *self.behind = self.heard()
+        assert isinstance(found, ObjectAdded)
+        return found
+
+
+def test_answers_are_plain_unless_more_is_said() -> None:
+    assert Reply(0x2001, (), None, None) == DONE == Reply()
+    assert frozenset({0x9110, 0x1016, 0x100C, 0x100D}) == DATA_OUT
+    with pytest.raises(AttributeError):
+        DONE.code = 0x2002  # type: ignore[misc]
+
+
+def test_a_session_is_opened_once_and_by_a_number() -> None:
+    camera = Camera()
+    assert not camera.body.session_open
+    assert camera.body.transact(0x1001).data == BULB_BODY.info.pack()  # without a session
+    assert camera.ask(OPEN, 0) == camera.ask(OPEN) == BAD_PARAMETER
+    assert camera.ask(OPEN, 7) == OK and camera.body.session_open
+    assert camera.body.transact(OPEN, (9,)) == Reply(0x201E, (7,))
+    assert camera.ask(CLOSE) == OK and not camera.body.session_open
+    assert camera.ask(CLOSE) == NO_SESSION
+
+
+@pytest.mark.parametrize("end", [lambda c: c.ask(CLOSE), lambda c: c.body.forget_session()])
+def test_the_modes_go_with_the_session_and_an_open_shutter_stays(end: Any) -> None:
+    camera = Camera().begin()
+    camera.ask(START)
+    camera.ask(0x9127, 0xD103)  # one record waits
+    end(camera)
+    assert camera.body.shutter.is_open
+    camera.ask(OPEN, 1)
+    assert camera.heard() == []  # no event mode, and nothing is left to tell
+    camera.ask(END)
+    camera.wait(1.0)
+    assert camera.ask(START) == GENERAL  # no remote mode
+    camera.ask(EVENTS, 1)
+    told = [record.prop for record in camera.heard() if isinstance(record, PropValue)]
+    assert told.count(0xD103) == 1  # the record that waited went with the session
+
+
+def test_modes_are_left_as_they_are_entered() -> None:
+    camera = Camera().begin()
+    camera.ask(REMOTE, 0)
+    assert camera.ask(START) == GENERAL
+    camera.ask(REMOTE, 1)
+    camera.ask(EVENTS, 0)
+    camera.ask(0x9127, 0xD103)
+    assert camera.heard() == []
+    camera.ask(EVENTS, 1)
+    assert len(camera.heard()) == 1  # what was asked for meanwhile, and not all over again
+    assert camera.ask(START) == OK
+
+
+def test_a_low_battery_is_told_with_the_settings() -> None:
+    for battery, told in ((0, [Plain(0xC18D, bytes(4))]), (1, []), (2, [])):
+        camera = Camera(battery=battery)
+        for word in ((OPEN, 1), (EVENTS, 1)):
+            camera.ask(*word)
+        assert [record for record in camera.heard() if isinstance(record, Plain)] == told
+
+
+def test_a_setting_is_refused_for_its_own_reason() -> None:
+    camera = Camera().begin()
+    assert camera.ask(SET, data=b"\x0c\0\0\0") == BAD_PARAMETER
+    assert camera.set(0xDEAD, 1) == BAD_PROPERTY
+    assert camera.set(0xD103, 0x40) == BAD_VALUE
+    assert camera.set(0xD103, 0x50) == OK
+    assert camera.heard() == [PropValue.of(0xD103, 0x50)]
+    camera.ask(START)
+    assert camera.set(0xD103, 0x48) == BUSY and camera.set(0xDEAD, 1) == BAD_PROPERTY
+    assert camera.ask(0x9127, 0xDEAD) == GENERAL
+    assert camera.ask(0x9127, 0xD103) == OK
+    assert camera.heard() == [PropValue.of(0xD103, 0x50)]
+
+
+def test_room_for_shots_is_told_when_it_changes_or_is_asked_for() -> None:
+    camera = Camera().begin()
+    camera.set(DESTINATION, 4)
+    assert camera.heard() == [PropValue.of(DESTINATION, 4), PropValue.of(SHOTS, 0)]
+    for parameters, shots in (((0x1000, 0x1000, 1), 5), ((1,), 5), ((0,), 0), ((), 0)):
+        assert camera.ask(0x911A, *parameters) == OK
+        assert camera.heard() == [PropValue.of(SHOTS, shots)]
+    camera.ask(0x911A, 1)
+    camera.set(DESTINATION, 4)
+    assert camera.heard() == [PropValue.of(SHOTS, 5), PropValue.of(DESTINATION, 4)]
+
+
+def test_a_photo_in_memory_takes_room_until_its_transfer_is_complete() -> None:
+    camera = Camera().begin()
+    camera.set(DESTINATION, 4)
+    camera.ask(0x911A, 1)
+    camera.heard()
+    for code in (0x9117, 0x9118):
+        photo = camera.photo()
+        assert camera.behind == [PropValue.of(SHOTS, 4)]
+        assert camera.ask(code, photo.handle + 1) == BAD_HANDLE
+        assert camera.ask(code, photo.handle) == OK
+        assert camera.heard() == [PropValue.of(SHOTS, 5)]
+        assert camera.ask(code, photo.handle) == BAD_HANDLE
+
+
+@pytest.mark.parametrize("code", [0x100B, 0x9105])
+def test_a_photo_on_the_card_stays_until_it_is_deleted(code: int) -> None:
+    camera = Camera().begin()
+    photo = camera.photo()
+    assert camera.behind == []
+    assert camera.ask(0x9117, photo.handle) == OK and camera.heard() == []
+    assert camera.ask(code, photo.handle + 1) == BAD_HANDLE
+    assert camera.ask(code, photo.handle) == OK
+    assert camera.heard() == [PropValue.of(SHOTS, 92)]
+    assert camera.ask(code, photo.handle) == BAD_HANDLE
+
+
+def test_the_camera_is_locked_unlocked_and_kept_on() -> None:
+    camera = Camera().begin()
+    assert not camera.body.ui_locked and camera.body.kept_on == 0
+    assert camera.ask(0x911B) == OK and camera.body.ui_locked
+    assert camera.ask(0x911C) == OK and not camera.body.ui_locked
+    assert camera.ask(KEEP_ON) == camera.ask(KEEP_ON) == OK and camera.body.kept_on == 2
+    assert camera.body.status() == OK
+
+
+# The release.
+
+
+def test_bulb_is_held_and_ended() -> None:
+    camera = Camera().begin()
+    assert camera.ask(END) == GENERAL
+    assert camera.ask(0x910F) == GENERAL  # a timed release does not do for bulb
+    assert camera.ask(START) == OK and camera.body.shutter.is_open
+    assert camera.ask(START) == BUSY and camera.body.shutter.opened == 1
+    assert camera.ask(END) == OK and not camera.body.shutter.is_open
+    assert camera.ask(START) == BUSY  # its file is on its way
+    camera.wait(1.0)
+    assert camera.ask(START) == BUSY  # and must be heard of
+    camera.heard()
+    assert camera.ask(START) == OK
+
+
+def test_a_timed_exposure_is_released_and_told_when_it_is_over() -> None:
+    camera = Camera().begin()
+    camera.set(0xD102, 0x38)
+    camera.heard()
+    assert camera.ask(START) == GENERAL  # bulb alone is held
+    assert camera.body.transact(0x910F) == Reply(OK, (0,))
+    camera.body.release()  # which ends bulb alone
+    assert camera.body.shutter.is_open
+    camera.wait(2.0)
+    assert camera.ask(0x910F) == BUSY
+    assert [record.size_bytes for record in camera.heard()] == [5]
+
+
+@pytest.mark.parametrize(
+    ("script", "bulb", "timed"),
+    [
+        ({}, OK, (OK, (0,))),
+        ({"dial": ExposureMode.PROGRAM}, GENERAL, (GENERAL, ())),
+        ({"battery": 0}, GENERAL, (GENERAL, ())),
+        ({"focus": FocusMode.AI_FOCUS}, GENERAL, (OK, (1,))),  # it could not focus
+        ({"buffer_full": True}, FULL, (FULL, ())),
+    ],
+)
+def test_a_body_releases_where_it_is_set_for_it(
+    script: dict[str, Any], bulb: int, timed: tuple[int, tuple[int, ...]]
+) -> None:
+    held, pressed, released = (Camera(**script).begin() for _ in range(3))
+    held.body.settings._values[0xD102] = pressed.body.settings._values[0xD102] = 0x0C
+    assert held.ask(START) == bulb
+    pressed.body.press()
+    assert held.body.shutter.opened == pressed.body.shutter.opened == int(bulb == OK)
+    released.body.settings._values[0xD102] = 0x38
+    reply = released.body.transact(0x910F)
+    assert (reply.code, reply.parameters) == timed
+    assert released.body.shutter.opened == int(timed == (OK, (0,)))
+
+
+def test_a_dial_on_b_is_ready_as_well() -> None:
+    camera = Camera(dial=ExposureMode.BULB).begin()
+    assert camera.ask(START) == OK
+    camera.ask(END)
+    camera.wait(1.0)
+    camera.heard()
+    camera.body.press()
+    camera.wait(1.0)
+    camera.body.release()
+    assert not camera.body.shutter.is_open and camera.body.shutter.opened == 2
+
+
+def test_a_release_that_is_held_is_pressed_half_and_full() -> None:
+    camera = Camera(RELEASE_BODY).begin()
+    assert camera.ask(0x9128, 0) == BAD_PARAMETER and camera.ask(0x9128, 4) == BAD_PARAMETER
+    assert camera.ask(0x9128, 1) == OK and camera.body.shutter.opened == 0
+    assert camera.body.transact(0x9128, (3, 1)) == Reply(OK, (0,))
+    assert camera.ask(0x9128, 2) == BUSY
+    assert camera.ask(0x9129, 1) == OK and camera.body.shutter.is_open
+    assert camera.ask(0x9129, 2) == OK and not camera.body.shutter.is_open
+    assert camera.ask(START) == UNSUPPORTED
+    camera.wait(1.0)
+    camera.heard()
+    camera.set(0xD102, 0x10)  # 30 s
+    camera.heard()
+    assert camera.ask(0x9128, 3) == OK
+    assert camera.ask(0x9129, 3) == OK and camera.body.shutter.is_open  # it takes its time
+
+
+def test_settings_of_the_exposure_are_those_of_the_camera() -> None:
+    camera = Camera().begin()
+    camera.set(0xD103, 0x60)
+    camera.set(0xD101, 0x40)
+    camera.heard()
+    camera.photo()
+    (exposure,) = camera.body.shutter.exposures
+    assert (exposure.iso, exposure.f_number) == (800, 11.0)
+    assert exposure.close_ns - exposure.open_ns == 10**9
+
+
+# The cable, and faults.
+
+
+def test_a_cable_that_comes_back_brings_no_session() -> None:
+    camera = Camera().begin()
+    camera.body.unplug()
+    assert not camera.body.plugged and camera.body.session_open
+    camera.body.replug()
+    assert camera.body.plugged and not camera.body.session_open
+    assert camera.body.plugged_again == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "done", "told"),
+    [
+        ("busy", BUSY, 0, None),
+        ("error", GENERAL, 0, None),
+        ("deaf", OK, 0, "deaf"),
+        ("unplug", OK, 0, "unplug"),
+        ("lost-session", NO_SESSION, 0, "lost-session"),
+        ("mute", OK, 1, "mute"),
+        ("stall", OK, 1, "stall"),
+        ("wrong-transaction", OK, 1, "wrong-transaction"),
+    ],
+)
+def test_a_fault_is_done_or_told_to_the_transport(
+    kind: WireKind, code: int, done: int, told: WireKind | None
+) -> None:
+    camera = Camera(wire=(WireFault(kind, KEEP_ON),)).begin()
+    reply = camera.body.transact(KEEP_ON)
+    assert (reply.code, reply.fault, camera.body.kept_on) == (code, told, done)
+    assert camera.body.plugged == (kind != "unplug")
+    assert camera.body.session_open == (kind != "lost-session")
+
+
+def test_data_may_be_damaged_or_left_out() -> None:
+    whole = Camera().begin().body.transact(0x9108).data
+    assert whole is not None
+    damaged = Camera(wire=(WireFault("corrupt", 0x9108),)).begin().body.transact(0x9108).data
+    assert damaged is not None and len(damaged) == len(whole)
+    differ = [at for at, pair in enumerate(zip(whole, damaged, strict=True)) if pair[0] != pair[1]]
+    assert differ == [len(whole) // 2]
+    left_out = Camera(wire=(WireFault("no-data", 0x9108),)).begin().body.transact(0x9108)
+    assert left_out == Reply(OK, (), None, None)
+    empty = Camera(wire=(WireFault("corrupt", KEEP_ON),)).begin().body.transact(KEEP_ON)
+    assert (empty.code, empty.data) == (OK, None)
+
+
+def test_the_card_is_one_of_2_gb_with_room() -> None:
+    camera = Camera().begin()
+    for code in (0x1005, 0x9102):
+        data = camera.body.transact(code, (0x20001,)).data
+        fixed = struct.pack("<HHHQQI", 4, 3, 0, 2_059_010_048, 1_156_874_240, 0xFFFFFFFF)
+        assert data == fixed + b"\x03S\0D\0\0\0\0"

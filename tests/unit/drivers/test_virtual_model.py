@@ -1,0 +1,190 @@
+"""What the virtual 450D says of itself, on the USB and over PTP, against the specifications."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import pytest
+import usb.core
+import usb.util
+
+from drivers.ptp.codes import APERTURE_CODES, ISO_CODES
+from drivers.ptp.events import raw_quality
+from drivers.virtual_camera import usb_backend
+from drivers.virtual_camera.model import (
+    BULB_BODY,
+    CABLE_BODY,
+    EOS_450D,
+    LARGE_FINE_JPEG,
+    RAW_AND_JPEG,
+    RAW_FORMAT,
+    RELEASE_BODY,
+    STORAGE,
+    USB_ID,
+)
+from tests.virtual_eos import virtual_usb
+
+OPERATIONS_450D = """
+1001 1002 1003 1004 1005 1006 1007 1008 1009 100a 100b 100c 100d 100f 1014 1015 1016 101b
+9101 9102 9103 9104 9105 9106 9107 9108 9109 910a 910b 910c 910e 910f 9110 9113 9114 9115 9116
+9117 9118 911a 911b 911c 911d 911e 911f 9120 9121 9125 9126 9127 9153 9154 9155 9157 9158 9159
+91f0 91f1 91fe 91ff 9801 9802 9803 9804 9805
+"""
+"""In the order of their numbers, of a body with firmware 1.0.4."""
+
+
+@pytest.fixture
+def device() -> Any:
+    return usb.core.find(backend=virtual_usb(), idVendor=0x04A9)
+
+
+def test_the_450d_lists_what_a_real_one_does() -> None:
+    listed = [int(number, 16) for number in OPERATIONS_450D.split()]
+    assert sorted(EOS_450D.operations) == listed
+    assert len(set(EOS_450D.operations)) == len(listed)
+    assert sorted(EOS_450D.events) == [*range(0x4002, 0x4006), 0x4007, 0x4009, 0xC101]
+    assert sorted(EOS_450D.properties) == [0xD402, 0xD406, 0xD407]
+    assert EOS_450D.capture_formats == (0x3801,)
+    assert sorted(EOS_450D.image_formats) == [
+        0x3001, 0x3002, 0x3006, 0x3008, 0x300A, 0x3800, 0x3801, 0xB101, 0xB103, 0xBF02,
+    ]  # fmt: skip
+    assert (EOS_450D.standard_version, EOS_450D.functional_mode) == (100, 0)
+    assert (EOS_450D.vendor_extension_id, EOS_450D.vendor_extension_version) == (11, 200)
+    assert EOS_450D.vendor_extension == ""
+    assert len(EOS_450D.serial) == 32  # which libgphoto2 reads as 128 bits
+
+
+def test_the_other_bodies_differ_in_how_they_are_released() -> None:
+    bulb, release, cable = (
+        set(body.info.operations) for body in (BULB_BODY, RELEASE_BODY, CABLE_BODY)
+    )
+    assert bulb - cable == {0x9125, 0x9126} and cable < bulb
+    assert release - cable == {0x9128, 0x9129} and cable < release
+    assert {body.info.model for body in (BULB_BODY, RELEASE_BODY, CABLE_BODY)} == {
+        "Canon EOS 450D", "Virtual EOS (release on/off)", "Virtual EOS (cable only)",
+    }  # fmt: skip
+
+
+def test_a_450d_offers_100_to_1600_in_whole_stops() -> None:
+    assert [ISO_CODES[code] for code in BULB_BODY.isos] == [0, 100, 200, 400, 800, 1600]
+
+
+def test_shutter_speeds_are_bulb_and_thirds_from_30_s_to_a_4000th() -> None:
+    bulb, *codes = BULB_BODY.shutter_speeds
+    assert bulb == 0x0C
+    assert codes == [code for code in range(0x10, 0x99) if code % 8 in (0, 3, 5)]
+    slowest, fastest = (30.0 * 2.0 ** (-(code - 0x10) / 8.0) for code in (codes[0], codes[-1]))
+    assert slowest == 30.0 and fastest == pytest.approx(1.0 / 4369.0, rel=1e-3)
+
+
+def test_the_lens_is_a_kit_zoom_at_its_long_end() -> None:
+    codes = list(BULB_BODY.apertures)
+    assert codes == [code for code in range(0x30, 0x59) if code % 8 in (0, 3, 5)]
+    assert (APERTURE_CODES[codes[0]], APERTURE_CODES[codes[-1]]) == (5.6, 32.0)
+
+
+def test_other_settings_are_those_of_the_body() -> None:
+    assert BULB_BODY.drive_modes == (0, 1, 0x10)  # single, continuous, self-timer
+    assert BULB_BODY.destinations == (2, 4)  # card, then the computer
+    assert BULB_BODY.ram_shots == 5
+    assert STORAGE == 0x20001  # the first partition of the second medium
+    assert USB_ID == (0x04A9, 0x3145)
+
+
+def test_picture_formats_are_as_the_camera_packs_them() -> None:
+    """A count, then for each file 16 bytes: their length, type, size and compression."""
+    raw, jpeg = struct.pack("<4I", 16, 6, 0, 4), struct.pack("<4I", 16, 1, 0, 3)
+    assert RAW_FORMAT == b"\1\0\0\0" + raw
+    assert RAW_AND_JPEG == b"\2\0\0\0" + raw + jpeg
+    assert LARGE_FINE_JPEG == b"\1\0\0\0" + jpeg
+    assert set(BULB_BODY.image_formats) == {RAW_FORMAT, RAW_AND_JPEG, LARGE_FINE_JPEG}
+    assert [raw_quality(packed) for packed in BULB_BODY.image_formats].count(True) == 1
+
+
+# On the USB.
+
+
+def fields(described: Any, names: str) -> dict[str, int]:
+    return {name: getattr(described, name) for name in names.split()}
+
+
+def test_the_device_is_a_usb_2_device_of_high_speed(device: Any) -> None:
+    assert fields(device, "bLength bDescriptorType bcdUSB bMaxPacketSize0") == {
+        "bLength": 18, "bDescriptorType": 1, "bcdUSB": 0x0200, "bMaxPacketSize0": 64,
+    }  # fmt: skip
+    kind = fields(device, "bDeviceClass bDeviceSubClass bDeviceProtocol")
+    assert set(kind.values()) == {0}  # each interface says what it is
+    assert (device.idVendor, device.idProduct, device.bcdDevice) == (0x04A9, 0x3145, 2)
+    assert (device.iManufacturer, device.iProduct, device.iSerialNumber) == (1, 2, 3)
+    assert device.bNumConfigurations == 1
+    assert (device.speed, device.port_number, device.port_numbers) == (3, 1, (1,))
+    assert (device.bus, device.address) == (1, 7)
+
+
+def test_it_has_one_configuration_and_one_still_image_interface(device: Any) -> None:
+    (configuration,) = device
+    assert fields(configuration, "bLength bDescriptorType wTotalLength bNumInterfaces") == {
+        "bLength": 9, "bDescriptorType": 2, "wTotalLength": 9 + 9 + 3 * 7, "bNumInterfaces": 1,
+    }  # fmt: skip
+    assert (configuration.bConfigurationValue, configuration.iConfiguration) == (1, 0)
+    assert (configuration.bmAttributes, configuration.bMaxPower) == (0xC0, 1)  # its own power
+    (interface,) = configuration
+    assert fields(interface, "bLength bDescriptorType bNumEndpoints iInterface") == {
+        "bLength": 9, "bDescriptorType": 4, "bNumEndpoints": 3, "iInterface": 0,
+    }  # fmt: skip
+    assert (interface.bInterfaceNumber, interface.bAlternateSetting) == (0, 0)
+    kind = fields(interface, "bInterfaceClass bInterfaceSubClass bInterfaceProtocol")
+    assert tuple(kind.values()) == (6, 1, 1)
+
+
+def test_it_has_two_bulk_endpoints_and_one_for_events(device: Any) -> None:
+    (interface,) = next(iter(device))
+    found = [
+        (end.bEndpointAddress, end.bmAttributes, end.wMaxPacketSize, end.bInterval)
+        for end in interface
+    ]
+    assert found == [(0x81, 2, 512, 0), (0x02, 2, 512, 0), (0x83, 3, 8, 9)]
+    for end in interface:
+        assert (end.bLength, end.bDescriptorType) == (7, 5)
+        assert (end.bRefresh, end.bSynchAddress) == (0, 0)
+
+
+def test_it_tells_its_names_in_english(device: Any) -> None:
+    assert usb.util.get_langids(device) == (0x0409,)
+    names = [usb.util.get_string(device, index) for index in (1, 2, 3)]
+    assert names == ["Canon Inc.", "Canon EOS 450D", EOS_450D.serial]
+    for index in (4, 9):
+        with pytest.raises(usb.core.USBError) as caught:
+            usb.util.get_string(device, index, 0x0409)
+        assert caught.value.backend_error_code == -9
+    head = device.ctrl_transfer(0x80, 6, 0x0300, 0, 255).tobytes()
+    assert head == bytes.fromhex("04 03 0904")
+    cut = device.ctrl_transfer(0x80, 6, 0x0302, 0x0409, 6).tobytes()
+    assert cut == bytes([2 + 2 * len("Canon EOS 450D"), 3]) + "Ca".encode("utf-16-le")
+
+
+@pytest.mark.parametrize(
+    ("code", "number", "words"),
+    [
+        (-1, 5, "Input/Output Error"),
+        (-4, 19, "No such device"),
+        (-5, 2, "Entity not found"),
+        (-6, 16, "Resource busy"),
+        (-8, 75, "Overflow"),
+        (-9, 32, "Pipe error"),
+    ],
+)
+def test_errors_are_those_of_libusb(code: int, number: int, words: str) -> None:
+    """Its codes, and the numbers of errno on Linux."""
+    error = usb_backend._error(code)
+    assert (error.backend_error_code, error.errno) == (code, number)
+    assert words in str(error)
+
+
+def test_a_time_out_is_one_to_pyusb_as_well(device: Any) -> None:
+    usb.util.claim_interface(device, 0)
+    with pytest.raises(usb.core.USBTimeoutError) as caught:
+        device.read(0x81, 512, 1)
+    assert (caught.value.backend_error_code, caught.value.errno) == (-7, 110)
+    usb.util.dispose_resources(device)

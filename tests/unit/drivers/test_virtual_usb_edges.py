@@ -1,0 +1,345 @@
+"""The virtual camera's USB by itself: claims, halts, resets, and transfers to the byte."""
+
+from __future__ import annotations
+
+import array
+import errno
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import usb.core
+
+from drivers.virtual_camera import Body, PlainFilm, Script, VirtualUsb, WireFault
+from drivers.virtual_camera.model import BULB_BODY, Model
+from pdcd.bench.clock import VirtualClock
+
+IN, OUT, INTERRUPT = 0x81, 0x02, 0x83
+KEEP_ON, INFO = 0x911D, 0x1001
+PACKET = 512
+
+
+class Bus:
+    """A backend with a camera, opened and claimed."""
+
+    def __init__(self, *faults: WireFault, model: Model = BULB_BODY) -> None:
+        self.clock = VirtualClock()
+        self.body = Body(self.clock, PlainFilm(lambda _: b"raw"), model, Script(wire=faults))
+        self.usb = VirtualUsb(self.body)
+        self.handle: Any = self.open()
+        self.usb.claim_interface(self.handle, 0)
+
+    def open(self) -> Any:
+        (device,) = self.usb.enumerate_devices()
+        return self.usb.open_device(device)
+
+    def write(self, data: bytes) -> int:
+        return self.usb.bulk_write(self.handle, OUT, 0, array.array("B", data), 100)
+
+    def command(self, code: int, *parameters: int, number: int = 0) -> None:
+        size = 12 + 4 * len(parameters)
+        head = struct.pack("<IHHI", size, 1, code, number)
+        data = head + struct.pack(f"<{len(parameters)}I", *parameters)
+        assert self.write(data) == len(data)
+
+    def read(self, size: int = 4096) -> bytes:
+        buffer = array.array("B", bytes(size))
+        return buffer[: self.usb.bulk_read(self.handle, IN, 0, buffer, 100)].tobytes()
+
+    def control(self, kind: int, request: int, data: bytes | int = b"", value: int = 0) -> bytes:
+        buffer = array.array("B", bytes(data) if isinstance(data, int) else data)
+        count = self.usb.ctrl_transfer(self.handle, kind, request, value, 0, buffer, 100)
+        return buffer[:count].tobytes()
+
+    def response(self, number: int = 0) -> int:
+        length, kind, code, stated = struct.unpack_from("<IHHI", self.read())
+        assert (kind, stated) == (3, number) and length >= 12
+        return int(code)
+
+
+def fails(number: int) -> Any:
+    return pytest.raises(usb.core.USBError, match=f"Errno {number}")
+
+
+def test_a_claim_is_for_one_and_ends_with_its_release() -> None:
+    bus = Bus()
+    other = bus.open()
+    with fails(errno.EBUSY):
+        bus.usb.claim_interface(other, 0)
+    bus.usb.claim_interface(bus.handle, 0)  # its own again
+    with fails(errno.ENOENT):
+        bus.usb.release_interface(other, 0)
+    bus.usb.release_interface(bus.handle, 0)
+    with fails(errno.ENOENT):
+        bus.usb.release_interface(bus.handle, 0)
+    with fails(errno.EIO):
+        bus.read()
+    bus.usb.claim_interface(other, 0)
+    bus.usb.close_device(bus.handle)  # which has claimed nothing
+    with fails(errno.EBUSY):
+        bus.usb.claim_interface(bus.handle, 0)
+    bus.usb.close_device(other)
+    bus.usb.claim_interface(bus.handle, 0)
+    bus.usb.held_by_other = True
+    with fails(errno.EBUSY):
+        bus.usb.claim_interface(bus.handle, 0)
+
+
+def test_no_kernel_driver_is_in_the_way() -> None:
+    bus = Bus()
+    assert bus.usb.is_kernel_driver_active(bus.handle, 0) is False
+    for change in (bus.usb.detach_kernel_driver, bus.usb.attach_kernel_driver):
+        with fails(errno.ENOENT):
+            change(bus.handle, 0)
+    assert bus.usb.get_configuration(bus.handle) == 1
+
+
+def test_there_is_one_of_each() -> None:
+    bus = Bus()
+    (device,) = bus.usb.enumerate_devices()
+    beyond: list[Callable[[], Any]] = [
+        lambda: bus.usb.get_configuration_descriptor(device, 1),
+        lambda: bus.usb.get_interface_descriptor(device, 1, 0, 0),
+        lambda: bus.usb.get_interface_descriptor(device, 0, 1, 0),
+        lambda: bus.usb.get_interface_descriptor(device, 0, 0, 1),
+        lambda: bus.usb.get_endpoint_descriptor(device, 0, 1, 0, 0),
+        lambda: bus.usb.get_endpoint_descriptor(device, 0, 0, 1, 0),
+        lambda: bus.usb.get_endpoint_descriptor(device, 0, 0, 0, 1),
+        lambda: bus.usb.get_endpoint_descriptor(device, 3, 0, 0, 0),
+    ]
+    for more in beyond:
+        with pytest.raises(IndexError):
+            more()
+
+
+@pytest.mark.parametrize("gone", ["unplugged", "reset", "replugged"])
+def test_a_device_that_went_does_nothing_any_more(gone: str) -> None:
+    bus = Bus()
+    if gone == "unplugged":
+        bus.body.unplug()
+        assert list(bus.usb.enumerate_devices()) == []
+        with fails(errno.ENODEV):
+            bus.usb.open_device(SimpleNamespace(address=7))
+    elif gone == "reset":
+        bus.usb.reset_device(bus.handle)
+    else:
+        bus.body.replug()
+    handle, usb_ = bus.handle, bus.usb
+    for do in (
+        lambda: usb_.get_configuration(handle),
+        lambda: usb_.set_configuration(handle, 1),
+        lambda: usb_.set_interface_altsetting(handle, 0, 0),
+        lambda: usb_.claim_interface(handle, 0),
+        lambda: usb_.release_interface(handle, 0),
+        lambda: usb_.clear_halt(handle, IN),
+        lambda: usb_.reset_device(handle),
+        lambda: bus.read(),
+        lambda: bus.write(b""),
+        lambda: bus.control(0xA1, 0x67, 64),
+    ):
+        with fails(errno.ENODEV):
+            do()
+    if gone != "unplugged":
+        assert usb_.address == 8
+        again = bus.open()
+        usb_.claim_interface(again, 0)  # what the old one had went with it
+    assert bus.body.plugged == (gone != "unplugged")
+
+
+def test_a_reset_of_the_port_takes_session_answers_and_halts() -> None:
+    bus = Bus(WireFault("stall", KEEP_ON))
+    for number, word in enumerate(((0x1002, 1), (KEEP_ON,))):
+        bus.command(*word, number=number)
+        if not number:
+            assert bus.response() == 0x2001
+    with fails(errno.EPIPE):
+        bus.read()
+    bus.usb.reset_device(bus.handle)
+    assert not bus.body.session_open and bus.usb.address == 8
+    bus.handle = bus.open()
+    bus.usb.claim_interface(bus.handle, 0)
+    assert bus.control(0xA1, 0x67, 64) == bytes.fromhex("0400 0120")
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    bus.command(KEEP_ON)
+    assert bus.response() == 0x2003
+
+
+# Control requests.
+
+
+def test_a_cancel_gives_up_the_answer_and_keeps_the_halt() -> None:
+    bus = Bus(WireFault("stall", INFO))
+    bus.command(INFO)
+    assert bus.control(0xA1, 0x67, 64) == bytes.fromhex("0800 1f20 81000000")
+    assert bus.control(0xA1, 0x67, 4) == bytes.fromhex("0800 1f20")  # what fits
+    assert len(bus.control(0x21, 0x64, b"\x01\x40" + bytes(4))) == 6
+    with fails(errno.EPIPE):
+        bus.read()
+    bus.usb.clear_halt(bus.handle, OUT)
+    with fails(errno.EPIPE):
+        bus.read()
+    bus.usb.clear_halt(bus.handle, IN)
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+
+
+def test_a_device_reset_ends_halts_answers_and_the_session() -> None:
+    bus = Bus(WireFault("stall", KEEP_ON))
+    bus.command(0x1002, 1)
+    bus.command(KEEP_ON, number=1)
+    assert bus.control(0x21, 0x66) == b""
+    assert not bus.body.session_open
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+
+
+@pytest.mark.parametrize(
+    ("kind", "request_", "data", "value"),
+    [
+        (0x21, 0x64, bytes(5), 0),  # a cancel has six bytes
+        (0xA1, 0x66, 64, 0),
+        (0x21, 0x67, b"", 0),
+        (0xA1, 0x65, 64, 0),
+        (0x80, 6, 64, 0x0200),  # no string
+        (0x80, 6, 64, 0x0304),  # one that is not there
+    ],
+)
+def test_other_requests_are_refused(
+    kind: int, request_: int, data: bytes | int, value: int
+) -> None:
+    with fails(errno.EPIPE):
+        Bus().control(kind, request_, data, value)
+
+
+# Transfers.
+
+
+def test_waits_are_on_the_cameras_clock() -> None:
+    bus = Bus()
+    before_ns = bus.clock.now_ns()
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    assert bus.clock.now_ns() - before_ns == 100_000_000
+    buffer = array.array("B", bytes(8))
+    with fails(errno.ETIMEDOUT):
+        bus.usb.intr_read(bus.handle, INTERRUPT, 0, buffer, 30)
+    assert bus.clock.now_ns() - before_ns == 130_000_000
+
+
+def test_data_and_response_are_transfers_of_their_own() -> None:
+    bus = Bus()
+    info = BULB_BODY.info.pack()
+    bus.command(INFO, number=9)
+    first = bus.read()
+    assert first == struct.pack("<IHHI", 12 + len(info), 2, INFO, 9) + info
+    assert bus.read() == struct.pack("<IHHI", 12, 3, 0x2001, 9)
+    assert bus.usb.bytes_read == len(first) + 12
+
+
+def test_a_transfer_is_read_in_pieces_of_whole_packets() -> None:
+    wordy = replace(BULB_BODY.info, device_version="x" * 200)
+    bus, info = Bus(model=replace(BULB_BODY, info=wordy)), wordy.pack()
+    assert PACKET < 12 + len(info) < 2 * PACKET
+    bus.command(INFO)
+    first, rest = bus.read(PACKET), bus.read(PACKET)
+    assert len(first) == PACKET and (first + rest)[12:] == info
+    bus.response()
+    bus.command(INFO)
+    with fails(errno.EOVERFLOW):
+        bus.read(PACKET + 1)  # the second packet does not fit, and is lost
+    assert bus.response() == 0x2001
+    bus.command(INFO)
+    assert len(bus.read(12 + len(info))) == 12 + len(info)  # to the byte
+
+
+def test_a_new_command_gives_up_the_answer_to_the_last() -> None:
+    bus = Bus()
+    bus.command(INFO, number=1)
+    bus.command(0x1002, 1, number=2)
+    assert bus.response(2) == 0x2001
+
+
+def test_data_to_the_camera_may_come_in_pieces_behind_their_command() -> None:
+    bus = Bus()
+    bus.command(0x1002, 1)
+    bus.response()
+    setting = struct.pack("<3I", 12, 0xD103, 0x50)
+    whole = struct.pack("<IHHI", 12 + len(setting), 2, 0x9110, 1) + setting
+    for pieces in ((whole,), (whole[:12], whole[12:]), (whole[:20], whole[20:], b"")):
+        bus.command(0x9110, number=1)
+        with fails(errno.ETIMEDOUT):
+            bus.read()  # it waits for them
+        for piece in pieces:
+            assert bus.write(piece) == len(piece)
+        assert bus.response(1) == 0x2001 and bus.body.settings.iso == 200
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    [
+        b"\xff" * 40,
+        struct.pack("<IHHI", 12, 3, 0x2001, 0),  # a response
+        struct.pack("<IHHI", 12, 1, KEEP_ON, 0) + b"more",
+        bytes(5),
+    ],
+)
+def test_nonsense_halts_the_way_out_and_all_is_forgotten(nonsense: bytes) -> None:
+    bus = Bus()
+    bus.command(INFO)
+    with fails(errno.EPIPE):
+        bus.write(nonsense)
+    with fails(errno.EPIPE):
+        bus.write(b"")
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    bus.usb.clear_halt(bus.handle, OUT)
+    assert bus.write(b"") == 0
+    bus.command(0x1002, 1)
+    assert bus.response() == 0x2001
+
+
+@pytest.mark.parametrize("head", [(24, 3), (0xFFFFFFFF, 2)])
+def test_data_that_are_none_halt_as_well(head: tuple[int, int]) -> None:
+    bus = Bus()
+    bus.command(0x9110)
+    with fails(errno.EPIPE):
+        bus.write(struct.pack("<IHHI", *head, 0x9110, 0) + bytes(12))
+
+
+def test_an_operation_on_which_the_cable_is_pulled_has_no_answer() -> None:
+    bus = Bus(WireFault("unplug", KEEP_ON))
+    bus.command(INFO)
+    with fails(errno.ENODEV):
+        bus.command(KEEP_ON)
+    bus.body.replug()
+    bus.handle = bus.open()
+    bus.usb.claim_interface(bus.handle, 0)
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+
+
+@pytest.mark.parametrize("kind", ["mute", "deaf"])
+def test_no_answer_is_none(kind: Any) -> None:
+    bus = Bus(WireFault(kind, INFO))
+    bus.command(INFO)
+    with fails(errno.ETIMEDOUT):
+        bus.read()
+    bus.command(INFO)
+    assert len(bus.read()) > 12
+
+
+def test_answers_may_break_off_or_carry_anothers_number() -> None:
+    bus = Bus(WireFault("short-read", INFO), WireFault("wrong-transaction", INFO, first=2))
+    info = BULB_BODY.info.pack()
+    bus.command(INFO)
+    short = bus.read()
+    assert short[12:] == info[: len(info) // 2]
+    assert struct.unpack_from("<I", short) == (12 + len(info),)
+    assert bus.response() == 0x2001
+    bus.command(INFO, number=0xFFFFFFFF)
+    bus.read()
+    assert bus.response(0) == 0x2001

@@ -1,0 +1,212 @@
+"""What a server says of itself beside its outputs, and what is found wrong with it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from Xlib import X, error
+
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.presenter.desktop import Desktop, check, faults, look, software
+
+CHECK = "_NET_SUPPORTING_WM_CHECK"
+
+
+class Window:
+    """A window with properties; `dead` where any question about it fails."""
+
+    def __init__(self, number: int, **properties: Any) -> None:
+        self.id, self.properties, self.dead = number, properties, False
+
+    def get_full_property(self, name: str, kind: int) -> Any:
+        assert kind == X.AnyPropertyType
+        if self.dead:
+            raise error.BadWindow.__new__(error.BadWindow)
+        value = self.properties.get(name)
+        return None if value is None else SimpleNamespace(value=value)
+
+
+class Server:
+    """Names of atoms stand for atoms; nobody owns anything and nothing blanks unless a test says
+    so."""
+
+    def __init__(self) -> None:
+        self.root = Window(1)
+        self.windows: dict[int, Window] = {}
+        self.owners: dict[str, Any] = {}
+        self.blank_s = 0
+        self.dpms = {"has": True, "capable": True, "state": True, "level": 0}
+        self.times = (0, 0, 0)
+        self.number = 0
+
+    def get_default_screen(self) -> int:
+        return self.number
+
+    def get_display_name(self) -> str:
+        return ":7"
+
+    def screen(self) -> Any:
+        return SimpleNamespace(root=self.root)
+
+    def intern_atom(self, name: str, only_if_exists: bool = False) -> Any:
+        return name if not only_if_exists or name in self.owners else X.NONE
+
+    def get_selection_owner(self, atom: str) -> Any:
+        return self.owners[atom]
+
+    def create_resource_object(self, kind: str, number: int) -> Window:
+        assert kind == "window"
+        return self.windows[number]
+
+    def get_screen_saver(self) -> Any:
+        return SimpleNamespace(timeout=self.blank_s)
+
+    def has_extension(self, name: str) -> bool:
+        return name == "DPMS" and bool(self.dpms["has"])
+
+    def dpms_capable(self) -> Any:
+        return SimpleNamespace(capable=self.dpms["capable"])
+
+    def dpms_info(self) -> Any:
+        return SimpleNamespace(state=self.dpms["state"], power_level=self.dpms["level"])
+
+    def dpms_get_timeouts(self) -> Any:
+        standby, suspend, off = self.times
+        return SimpleNamespace(standby_timeout=standby, suspend_timeout=suspend, off_timeout=off)
+
+
+@pytest.fixture
+def server() -> Server:
+    return Server()
+
+
+def test_a_bare_server_has_no_faults(server: Server) -> None:
+    assert look(server) == Desktop()
+    check(server)
+
+
+def test_owners_are_those_of_the_screen_that_is_used(server: Server) -> None:
+    server.owners = {
+        "_NET_WM_CM_S0": Window(8, WM_NAME=b"picom"), "WM_S0": Window(9, WM_NAME="twm"),
+    }  # fmt: skip
+    assert look(server) == Desktop("picom", "twm")
+    server.number = 1
+    assert look(server) == Desktop()
+    server.number, server.owners = 0, {"_NET_WM_CM_S0": X.NONE, "WM_S0": X.NONE}
+    assert look(server) == Desktop()
+
+
+@pytest.mark.parametrize(
+    ("properties", "name"),
+    [
+        ({"_NET_WM_NAME": "Öpenbox".encode(), "WM_NAME": "other"}, "Öpenbox"),
+        ({"_NET_WM_NAME": b"", "WM_NAME": "other"}, "other"),
+        ({"WM_NAME": b"\xff"}, "�"),
+        ({"WM_NAME": ""}, "unnamed"),
+        ({}, "unnamed"),
+    ],
+)
+def test_a_manager_is_called_by_the_best_of_its_names(
+    server: Server, properties: dict[str, Any], name: str
+) -> None:
+    server.owners = {"WM_S0": Window(9, **properties)}
+    assert look(server).window_manager == name
+
+
+def test_a_manager_that_has_just_gone_has_no_name(server: Server) -> None:
+    server.owners = {"WM_S0": Window(9, WM_NAME="twm")}
+    server.owners["WM_S0"].dead = True
+    assert look(server).window_manager == "unnamed"
+
+
+@pytest.mark.parametrize(
+    ("on_root", "on_window", "manager"),
+    [
+        ([9], [9], "lives"), ([9], [8], None), ([9], None, None), ([9, 8], [9], None),
+        (None, [9], None), ([], [9], None),
+    ],
+)  # fmt: skip
+def test_a_manager_that_announces_itself_counts_where_its_window_says_the_same(
+    server: Server, on_root: Any, on_window: Any, manager: str | None
+) -> None:
+    server.root.properties = {CHECK: on_root}
+    server.windows = {9: Window(9, WM_NAME="lives", **{CHECK: on_window}), 8: Window(8)}
+    assert look(server).window_manager == manager
+
+
+def test_an_announcement_whose_window_is_gone_does_not_count(server: Server) -> None:
+    server.root.properties = {CHECK: [9]}
+    server.windows = {9: Window(9, WM_NAME="dead")}
+    server.windows[9].dead = True
+    assert look(server).window_manager is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "power_s", "asleep"),
+    [
+        ({}, (60, 0, 900), False), ({"level": 3}, (60, 0, 900), True),
+        ({"has": False, "level": 3}, (0, 0, 0), False),
+        ({"capable": False, "level": 3}, (0, 0, 0), False),
+        ({"state": False, "level": 3}, (0, 0, 0), False),
+    ],
+)  # fmt: skip
+def test_power_management_counts_where_it_is_there_and_on(
+    server: Server, changed: dict[str, Any], power_s: tuple[int, int, int], asleep: bool
+) -> None:
+    server.dpms |= changed
+    server.times = (60, 0, 900)
+    assert look(server) == Desktop(power_s=power_s, asleep=asleep)
+
+
+def test_a_server_that_goes_meanwhile_is_lost(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone() -> int:
+        raise error.ConnectionClosedError("server")
+
+    monkeypatch.setattr(server, "get_default_screen", gone)
+    with pytest.raises(DeviceLost, match=":7 does not answer"):
+        look(server)
+
+
+SLEEPY = "xset -display :9 -dpms, and Option DPMS false in xorg.conf"
+
+
+@pytest.mark.parametrize(
+    ("desktop", "message", "hint"),
+    [
+        (Desktop("picom"), "a compositor owns the screen: picom", 'Composite "Disable"'),
+        (Desktop(None, "twm"), "a window manager owns the screen: twm", "pdcd-x.service"),
+        (Desktop(blank_s=1), "the screen saver blanks the panels after 1 s",
+         "xset -display :9 s off, and BlankTime 0 in xorg.conf"),
+        (Desktop(power_s=(0, 900, 600)), "(DPMS) switches the panels off after 600 s", SLEEPY),
+        (Desktop(asleep=True), "(DPMS) has switched the panels off", SLEEPY),
+        (Desktop(power_s=(1, 0, 0), asleep=True), "(DPMS) has switched the panels off", SLEEPY),
+    ],
+)  # fmt: skip
+def test_each_fault_says_what_to_do(desktop: Desktop, message: str, hint: str) -> None:
+    (fault,) = faults(desktop, ":9")
+    assert fault.message.endswith(message) and hint in str(fault.hint)
+    assert fault.device == "display"
+
+
+def test_the_first_of_several_faults_is_raised(server: Server) -> None:
+    server.owners, server.blank_s = {"WM_S0": Window(9, WM_NAME="twm")}, 60
+    server.times = (0, 0, 5)
+    assert len(faults(look(server), ":7")) == 3
+    with pytest.raises(ConfigError, match="a window manager owns the screen: twm"):
+        check(server)
+    server.owners = {}
+    with pytest.raises(ConfigError, match="xset -display :7 s off"):
+        check(server)
+
+
+@pytest.mark.parametrize(
+    ("renderer", "soft"),
+    [("llvmpipe (LLVM 15)", True), ("SoftPipe", True), ("Mesa swrast", True),
+     ("Software Rasterizer", True), ("NVIDIA H200", False), ("", False)],
+)  # fmt: skip
+def test_renderers_on_the_processor_are_told_by_their_names(renderer: str, soft: bool) -> None:
+    assert software(renderer) is soft

@@ -1,0 +1,438 @@
+"""Outputs of a server that answers from a table: what is read of them, chosen, and refused."""
+
+from __future__ import annotations
+
+import select
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from Xlib import error
+from Xlib.ext import randr
+
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.presenter import outputs as outputs_module
+from pdcd.presenter.edid import parse_edid
+from pdcd.presenter.outputs import (
+    Output,
+    Pair,
+    Watcher,
+    check_nominal,
+    check_rates,
+    find_output,
+    find_pair,
+    mode_hz,
+    overlap,
+    place_pair,
+    read_outputs,
+    slip_s,
+    turned,
+)
+from tests.edid_block import block
+
+EPSON = block(serial="X4K700123", name="EPSON PJ")
+LEFT = Output("HDMI-1", True, 0, 0, 256, 192, "left", 60.0)
+RIGHT = Output("DP-1", True, 256, 10, 400, 300, "right", 60.0, connector=77)
+DARK = Output("VGA-1", True)
+GONE = Output("DVI-1", False)
+EVERY = (LEFT, RIGHT, DARK, GONE)
+
+
+# Reading.
+
+
+class Server:
+    """Answers about four connectors: one on, one on but turned, one off, one empty."""
+
+    def __init__(self) -> None:
+        self.asked: list[Any] = []
+        self.properties: dict[tuple[int, str], tuple[int, Any]] = {
+            (41, "EDID"): (8, EPSON), (41, "CONNECTOR_ID"): (32, [301]),
+            (42, "EDID"): (32, EPSON), (42, "CONNECTOR_ID"): (8, [5]),
+            (43, "CONNECTOR_ID"): (32, [1, 2]),
+        }  # fmt: skip
+        self.has_randr = True
+        self.fault: Exception | None = None
+
+    def has_extension(self, name: str) -> bool:
+        self.asked.append(name)
+        return self.has_randr
+
+    def get_display_name(self) -> str:
+        return ":7"
+
+    def screen(self) -> Any:
+        return SimpleNamespace(root=self)
+
+    def xrandr_get_screen_resources(self) -> Any:
+        if self.fault is not None:
+            raise self.fault
+
+        def mode(number: int, length: int, clock: int, flags: int) -> dict[str, int]:
+            return {
+                "id": number, "name_length": length, "dot_clock": clock, "h_total": 500,
+                "v_total": 400, "flags": flags,
+            }  # fmt: skip
+
+        return SimpleNamespace(
+            modes=[mode(7, 4, 12_000_000, 0), mode(9, 5, 5_000_000, randr.Interlace)],
+            mode_names="leftright", config_timestamp=99, outputs=[41, 42, 43, 44],
+        )  # fmt: skip
+
+    def xrandr_get_output_info(self, number: int, stamp: int) -> Any:
+        assert stamp == 99
+        names = {41: "HDMI-1", 42: "DP-1", 43: "VGA-1", 44: "DVI-1"}
+        return SimpleNamespace(
+            name=names[number], crtc={41: 1, 42: 2, 43: 3, 44: 0}[number],
+            connection=randr.Disconnected if number == 44 else randr.Connected,
+        )  # fmt: skip
+
+    def xrandr_get_crtc_info(self, number: int, stamp: int) -> Any:
+        assert stamp == 99
+        mode, rotation = {1: (7, randr.Rotate_0), 2: (9, randr.Rotate_90), 3: (0, 1)}[number]
+        x, y, width, height = (3, 5, 40, 30) if number == 1 else (43, 6, 30, 50)
+        return SimpleNamespace(mode=mode, rotation=rotation, x=x, y=y, width=width, height=height)
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Server:
+    made = Server()
+
+    def read(display: object, output: int, name: str, words: int) -> tuple[int, Any] | None:
+        assert display is made
+        assert words == {"EDID": 256, "CONNECTOR_ID": 1}[name]
+        return made.properties.get((output, name))
+
+    monkeypatch.setattr(outputs_module, "read_property", read)
+    return made
+
+
+def test_every_connector_is_read_with_its_mode_its_panel_and_its_number(server: Server) -> None:
+    first, second, third, fourth = read_outputs(server)
+    assert first == Output("HDMI-1", True, 3, 5, 40, 30, "left", 60.0, "", parse_edid(EPSON), 301)
+    # Properties of another form, or of several items, are none.
+    assert second == Output(
+        "DP-1", True, 43, 6, 30, 50, "right", 50.0, "rotated by 90 degrees", None, None
+    )
+    assert third == Output("VGA-1", True)
+    assert fourth == Output("DVI-1", False)
+
+
+def test_a_panel_that_is_off_or_unplugged_keeps_its_name_and_number(server: Server) -> None:
+    server.properties[43, "CONNECTOR_ID"] = (32, [303])
+    server.properties[44, "EDID"] = (8, EPSON)
+    *_, third, fourth = read_outputs(server)
+    assert third == Output("VGA-1", True, connector=303)
+    assert fourth == Output("DVI-1", False, edid=parse_edid(EPSON))
+
+
+def test_a_server_without_outputs_or_one_that_goes_says_so(server: Server) -> None:
+    server.fault = error.ConnectionClosedError("server")
+    with pytest.raises(DeviceLost, match="X server :7 does not answer"):
+        read_outputs(server)
+    server.has_randr = False
+    with pytest.raises(ConfigError, match=r"no RandR extension \(see systemd/xorg\.conf\)"):
+        read_outputs(server)
+    assert server.asked == ["RANDR", "RANDR"]
+
+
+@pytest.mark.parametrize(
+    ("rotation", "words"),
+    [
+        (randr.Rotate_0, ""),
+        (randr.Rotate_90, "rotated by 90 degrees"),
+        (randr.Rotate_180, "rotated by 180 degrees"),
+        (randr.Rotate_270, "rotated by 270 degrees"),
+        (randr.Reflect_X, "mirrored left to right"),
+        (randr.Rotate_90 | randr.Reflect_Y, "rotated by 90 degrees and mirrored top to bottom"),
+    ],
+)
+def test_how_a_server_turns_an_output_is_said_in_words(rotation: int, words: str) -> None:
+    assert turned(rotation) == words
+
+
+@pytest.mark.parametrize(
+    ("totals", "rate_hz"),
+    [
+        ((65_000_000, 1344, 806, 0), 65e6 / 1344 / 806),
+        ((74_250_000, 2200, 1125, randr.Interlace), 60.0),
+        ((25_200_000, 800, 525, randr.DoubleScan), 30.0),
+        ((25_200_000, 800, 525, randr.DoubleScan | randr.Interlace), 60.0),
+        ((0, 800, 525, 0), None),
+        ((25_200_000, 0, 525, 0), None),
+        ((25_200_000, 800, 0, 0), None),
+    ],
+)
+def test_a_rate_is_that_of_clock_and_totals(
+    totals: tuple[int, int, int, int], rate_hz: float | None
+) -> None:
+    found = mode_hz(*totals)
+    assert found == (None if rate_hz is None else pytest.approx(rate_hz, rel=1e-12))
+    if not totals[3]:
+        assert mode_hz(*totals[:3]) == found
+
+
+# What is said of them.
+
+
+def test_an_output_says_where_it_is_and_what_hangs_on_it() -> None:
+    assert str(LEFT) == "HDMI-1: 256 x 192 at +0+0, 60.0000 Hz"
+    assert str(replace(RIGHT, turned="upside down", refresh_hz=None)) == (
+        "DP-1: 400 x 300 at +256+10, unknown rate, upside down by the X server"
+    )
+    assert str(DARK) == "VGA-1: off" and str(GONE) == "DVI-1: not connected"
+    panel = replace(GONE, edid=parse_edid(EPSON))
+    assert str(panel) == "DVI-1 (EPSON PJ, serial X4K700123): not connected"
+    assert LEFT.size == (256, 192) and LEFT.on and not DARK.on
+    assert Output("a", True, width=1).on
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "both", "slip"),
+    [
+        (60.0, 60.0, 60.0, None), (60.0, 59.9, 59.9, 10.0), (50.0, 60.0, 50.0, 0.1),
+        (None, 60.0, None, None), (60.0, None, None, None), (None, None, None, None),
+    ],
+)  # fmt: skip
+def test_a_pair_runs_at_the_slower_rate_and_slips_by_the_difference(
+    first: float | None, second: float | None, both: float | None, slip: float | None
+) -> None:
+    pair = Pair(replace(LEFT, refresh_hz=first), replace(RIGHT, refresh_hz=second))
+    assert pair.refresh_hz == both
+    assert pair.slip_s == slip_s(first, second)
+    assert pair.slip_s == (None if slip is None else pytest.approx(slip))
+
+
+# Choosing.
+
+
+def test_an_output_is_found_by_name_or_serial() -> None:
+    known = (replace(LEFT, edid=parse_edid(EPSON)), RIGHT)
+    for wanted in ("HDMI-1", "X4K700123", "16909060"):
+        assert find_output(known, wanted, "projector") is known[0]
+    with pytest.raises(ConfigError, match=r"no output is named 'EPSON PJ'"):
+        find_output(known, "EPSON PJ", "projector")
+
+
+def test_an_output_that_is_not_there_or_twice_is_refused_with_what_there_is() -> None:
+    with pytest.raises(ConfigError) as none:
+        find_output(EVERY, "HDMI-9", "mask")
+    assert none.value.message == (
+        "no output is named 'HDMI-9', by connector or EDID serial; connected: "
+        f"{LEFT}; {RIGHT}; VGA-1: off"
+    )
+    assert none.value.device == "mask"
+    assert none.value.hint == "set [display.options] mask to exactly one of them"
+    with pytest.raises(ConfigError, match=r"^mask: 2 outputs are named 'HDMI-1'"):
+        find_output((LEFT, LEFT), "HDMI-1", "mask")
+    with pytest.raises(ConfigError, match="connected: none"):
+        find_output((GONE,), "HDMI-1", "mask")
+
+
+def test_an_output_that_shows_nothing_is_refused_and_one_without_a_cable_lost() -> None:
+    with pytest.raises(DeviceLost) as lost:
+        find_output(EVERY, "DVI-1", "projector")
+    assert lost.value.device == "projector" and lost.value.hint is not None
+    assert lost.value.message.startswith("output 'DVI-1' is not connected; connected: HDMI-1")
+    assert "cable" in lost.value.hint
+    with pytest.raises(ConfigError) as off:
+        find_output(EVERY, "VGA-1", "projector")
+    assert off.value.message == "output 'VGA-1' is connected but switched off"
+    assert off.value.hint == "xrandr --output VGA-1 --auto, and mend xorg.conf"
+    assert off.value.device == "projector"
+
+
+WANTED: dict[str, Any] = {"projector": ("HDMI-1", (256, 192)), "mask": ("DP-1", (400, 300))}
+
+
+def test_two_outputs_are_a_pair_in_the_order_of_their_roles() -> None:
+    assert find_pair(EVERY, **WANTED) == Pair(LEFT, RIGHT)
+    swapped: dict[str, Any] = {"projector": WANTED["mask"], "mask": WANTED["projector"]}
+    assert find_pair(EVERY, **swapped) == Pair(RIGHT, LEFT)
+
+
+@pytest.mark.parametrize("role", ["projector", "mask"])
+def test_a_pair_has_the_sizes_that_were_asked_for(role: str) -> None:
+    name, (width, height) = WANTED[role]
+    for size in ((width + 1, height), (width, height - 1), (height, width)):
+        with pytest.raises(ConfigError) as told:
+            find_pair(EVERY, **{**WANTED, role: (name, size)})
+        assert told.value.device == role
+        assert told.value.message == (
+            f"{name} shows {width} x {height} pixels, not {size[0]} x {size[1]}"
+        )
+        assert told.value.hint == (
+            f"xrandr --output {name} --mode {size[0]}x{size[1]}, or mend size_px of [{role}]"
+        )
+
+
+def test_a_pair_that_lies_over_one_another_is_refused() -> None:
+    over = replace(RIGHT, x=255)
+    with pytest.raises(ConfigError, match=r"same part of the screen: HDMI-1.*; DP-1") as told:
+        find_pair((LEFT, over), **WANTED)
+    assert told.value.hint == "xrandr --output DP-1 --right-of HDMI-1"
+    assert told.value.device == "display"
+
+
+def test_a_pair_that_slips_too_fast_is_refused_by_the_tolerance_that_was_given() -> None:
+    slow = replace(RIGHT, refresh_hz=59.4)  # a hundredth less
+    with pytest.raises(ConfigError, match=r"slip by one refresh every 1\.7 s"):
+        find_pair((LEFT, slow), **WANTED)
+    assert find_pair((LEFT, slow), **WANTED, rate_tolerance=0.011).mask is slow
+    with pytest.raises(ConfigError):
+        find_pair((LEFT, slow), **WANTED, rate_tolerance=0.009)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "tolerance", "fits"),
+    [
+        (64.0, 63.0, 1 / 64, True), (64.0, 65.0, 1 / 64, True), (64.0, 62.5, 1 / 64, False),
+        (64.0, 65.5, 1 / 64, False), (None, 60.0, 0.0, True), (60.0, None, 0.0, True),
+        (60.0, 60.0, 0.0, True),
+    ],
+)  # fmt: skip
+def test_rates_may_differ_by_a_share_of_the_projectors(
+    first: float | None, second: float | None, tolerance: float, fits: bool
+) -> None:
+    if fits:
+        check_rates(first, second, tolerance)
+        return
+    with pytest.raises(ConfigError, match=r"slip by one refresh every 0\.7 s \(give both"):
+        check_rates(first, second, tolerance)
+
+
+@pytest.mark.parametrize("role", ["projector", "mask"])
+def test_modes_have_the_configured_rate_within_two_percent(role: str) -> None:
+    wanted_hz = {"projector_hz": 60.0, "mask_hz": 60.0}
+    pair = Pair(LEFT, RIGHT)
+    check_nominal(pair, **wanted_hz)
+    for rate_hz, fits in ((None, True), (59.0, True), (61.0, True), (58.7, False), (61.3, False)):
+        other = replace(pair, **{role: replace(getattr(pair, role), refresh_hz=rate_hz)})
+        if fits:
+            check_nominal(other, **wanted_hz)
+            continue
+        with pytest.raises(ConfigError) as told:
+            check_nominal(other, **wanted_hz)
+        output = getattr(pair, role)
+        assert told.value.device == role
+        assert told.value.message == f"{output.name} runs at {rate_hz:.4f} Hz, not 60 Hz"
+        width, height = output.size
+        assert told.value.hint == (
+            f"xrandr --output {output.name} --mode {width}x{height} --rate 60, "
+            f"or mend refresh_hz of [{role}]"
+        )
+    exact = Pair(replace(LEFT, refresh_hz=51.0), RIGHT)
+    check_nominal(exact, projector_hz=50.0, mask_hz=60.0)  # 2 % to the letter
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "common"),
+    [(10, 0, False), (9, 0, True), (-20, 0, False), (-19, 0, True), (0, 10, False), (0, 9, True),
+     (0, -30, False), (0, -29, True), (9, 9, True), (3, 3, True)],
+)  # fmt: skip
+def test_outputs_that_only_touch_have_no_pixel_in_common(x: int, y: int, common: bool) -> None:
+    first, second = Output("a", True, 0, 0, 10, 10), Output("b", True, x, y, 20, 30)
+    assert overlap(first, second) is overlap(second, first) is common
+
+
+WHOLE = Output("screen", True, 2, 3, 700, 400, "all", 75.0, connector=5)
+SIZES: dict[str, Any] = {"projector": ("screen", (256, 192)), "mask": ("screen", (400, 300))}
+
+
+def test_parts_of_one_output_are_a_pair_of_its_rate() -> None:
+    found = place_pair((WHOLE,), **SIZES, positions_px=((2, 3), (302, 103)))
+    assert found.projector == replace(WHOLE, x=2, y=3, width=256, height=192)
+    assert found.mask == replace(WHOLE, x=302, y=103, width=400, height=300)
+    assert found.refresh_hz == 75.0
+
+
+@pytest.mark.parametrize(
+    ("mask_px", "role"),
+    [((303, 103), "mask"), ((302, 104), "mask"), ((1, 103), "mask"), ((302, 2), "mask")],
+)
+def test_a_part_that_leaves_its_output_is_refused(mask_px: tuple[int, int], role: str) -> None:
+    with pytest.raises(ConfigError) as told:
+        place_pair((WHOLE,), **SIZES, positions_px=((2, 3), mask_px))
+    assert told.value.device == role
+    assert told.value.message == (
+        f"400 x 300 pixels at +{mask_px[0]}+{mask_px[1]} do not lie within {WHOLE}"
+    )
+    assert "positions_px" in str(told.value.hint)
+
+
+def test_parts_that_overlap_are_refused() -> None:
+    with pytest.raises(ConfigError, match="same part of the screen"):
+        place_pair((WHOLE,), **SIZES, positions_px=((2, 3), (257, 3)))
+    place_pair((WHOLE,), **SIZES, positions_px=((2, 3), (258, 3)))
+
+
+# Watching.
+
+
+class Events(Server):
+    """Has events to tell; what is readable is a matter of the test's."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waiting = 2
+        self.done: list[Any] = []
+        self.gone = False
+
+    def fileno(self) -> int:
+        return 5
+
+    def xrandr_select_input(self, mask: int) -> None:
+        self.done.append(mask)
+
+    def sync(self) -> None:
+        self.done.append("sync")
+
+    def pending_events(self) -> int:
+        if self.gone:
+            raise error.ConnectionClosedError("server")
+        return self.waiting
+
+    def next_event(self) -> None:
+        self.waiting -= 1
+        self.done.append("event")
+
+
+class Poller:
+    """Says that there is something to read where `ready` is."""
+
+    ready: list[Any]
+    known: list[tuple[int, int]]
+    waits: list[float]
+
+    def register(self, fd: int, events: int) -> None:
+        self.known.append((fd, events))
+
+    def poll(self, wait_ms: float) -> list[Any]:
+        self.waits.append(wait_ms)
+        return self.ready
+
+
+def test_a_watcher_hears_of_changes_from_its_beginning_and_never_waits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    Poller.ready, Poller.known, Poller.waits = [], [], []
+    monkeypatch.setattr(select, "poll", Poller)
+    events = Events()
+    watcher = Watcher(events)
+    asked = (
+        randr.RRScreenChangeNotifyMask
+        | randr.RRCrtcChangeNotifyMask
+        | randr.RROutputChangeNotifyMask
+    )
+    assert events.done == [asked, "sync", "event", "event"]  # what is older is passed over
+    assert Poller.known == [(5, select.POLLIN)] and watcher.fileno() == 5
+    events.waiting = 3
+    assert not watcher.changed() and events.waiting == 3  # the kernel has said nothing yet
+    Poller.ready = [1]
+    assert watcher.changed() and events.waiting == 0
+    assert not watcher.changed()  # an answer to something else
+    assert set(Poller.waits) == {0}
+    events.gone = True
+    with pytest.raises(DeviceLost, match=":7 does not answer"):
+        watcher.changed()

@@ -1,0 +1,279 @@
+"""Windows by a library that stands in for GLFW and GL: how they open, draw, swap and close."""
+
+from __future__ import annotations
+
+import ctypes
+from types import SimpleNamespace
+from typing import Any
+
+import glfw
+import moderngl
+import numpy as np
+import pytest
+
+from pdcd.errors import DeviceLost
+from pdcd.frames.panels import PanelView
+from pdcd.maps.map import Map
+from pdcd.presenter import windows as windows_module
+from pdcd.presenter.messages import Rect
+from pdcd.presenter.windows import Windows
+
+PLACES = Rect(0, 0, 256, 192), Rect(256, 7, 400, 290)
+SCREEN_PX = 656, 300
+VIEWS = PanelView("projector", Map.filling((256, 192))), PanelView("mask", Map.filling((400, 290)))
+SPAN = Rect(0, 0, 656, 300)
+
+
+class Desk:
+    """GLFW, GL and Xlib at once; `done` is what they were told, in order."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.done: list[Any] = []
+        self.hints: dict[int, Any] = {}
+        self.opened: list[tuple[int, int]] = []
+        self.places: list[Rect] = []
+        self.panels: list[Any] = []
+        self.contexts = 0
+        self.error = "GL_NO_ERROR"
+        for name in (
+            "window_hint", "create_window", "set_input_mode", "make_context_current",
+            "swap_interval", "swap_buffers", "show_window", "poll_events", "get_window_pos",
+            "get_framebuffer_size", "destroy_window", "get_x11_window", "get_glx_window",
+            "get_x11_display",
+        ):  # fmt: skip
+            monkeypatch.setattr(glfw, name, getattr(self, name, None) or self._noting(name))
+        monkeypatch.setattr(moderngl, "create_context", self.create_context)
+        monkeypatch.setattr(windows_module, "Viewport", self.viewport)
+        monkeypatch.setattr(windows_module, "_x_sync", lambda display: self._noting("sync"))
+
+    def _noting(self, name: str) -> Any:
+        return lambda *words: self.done.append((name, *words))
+
+    def window_hint(self, hint: int, value: Any) -> None:
+        self.hints[hint] = value
+
+    def create_window(self, width: int, height: int, *rest: Any) -> str:
+        self.opened.append((width, height))
+        return f"w{len(self.opened)}"
+
+    def get_window_pos(self, handle: str) -> tuple[int, int]:
+        place = self.places[int(handle[1:]) - 1]
+        return place.x, place.y
+
+    def get_framebuffer_size(self, handle: str) -> tuple[int, int]:
+        place = self.places[int(handle[1:]) - 1]
+        return place.width, place.height
+
+    def get_x11_window(self, handle: str) -> int:
+        return 100 + int(handle[1:])
+
+    def get_glx_window(self, handle: str) -> int:
+        return 200 + int(handle[1:])
+
+    def get_x11_display(self) -> int:
+        return 0x7F00
+
+    def create_context(self, require: int) -> Any:
+        assert require == 330
+        self.contexts += 1
+        name = f"c{self.contexts}"
+        screen = SimpleNamespace(
+            clear=self._noting(f"{name} clear"), use=self._noting(f"{name} use")
+        )
+        desk = self
+
+        class Context:
+            info = {"GL_RENDERER": f"renderer {name}"}  # noqa: RUF012
+
+            def __init__(self) -> None:
+                self.screen, self.name = screen, name
+                self.finish = desk._noting(f"{name} finish")
+
+            @property
+            def error(self) -> str:
+                desk.done.append(f"{name} error?")
+                return desk.error
+
+            def disable_direct(self, number: int) -> None:
+                desk.done.append((f"{name} disable", number))
+
+        return Context()
+
+    def viewport(self, context: Any, view: PanelView, *rest: Any) -> Any:
+        self.panels.append((context.name, view, *rest))
+        role = view.role
+        names = ("load", "warm_up", "prepare", "draw_pieces", "draw")
+        return SimpleNamespace(**{name: self._noting(f"{role} {name}") for name in names})
+
+    def open(self, layout: str, order: str | None = None) -> Windows:
+        self.places = [SPAN] if layout == "span" else list(PLACES)
+        made = Windows(layout, SCREEN_PX, PLACES, VIEWS, order)
+        return made
+
+    def told(self) -> list[Any]:
+        found = [what[0] if isinstance(what, tuple) and len(what) == 1 else what
+                 for what in self.done]  # fmt: skip
+        del self.done[:]
+        return found
+
+
+@pytest.fixture
+def desk(monkeypatch: pytest.MonkeyPatch) -> Desk:
+    return Desk(monkeypatch)
+
+
+def opening(handle: str, context: str, interval: int) -> list[Any]:
+    """What a window is told from its making to its first appearance: black, twice, before it."""
+    return [
+        ("set_input_mode", handle, glfw.CURSOR, glfw.CURSOR_HIDDEN),
+        ("make_context_current", handle), ("swap_interval", interval),
+        (f"{context} disable", 0x0BD0), f"{context} clear", ("swap_buffers", handle),
+        f"{context} clear", ("swap_buffers", handle), ("show_window", handle), f"{context} clear",
+        ("swap_buffers", handle), "poll_events",
+    ]  # fmt: skip
+
+
+def test_one_window_covers_the_screen_and_has_both_panels_counted_from_its_bottom(
+    desk: Desk,
+) -> None:
+    made = desk.open("span")
+    assert desk.opened == [(656, 300)] and desk.told() == opening("w1", "c1", 1)
+    assert desk.panels == [
+        ("c1", VIEWS[0], (0, 108), 0, None), ("c1", VIEWS[1], (256, 3), 3, None),
+    ]  # fmt: skip
+    assert made.planes == 1 and made.timed_window == 101 and made.glx_handles == (0x7F00, 201)
+    assert made.renderer == "renderer c1"
+
+
+def test_windows_of_their_own_wait_for_the_masks_vblank_alone(desk: Desk) -> None:
+    made = desk.open("windows", "RGB")
+    assert desk.opened == [(256, 192), (400, 290)]
+    assert desk.told() == opening("w1", "c1", 0) + opening("w2", "c2", 1)
+    assert desk.panels == [
+        ("c1", VIEWS[0], (0, 0), 0, "RGB"), ("c2", VIEWS[1], (0, 0), 0, "RGB"),
+    ]  # fmt: skip
+    assert made.planes == 24 and made.timed_window == 102 and made.glx_handles == (0x7F00, 202)
+    assert made.renderer == "renderer c1"
+
+
+def test_a_window_has_two_plain_buffers_and_nothing_of_a_desktop(desk: Desk) -> None:
+    desk.open("windows")
+    assert desk.hints == {
+        glfw.DECORATED: False, glfw.RESIZABLE: False, glfw.AUTO_ICONIFY: False,
+        glfw.FOCUSED: False, glfw.FOCUS_ON_SHOW: False, glfw.VISIBLE: False,
+        glfw.CONTEXT_VERSION_MAJOR: 3, glfw.CONTEXT_VERSION_MINOR: 3,
+        glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE, glfw.DEPTH_BITS: 0, glfw.STENCIL_BITS: 0,
+        glfw.SAMPLES: 0, glfw.SRGB_CAPABLE: False, glfw.DOUBLEBUFFER: True,
+        glfw.POSITION_X: 256, glfw.POSITION_Y: 7,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "place",
+    [Rect(1, 0, 656, 300), Rect(0, 1, 656, 300), Rect(0, 0, 655, 300), Rect(0, 0, 656, 299)],
+)
+def test_a_window_that_comes_out_elsewhere_is_refused(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch, place: Rect
+) -> None:
+    desk.places = [place]
+    with pytest.raises(DeviceLost, match=r"came out as .* \(no window manager may run"):
+        Windows("span", SCREEN_PX, PLACES, VIEWS, None)
+
+
+def test_a_refresh_is_drawn_piece_by_piece_on_both_panels_of_one_window(desk: Desk) -> None:
+    made = desk.open("span")
+    desk.told()
+    rows = np.zeros((1, 1), dtype=np.int32), np.ones((1, 1), dtype=np.int32)
+    made.prepare(*rows)
+    assert desk.told() == [("projector prepare", rows[0]), ("mask prepare", rows[1])]
+    made.draw(5)
+    assert desk.told() == [
+        ("projector draw_pieces", 5), ("mask draw_pieces", 5), "c1 use", "c1 clear",
+        ("projector draw", 5), ("mask draw", 5),
+    ]  # fmt: skip
+    for call, done in (
+        (made.draw_black, ["c1 clear"]), (made.finish, ["c1 finish"]),
+        (made.swap, [("swap_buffers", "w1")]), (made.settle, ["c1 finish", "sync"]),
+        (made.black, ["c1 clear", "c1 finish", ("swap_buffers", "w1"), "c1 finish", "sync"]),
+        (made.check, ["c1 error?"]),
+    ):  # fmt: skip
+        call()
+        assert desk.told() == done
+
+
+def test_each_of_two_windows_is_made_current_before_it_is_drawn_on(desk: Desk) -> None:
+    made = desk.open("windows")
+    desk.told()
+    first, second = ("make_context_current", "w1"), ("make_context_current", "w2")
+    made.draw(2)
+    assert desk.told() == [
+        first, ("projector draw_pieces", 2), "c1 use", "c1 clear", ("projector draw", 2),
+        second, ("mask draw_pieces", 2), "c2 use", "c2 clear", ("mask draw", 2),
+    ]  # fmt: skip
+    for call, done in (
+        (made.draw_black, [first, "c1 clear", second, "c2 clear"]),
+        (made.finish, [first, "c1 finish", second, "c2 finish"]),
+        (made.swap, [first, ("swap_buffers", "w1"), second, ("swap_buffers", "w2")]),
+        (made.check, [first, "c1 error?", second, "c2 error?"]),
+    ):  # fmt: skip
+        call()
+        assert desk.told() == done
+
+
+@pytest.mark.parametrize("layout", ["span", "windows"])
+def test_patterns_are_taken_warmed_up_and_blackened_before_anybody_goes_on(
+    desk: Desk, layout: str
+) -> None:
+    made = desk.open(layout)
+    desk.told()
+    frames: Any = object()
+    made.load(frames)
+    done = desk.told()
+    several = layout == "windows"
+    assert [what for what in done if what[0] != "make_context_current"] == [
+        ("projector load", frames), ("projector warm_up"), ("mask load", frames),
+        ("mask warm_up"), "c1 clear", *["c2 clear"] * several, "c1 finish",
+        *["c2 finish"] * several, "c1 error?", *["c2 error?"] * several,
+    ]  # fmt: skip
+    current = [what[1] for what in done if what[0] == "make_context_current"]
+    assert current == ["w1", "w2"] * 4 * several
+    at = [n for n, what in enumerate(done) if what[0] == "make_context_current"]
+    if several:
+        assert done[at[1] + 1] == ("mask load", frames)
+
+
+def test_a_fault_of_the_graphics_card_is_a_lost_device(desk: Desk) -> None:
+    made = desk.open("span")
+    desk.error = "GL_OUT_OF_MEMORY"
+    with pytest.raises(DeviceLost, match=r"card reports GL_OUT_OF_MEMORY \(see the kernel's log"):
+        made.check()
+
+
+def test_windows_are_closed_once(desk: Desk) -> None:
+    made = desk.open("windows")
+    desk.told()
+    made.close()
+    made.close()
+    assert desk.told() == [("destroy_window", "w1"), ("destroy_window", "w2")]
+
+
+def test_a_sync_is_a_call_on_the_librarys_own_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    class Sync:
+        argtypes: Any = None
+
+        def __call__(self, *words: int) -> None:
+            asked.append((words, self.argtypes))
+
+    made = SimpleNamespace(XSync=Sync())
+
+    def library(name: str) -> Any:
+        asked.append(name)
+        return made
+
+    monkeypatch.setattr(ctypes, "CDLL", library)
+    wait = windows_module._x_sync(0x7F00_0000_0000)
+    assert asked == ["libX11.so.6"]
+    wait()
+    assert asked[1:] == [((0x7F00_0000_0000, 0), [ctypes.c_void_p, ctypes.c_int])]

@@ -1,0 +1,146 @@
+"""Faults of our own are not taken for a device's, and waiting has its lengths."""
+
+from __future__ import annotations
+
+import ctypes
+import select
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import glfw
+import pytest
+
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.presenter import clocks, drm, process, realtime
+from pdcd.presenter.clocks import Completions, Vblanks
+from pdcd.presenter.messages import Failed, Quit
+
+
+def fail(*unused: Any) -> Any:
+    raise ZeroDivisionError
+
+
+class Even:
+    """A source that fails as it is told to."""
+
+    name, queues, ns, msc, flipped = "even", False, 0, 0, 0
+
+    def __init__(self, fault: Exception) -> None:
+        self.fault = fault
+
+    def sync(self) -> None: ...
+
+    def put(self) -> None: ...
+
+    def shown(self) -> None:
+        raise self.fault
+
+
+def test_only_a_lost_device_is_a_source_that_does_not_deliver() -> None:
+    assert clocks.probe(Even(DeviceLost("late")), lambda: None, 1e7) is None
+    for fault in (ZeroDivisionError(), ConfigError("odd")):
+        with pytest.raises(type(fault)):
+            clocks.probe(Even(fault), lambda: None, 1e7)
+    with pytest.raises(ZeroDivisionError):
+        clocks.probe(Even(DeviceLost("late")), fail, 1e7)
+
+
+def test_faults_of_our_own_are_not_told_as_a_missing_card_or_display(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    places: Any = SimpleNamespace(outputs=())
+    monkeypatch.setattr(drm, "find", fail)
+    with pytest.raises(ZeroDivisionError):
+        process._kernel_counters(places)
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(glfw, "ERROR_REPORTING", "warn")
+    monkeypatch.setattr(glfw, "init", fail)
+    with pytest.raises(ZeroDivisionError):
+        process._start_glfw(":7")
+    monkeypatch.setattr(Path, "iterdir", fail)
+    with pytest.raises(ZeroDivisionError):
+        realtime.raise_priority(7)
+
+
+@pytest.mark.parametrize(("refused", "said"), [(0, "yes"), (-1, "no: ")])
+def test_pages_are_locked_that_are_there_and_that_come_once_they_are_touched(
+    monkeypatch: pytest.MonkeyPatch, refused: int, said: str
+) -> None:
+    """MCL_CURRENT, MCL_FUTURE and MCL_ONFAULT of sys/mman.h."""
+    asked: list[Any] = []
+
+    def lock(flags: int) -> int:
+        asked.append(flags)
+        return refused
+
+    def library(name: str | None, use_errno: bool = False) -> Any:
+        asked.append((name, use_errno))
+        return SimpleNamespace(mlockall=lock)
+
+    monkeypatch.setattr(ctypes, "CDLL", library)
+    assert realtime.lock_memory().startswith(said)
+    assert asked == [(None, True), 1 | 2 | 4]
+
+
+def test_the_process_looks_at_its_windows_four_times_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known: list[Any] = []
+    waits_ms: list[float] = []
+
+    class Poller:
+        def register(self, sock: Any, events: int) -> None:
+            known.append((sock, events))
+
+        def poll(self, wait_ms: float) -> list[Any]:
+            waits_ms.append(wait_ms)
+            return [1] if len(waits_ms) == 3 else []
+
+    said: list[Any] = []
+    channel: Any = SimpleNamespace(
+        sock="the sock", receive=lambda: (Quit(), None), send=said.append
+    )
+    monkeypatch.setattr(select, "poll", Poller)
+    with pytest.raises(DeviceLost, match="the panels are not open"):
+        process.serve(channel)
+    assert known == [
+        ("the sock", select.POLLIN | select.POLLHUP), ("the sock", select.POLLHUP),
+    ]  # fmt: skip
+    assert waits_ms == [250.0] * 3 and said == []
+
+
+def test_a_fault_while_it_is_told_is_no_loss_of_the_driver() -> None:
+    told = Failed("device_lost", "gone", None, False)
+    for fault, quiet in ((BrokenPipeError(), True), (OSError(), True), (ValueError(), False)):
+
+        def send(message: Any, fault: Exception = fault) -> None:
+            assert message == told
+            raise fault
+
+        channel: Any = SimpleNamespace(send=send)
+        if quiet:
+            assert process._report(channel, told) == 1
+        else:
+            with pytest.raises(ValueError):
+                process._report(channel, told)
+    sent: list[Any] = []
+    assert process._report(SimpleNamespace(send=sent.append), told) == 1  # type: ignore[arg-type]
+    assert sent == [told]
+
+
+def test_a_source_waits_half_a_second_for_what_must_come() -> None:
+    waits_s: list[float] = []
+
+    def wait(kind: int, timeout_s: float) -> bool:
+        waits_s.append(timeout_s)
+        return False
+
+    events: Any = SimpleNamespace(wait=wait, ask=lambda msc: None, ns=0, msc=0, flipped=0)
+    reported = Completions(events, lambda: None)
+    reported.sync()
+    with pytest.raises(DeviceLost):
+        reported.shown()
+    with pytest.raises(DeviceLost):
+        Vblanks(events, lambda: None, lambda: None, 1e7).sync()
+    assert waits_s == [0.05, 0.5, 0.5]

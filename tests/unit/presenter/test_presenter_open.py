@@ -1,0 +1,321 @@
+"""How the display process opens its panels: in which order, with what, and what it says of it."""
+
+from __future__ import annotations
+
+import os
+import select
+from types import SimpleNamespace
+from typing import Any
+
+import glfw
+import pytest
+
+from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.maps.map import Map
+from pdcd.presenter import drm, process, realtime
+from pdcd.presenter.messages import Black, Load, Mode, Open, Play, Quit, Rect, Show
+from pdcd.presenter.opening import opening, options_of
+from pdcd.presenter.options import Options
+from pdcd.presenter.phase import Phase
+from pdcd.presenter.process import Presenter
+
+SIZES = (256, 192), (400, 300)
+PANELS = Rect(0, 0, 256, 192), Rect(256, 0, 400, 300)
+PHASE = Phase((1 / 60, 1 / 59.5), 0.0025, 2.0)
+COUNTERS = tuple(SimpleNamespace(route=name) for name in ("card0, CRTC 41", "card0, CRTC 45"))
+NONE = ConfigError("no vblank counter: no card")
+
+
+class Parts:
+    """All that a presenter is made of; `done` is what happened, in order."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.done: list[Any] = []
+        self.renderer, self.drifts, self.queues = "NVIDIA H200", False, False
+        self.counters: Any = COUNTERS
+        self.phase: Phase | None = PHASE
+        self.registered: list[tuple[int, int]] = []
+        for name, made in (
+            ("Places", self._places), ("_start_glfw", lambda name: self.note("glfw", name)),
+            ("Windows", self._windows), ("PresentEvents", self._events), ("measure", self._measure),
+            ("probe", self._probe), ("Grabs", lambda *words: self.note("grabs", *words)),
+        ):  # fmt: skip
+            monkeypatch.setattr(process, name, made)
+        monkeypatch.setattr(drm, "find", self._find)
+        system = {"raise_priority": "SCHED_FIFO 20", "lock_memory": "yes", "freeze_garbage": None}
+        for name, said in system.items():
+            monkeypatch.setattr(
+                realtime,
+                name,
+                lambda *w, name=name, said=said: self.note(name, *w) and said,
+            )
+        monkeypatch.setattr(select, "poll", lambda: self)
+
+    def note(self, *what: Any) -> bool:
+        self.done.append(what[0] if len(what) == 1 else what)
+        return True
+
+    def register(self, fd: int, events: int) -> None:
+        self.registered.append((fd, events))
+
+    def _places(self, name: str | None, request: Open) -> Any:
+        self.note("places", name)
+        return SimpleNamespace(
+            name=":7.0", fileno=lambda: 9, screen_px=(656, 300), panels=PANELS, drifts=self.drifts,
+            outputs=("the projector's", "the mask's"), identity={"projector": "P", "mask": "M"},
+        )  # fmt: skip
+
+    def _windows(self, *words: Any) -> Any:
+        self.note("windows", *words)
+        names = ("black", "swap", "finish", "draw_black", "settle")
+        return SimpleNamespace(
+            renderer=self.renderer, timed_window=42, glx_handles=(1, 2),
+            **{name: lambda name=name: self.note(name) for name in names},
+        )  # fmt: skip
+
+    def _events(self, name: str, window: int) -> Any:
+        self.note("events", name, window)
+        return "events"
+
+    def _find(self, outputs: Any) -> Any:
+        assert outputs == ("the projector's", "the mask's")
+        if isinstance(self.counters, ConfigError):
+            raise self.counters
+        return self.counters
+
+    def _measure(self, name: str, panels: Any, known: Any) -> Phase | None:
+        self.note("phase", name, panels, known)
+        return self.phase
+
+    def _probe(self, source: Any, frame: Any, nominal_ns: float) -> float:
+        self.note("probe", source.name, round(nominal_ns))
+        return 16_000_000.0
+
+    def open(self, rates_hz: tuple[float, float] = (60.0, 50.0), **options: Any) -> Presenter:
+        options = {"projector": "A", "mask": "B", "time_source": "clock", **options}
+        modes = [Mode(Map.filling(size), rate) for size, rate in zip(SIZES, rates_hz, strict=True)]
+        request = Open(Options(**options), modes[0], modes[1], "GRB")
+        return Presenter(request, lambda: False, 5)
+
+    def words(self) -> list[Any]:
+        return [what[0] if isinstance(what, tuple) else what for what in self.done]
+
+
+@pytest.fixture
+def parts(monkeypatch: pytest.MonkeyPatch) -> Parts:
+    return Parts(monkeypatch)
+
+
+def test_panels_are_opened_in_order_and_black_before_they_are_called_ready(parts: Parts) -> None:
+    ready = parts.open(display=":7", layout="windows", realtime_priority=7).ready
+    assert parts.words() == [
+        "places", "glfw", "windows", "raise_priority", "events", "probe", "black", "phase",
+        "lock_memory", "freeze_garbage",
+    ]  # fmt: skip
+    told = {what[0]: what[1:] for what in parts.done if isinstance(what, tuple)}
+    assert told["places"] == (":7",) and told["glfw"] == (":7.0",)
+    layout, screen_px, panels, views, order = told["windows"]
+    assert (layout, screen_px, panels, order) == ("windows", (656, 300), PANELS, "GRB")
+    assert [(view.role, view.size_px) for view in views] == [
+        ("projector", SIZES[0]), ("mask", SIZES[1]),
+    ]  # fmt: skip
+    assert told["raise_priority"] == (7,) and told["events"] == (":7.0", 42)
+    # A source is judged by the slower of both rates.
+    assert told["probe"] == ("clock", 20_000_000)
+    assert told["phase"] == (":7.0", PANELS, COUNTERS)
+    assert parts.registered == [(5, select.POLLHUP), (9, select.POLLIN)]
+    assert (ready.source, ready.refresh_hz, ready.lag_s) == ("clock", 62.5, 0.0025)
+    assert ready.identity == {
+        "projector": "P", "mask": "M", "layout": "windows", "renderer": "NVIDIA H200",
+        "time source": "clock",
+        "vblank counters": "projector card0, CRTC 41; mask card0, CRTC 45",
+        "phase": "projector 60.000 Hz, mask 59.500 Hz, mask later by 2.50 ms",
+        "realtime": "SCHED_FIFO 20", "memory locked": "yes",
+    }  # fmt: skip
+
+
+def test_a_lag_that_drifts_or_was_not_measured_is_none(parts: Parts) -> None:
+    parts.drifts = True
+    ready = parts.open().ready
+    assert ready.lag_s is None and "later by 2.50 ms" in ready.identity["phase"]
+    parts.drifts, parts.phase, parts.counters = False, None, NONE
+    ready = parts.open().ready
+    assert ready.lag_s is None
+    assert ready.identity["phase"] == "not measured: no vblanks of two screens"
+    assert ready.identity["vblank counters"] == "no vblank counter: no card"
+    assert parts.done[-3] == ("phase", ":7.0", PANELS, None)
+
+
+@pytest.mark.parametrize("allowed", [True, False])
+def test_a_renderer_on_the_processor_is_for_tests(parts: Parts, allowed: bool) -> None:
+    parts.renderer = "llvmpipe (LLVM 15)"
+    if allowed:
+        assert parts.open(allow_software=True).ready.identity["renderer"] == parts.renderer
+        return
+    with pytest.raises(ConfigError, match=r"software \(llvmpipe \(LLVM 15\)\) .*allow_software"):
+        parts.open()
+    assert parts.words() == ["places", "glfw", "windows"]
+
+
+GRAB_PX = ((0, 3), (256, 7))
+
+
+def test_a_screen_is_looked_at_where_the_bench_has_its_panels(parts: Parts) -> None:
+    parts.open(grab_px=GRAB_PX, time_source="present-msc")
+    ((name, boxes, settle),) = [what[1:] for what in parts.done if what[0] == "grabs"]
+    assert (name, boxes) == (":7.0", ((0, 3, 256, 192), (256, 7, 400, 300)))
+    settle()
+    assert parts.done[-1] == "settle"
+
+
+def test_a_source_that_queues_shows_what_comes_next_and_is_not_looked_at(parts: Parts) -> None:
+    with pytest.raises(ConfigError, match=r"present-complete the screen may be a refresh ahead"):
+        parts.open(grab_px=GRAB_PX, time_source="present-complete")
+    parts.open(time_source="present-complete")
+
+
+def test_sources_of_time_are_made_with_what_they_need(
+    parts: Parts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Any] = []
+
+    def noting(words: tuple[Any, ...]) -> Any:
+        made.append(words)
+        return SimpleNamespace(name=words[0], queues=False)
+
+    for name in ("Completions", "SyncValues", "KernelVblanks", "Vblanks", "SwapReturns",
+                 "FreeRunning", "ProcessorClock"):  # fmt: skip
+        monkeypatch.setattr(
+            process,
+            name,
+            lambda *words, name=name: noting((name, *words)),
+        )
+    for name in (*process.SOURCES, "free"):
+        parts.open((100.0, 100.0), time_source=name)
+    shown = [tuple("call" if callable(word) else word for word in words) for words in made]
+    period_ns = 1e7
+    assert shown == [
+        ("Completions", "events", "call"), ("SyncValues", (1, 2), "call"),
+        ("KernelVblanks", COUNTERS[1], "call", "call", period_ns),
+        ("Vblanks", "events", "call", "call", period_ns),
+        ("SwapReturns", "call", "call", period_ns), ("ProcessorClock", "call", "call", period_ns),
+        ("FreeRunning", "call", "call"),
+    ]  # fmt: skip
+    del parts.done[:]
+    for _, *words in made:
+        for word in words:
+            if callable(word):
+                word()
+    assert parts.done == [
+        "swap",
+        "swap",
+        *["swap", "finish"] * 5,
+    ]  # each swaps by the one and finishes by the other
+
+
+def test_a_library_that_cannot_open_the_display_is_a_lost_device(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail() -> None:
+        raise glfw.GLFWError("no server")
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(glfw, "ERROR_REPORTING", "warn")
+    monkeypatch.setattr(glfw, "init", fail)
+    with pytest.raises(DeviceLost, match=r"cannot open the display ':7': .*pdcd-x\.service"):
+        process._start_glfw(":7")
+    assert os.environ["DISPLAY"] == ":7" and glfw.ERROR_REPORTING == "raise"
+    opened: list[str] = []
+    monkeypatch.setattr(glfw, "init", lambda: opened.append(os.environ["DISPLAY"]))
+    process._start_glfw(":9")
+    assert opened == [":9"]
+
+
+@pytest.mark.parametrize("message", [Load([], (1, 1), (1, 1), "whole"), Play([])])
+def test_what_needs_memory_and_comes_without_does_nothing(message: Load | Play) -> None:
+    process._answer(SimpleNamespace(), message, None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("message", "said"), [(Show(3), 3), (Black(), ()), (Quit(), ())])
+def test_what_needs_no_memory_is_answered_without(message: Any, said: Any) -> None:
+    done: list[Any] = []
+    presenter = SimpleNamespace(show=done.append, black=lambda: done.append(()))
+    process._answer(presenter, message, None)  # type: ignore[arg-type]
+    assert done == [said]
+
+
+def test_windows_and_outputs_are_looked_at_while_nothing_is_asked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done: list[str] = []
+    monkeypatch.setattr(glfw, "poll_events", lambda: done.append("events"))
+    presenter = Presenter.__new__(Presenter)
+    presenter._places = SimpleNamespace(check=lambda: done.append("outputs"))  # type: ignore[assignment]
+    presenter.idle()
+    assert done == ["events", "outputs"]
+
+
+# What is asked of it, out of a configuration.
+
+
+def config(planes: Any = 1, **tables: Any) -> Config:
+    options = {"projector": "HDMI-1", "mask": "DP-1", "hang_s": 1.5}
+    shown = DisplayConfig(
+        driver="x11", options=options, planes_per_refresh=planes, plane_order="BRG"
+    )
+    panels = {
+        "projector": PanelConfig(size_px=SIZES[0], refresh_hz=50.0),
+        "mask": PanelConfig(size_px=SIZES[1], refresh_hz=75.0),
+    }
+    return Config(**{"rig": RigConfig(clock="real"), "display": shown, **panels, **tables})
+
+
+@pytest.mark.parametrize(("planes", "order"), [(1, None), (24, "BRG")])
+def test_a_configuration_says_what_is_opened(planes: int, order: str | None) -> None:
+    request = opening(config(planes))
+    assert request.options == Options(projector="HDMI-1", mask="DP-1", hang_s=1.5)
+    assert (request.projector.size_px, request.projector.refresh_hz) == (SIZES[0], 50.0)
+    assert (request.mask.size_px, request.mask.refresh_hz) == (SIZES[1], 75.0)
+    assert request.plane_order == order
+
+
+def test_panels_that_are_simulated_or_badly_named_are_not_opened() -> None:
+    with pytest.raises(ConfigError, match=r"panels keep real time \(set rig\.clock = \"real\"\)"):
+        opening(config(rig=RigConfig(clock="virtual")))
+    with pytest.raises(ConfigError, match="has 'mock'"):
+        options_of(Config())
+    wrong = DisplayConfig(driver="x11", options={"projector": "A", "mask": "B", "colour": 3})
+    with pytest.raises(ConfigError, match=r"display\.options.*colour.*docs/display\.md") as told:
+        options_of(config(display=wrong))
+    assert told.value.device == "display"
+
+
+@pytest.mark.parametrize(
+    ("key", "good", "bad"),
+    [
+        ("realtime_priority", (0, 99), (-1, 100)), ("hang_s", (0.1, 60.0), (0.09, 60.1)),
+        ("stall_exposures", (0, 7), (-1,)), ("stalls_ms", ({"0": 0.0},), ({"0": -0.1}, {"a": 1.0})),
+    ],
+)  # fmt: skip
+def test_options_have_limits(key: str, good: tuple[Any, ...], bad: tuple[Any, ...]) -> None:
+    def read(value: Any) -> Any:
+        options = {"projector": "A", "mask": "B", key: value}
+        found = options_of(config(display=DisplayConfig(driver="x11", options=options)))
+        return getattr(found, key)
+
+    assert [read(value) for value in good] == list(good)
+    for value in bad:
+        with pytest.raises(ConfigError, match=key):
+            read(value)
+
+
+def test_options_that_are_left_out_are_as_documented() -> None:
+    usual = Options(projector="A", mask="B")
+    assert usual == Options(
+        projector="A", mask="B", display=None, layout="span", time_source="auto",
+        allow_software=False, realtime_priority=20, hang_s=2.0, positions_px=None, grab_px=None,
+        stalls_ms={}, stall_exposures=0,
+    )  # fmt: skip
+    with pytest.raises(TypeError):
+        Options("A", "B")  # type: ignore[call-arg]

@@ -1,0 +1,160 @@
+"""Where both panels lie: asked once, watched from then on, the screen black below them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from Xlib import error
+
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.maps.map import Map
+from pdcd.presenter import desktop
+from pdcd.presenter import places as places_module
+from pdcd.presenter.messages import Mode, Open, Rect
+from pdcd.presenter.options import Options
+from pdcd.presenter.outputs import Output
+from pdcd.presenter.places import Places
+
+PROJECTOR = Output("HDMI-1", True, 0, 0, 256, 192, "p", 60.0)
+MASK = Output("DP-1", True, 256, 7, 400, 300, "m", 60.0)
+
+
+class Screen:
+    """A server of two outputs that takes note; `changes` is what its watcher answers next."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.done: list[Any] = []
+        self.outputs: tuple[Output, ...] = (PROJECTOR, MASK)
+        self.changes: list[bool] = []
+        self.fault: Exception | None = None
+        self.width_in_pixels, self.height_in_pixels, self.black_pixel = 656, 307, 17
+        self.root = SimpleNamespace(
+            change_attributes=lambda **how: self.note("background", how),
+            clear_area=lambda: self.note("clear"),
+        )
+        for name in ("connect", "Watcher", "read_outputs"):
+            monkeypatch.setattr(places_module, name, getattr(self, name))
+        monkeypatch.setattr(desktop, "check", lambda display: self.note("desktop"))
+
+    def note(self, *what: Any) -> None:
+        self.done.append(what[0] if len(what) == 1 else what)
+
+    def connect(self, name: str | None) -> Any:
+        self.note("connect", name)
+        return self
+
+    def get_display_name(self) -> str:
+        return ":7.0"
+
+    def screen(self) -> Any:
+        return self
+
+    def sync(self) -> None:
+        if self.fault is not None:
+            raise self.fault
+        self.note("sync")
+
+    def read_outputs(self, display: object) -> tuple[Output, ...]:
+        assert display is self
+        return self.outputs
+
+    def Watcher(self, display: Any) -> Any:
+        assert display is self
+        return SimpleNamespace(fileno=lambda: 9, changed=lambda: self.changes.pop(0))
+
+
+@pytest.fixture
+def screen(monkeypatch: pytest.MonkeyPatch) -> Screen:
+    return Screen(monkeypatch)
+
+
+def opening(rates_hz: tuple[float, float] = (60.0, 60.0), **options: Any) -> Open:
+    settings = Options(**{"projector": "HDMI-1", "mask": "DP-1", **options})
+    first, second = Map.filling((256, 192)), Map.filling((400, 300))
+    return Open(settings, Mode(first, rates_hz[0]), Mode(second, rates_hz[1]))
+
+
+def test_both_panels_are_found_and_the_screen_made_black_below_them(screen: Screen) -> None:
+    made = Places(":7", opening())
+    assert screen.done == [
+        ("connect", ":7"), "desktop", ("background", {"background_pixel": 17}), "clear", "sync",
+        ("connect", ":7"),
+    ]  # fmt: skip
+    assert made.name == ":7.0" and made.screen_px == (656, 307) and made.fileno() == 9
+    assert made.outputs == (PROJECTOR, MASK)
+    assert made.panels == (Rect(0, 0, 256, 192), Rect(256, 7, 400, 300))
+
+
+def test_what_the_outputs_are_and_how_they_slip_is_told(screen: Screen) -> None:
+    texts = {"projector": str(PROJECTOR), "mask": str(MASK)}
+    made = Places(None, opening())
+    assert made.identity == {**texts, "slip": "none"} and not made.drifts
+    slower = replace(MASK, refresh_hz=59.99)
+    screen.outputs = (PROJECTOR, slower)
+    made = Places(None, opening())
+    assert made.identity["slip"] == "one refresh in 100.0 s" and made.drifts
+    screen.outputs = (PROJECTOR, replace(MASK, refresh_hz=None))
+    made = Places(None, opening())
+    assert "slip" not in made.identity and set(made.identity) == {"projector", "mask"}
+
+
+def test_modes_of_another_rate_or_size_are_refused(screen: Screen) -> None:
+    for rates_hz, role in (((50.0, 60.0), "projector"), ((60.0, 50.0), "mask")):
+        with pytest.raises(ConfigError, match="not 50 Hz") as told:
+            Places(None, opening(rates_hz))
+        assert told.value.device == role
+    screen.outputs = (replace(PROJECTOR, height=191), MASK)
+    with pytest.raises(ConfigError, match="shows 256 x 191 pixels, not 256 x 192"):
+        Places(None, opening())
+    screen.outputs = (PROJECTOR, replace(MASK, width=401))
+    with pytest.raises(ConfigError, match="shows 401 x 300 pixels, not 400 x 300"):
+        Places(None, opening())
+
+
+def test_a_server_that_goes_at_the_start_is_lost(screen: Screen) -> None:
+    screen.fault = error.ConnectionClosedError("server")
+    with pytest.raises(DeviceLost, match=r":7\.0 does not answer"):
+        Places(None, opening())
+
+
+def test_parts_of_one_output_lie_where_the_options_say(screen: Screen) -> None:
+    screen.outputs = (replace(PROJECTOR, name="screen", width=656, height=307, refresh_hz=None),)
+    places: dict[str, Any] = {
+        "positions_px": ((0, 3), (256, 7)),
+        "projector": "screen",
+        "mask": "screen",
+    }
+    made = Places(None, opening(**places))
+    assert made.panels == (Rect(0, 3, 256, 192), Rect(256, 7, 400, 300))
+
+
+def test_a_change_is_remembered_until_it_is_looked_into(screen: Screen) -> None:
+    made = Places(None, opening())
+    screen.changes = [False, True, False, False, False]
+    assert [made.changed() for _ in range(3)] == [False, True, True]
+    made.check()  # the outputs are as they were
+    screen.changes = [False]
+    assert not made.changed()
+
+
+def test_outputs_that_became_others_are_lost_and_none_is_read_without_need(
+    screen: Screen,
+) -> None:
+    made = Places(None, opening())
+    moved = replace(MASK, x=300)
+    screen.outputs = (PROJECTOR, moved)
+    screen.changes = [False]
+    made.check()
+    screen.changes = [True]
+    with pytest.raises(DeviceLost) as told:
+        made.check()
+    assert told.value.message == (
+        f"the outputs have changed: {PROJECTOR}; {MASK} became {PROJECTOR}; {moved}"
+    )
+    assert told.value.device == "display" and "restore the modes" in str(told.value.hint)
+    screen.outputs, screen.changes = (PROJECTOR, replace(MASK, width=0)), [True]
+    with pytest.raises(ConfigError, match="switched off"):
+        made.check()

@@ -1,0 +1,401 @@
+"""What both processes share: memory, messages, a connection to the X server, the panels' phase."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from Xlib import X, error
+from Xlib.ext import randr
+
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.presenter import phase, xconnection, xproperty
+from pdcd.presenter.memory import Slot, attach, layout, share
+from pdcd.presenter.messages import (
+    LOG_COLUMNS,
+    Black,
+    Channel,
+    Column,
+    Done,
+    Failed,
+    Head,
+    Play,
+    Ready,
+    Reply,
+    Request,
+    pair,
+)
+from pdcd.presenter.phase import compare, made_up
+from pdcd.presenter.xconnection import ServerLost, answering, connect, disconnect, lost
+from pdcd.presenter.xpresent import KIND_MSC
+
+# Shared memory.
+
+
+@pytest.mark.parametrize(("size", "following"), [(1, 64), (63, 64), (64, 64), (65, 128)])
+def test_each_array_begins_on_a_cache_line(size: int, following: int) -> None:
+    arrays: dict[str, Any] = {"a": np.zeros(size, np.uint8), "b": np.zeros((2, 3), np.int32)}
+    slots, total = layout(arrays)
+    assert slots == [Slot("a", "|u1", (size,), 0), Slot("b", "<i4", (2, 3), following)]
+    assert total == following + 64
+    assert layout({}) == ([], 64)
+    assert layout({"a": np.zeros(0)}) == ([Slot("a", "<f8", (0,), 0)], 64)
+
+
+def test_shared_arrays_are_one_for_all_who_hold_the_descriptor() -> None:
+    arrays: dict[str, Any] = {
+        "head": np.arange(5, dtype=np.int64), "rows": np.arange(6, dtype=np.int32).reshape(2, 3),
+        "none": np.zeros((0, 4), dtype=np.float32),
+    }  # fmt: skip
+    fd, slots, mine = share(arrays)
+    theirs = attach(fd, slots)
+    assert not os.get_inheritable(fd) and os.fstat(fd).st_size == 128
+    os.close(fd)
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(theirs[name], array)
+        assert theirs[name].dtype == array.dtype and theirs[name].shape == array.shape
+    mine["rows"][1, 2] = 77
+    theirs["head"][0] = 88
+    assert theirs["rows"][1, 2] == 77 and mine["head"][0] == 88 and arrays["head"][0] == 0
+
+
+# Messages.
+
+
+def test_both_processes_mean_the_same_entries() -> None:
+    """A driver and a display process of the same version share them by number."""
+    assert {entry.name: int(entry) for entry in Head} == {
+        "SHOWN": 0, "STOP": 1, "MISSED": 2, "FIRST": 3, "SPOILT": 4,
+    }  # fmt: skip
+    assert {entry.name: int(entry) for entry in Column} == {
+        "NS": 0, "MSC": 1, "PUT_NS": 2, "SWAP_NS": 3, "CPU_NS": 4, "FLIPPED": 5,
+    }  # fmt: skip
+    assert LOG_COLUMNS == 6
+
+
+def test_a_message_comes_whole_with_its_descriptor_or_without() -> None:
+    first, second = pair()
+    mine: Channel[Reply] = Channel(first, Reply)
+    theirs: Channel[Request] = Channel(second, Request)
+    out, into = os.pipe()
+    mine.send(Black())
+    mine.send(Play([Slot("a" * 70_000, "u1", (1,), 0)], abort=True), out)
+    assert theirs.receive() == (Black(), None)
+    message, fd = theirs.receive()
+    assert isinstance(message, Play) and len(message.slots[0].name) == 70_000
+    assert message.abort and message.stalls and fd not in (None, out)
+    assert fd is not None and os.fstat(fd).st_ino == os.fstat(out).st_ino
+    theirs.send(Failed("sync", "late", None, True))
+    assert mine.receive() == (Failed("sync", "late", None, True), None)
+    with pytest.raises(msgspec.ValidationError):  # what is a reply is no request
+        mine.send(Done())
+        theirs.receive()
+    for end in (out, into, fd):
+        os.close(end)
+    second.close()
+    with pytest.raises(EOFError):
+        mine.receive()
+    with pytest.raises(OSError, match="pipe"):
+        mine.send(Black())
+    first.close()
+
+
+@pytest.mark.parametrize("fault", [ConnectionResetError, ConnectionAbortedError])
+def test_a_reset_is_passed_over_once_and_nothing_else_is(
+    monkeypatch: pytest.MonkeyPatch, fault: type[OSError]
+) -> None:
+    said = msgspec.msgpack.encode(Done())
+    answers: list[Any] = [fault(), (said, [], 0, None)]
+
+    def recv(sock: Any, size: int, descriptors: int) -> Any:
+        assert descriptors == 1 and size >= 1 << 20
+        answer = answers.pop(0)
+        if isinstance(answer, OSError):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(socket, "recv_fds", recv)
+    channel: Channel[Reply] = Channel(None, Reply)  # type: ignore[arg-type]
+    if fault is ConnectionResetError:
+        assert channel.receive() == (Done(), None)
+    else:
+        with pytest.raises(ConnectionAbortedError):
+            channel.receive()
+    answers[:] = [ConnectionResetError(), ConnectionResetError()]
+    with pytest.raises(ConnectionResetError):
+        channel.receive()
+
+
+def test_a_lag_that_was_not_measured_is_none() -> None:
+    assert Ready("clock", 60.0, {}).lag_s is None
+
+
+# A connection to the X server.
+
+
+class Knock:
+    """A socket that notes where it was connected to; `fault` is raised there."""
+
+    to: list[Any]
+    fault: OSError | None = None
+
+    def __init__(self, family: int) -> None:
+        assert family == socket.AF_UNIX
+
+    def __enter__(self) -> Knock:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.to.append("closed")
+
+    def connect(self, address: str) -> None:
+        self.to.append(address)
+        if self.fault is not None:
+            raise self.fault
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What was opened and where it was knocked; no path of a server is there."""
+    found: list[Any] = []
+    Knock.to, Knock.fault = found, None
+
+    def display(name: str) -> str:
+        print("strange cookies")  # noqa: T201 - as the library does
+        found.append(("display", name))
+        return f"a display of {name}"
+
+    monkeypatch.setattr(xconnection, "Display", display)
+    monkeypatch.setattr(socket, "socket", Knock)
+    monkeypatch.setattr(Path, "exists", lambda path: path.name == "X3")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "address"),
+    [
+        (":7", "\0/tmp/.X11-unix/X7"), (":12.1", "\0/tmp/.X11-unix/X12"),
+        ("unix:3", "/tmp/.X11-unix/X3"),
+    ],
+)  # fmt: skip
+def test_a_server_is_knocked_at_before_it_is_opened(
+    opened: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    address: str,
+) -> None:
+    assert connect(name) == f"a display of {name}"
+    assert opened == [address, "closed", ("display", name)]
+    # Standard output may be JSON.
+    assert capsys.readouterr() == ("", "strange cookies\n")
+    monkeypatch.setenv("DISPLAY", name)
+    assert connect() == connect("") == f"a display of {name}"
+    assert connect(":9") == "a display of :9"
+
+
+@pytest.mark.parametrize(
+    "name", ["host:7", "HDMI-1", ":", "7", ":7.", "tcp:7", ":x", "localhost:10.0"]
+)
+def test_a_server_of_another_machine_is_refused(opened: list[Any], name: str) -> None:
+    with pytest.raises(ConfigError, match=r"is not the name of an X server .*write \":7\""):
+        connect(name)
+    with pytest.raises(ConfigError, match=r"DISPLAY is not set \(start pdcd-x\.service"):
+        connect()
+    assert opened == []
+
+
+@pytest.mark.parametrize(
+    "fault", [ConnectionRefusedError("refused"), FileNotFoundError("no such file")]
+)
+def test_a_server_that_nobody_hears_is_lost(opened: list[Any], fault: OSError) -> None:
+    Knock.fault = fault
+    with pytest.raises(ServerLost, match=r":7 does not answer: .*systemctl status pdcd-x"):
+        connect(":7")
+    assert opened[1:] == ["closed"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "raised"),
+    [
+        (error.DisplayConnectionError(":7", "no"), ServerLost), (OSError("no"), ServerLost),
+        (error.ConnectionClosedError("server"), ServerLost), (ValueError("a fault of ours"),
+        ValueError),
+    ],
+)  # fmt: skip
+def test_failures_of_the_library_are_our_own_errors(
+    opened: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    fault: Exception,
+    raised: type[Exception],
+) -> None:
+    def fail(name: str) -> Any:
+        raise fault
+
+    monkeypatch.setattr(xconnection, "Display", fail)
+    with pytest.raises(raised):
+        connect(":7")
+    if not isinstance(fault, error.DisplayConnectionError):
+        with pytest.raises(raised), answering(SimpleNamespace(get_display_name=lambda: ":7")):
+            raise fault
+
+
+@pytest.mark.parametrize(
+    ("fault", "hidden"),
+    [(None, True), (error.ConnectionClosedError("server"), True), (OSError(), True),
+     (ValueError(), False)],
+)  # fmt: skip
+def test_a_connection_is_closed_whatever_its_state(fault: Exception | None, hidden: bool) -> None:
+    done: list[str] = []
+
+    def close() -> None:
+        done.append("display")
+        if fault is not None:
+            raise fault
+
+    inner = SimpleNamespace(socket=SimpleNamespace(close=lambda: done.append("socket")))
+    display = SimpleNamespace(close=close, display=inner)
+    if hidden:
+        disconnect(display)
+        assert done == ["display", "socket"]
+    else:
+        with pytest.raises(ValueError):
+            disconnect(display)
+
+
+def test_a_lost_server_is_a_lost_display() -> None:
+    told = lost(":7", "it went")
+    assert isinstance(told, DeviceLost) and told.device == "display"
+    assert told.message == "the X server :7 does not answer: it went"
+
+
+def test_a_property_is_asked_for_by_its_atom_in_any_format(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Any] = []
+
+    def request(**words: Any) -> Any:
+        asked.append(words)
+        return SimpleNamespace(value=(8, b"edid"))
+
+    monkeypatch.setattr(xproperty, "_GetOutputProperty", request)
+    inner = SimpleNamespace(get_extension_major=lambda name: {randr.extname: 140}[name])
+
+    def atom(name: str, only_if_exists: bool) -> int:
+        assert only_if_exists
+        return 55 if name == "EDID" else int(X.NONE)
+
+    display = SimpleNamespace(intern_atom=atom, display=inner)
+    assert xproperty.read_property(display, 41, "EDID", 256) == (8, b"edid")
+    assert asked == [{
+        "display": inner, "opcode": 140, "output": 41, "property": 55, "type": X.AnyPropertyType,
+        "long_offset": 0, "long_length": 256, "delete": False, "pending": False,
+    }]  # fmt: skip
+    assert xproperty.read_property(display, 41, "CONNECTOR_ID", 1) is None and len(asked) == 1
+
+
+# The phase of two outputs.
+
+PERIOD_NS = 16_000_000
+
+
+class Vblanks:
+    """Counts vblanks of one output; `steps` are the numbers asked for."""
+
+    def __init__(self, lag_ns: int = 0, scatter_ns: int = 0, last: int = 10**9) -> None:
+        self.ns = self.msc = 0
+        self.asked: list[int] = []
+        self.waits: list[tuple[int, float]] = []
+        self.lag_ns, self.scatter_ns, self.last, self.closed = lag_ns, scatter_ns, last, 0
+
+    def ask(self, msc: int) -> None:
+        self.asked.append(msc)
+        self.msc = msc or 500
+
+    def wait(self, kind: int, timeout_s: float) -> bool:
+        self.waits.append((kind, timeout_s))
+        odd = len(self.waits) % 2
+        self.ns = 10**12 + self.msc * PERIOD_NS + self.lag_ns + odd * self.scatter_ns
+        if len(self.asked) == 1:
+            self.ns += 7_000_000  # answered at once, between two vblanks
+        return len(self.waits) <= self.last
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def test_both_outputs_are_asked_for_every_second_vblank_after_the_first() -> None:
+    projector, mask = Vblanks(), Vblanks(3_000_000)
+    found = phase.measure(":nowhere", (), (projector, mask))  # type: ignore[arg-type]
+    assert found is not None
+    assert found.lag_s == pytest.approx(0.003)
+    assert found.period_s == pytest.approx((0.016, 0.016))
+    wanted = [0, *range(502, 542, 2)]
+    assert projector.asked == mask.asked == wanted
+    assert set(mask.waits) == {(KIND_MSC, 0.5)}
+
+
+def test_a_timer_is_told_after_eight_samples_and_silence_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(phase, "_sample_windows", lambda name, panels: None)
+    timer, mask = Vblanks(scatter_ns=400_000), Vblanks()
+    assert phase.measure(":7", (), (timer, mask)) is None  # type: ignore[arg-type]
+    assert len(timer.asked) == 9
+    silent = Vblanks(last=3)
+    assert phase.measure(":7", (), (Vblanks(), silent)) is None  # type: ignore[arg-type]
+    assert len(silent.waits) == 4
+
+
+@pytest.mark.parametrize(("scatter_ns", "screen"), [(190_000, True), (210_000, False)])
+def test_a_screens_stamps_scatter_by_less_than_a_tenth_of_a_millisecond(
+    scatter_ns: int, screen: bool
+) -> None:
+    """Every second one late by that, after a line: half of it on both sides."""
+    msc = np.arange(40)
+    stamps = np.stack([10**12 + msc * PERIOD_NS + msc // 2 % 2 * scatter_ns, msc], axis=1)
+    assert made_up(stamps) is not screen
+    steady = np.stack([10**12 + msc * PERIOD_NS, msc], axis=1)
+    for both in ((stamps, steady), (steady, stamps)):
+        assert (compare(*both) is not None) is screen
+
+
+def test_windows_that_are_never_shown_are_asked_where_no_counter_is_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done: list[Any] = []
+    sources = [Vblanks(), Vblanks(-2_000_000)]
+    waiting = list(sources)
+
+    def window(*place: int, **how: Any) -> Any:
+        done.append((*place, how))
+        return SimpleNamespace(id=100 + len(done))
+
+    root = SimpleNamespace(create_window=window)
+    display = SimpleNamespace(
+        screen=lambda: SimpleNamespace(root=root, root_depth=24), sync=lambda: done.append("sync")
+    )
+
+    def events(name: str, number: int) -> Vblanks:
+        done.append((name, number))
+        return waiting.pop(0)
+
+    monkeypatch.setattr(phase, "connect", lambda name: display)
+    monkeypatch.setattr(phase, "disconnect", lambda display: done.append("left"))
+    monkeypatch.setattr(phase, "PresentEvents", events)
+    places = SimpleNamespace(x=3, y=4), SimpleNamespace(x=256, y=7)
+    found = phase.measure(":7", places)  # type: ignore[arg-type]
+    assert found is not None and found.lag_s == pytest.approx(-0.002)
+    hidden = {"override_redirect": True}
+    assert done == [
+        (3, 4, 1, 1, 0, 24, hidden), (256, 7, 1, 1, 0, 24, hidden), "sync", (":7", 101),
+        (":7", 102), "left",
+    ]  # fmt: skip
+    assert [source.closed for source in sources] == [1, 1]

@@ -1,0 +1,361 @@
+"""One panel's part of a window, on a graphics card that takes note: textures, uniforms, stages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+
+from pdcd.errors import ConfigError
+from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.frames.panels import PanelView
+from pdcd.maps.map import Map
+from pdcd.presenter.viewport import (
+    CELLS,
+    HALVES,
+    STRIPS,
+    TEXTURE_WIDTH,
+    UNITS,
+    WINDOWS,
+    Viewport,
+    pieces_along,
+    table_of,
+)
+from pdcd.presenter.viewport import PIXELS as OF_PIXELS
+
+SIZE_PX = (16, 12)
+GRID = (3, 4)
+BITS = np.packbits(np.arange(36).reshape(3, 12) % 5 == 0, axis=1)
+"""Three patterns of twelve cells, two bytes each."""
+
+
+class Uniform:
+    """Remembers what it was given."""
+
+    def __init__(self) -> None:
+        self.written: list[bytes] = []
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+
+
+class Program(dict[str, Any]):
+    """A shader: its uniforms, and its source."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__(frame=Uniform())
+        self.source = source
+
+
+class Card:
+    """Stands in for a context; `done` is what was drawn and let go of, in order."""
+
+    def __init__(self, largest: int = 16384) -> None:
+        self.info = {"GL_MAX_TEXTURE_SIZE": largest}
+        self.done: list[Any] = []
+        self.programs: list[Program] = []
+        self.textures: list[Any] = []
+        self.viewport: Any = None
+        self.screen = SimpleNamespace(use=lambda: self.done.append("screen"))
+
+    def program(self, vertex: str, fragment: str) -> Program:
+        self.programs.append(Program(fragment))
+        return self.programs[-1]
+
+    def vertex_array(self, program: Program, content: list[Any]) -> Any:
+        stage = "pieces" if program is self.programs[0] else "panel"
+        assert content == []
+
+        def render(mode: int, vertices: int) -> None:
+            assert (mode, vertices) == (moderngl.TRIANGLES, 3)
+            self.done.append(stage)
+
+        return SimpleNamespace(render=render)
+
+    def texture(
+        self, size: tuple[int, int], channels: int, data: Any, dtype: str, alignment: int
+    ) -> Any:
+        made = SimpleNamespace(
+            size=size, channels=channels, data=np.array(data), dtype=dtype, alignment=alignment,
+            filter=None, unit=None,
+        )  # fmt: skip
+        made.use = lambda unit: setattr(made, "unit", unit)
+        made.release = lambda: self.done.append(("release", made.unit))
+        self.textures.append(made)
+        return made
+
+    def framebuffer(self, attachments: list[Any]) -> Any:
+        number = len([what for what in self.done if what[0] == "canvas"])
+        self.done.append(("canvas", *attachments))
+        return SimpleNamespace(
+            use=lambda: self.done.append("canvas"),
+            release=lambda: self.done.append(("release canvas", number)),
+        )
+
+    def told(self) -> list[Any]:
+        found, self.done = self.done, []
+        return found
+
+
+def frames(**changed: Any) -> Frames:
+    """Rows: pattern 2, black, white, pattern 0 shifted."""
+    index = np.array([2, BLACK, WHITE, 0], dtype=np.int32)
+    made = Frames(
+        primal_patterns=BITS, dual_patterns=BITS[::-1].copy(), primal_index=index,
+        dual_index=index[::-1].copy(), shift=np.array([0, 0, 0, 3], dtype=np.uint8),
+        code=np.zeros(4, dtype=np.int32), guard=np.zeros(4, dtype=bool), grid=GRID, lattice=GRID,
+        window="whole",
+    )  # fmt: skip
+    return replace(made, **changed)
+
+
+def view(role: str = "projector") -> PanelView:
+    return PanelView(role, Map.filling(SIZE_PX))  # type: ignore[arg-type]
+
+
+def viewport(
+    card: Card, role: str = "projector", unit: int = 0, order: str | None = None
+) -> Viewport:
+    return Viewport(card, view(role), (5, 7), unit, order)  # type: ignore[arg-type]
+
+
+def block(first: list[int], shift: list[int], room: int) -> bytes:
+    """Uniforms of a refresh: first bytes, then sub-shifts, each filled up with black."""
+    rows = [values + [BLACK] * (room - len(values)) for values in (first, shift)]
+    return np.array(rows, dtype=np.int32).tobytes()
+
+
+def drawn(made: Viewport, card: Card, number: int) -> list[Any]:
+    card.told()
+    made.draw_pieces(number)
+    made.draw(number)
+    return card.told()
+
+
+@pytest.mark.parametrize(("unit", "order", "groups"), [(0, None, 1), (UNITS, "GRB", 6)])
+def test_a_panel_has_texture_units_a_corner_and_colours_of_its_own(
+    unit: int, order: str | None, groups: int
+) -> None:
+    card = Card()
+    viewport(card, unit=unit, order=order)
+    first, second = card.programs
+    assert first.source.startswith(f"#version 330 core\n#define GROUPS {groups}\n")
+    assert second.source.startswith("#version 330 core\n#define CORNER ivec2(5, 7)\n")
+    assert first["patterns"] == unit and (second["table"], second["pieces"]) == (unit + 1, unit + 2)
+    # Green comes first in the picture, then red, then blue.
+    assert first.get("colours") == (None if order is None else (8, 0, 16))
+
+
+def test_patterns_lie_in_one_texture_of_whole_rows() -> None:
+    card = Card()
+    made = viewport(card, "mask", UNITS)
+    made.load(frames())
+    patterns, table, pieces = card.textures
+    assert (patterns.size, patterns.channels, patterns.dtype) == ((TEXTURE_WIDTH, 1), 1, "u4")
+    stream = patterns.data.view(np.uint8).reshape(-1)
+    np.testing.assert_array_equal(stream[: BITS.size], BITS[::-1].reshape(-1))
+    assert not stream[BITS.size :].any()
+    assert (table.size, table.channels, table.dtype) == (SIZE_PX, 2, "u1")
+    wanted = table_of(view("mask"), GRID, CELLS, "whole")[::-1]
+    np.testing.assert_array_equal(table.data, wanted)
+    assert (pieces.size, pieces.channels, pieces.dtype) == ((5, 4), 4, "f1")
+    assert not pieces.data.any()
+    assert [made.unit for made in card.textures] == [3, 4, 5]
+    for texture in card.textures:
+        assert texture.filter == (moderngl.NEAREST, moderngl.NEAREST) and texture.alignment == 1
+    assert card.told() == [("canvas", pieces)]
+
+
+@pytest.mark.parametrize(("size", "rows"), [(1, 1), (16384, 1), (16385, 2), (40000, 3)])
+def test_a_texture_has_as_many_rows_as_its_bytes_need(size: int, rows: int) -> None:
+    card = Card(3)
+    patterns = np.full((1, size), 7, dtype=np.uint8)
+    made = viewport(card)
+    made._upload(patterns)
+    assert card.textures[0].size == (4096, rows)
+    assert card.textures[0].data.view(np.uint8).sum() == 7 * size
+    card.info["GL_MAX_TEXTURE_SIZE"] = rows - 1
+    with pytest.raises(ConfigError) as told:
+        made._upload(patterns)
+    assert told.value.message == (
+        f"{size} bytes of patterns exceed the graphics card's textures ({16384 * (rows - 1)} bytes)"
+    )
+    assert told.value.device == "projector" and "--parts" in str(told.value.hint)
+
+
+def test_a_row_is_drawn_by_the_first_byte_and_sub_shift_of_its_pattern() -> None:
+    card = Card()
+    made = viewport(card)
+    made.load(frames())
+    first = card.programs[0]
+    assert (first["kind"], first["cols"], first["grey"]) == (CELLS, 4, False)
+    made.prepare(np.array([[0], [1], [2], [3], [BLACK]], dtype=np.int32))
+    assert drawn(made, card, 0) == ["canvas", "pieces", "panel"]
+    assert card.viewport == (5, 7, *SIZE_PX)
+    assert drawn(made, card, 1) == [] and drawn(made, card, 4) == []  # black is not drawn
+    assert drawn(made, card, 2) == ["canvas", "pieces", "panel"]
+    assert drawn(made, card, 3) == ["canvas", "pieces", "panel"]
+    assert first["frame"].written == [
+        block([4], [0], 4), block([WHITE], [0], 4), block([0], [3], 4),
+    ]  # fmt: skip
+
+
+def test_pieces_that_stay_as_they_are_are_not_drawn_again() -> None:
+    card = Card()
+    made = viewport(card)
+    made.load(frames())
+    made.prepare(np.array([[0], [0], [3], [1], [3]], dtype=np.int32))
+    assert drawn(made, card, 0) == ["canvas", "pieces", "panel"]
+    assert drawn(made, card, 1) == ["panel"]
+    assert drawn(made, card, 2) == ["canvas", "pieces", "panel"]
+    assert drawn(made, card, 3) == [] and drawn(made, card, 4) == ["panel"]
+    made.load(frames())  # other patterns, perhaps
+    made.prepare(np.array([[3]], dtype=np.int32))
+    assert drawn(made, card, 0) == ["canvas", "pieces", "panel"]
+
+
+def test_the_planes_of_a_picture_are_drawn_in_one_go() -> None:
+    card = Card()
+    made = viewport(card, "mask", order="RGB")
+    made.load(frames())
+    rows = np.full((2, 24), BLACK, dtype=np.int32)
+    rows[0, :4] = [0, 1, 2, 3]
+    made.prepare(rows)
+    assert drawn(made, card, 0) == ["canvas", "pieces", "panel"] and drawn(made, card, 1) == []
+    ends = [BLACK] * 20
+    wanted = block([0, WHITE, BLACK, 4, *ends], [0, 0, 0, 3] + [0] * 20, 24)
+    assert card.programs[0]["frame"].written == [wanted]
+
+
+def test_it_is_warmed_up_by_a_white_refresh_that_is_forgotten() -> None:
+    card = Card()
+    made = viewport(card)
+    made.load(frames())
+    card.told()
+    made.warm_up()
+    assert card.told() == ["canvas", "pieces", "screen", "panel"]
+    assert card.programs[0]["frame"].written == [block([WHITE], [0], 4)]
+    assert card.viewport == (5, 7, *SIZE_PX)
+    with pytest.raises(IndexError):
+        made.draw(0)
+
+
+def test_grey_patterns_are_whole_bytes() -> None:
+    card = Card()
+    levels = np.linspace(0.0, 1.0, 36, dtype=np.float32).reshape(3, 12)
+    made = viewport(card)
+    made.load(frames(primal_patterns=levels))
+    assert card.programs[0]["grey"] is True
+    stream = card.textures[0].data.view(np.uint8).reshape(-1)[:36]
+    np.testing.assert_array_equal(stream, np.rint(255 * levels).reshape(-1))
+    made.prepare(np.array([[0]], dtype=np.int32))
+    made.draw_pieces(0)
+    assert card.programs[0]["frame"].written == [block([24], [0], 4)]
+    made.load(frames())
+    assert card.programs[0]["grey"] is False
+
+
+@pytest.mark.parametrize(
+    ("window", "role", "kind", "size"),
+    [
+        ("whole", "projector", CELLS, (5, 4)), ("whole", "mask", CELLS, (5, 4)),
+        ("quarter", "projector", HALVES, (9, 7)), ("quarter", "mask", WINDOWS, (10, 8)),
+        ("side-3/4", "projector", HALVES, (9, 7)), ("side-3/4", "mask", STRIPS, (18, 14)),
+    ],
+)  # fmt: skip
+def test_each_window_has_pieces_of_its_own(
+    window: str, role: str, kind: int, size: tuple[int, int]
+) -> None:
+    card = Card()
+    made = viewport(card, role)
+    made.load(frames(window=window))
+    assert card.programs[0]["kind"] == kind and card.programs[0]["cols"] == 4
+    assert card.textures[2].size == size
+    np.testing.assert_array_equal(
+        card.textures[1].data, table_of(view(role), GRID, kind, window)[::-1]
+    )
+
+
+def test_patterns_of_pixels_have_a_piece_for_each() -> None:
+    card = Card()
+    made = viewport(card)
+    lattice = SIZE_PX[1], SIZE_PX[0]
+    size = lattice[0] * lattice[1] // 8
+    bits = np.zeros((3, size), dtype=np.uint8)
+    made.load(frames(window=PIXELS, lattice=lattice, primal_patterns=bits, dual_patterns=bits))
+    assert (card.programs[0]["kind"], card.programs[0]["cols"]) == (OF_PIXELS, 16)
+    assert card.textures[2].size == (17, 13)
+
+
+def test_a_geometry_is_kept_while_it_is_the_same_and_let_go_of_with_the_next() -> None:
+    card = Card()
+    made = viewport(card)
+    made.load(frames())
+    card.told()
+    made.load(frames())
+    assert card.told() == [("release", 0)] and len(card.textures) == 4
+    made.load(frames(window="quarter"))
+    assert card.told() == [
+        ("release", 0), ("release", 1), ("release", 2), ("release canvas", 0),
+        ("canvas", card.textures[-1]),
+    ]  # fmt: skip
+    assert len(card.textures) == 7
+
+
+def test_pieces_that_exceed_a_texture_are_refused_and_the_next_geometry_is_made_anew() -> None:
+    card = Card(16)
+    made = viewport(card)
+    made.load(frames())  # 16 pixels across, as many as a texture has
+    card.info["GL_MAX_TEXTURE_SIZE"] = 15
+    with pytest.raises(ConfigError) as told:
+        made.load(frames(window="quarter"))
+    assert told.value.message == (
+        "16 pixels or pieces along an axis exceed the graphics card's textures (15)"
+    )
+    assert told.value.device == "projector" and told.value.hint == "use a coarser grid"
+    card.info["GL_MAX_TEXTURE_SIZE"] = 16
+    count = len(card.textures)
+    made.load(frames())
+    assert len(card.textures) == count + 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"), [(CELLS, 7), (HALVES, 14), (WINDOWS, 15), (OF_PIXELS, 7), (STRIPS, 29)]
+)
+def test_there_are_so_many_pieces_along_an_axis(kind: int, count: int) -> None:
+    assert pieces_along(7, kind) == count
+    assert (CELLS, HALVES, WINDOWS, OF_PIXELS, STRIPS) == (0, 1, 2, 3, 4)
+
+
+def test_a_table_names_the_piece_of_each_pixel_and_0_beside_the_field() -> None:
+    panel = view()
+    cells = table_of(panel, GRID, CELLS, "whole")
+    across, down = np.meshgrid(np.arange(16) // 4 + 1, np.arange(12) // 4 + 1)
+    np.testing.assert_array_equal(cells, np.stack([across, down], axis=-1))
+    halves = table_of(panel, GRID, HALVES, "quarter")
+    across, down = np.meshgrid(np.arange(16) // 2 + 1, np.arange(12) // 2 + 1)
+    np.testing.assert_array_equal(halves, np.stack([across, down], axis=-1))
+    pixels = table_of(panel, (12, 16), OF_PIXELS, PIXELS)
+    across, down = np.meshgrid(np.arange(16) + 1, np.arange(12) + 1)
+    np.testing.assert_array_equal(pixels, np.stack([across, down], axis=-1))
+    assert cells.shape == (12, 16, 2) and cells.dtype == np.uint8
+
+
+@pytest.mark.parametrize(("cols", "dtype"), [(255, np.uint8), (256, np.uint16)])
+def test_a_table_is_as_wide_as_its_largest_number(cols: int, dtype: type) -> None:
+    panel = PanelView("projector", Map.filling((2 * cols, 8)))
+    found = table_of(panel, (4, cols), CELLS, "whole")
+    assert found.dtype == dtype and found[..., 0].max() == cols
+    assert table_of(PanelView("projector", Map.filling((8, 2 * cols))), (cols, 4), CELLS,
+                    "whole").dtype == dtype  # fmt: skip
+
+
+def test_black_is_black_before_any_patterns_are_there() -> None:
+    card = Card()
+    made = viewport(card)
+    made.prepare(np.full((2, 1), BLACK, dtype=np.int32))
+    assert drawn(made, card, 0) == drawn(made, card, 1) == []
