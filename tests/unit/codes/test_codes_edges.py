@@ -1,0 +1,302 @@
+"""Where families of codes begin and end: counts, shares, rows, and what they are made from."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pytest
+import scipy.sparse
+from numpy.typing import NDArray
+
+from pdcd.codes.balanced import balanced
+from pdcd.codes.bernoulli import bernoulli, rademacher
+from pdcd.codes.hadamard import check_order, coloured, hadamard, hadamard_fits
+from pdcd.codes.lines import comb_codes, matched_codes, row_codes
+from pdcd.codes.linked import symmetric
+from pdcd.codes.make import make_codes
+from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders
+from pdcd.codes.singer import LARGEST, difference_set, line_count, singer
+from pdcd.codes.spread import partial_spread, spread_codes, spread_size
+from pdcd.errors import RequestError
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def pcg() -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(1))
+
+
+def test_families_are_drawn_from_their_seed_alone() -> None:
+    """From the generator that is named, so that old runs can be shown again."""
+
+    def first() -> np.random.Generator:
+        return np.random.Generator(np.random.PCG64(7))
+
+    coins = first().random((6, 12)) < 0.3
+    np.testing.assert_array_equal(bernoulli((3, 4), 6, 0.3, first()), coins)
+    np.testing.assert_array_equal(
+        make_codes("bernoulli", (3, 4), 6, dual="same", p=0.3, seed=7).primal, coins
+    )
+    fair = first().integers(0, 2, size=(6, 12), dtype=np.uint8) == 1
+    np.testing.assert_array_equal(rademacher((3, 4), 6, 0.5, first()), fair)
+    np.testing.assert_array_equal(
+        make_codes("hadamard", (3, 4), 8, dual="complement", seed=7).primal,
+        hadamard((3, 4), 8, 0.5, first()),
+    )
+
+
+def test_balanced_cells_have_each_an_order_of_their_own() -> None:
+    found = balanced((3, 4), 8, 0.25, rng())
+    assert found.shape == (8, 12) and (found.sum(axis=0) == 2).all()
+    assert len(np.unique(found, axis=1).T) > 6
+
+
+@pytest.mark.parametrize(
+    ("p", "count", "hint"),
+    [
+        (1 / 70_000, 5, "no number of codes fits this p; take a simple fraction such as 0.0625"),
+        (0.5, 3, "take 2 or 4 codes"),
+        (0.99, 100_000 - 50, "take 99900 codes"),
+    ],
+)
+def test_balanced_looks_for_numbers_of_codes_up_to_the_most(
+    p: float, count: int, hint: str
+) -> None:
+    with pytest.raises(RequestError) as caught:
+        balanced((1, 1), count, p, rng())
+    assert caught.value.hint == hint
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_balanced_codes_light_each_cell_once_and_leave_it_dark_once(count: int) -> None:
+    """Not all of the time, not never."""
+    if count == 2:
+        assert (balanced((2, 2), 2, 0.5, rng()).sum(axis=0) == 1).all()
+    for p in (0.1, 0.9):
+        with pytest.raises(RequestError):
+            balanced((2, 2), count, p, rng())
+
+
+@pytest.mark.parametrize(
+    ("count", "p", "fits"),
+    [
+        (1, 0.5, False), (2, 0.5, True), (3, 0.5, False), (12, 0.5, True), (15, 0.25, False),
+        (16, 0.25, True), (20, 0.25, False), (32, 0.25, True), (63, 0.125, False),
+        (64, 0.125, True), (32, 0.125, False), (64, 0.3, False), (16, 0.75, False),
+    ],
+)  # fmt: skip
+def test_hadamard_counts_that_fit_a_share(count: int, p: float, fits: bool) -> None:
+    assert hadamard_fits(count, p) is fits
+    if fits:
+        assert (hadamard((2, 3), count, p, rng()).sum(axis=0) == p * count).all()
+    else:
+        with pytest.raises(RequestError):
+            hadamard((2, 3), count, p, rng())
+
+
+def test_shares_of_whole_numbers_have_no_columns() -> None:
+    for p in (0.3, 0.75, 1.0):
+        with pytest.raises(RequestError, match="1/2, 1/4, 1/8"):
+            hadamard((2, 3), 16, p, rng())
+
+
+@pytest.mark.parametrize(
+    ("count", "hint"), [(17, "take 16 or 32 codes"), (31, "take 16 or 32 codes")]
+)
+def test_counts_between_powers_of_two_are_told_both(count: int, hint: str) -> None:
+    with pytest.raises(RequestError) as caught:
+        hadamard((2, 3), count, 0.25, rng())
+    assert hint in str(caught.value.hint)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_one_code_and_odd_numbers_of_codes_are_refused(count: int) -> None:
+    with pytest.raises(RequestError, match=f"K = {count}"):
+        check_order(count)
+    check_order(2)
+
+
+def test_a_colouring_is_lit_by_its_columns_and_signs() -> None:
+    colour, sign = np.array([0, 1, 0, 2]), np.array([1, 1, -1, 1], dtype=np.int8)
+    found = coloured(8, colour, sign, rng(3))
+    column = 1 + rng(3).permutation(7)[:3]
+    wanted = hadamard_columns(8, column)[:, colour] == sign
+    np.testing.assert_array_equal(found, wanted)
+    np.testing.assert_array_equal(found[:, 0], ~found[:, 2])
+
+
+def test_orders_that_are_products_are_found() -> None:
+    assert [n for n in range(1, 41) if is_order(n)] == [1, 2, *range(4, 41, 4)]
+    assert nearest_orders(4) == (2, 8) and nearest_orders(1) == (2,)
+    # Sylvester's matrix is that of the parities of common bits.
+    index = np.arange(8)
+    odd = np.bitwise_count(index[:, None] & index) & 1
+    np.testing.assert_array_equal(hadamard_columns(8, index), 1 - 2 * odd.astype(np.int64))
+    assert hadamard_columns(12, np.array([3, 5])).dtype == np.int8
+
+
+def digest(bits: NDArray[np.bool_]) -> str:
+    return hashlib.sha256(np.packbits(bits).tobytes()).hexdigest()[:16]
+
+
+@pytest.mark.parametrize(
+    ("order", "known"),
+    [(12, "fcf7bcbe6c69b01a"), (28, "fbc67a0bb6bd43e5"), (36, "9483ccc67545bd15"),
+     (24, "3b6bbf75b37e187f"), (40, "483a3e0a26b600bc")],
+)  # fmt: skip
+def test_matrices_stay_what_they_are(order: int, known: str) -> None:
+    """Any order of columns would do; codes of stored runs are made again by this one."""
+    assert digest(hadamard_columns(order, np.arange(order)) > 0) == known
+
+
+def test_lines_keep_the_codes_of_their_seeds() -> None:
+    made = (row_codes((5, 3), 12, pcg()), matched_codes((3, 20), 8, pcg()),
+            comb_codes((3, 9), 8, 4, pcg()))  # fmt: skip
+    assert [codes.shape for codes in made] == [(12, 15), (8, 63), (8, 27)]
+    assert [digest(codes) for codes in made] == [
+        "fcbb10322959310e", "69b9739477eb3482", "c763381356a4c9c1",
+    ]  # fmt: skip
+
+
+def test_large_orders_are_looked_up_in_blocks_of_rows() -> None:
+    """Orders of Paley's first and second kind with more rows than a block."""
+    for order in (140, 148):
+        whole = hadamard_columns(order, np.arange(order)).astype(np.int64)
+        np.testing.assert_array_equal(whole.T @ whole, order * np.eye(order))
+
+
+@pytest.mark.parametrize(("p", "lines"), [(1 / 3, 7), (1 / 32, 993), (0.25, 13), (0.2 + 1e-11, 21)])
+def test_planes_have_so_many_lines(p: float, lines: int) -> None:
+    assert line_count(p) == lines
+
+
+@pytest.mark.parametrize("p", [0.2 + 1e-8, 0.2 - 1e-8, 0.5, 1 / 33, 1 / 7, 0.3, 0.9])
+def test_shares_that_no_plane_has_are_refused(p: float) -> None:
+    assert LARGEST == 31
+    with pytest.raises(RequestError) as caught:
+        line_count(p)
+    shares = [3, 4, 5, 6, 8, 9, 10, 12, 14, 17, 18, 20, 24, 26, 28, 30, 32]
+    assert str(caught.value.hint).endswith(", ".join(f"1/{n}" for n in shares))
+
+
+@pytest.mark.parametrize("q", [2, 3, 4, 5, 8])
+def test_small_planes_have_each_difference_once(q: int) -> None:
+    lines, found = q * q + q + 1, difference_set(q)
+    assert len(found) == q + 1 and list(found) == sorted(found) and found[0] == 0
+    differences = sorted((a - b) % lines for a in found for b in found if a != b)
+    assert differences == list(range(1, lines))
+
+
+@pytest.mark.parametrize(
+    ("q", "wanted"),
+    [
+        (3, (0, 1, 3, 9)),
+        (5, (0, 1, 3, 8, 12, 18)),
+        (7, (0, 1, 3, 13, 32, 36, 43, 52)),
+        (9, (0, 1, 6, 10, 23, 26, 34, 41, 53, 55)),
+    ],
+)
+def test_planes_keep_their_lines(q: int, wanted: tuple[int, ...]) -> None:
+    """Others would do as well, but codes of stored runs are made again by these."""
+    assert difference_set(q) == wanted
+
+
+def test_the_largest_plane() -> None:
+    found = difference_set(LARGEST)
+    assert len(found) == 32 and found[:4] == (0, 1, 3, 22) and found[-1] == 966
+
+
+@pytest.mark.parametrize("q", [6, 32, 37])
+def test_orders_that_are_no_powers_of_primes_or_too_large_have_none(q: int) -> None:
+    with pytest.raises(RequestError, match=f"order {q}"):
+        difference_set(q)
+
+
+@pytest.mark.parametrize(
+    ("count", "hint"),
+    [(6, "take 7 codes"), (8, "take 7 or 14 codes"), (15, "take 14 or 21 codes")],
+)
+def test_singer_codes_come_in_whole_sets(count: int, hint: str) -> None:
+    with pytest.raises(RequestError) as caught:
+        singer((2, 2), count, 1 / 3, rng())
+    assert caught.value.hint == hint
+    sets = singer((2, 3), 14, 1 / 3, rng())
+    assert sets.shape == (14, 6) and (sets.reshape(2, 7, 6).sum(axis=1) == 3).all()
+
+
+@pytest.mark.parametrize(
+    ("n", "t", "size"),
+    [(4, 2, 5), (3, 2, 1), (2, 2, 1), (1, 2, 0), (5, 2, 9), (6, 2, 21), (6, 3, 9), (7, 3, 17)],
+)
+def test_sizes_of_spreads(n: int, t: int, size: int) -> None:
+    """(2^n - 1) / (2^t - 1) where t divides n."""
+    assert spread_size(n, t) == size
+    assert partial_spread(n, t).shape == (size, t)
+
+
+def test_cells_of_a_spread_are_lit_where_their_forms_have_their_phase() -> None:
+    space, phase = np.array([0, 3, 3, 1]), np.array([0, 2, 1, 3])
+    found = spread_codes(16, 2, space, phase)
+    basis = partial_spread(4, 2)
+    for code, cell in np.ndindex(16, 4):
+        forms = [bin(code & int(basis[space[cell], j])).count("1") % 2 for j in (0, 1)]
+        assert found[code, cell] == (forms[0] + 2 * forms[1] == phase[cell])
+
+
+def test_links_keep_their_strength_and_lose_zeros_and_themselves() -> None:
+    links = scipy.sparse.csr_array(
+        (np.array([0.0, 2.0, 5.0, 3.0]), (np.array([0, 0, 1, 2]), np.array([1, 2, 1, 0]))),
+        shape=(3, 3),
+    )
+    found = symmetric(links, 3)
+    assert found.nnz == 2 and found.format == "csr" and found.dtype == np.float64
+    assert found.toarray().tolist() == [[0, 0, 3], [0, 0, 0], [3, 0, 0]]
+    assert symmetric(np.zeros((2, 2)), 2).nnz == 0
+    for shape in ((3, 2), (2, 3)):
+        with pytest.raises(RequestError, match="do not fit"):
+            symmetric(np.zeros(shape), 3)
+
+
+def test_more_rows_than_codes_share_them_so_many_rows_apart() -> None:
+    bits = row_codes((11, 2), 4, rng(1)).reshape(4, 11, 2)
+    assert (bits[:, :, 0] == bits[:, :, 1]).all()
+    h = np.where(bits[:, :, 0], 1, -1)
+    for one, other in np.ndindex(11, 11):
+        same = (one - other) % 4 == 0
+        assert abs(h[:, one] @ h[:, other]) == (4 if same else 0)
+    # All columns, the constant one too, and signs of both kinds.
+    assert sorted(np.abs(h[:, :4].sum(axis=0)).tolist()) == [0, 0, 0, 4]
+    signs = [np.sign(h[0, row] * h[0, row % 4]) for row in range(11)]
+    assert -1 in signs and 1 in signs
+
+
+@pytest.mark.parametrize(("count", "turns"), [(4, 1), (7, 1), (8, 2)])
+def test_a_comb_passes_each_cell_once_a_turn(count: int, turns: int) -> None:
+    bits = comb_codes((3, 9), count, 4, rng(2)).reshape(count, 3, 9)
+    for turn in range(turns):
+        assert (bits[4 * turn : 4 * turn + 4].sum(axis=0) == 1).all()
+    assert not bits[4 * turns :].any()
+    # Cells a period apart are lit together, and only these.
+    for row in range(3):
+        meets = bits[:, row].T.astype(int) @ bits[:, row]
+        at = np.arange(9)
+        assert ((meets > 0) == ((at[:, None] - at) % 4 == 0)).all()
+    phases = {tuple(bits[:4, row, :4].argmax(axis=0)) for row in range(3)}
+    assert len(phases) > 1
+
+
+def test_a_comb_of_fewer_codes_than_its_period_is_refused() -> None:
+    with pytest.raises(RequestError, match="at least 4"):
+        comb_codes((2, 2), 3, 4, rng())
+
+
+def test_matched_codes_have_one_more_for_each_row() -> None:
+    """Seven columns for six cells and the row's own: none is shared within a row."""
+    codes = matched_codes((4, 6), 8, rng(3)).astype(int)
+    assert codes.shape == (8, 28)
+    for row in range(4):
+        own = codes[:, [*range(6 * row, 6 * row + 6), 24 + row]]
+        assert ((own.T @ own)[~np.eye(7, dtype=np.bool_)] == 2).all()

@@ -1,0 +1,176 @@
+"""Shots out of their files: times, units and matrices; and files that do not belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import CameraConfig
+from pdcd.capture.engine import Engine
+from pdcd.errors import DecodeError
+from pdcd.pictures import darkroom
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.watch import Watch
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from pdcd.runs.record import RunRecord
+from pdcd.sensor.raw import RawFrame, read_raw
+from tests import bench_rig
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two photos, of two by two quads a cell."""
+    camera = CameraConfig(quads_per_cell=2)
+    engine = Engine.from_config(bench_rig.config(tmp_path_factory.mktemp("run"), camera=camera))
+    engine.start()
+    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=8))
+    engine.stop()
+    assert result.state == "done" and result.folder is not None, result.error
+    return Path(result.folder)
+
+
+def record_of(run: Path, **changed: Any) -> RunRecord:
+    """What a run remembers, with other values in each of its shots."""
+    record = read_manifest(run).run
+    shots = tuple(msgspec.structs.replace(shot, **changed) for shot in record.shots)
+    return msgspec.structs.replace(record, shots=shots)
+
+
+def frame_of(run: Path, record: RunRecord, name: str) -> RawFrame:
+    (shot,) = (one for one in record.shots if one.name == name)
+    return read_raw(
+        run / shot.raw, sha256=shot.sha256, saturation_dn=record.profile.saturation_dn(shot.iso)
+    )
+
+
+@pytest.mark.parametrize("level", [1.0, 2.0, None])
+def test_light_is_in_scene_units_times_seconds(run: Path, level: float | None) -> None:
+    """DN times gain are electrons; over the responsivity, which falls with the square of f; and
+    over the level of a shot of which codes were shown more than once."""
+    record = record_of(run, level=level, missed=3)
+    _, shots, _ = Darkroom(run, record).exposed(Watch())
+    assert list(shots) == [shot.name for shot in record.shots]
+    for shot in record.shots:
+        planes = frame_of(run, record, shot.name).planes.astype(np.float64)
+        gain = record.profile.row(shot.iso).gain_e_per_dn * shot.f_number**2 / (level or 1.0)
+        green = 0.5 * (planes[1] + planes[2])
+        colours = np.stack([planes[0], green, planes[3]], axis=-1)
+        wanted = gain * colours / np.array(record.responsivity_e)
+        found = shots[shot.name]
+        np.testing.assert_allclose(found.light, wanted, rtol=1e-5, atol=1e-9)
+        # Refreshes that were missed matter where light became unequal.
+        assert found.missed == (3 if level is None else 0)
+
+
+def test_the_dark_of_a_shot_goes_by_the_time_between_its_blades(run: Path) -> None:
+    record = record_of(run)
+    _, shots, _ = Darkroom(run, record).exposed(Watch())
+    for shot in record.shots:
+        found: Any = shots[shot.name]
+        assert found.exposure_s == pytest.approx((shot.close_ns - shot.open_ns) * 1e-9)
+        assert (found.iso, found.profile) == (shot.iso, record.profile)
+
+
+def test_matrices_are_over_the_level_too(run: Path) -> None:
+    one = Darkroom(run, record_of(run, level=1.0)).matrices()[1]
+    two = Darkroom(run, record_of(run, level=2.0)).matrices()[1]
+    for name, shot in one.items():
+        ratio = shot.realised.total_s / two[name].realised.total_s
+        assert ratio == pytest.approx(2.0)
+        np.testing.assert_allclose(shot.realised.open_s, 2.0 * two[name].realised.open_s)
+
+
+def test_a_coarse_room_sees_squares_of_quads(run: Path) -> None:
+    record = record_of(run)
+    fine, coarse = Darkroom(run, record), Darkroom(run, record)
+    coarse.coarsen(2)
+    one, two = (room.exposed(Watch()) for room in (fine, coarse))
+    rows, cols = record.grid
+    assert one[2].frame == (2 * rows, 2 * cols) and two[2].frame == (rows, cols)
+    for name, shot in one[1].items():
+        means = shot.light.reshape(rows, 2, cols, 2, 3).mean(axis=(1, 3))
+        np.testing.assert_allclose(two[1][name].light, means, rtol=1e-4, atol=1e-6)
+    assert coarse.decoded().side == 2 and fine.decoded().side == 1
+
+
+def changed_second(monkeypatch: pytest.MonkeyPatch, change: Callable[[RawFrame], RawFrame]) -> None:
+    """The second file that is read is another than it was."""
+    seen: list[Path] = []
+
+    def read(path: Path, **how: Any) -> RawFrame:
+        seen.append(path)
+        frame = read_raw(path, **how)
+        return frame if "white" in path.name else change(frame)
+
+    monkeypatch.setattr(darkroom, "read_raw", read)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda f: replace(f, model="other"), "is of other with orientation 0"),
+        (lambda f: replace(f, model=""), "is of no camera with orientation 0"),
+        (lambda f: replace(f, flip=3), "with orientation 3"),
+        (
+            lambda f: replace(f, samples=f.samples[:, 1:], saturated=f.saturated[1:]),
+            r"pixels, other shots of the run",
+        ),
+    ],
+)
+def test_files_of_another_camera_are_refused(
+    run: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    change: Callable[[RawFrame], RawFrame],
+    says: str,
+) -> None:
+    record = msgspec.structs.replace(record_of(run), cells=None)
+    changed_second(monkeypatch, change)
+    with pytest.raises(DecodeError, match=says) as caught:
+        Darkroom(run, record).decoded()
+    assert caught.value.hint and "raw/coded" in caught.value.message
+
+
+def test_the_first_photo_tells_where_quads_lie(run: Path) -> None:
+    record = read_manifest(run).run
+    room = Darkroom(run, msgspec.structs.replace(record, cells=None))
+    with pytest.raises(DecodeError, match="no photo was taken yet"):
+        Darkroom(run, msgspec.structs.replace(record, cells=None, shots=())).decoded()
+    room.decoded()
+    assert room.record.cells == record.cells
+
+
+def test_nothing_can_be_made_of_too_little(run: Path) -> None:
+    record = read_manifest(run).run
+    white = tuple(shot for shot in record.shots if shot.name.startswith("white"))
+    some = msgspec.structs.replace(record, shots=white)
+    assert list(Darkroom(run, some).decoded(partly=True).pictures) == ["white"]
+    bare = msgspec.structs.replace(record, shots=tuple(s for s in white if "black" in s.name))
+    if bare.shots:
+        with pytest.raises(DecodeError, match="no picture can be made"):
+            Darkroom(run, bare).decoded(partly=True)
+
+
+def test_work_is_told_of_to_its_end(run: Path) -> None:
+    told: list[tuple[float, float]] = []
+    record = read_manifest(run).run
+    Darkroom(run, record).decoded(Watch(step=lambda done, total: told.append((done, total))))
+    refreshes = sum(shot.refreshes for shot in record.shots)
+    reading = sum(shot.refreshes + shot.size_bytes / 2048 for shot in record.shots)
+    assert told[-1][0] == told[-1][1] == pytest.approx(2.0 * refreshes + reading)
+
+
+def test_a_shot_that_was_added_is_read_with_the_others(run: Path) -> None:
+    record = read_manifest(run).run
+    room = Darkroom(run, msgspec.structs.replace(record, shots=record.shots[:1]))
+    assert len(room.exposed(Watch())[1]) == 1
+    for shot in record.shots[1:]:
+        room.add(shot)
+    assert list(room.exposed(Watch())[1]) == [shot.name for shot in record.shots]
+    assert room.record.shots == record.shots

@@ -1,0 +1,286 @@
+"""Plans that follow what is known of the scene, or is found by the first photos of a pilot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import Config
+from pdcd.codes.linked import prior_codes
+from pdcd.errors import RequestError
+from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import levels_of
+from pdcd.pictures.watch import Watch
+from pdcd.planning.guided import (
+    by_prior,
+    guidable,
+    piloted,
+    plan_for,
+    scouted,
+    stopped,
+    summary,
+    with_links,
+)
+from pdcd.planning.pairs import linked_pairs, pairs_of, settled_family, white_slots
+from pdcd.planning.plan import Plan, mean_light
+from pdcd.planning.prior import load_prior
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import draft_of
+from pdcd.recipes.parts import coin_signs, part_seed
+from pdcd.request import CaptureRequest, Goal, How
+
+GRID = (3, 4)
+CELLS = 12
+LONG_S = 1000.0
+
+
+def plan_of(**fields: Any) -> Plan:
+    whole = {"goal": "indirect", "codes": 8, "window": "whole", **fields}
+    return plan_for(msgspec.convert(whole, CaptureRequest), Config(), GRID)
+
+
+def bits_of(plan: Plan, program: str) -> NDArray[np.bool_]:
+    """Lit code cells of each code, (K, L)."""
+    lattice = Lattice(plan.grid, plan.window)
+    primal = plan.patterns[program][0]
+    cells = lattice.lattice_cells
+    return np.array([levels_of(primal, k, cells) > 0.5 for k in range(len(primal))])
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"pilot": 4}, "a pilot of 4 codes finds nothing"),
+        ({"pilot": 16, "codes": 32, "prior": "decay:3"}, "a prior and a pilot are both asked for"),
+        ({"family": "balanced", "prior": "decay:3"}, "goal indirect, family balanced"),
+        ({"goal": "white", "prior": "decay:3"}, "goal white, family none"),
+        ({"prior": "decay:0"}, "names no distance above 0"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises(RequestError, match=words) as caught:
+        plan_of(**fields)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("fields", "fits"),
+    [
+        ({}, True),
+        ({"goal": "direct"}, True),
+        ({"goal": "diagonal"}, True),
+        ({"goal": "short-range", "radius": 1}, True),
+        ({"codes": 16, "parts": 2}, True),
+        ({"family": "balanced"}, False),
+        ({"goal": "fraction", "p": 0.25}, False),
+        ({"goal": "fraction", "p": 0.5}, True),
+        ({"goal": "white"}, False),
+        ({"goal": "off-diagonal", "shift": [0, 1], "p": 0.5}, False),
+        ({"goal": "warped", "warp": np.arange(12)[::-1].reshape(GRID).tolist()}, False),
+        ({"goal": "filtered", "kernel": np.eye(3).tolist()}, False),
+    ],
+)
+def test_hadamard_codes_of_cells_with_themselves_can_be_guided(
+    fields: dict[str, Any], fits: bool
+) -> None:
+    assert guidable(plan_of(**fields)) is fits
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+@pytest.mark.parametrize("parts", [1, 2])
+def test_codes_follow_the_links_between_all_code_cells_of_two_cells(
+    window: str, parts: int
+) -> None:
+    """With quarter windows a cell is served by itself, and the code cells right of it and below."""
+    plan = plan_of(window=window, codes=8 * parts, parts=parts, seed=5)
+    rng = np.random.default_rng(3)
+    links = np.where(rng.random((CELLS, CELLS)) < 0.3, rng.random((CELLS, CELLS)), 0.0)
+    shape = GRID if window == "whole" else (4, 5)
+    serves = np.zeros((shape[0] * shape[1], CELLS))
+    for cell in range(CELLS):
+        row, column = divmod(cell, 4)
+        around = [(0, 0)] if window == "whole" else [(0, 0), (0, 1), (1, 0), (1, 1)]
+        for down, right in around:
+            serves[(row + down) * shape[1] + column + right, cell] = 1.0 / len(around)
+    between = serves @ links @ serves.T
+    found = with_links(plan, scipy.sparse.csr_array(links), 5)
+    assert found.patterns.keys() == plan.patterns.keys() and found.recipe is plan.recipe
+    for part, name in enumerate(plan.patterns, start=1):
+        seed = part_seed(5, parts, part if parts > 1 else 0)
+        wanted = prior_codes(
+            shape, 8, between, np.random.Generator(np.random.PCG64(seed)), apart=parts > 1
+        )
+        if parts > 1:
+            wanted = coin_signs(wanted, seed)
+        assert np.array_equal(bits_of(found, name), wanted)
+        dual = found.patterns[name][1]
+        shut = np.array([levels_of(dual, k, wanted.shape[1]) < 0.5 for k in range(8)])
+        assert np.array_equal(shut, wanted)
+
+
+def test_no_links_leave_the_usual_codes_and_other_programs_alone() -> None:
+    none = scipy.sparse.csr_array((CELLS, CELLS))
+    for window, seed in (("whole", 0), ("quarter", 0), ("whole", 4)):
+        plan = plan_of(window=window, seed=seed)
+        found = linked_pairs(plan, none, seed)
+        assert np.array_equal(found["coded"][0], plan.patterns["coded"][0])
+    assert set(linked_pairs(plan_of(codes=32, pilot=16), none, 0)) == {"coded"}
+    assert linked_pairs(plan_of(goal="fraction", p=0.25, codes=64), none, 0) == {}
+
+
+def test_a_prior_keeps_what_it_links_apart_and_is_named() -> None:
+    links = np.zeros((CELLS, CELLS))
+    links[0, 11] = links[5, 2] = 1.0
+    prior = replace(load_prior("decay:2", GRID), links=scipy.sparse.csr_array(links), name="mine")
+    plan = plan_of()
+    found = by_prior(plan, prior, 0)
+    assert found.prior == "mine" and plan.prior is None
+    codes = bits_of(found, "coded")
+    for n, m in ((0, 11), (5, 2)):
+        assert (codes[:, n] != codes[:, m]).any()
+    asked = plan_of(prior="decay:2")
+    assert asked.prior == "decay 2 cells"
+    same = by_prior(plan, load_prior("decay:2", GRID), 0)
+    assert np.array_equal(bits_of(asked, "coded"), bits_of(same, "coded"))
+
+
+def test_a_pilot_is_told_from_what_comes_before_and_after() -> None:
+    plan = plan_of(codes=48, pilot=16)
+    names = [shot.name for shot in plan.recipe.shots]
+    before = names.index("pilot-0001")
+    taken = range(len(names) + 1)
+    assert [n for n in taken if scouted(plan, n)] == [before + 4]
+    assert [n for n in taken if piloted(plan, n)] == [before + 16]
+    none = plan_of()
+    assert all(scouted(none, n) is piloted(none, n) is False for n in range(5))
+    # Scouts alone have nothing to go on to, and a pilot of all codes has none left to guide.
+    short = stopped(plan, 0, LONG_S)
+    assert not any(scouted(short, n) or piloted(short, n) for n in taken)
+    whole = plan_of(codes=16, pilot=16)
+    assert not any(piloted(whole, n) for n in range(30))
+    assert any(scouted(whole, n) for n in range(30))
+
+
+@pytest.mark.parametrize(
+    ("limit_s", "codes"), [(LONG_S, 44), (2.31, 44), (2.29, 40), (2.11, 40), (2.09, 36), (1.71, 32)]
+)
+def test_codes_of_a_pilot_that_ends_go_to_the_photo(limit_s: float, codes: int) -> None:
+    """Of 32 codes in 1.6 s, and 0.1 s on black: 44 where there is a matrix and time for it."""
+    plan = replace(plan_of(codes=48, pilot=16), iso=400)
+    short = stopped(plan, 0, limit_s)
+    assert (short.how.codes, short.how.pilot, short.how.coded) == (codes + 4, 4, codes)
+    assert len(short.patterns["coded"][0]) == codes and len(short.patterns["pilot"][0]) == 4
+    for side in (0, 1):
+        whole = plan.patterns["pilot"][side]
+        assert np.array_equal(short.patterns["pilot"][side], whole[:4])
+    assert len(short.recipe.stack) == 4 and short.iso == 400
+    told = summary(plan, limit_s)
+    cost = told.pilot_cost
+    assert cost is not None
+    assert (cost.raw_files, cost.scouts, cost.stopped_codes) == (16, 4, codes)
+    # A single code is shown for as long as its share of the photo's time, and 0.1 s on black.
+    single_s = [plan.exposure_s(shot) for shot in plan.recipe.shots if shot.only is not None]
+    assert cost.seconds == pytest.approx(sum(single_s)) and len(single_s) == 16
+    assert cost.stopped_raw_files == told.raw_files - 12
+    more_s = 1.6 * codes / 32 - 1.6
+    assert cost.stopped_seconds == pytest.approx(told.seconds - 0.75 * sum(single_s) + more_s)
+
+
+def test_a_pilot_that_ends_leaves_parts_of_a_size_that_there_is() -> None:
+    """Of 4 parts of 8 codes: 12 more codes make 4 of 8 still, or 40 make 4 of 12 at last."""
+    few = stopped(plan_of(codes=48, pilot=16, parts=4), 0, LONG_S)
+    assert (few.how.coded, few.how.parts) == (32, 4)
+    more = stopped(plan_of(codes=64, pilot=32, parts=4), 0, LONG_S)
+    assert (more.how.coded, more.how.parts, more.how.pilot) == (48, 4, 4)
+
+
+def test_another_plan_takes_the_place_of_a_pilot_that_finds_nothing() -> None:
+    plan = replace(plan_of(codes=16, pilot=16), iso=800)
+    other = plan.otherwise
+    assert other is not None
+    short = stopped(plan, 0, LONG_S)
+    assert short.iso == 800 and short.how == other.how and short.recipe is other.recipe
+    cost = summary(plan, LONG_S).pilot_cost
+    assert cost is not None
+    told = other.summary()
+    assert (cost.stopped_codes, cost.stopped_raw_files) == (12, told.raw_files)
+    assert cost.stopped_seconds == told.seconds and cost.raw_files == 16
+    assert summary(other, LONG_S).pilot_cost is None
+    assert summary(plan_of(), LONG_S).pilot_cost is None
+
+
+@pytest.mark.parametrize(
+    ("asked", "default", "fields", "how", "family"),
+    [
+        (None, "hadamard", {"name": "indirect"}, {}, "hadamard"),
+        ("bernoulli", "hadamard", {"name": "indirect"}, {}, "bernoulli"),
+        (None, "balanced", {"name": "indirect"}, {}, "balanced"),
+        (None, "hadamard", {"name": "fraction", "p": 0.25}, {"codes": 64}, "hadamard"),
+        (None, "hadamard", {"name": "fraction", "p": 0.25}, {"codes": 96}, "balanced"),
+        ("hadamard", "hadamard", {"name": "fraction", "p": 0.25}, {"codes": 96}, "hadamard"),
+        (None, "bernoulli", {"name": "fraction", "p": 0.25}, {"codes": 96}, "bernoulli"),
+        (None, "hadamard", {"name": "fraction", "p": 0.25}, {"codes": 64, "parts": 2}, "balanced"),
+        (None, "hadamard", {"name": "fraction", "p": 0.5}, {"codes": 64, "parts": 2}, "hadamard"),
+        (None, "hadamard", {"name": "white"}, {}, "hadamard"),
+    ],
+)
+def test_other_codes_stand_in_where_hadamard_ones_cannot_be_made(
+    asked: Any, default: Any, fields: dict[str, Any], how: dict[str, Any], family: str
+) -> None:
+    whole = How(**{"codes": 64, **how})
+    draft = draft_of(Target(msgspec.convert(fields, Goal), GRID), whole)
+    assert settled_family(asked, default, draft, whole) == family
+
+
+@pytest.mark.parametrize(
+    ("radius", "codes", "share"), [(1, 8, 1 / 8), (1, 16, 2 / 16), (1, 32, 3 / 32), (2, 16, 1 / 16)]
+)
+def test_far_light_has_codes_of_the_share_that_is_best(
+    radius: int, codes: int, share: float
+) -> None:
+    """Of 3 x 3 cells and one more a tenth are lit, of 5 x 5 and one more 1/26; at least one."""
+    request = CaptureRequest(goal="long-range", radius=radius, codes=codes, window="whole")
+    plan = plan_for(request, Config(), (12, 16))
+    assert plan.family == "balanced"
+    assert np.array_equal(bits_of(plan, "far").mean(axis=0), np.full(192, share))
+    coins = plan_for(msgspec.structs.replace(request, family="bernoulli"), Config(), (12, 16))
+    lit = bits_of(coins, "far")
+    assert lit.mean() == pytest.approx(share, rel=0.1) and np.ptp(lit.mean(axis=0)) > 0.0
+
+
+def test_a_white_shot_is_as_long_as_the_light_of_the_first_codes() -> None:
+    plan = plan_of()
+    lattice = Lattice(GRID, "whole")
+    light = mean_light(plan.patterns["coded"], CELLS)
+    for slots in (8, 80, 800):
+        assert white_slots(plan.recipe, plan.patterns, lattice, slots) == round(slots * light)
+    assert white_slots(plan.recipe, plan.patterns, lattice, 1) == 1  # never none
+    white = plan_of(goal="white")
+    assert white_slots(white.recipe, white.patterns, lattice, 37) == 37
+
+
+def test_each_part_has_codes_of_its_own_and_each_is_told() -> None:
+    plan = plan_of(codes=16, parts=2)
+    heard: list[tuple[float, float]] = []
+    made = {}
+    for seed in (0, 1):
+        made[seed] = pairs_of(
+            plan.recipe,
+            plan.how,
+            "hadamard",
+            Lattice(GRID, "whole"),
+            p=None,
+            seed=seed,
+            watch=Watch(step=lambda done, total: heard.append((done, total))),
+        )
+    assert heard == [(1.0, 2.0), (2.0, 2.0)] * 2
+    assert all(len(pair[0]) == len(pair[1]) == 8 for pair in made[0].values())
+    drawn = [np.asarray(pair[0]).tobytes() for found in made.values() for pair in found.values()]
+    assert len(set(drawn)) == 4  # no part of any seed is another's
+    assert drawn[:2] == [np.asarray(pair[0]).tobytes() for pair in plan.patterns.values()]

@@ -1,0 +1,203 @@
+"""What is said of a look for mirrors that nobody asked for, and the plans that come with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy
+
+from pdcd.bench.devices import CameraInfo
+from pdcd.bench.tables import Config
+from pdcd.errors import RequestError
+from pdcd.pictures.learn import Learned
+from pdcd.planning.guided import plan_for
+from pdcd.planning.plan import Plan
+from pdcd.planning.unasked import looked, plan_unasked, settled
+from pdcd.request import CaptureRequest
+from pdcd.runs.record import ShotRecord
+from tests.unit.planning.test_measured import config
+
+GRID = (6, 8)
+CELLS = 48
+NONE = scipy.sparse.csr_array((CELLS, CELLS))
+SOME = scipy.sparse.csr_array(np.eye(CELLS, k=1))
+
+
+def camera(file_s: float = 0.0) -> CameraInfo:
+    return CameraInfo("", "", "modern", np.ones(3), (100,), (), readout_s=file_s)
+
+
+def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
+    request = CaptureRequest(**{"goal": "indirect", "window": "whole", **fields})
+    return plan_unasked(request, rig or Config(), GRID, camera(), 0.0)
+
+
+def learned(sharpness: float, links: Any = NONE) -> Learned:
+    return Learned(links, (links, links, links), None, sharpness, np.zeros((CELLS, 3)))
+
+
+def record(name: str, open_ns: int, close_ns: int) -> ShotRecord:
+    return ShotRecord(
+        name=name, window="whole", raw=f"{name}.dng", sha256="0" * 64, size_bytes=1, iso=100,
+        f_number=8.0, open_ns=open_ns, close_ns=close_ns, end_ns=(1, 1), refreshes=3, missed=0,
+        source="mock", verified=True,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (learned(0.149), "no mirrors (sharpness 0.15, limit 0.15)"),
+        (learned(0.3, SOME), "sharp paths, which are kept apart (sharpness 0.3, limit 0.15)"),
+        (learned(0.3), "sharp light without a map (sharpness 0.3, limit 0.15)"),
+    ],
+)
+def test_what_a_look_found_and_cost_is_told(found: Learned, words: str) -> None:
+    plan = plan_for(CaptureRequest(goal="indirect", codes=32, pilot=16), Config(), GRID)
+    shots = [
+        record("white", 0, 10**9),
+        record("pilot-0001", 10**9, 3 * 10**9),
+        record("pilot-0002", 4 * 10**9, 5 * 10**9 + 5 * 10**8),
+        record("coded", 6 * 10**9, 9 * 10**9),
+    ]
+    told = looked(plan, found, shots)
+    assert told == (f"{words}: 16 codes in 1 exposure; the look took 2 RAW files and 3.5 s")
+    parts = plan_for(CaptureRequest(goal="indirect", codes=48, pilot=16, parts=4), Config(), GRID)
+    assert ": 32 codes in 4 exposures; the look took" in looked(parts, found, shots)
+
+
+def test_a_plain_request_has_two_plans_with_the_same_reasons() -> None:
+    plan = plan_of()
+    other = plan.otherwise
+    assert other is not None and plan.unasked and other.unasked
+    assert (plan.how.codes, plan.how.pilot, plan.how.parts) == (128, 16, 7)
+    assert (other.how.codes, other.how.pilot, other.how.parts) == (124, 4, 6)
+    assert other.otherwise is None and plan.schedule == other.schedule
+    for found in (plan, other):
+        assert sum(reason.startswith("pilot: ") for reason in found.reasons) == 1
+        assert sum(reason.startswith("parts: ") for reason in found.reasons) == 1
+    asked = plan_for(
+        CaptureRequest(goal="indirect", window="whole", codes=128, pilot=16, parts=7),
+        Config(), GRID, 0.0,
+    )  # fmt: skip
+    alone = plan_for(
+        CaptureRequest(goal="indirect", window="whole", codes=124, parts=1), Config(), GRID, 0.0
+    )
+    assert plan.memory_bytes == max(asked.memory_bytes, other.memory_bytes)
+    assert other.memory_bytes != asked.memory_bytes and alone.otherwise is None
+    assert plan.reasons[: len(asked.reasons)] == asked.reasons
+
+
+def test_who_names_codes_has_one_plan() -> None:
+    plan = plan_of(codes=64)
+    assert plan.otherwise is None and not plan.unasked
+    assert not any(reason.startswith(("pilot", "parts")) for reason in plan.reasons)
+
+
+@pytest.mark.parametrize(
+    ("fields", "first", "reason"),
+    [
+        ({}, (128, 16, 7), "7 exposures of 16 codes each, 0.96 s more in all"),
+        ({"pilot": "auto"}, (128, 16, 1), "one exposure; 1 of 124 where"),
+        ({"pilot": "auto", "parts": "auto"}, (128, 16, 7), "6 of 20 where there are no mirrors"),
+        ({"pilot": "auto", "codes": 64}, (64, 16, 1), "1 of 60 where"),
+        ({"parts": "auto", "pilot": 16}, (None, 16, 7), "7 exposures of 16 codes"),
+        ({"parts": "auto", "codes": 64}, (64, 0, 4), "4 exposures of 16 codes"),
+    ],
+)
+def test_codes_pilot_and_parts_that_are_left_open(
+    fields: dict[str, Any], first: tuple[int | None, int, int], reason: str
+) -> None:
+    """Each file costs twice 50 ms on black, and the shutter's lag of 60 ms."""
+    request = CaptureRequest(**{"goal": "indirect", **fields})
+    found = settled(request, Config(), GRID, camera())
+    asked = found.request
+    assert (asked.codes, asked.pilot, asked.parts) == first
+    assert reason in " ".join(found.reasons)
+
+
+def test_the_cost_of_files_goes_by_all_that_each_waits_for() -> None:
+    """Four photos of a look may take as long as the codes: 6.4 s."""
+    request = CaptureRequest(goal="indirect")
+
+    def pilot(rig: Config, file_s: float) -> Any:
+        return settled(request, rig, GRID, camera(file_s)).request.pilot
+
+    assert pilot(Config(), 1.43) == 16 and pilot(Config(), 1.45) == 0
+    settling = config(rig={"settle_s": 0.15})
+    assert pilot(settling, 1.23) == 16 and pilot(settling, 1.25) == 0
+    late = config(trigger={"lag_s": 0.26})
+    assert pilot(late, 1.23) == 16 and pilot(late, 1.25) == 0
+    swift = config(schedule={"guards": "none"})
+    third_s = 128 / 60.0 / 4.0
+    assert pilot(swift, third_s - 0.17) == 16 and pilot(swift, third_s - 0.15) == 0
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"parts": "auto", "seconds": 5.0}, "beside an error, a time or a method"),
+        ({"pilot": "auto", "error": 0.1}, "beside an error, a time or a method"),
+        ({"pilot": "auto", "method": "multi-image"}, "beside an error, a time or a method"),
+    ],
+)
+def test_what_goes_with_nothing_else_is_refused(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises(RequestError, match=words) as caught:
+        settled(CaptureRequest(**{"goal": "indirect", **fields}), Config(), GRID, camera())
+    assert "leave them out" in str(caught.value.hint)
+
+
+@pytest.mark.parametrize(
+    ("fields", "why"),
+    [
+        ({"goal": "fraction", "p": 0.5}, "as it guides hadamard codes for indirect and direct"),
+        ({"goal": "diagonal"}, "as it guides hadamard codes for indirect and direct"),
+        ({"prior": "decay:3"}, "as it guides hadamard codes"),
+        ({"codes": 63}, "as 63 codes are too few"),
+        ({"codes": 66}, "as 66 codes are too few"),
+    ],
+)
+def test_a_pilot_that_cannot_be_had_is_none_and_it_is_said_why(
+    fields: dict[str, Any], why: str
+) -> None:
+    request = CaptureRequest(**{"goal": "indirect", "pilot": "auto", **fields})
+    found = settled(request, Config(), GRID, camera())
+    assert (found.request.pilot, found.request.parts, found.otherwise) == (0, 1, None)
+    assert len(found.reasons) == 1 and found.reasons[0].startswith(f"pilot: none, {why}")
+
+
+def test_a_map_is_made_of_no_more_cells_than_can_be_matched() -> None:
+    request = CaptureRequest(goal="indirect")
+    assert settled(request, Config(), (64, 64), camera()).request.pilot == 16
+    assert settled(request, Config(), (64, 65), camera()).request.pilot == 0
+
+
+@pytest.mark.parametrize(
+    ("family", "codes", "parts"),
+    [
+        ("hadamard", 64, 4),
+        ("hadamard", 60, 1),
+        ("balanced", 64, 4),
+        ("balanced", 72, 4),
+        ("balanced", 68, 1),
+        ("bernoulli", 144, 8),
+        ("rademacher", 108, 6),
+    ],
+)
+def test_parts_have_sixteen_codes_at_least_and_whole_pairs(
+    family: Any, codes: int, parts: int
+) -> None:
+    request = CaptureRequest(goal="indirect", codes=codes, family=family, parts="auto")
+    found = settled(request, Config(), GRID, camera())
+    assert found.request.parts == parts
+    assert replace(found).otherwise is None
+
+
+def test_families_of_their_own_structure_are_not_split() -> None:
+    request = CaptureRequest(goal="fraction", p=0.2, codes=84, family="singer", parts="auto")
+    found = settled(request, Config(), GRID, camera())
+    assert found.request.parts == 1
+    assert "84 singer codes cannot be split into four or more" in found.reasons[0]

@@ -1,0 +1,250 @@
+"""What a request and a rig come to in a plan, field by field, and what is refused on the way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import Config
+from pdcd.errors import Cancelled, ConfigError, RequestError
+from pdcd.frames.lattice import Lattice
+from pdcd.pictures.watch import Watch
+from pdcd.planning.make import make_plan, schedule_of, window_of
+from pdcd.planning.measured import quietest
+from pdcd.planning.plan import Plan, mean_light
+from pdcd.request import CaptureRequest
+from tests.unit.planning.test_measured import config
+
+GRID = (6, 8)
+LIGHT = np.linspace(0.1, 1.0, 48).reshape(GRID).tolist()
+
+
+def request_of(**fields: Any) -> CaptureRequest:
+    return msgspec.convert({"goal": "indirect", "codes": 8, "window": "whole", **fields},
+                           CaptureRequest)  # fmt: skip
+
+
+def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
+    return make_plan(request_of(**fields), rig or Config(), GRID)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words", "hint"),
+    [
+        ({"pilot": 32, "codes": 64, "family": "balanced"}, "cannot guide balanced", "hadamard"),
+        ({"family": "isolation", "method": "multi-image"}, "does not isolate", "hadamard"),
+        ({"family": "confocal", "method": "multi-image"}, "does not isolate", "hadamard"),
+        ({"family": "isolation", "parts": 2, "codes": 16}, "no codes to split", "parts"),
+        ({"repeat": 2, "parts": 2, "codes": 16}, "one piece can be repeated", "repeat"),
+        ({"repeat": 2, "method": "multi-image"}, "one piece can be repeated", "repeat"),
+        ({"pilot": 10, "codes": 10}, "a pilot of 10 leaves none of 10 codes", "smaller pilot"),
+        ({"pilot": 16, "codes": 8}, "a pilot of 16 leaves none of 8 codes", "smaller pilot"),
+        ({"goal": "white", "smooth": True}, "no photo of indirect light", "leave out smooth"),
+        ({"exposure_s": 0.39}, r"0.39 s is shorter .* 8 codes \(0.4 s\)", "fewer"),
+    ],
+)  # fmt: skip
+def test_what_contradicts_itself_is_refused(fields: dict[str, Any], words: str, hint: str) -> None:
+    with pytest.raises(RequestError, match=words) as caught:
+        plan_of(**fields)
+    assert hint in str(caught.value.hint)
+
+
+def test_a_coded_photo_in_one_piece_can_be_repeated_and_parts_taken() -> None:
+    assert plan_of(repeat=2).how.repeat == 2
+    assert plan_of(repeat=1, parts=2, codes=16).how.parts == 2
+    assert plan_of(repeat=1, method="multi-image").how.method == "multi-image"
+
+
+def test_a_pilot_of_all_codes_has_another_plan_for_a_scene_without_mirrors() -> None:
+    plan = plan_of(codes=16, pilot=16)
+    other = plan.otherwise
+    assert other is not None and other.otherwise is None
+    assert (plan.how.coded, other.how.coded, other.how.pilot, other.how.codes) == (0, 12, 4, 16)
+    assert plan_of(codes=32, pilot=16).otherwise is None
+    timed = config(schedule={"guards": "auto"})
+    late = make_plan(request_of(codes=16, pilot=16), timed, GRID, 0.004)
+    assert late.otherwise is not None and late.schedule == late.otherwise.schedule == "lag"
+    # Its photos show the pilot's own codes, and are what the time of a pass goes by.
+    assert plan.passes == 1
+    for seconds, passes in ((0.8, 1), (1.6, 2)):
+        assert plan_of(codes=16, pilot=16, exposure_s=seconds).passes == passes
+
+
+def test_why_there_are_that_many_codes_is_said_where_the_light_decides() -> None:
+    plan = plan_of(goal="fraction", p=0.25, equal_brightness=True)
+    assert plan.how.codes == 16 and plan.reasons[0] == (
+        "16 codes: matched cells are lit in 4 of them, as they would be at p = 1/2"
+    )
+    plain = plan_of(goal="fraction", p=0.25)
+    assert plain.how.codes == 8
+    assert not any("codes:" in reason for reason in plain.reasons)
+
+
+@pytest.mark.parametrize(
+    ("goal", "fields", "by_light", "structure"),
+    [
+        ("fraction", {"p": 0.5}, True, False),
+        ("off-diagonal", {"shift": [1, 0], "p": 0.5}, True, False),
+        ("split", {"period": 8}, True, False),
+        ("descattered", {"shift": [1, 0]}, True, False),
+        ("filtered", {"kernel": [[1.0, -1.0, 0.5]]}, True, False),
+        ("relit", {"matrix": np.eye(48).tolist(), "codes": 48}, True, True),
+        ("long-range", {"radius": 1}, False, True),
+        ("short-range", {"radius": 1}, False, True),
+        ("indirect", {}, False, False),
+        ("direct", {}, False, False),
+    ],
+)
+def test_photos_are_scaled_as_their_goal_has_it(
+    goal: str, fields: dict[str, Any], by_light: bool, structure: bool
+) -> None:
+    how = plan_of(goal=goal, **fields).how
+    assert (how.by_light, how.structure, how.bars) == (by_light, structure, True)
+
+
+def test_buckets_are_those_of_the_camera_for_pairs_alone() -> None:
+    two = config(camera={"buckets": 2})
+    assert plan_of(two, goal="direct", method="pairs").how.buckets == 2
+    assert plan_of(two, goal="direct").how.buckets == 1
+
+
+def test_what_a_request_leaves_open_is_the_configuration_s() -> None:
+    rig = config(
+        schedule={"codes": 12, "window": "quarter", "guards": True, "family": "balanced"},
+        camera={"iso": 400},
+        rig={"settle_s": 0.07},
+    )
+    plan = make_plan(CaptureRequest(goal="indirect"), rig, GRID)
+    assert (plan.how.codes, plan.window, plan.schedule) == (12, "quarter", "full")
+    assert (plan.family, plan.iso, plan.settle_s, plan.row_hz) == ("balanced", 400, 0.07, 60.0)
+    assert (plan.p, plan.passes, plan.delay_s, plan.smooth) == (0.5, 1, 0.0, False)
+    assert plan.how.pilot == 0 and plan.how.white and plan.look is not None
+    asked = request_of(guards=False, family="bernoulli", white=False, black_level="mask", seed=3)
+    plan = make_plan(asked, rig, GRID)
+    assert (plan.how.codes, plan.window, plan.schedule) == (8, "whole", "none")
+    assert (plan.family, plan.how.white, plan.how.black_level) == ("bernoulli", False, "mask")
+    assert plan.look is None
+
+
+@pytest.mark.parametrize("rows", [3, -3])
+def test_a_mask_that_is_sent_its_frames_later_or_earlier_costs_that_time(rows: int) -> None:
+    plan = plan_of(config(display={"mask_delay_refreshes": rows}))
+    assert plan.delay_s == pytest.approx(3 / 60.0)
+    shot = plan.recipe.shots[0]
+    bare_s = plan.refreshes(shot) / 60.0 + 2.0 * plan.settle_s
+    assert plan.exposure_s(shot) == pytest.approx(bare_s + 3 / 60.0)
+
+
+def test_a_share_of_lit_cells_is_the_program_s() -> None:
+    assert plan_of(goal="fraction", p=0.25).p == 0.25
+    assert plan_of(goal="white").p == 0.5
+
+
+def test_seeds_make_other_codes_and_the_same_ones_again() -> None:
+    primal = [np.asarray(plan_of(seed=seed).patterns["coded"][0]).tobytes() for seed in (1, 2, 1)]
+    assert primal[0] == primal[2] != primal[1]
+
+
+def test_a_white_shot_lasts_as_long_as_gathers_the_light_of_codes() -> None:
+    for fields, slots in (({}, 8), ({"exposure_s": 0.8}, 16), ({"parts": 2, "codes": 16}, 8)):
+        plan = plan_of(**fields)
+        name = next(iter(plan.patterns))
+        light = mean_light(plan.patterns[name], Lattice(GRID, plan.window).lattice_cells)
+        assert plan.white_slots == max(1, round(slots * light))
+    assert plan_of(goal="white").white_slots == 8
+    assert plan_of(goal="white", codes=12).white_slots == 12
+
+
+def test_exposures_hold_whole_passes_within_the_limit() -> None:
+    """Eight codes of three refreshes: 0.4 s a pass, and 0.1 s on black."""
+    for seconds, passes in ((0.4, 1), (0.79, 1), (0.8, 2), (1.2, 3)):
+        assert plan_of(exposure_s=seconds).passes == passes
+    assert plan_of(exposure_s=1.6, window="quarter").passes == 1
+    assert plan_of(exposure_s=3.2, window="quarter").passes == 2
+    longest = max(plan_of().exposure_s(shot) for shot in plan_of().recipe.shots)
+    plan_of(config(limits={"max_exposure_s": longest}))
+    for limit_s in (longest - 1e-6, 0.39):
+        with pytest.raises(
+            RequestError, match=r"the plan needs an exposure of .* limit is"
+        ) as found:
+            plan_of(config(limits={"max_exposure_s": limit_s}))
+        assert "limits.max_exposure_s" in str(found.value.hint)
+
+
+def test_parts_and_single_photos_share_the_codes_among_exposures() -> None:
+    """What is too long for one exposure fits in several."""
+    limit = config(limits={"max_exposure_s": 0.95})
+    with pytest.raises(RequestError, match="needs an exposure"):
+        plan_of(limit, codes=32)
+    assert plan_of(limit, codes=32, parts=2).how.parts == 2
+    assert len(plan_of(limit, codes=32, goal="direct", method="multi-image").recipe.stack) == 32
+
+
+def test_a_schedule_goes_by_what_is_asked_for_first() -> None:
+    quick = {"rise_s": 2e-4, "fall_s": 2e-4}
+    timed = config(projector=quick, mask=quick, schedule={"guards": "auto"})
+    for lag_s in (0.004, -0.004):
+        assert schedule_of(request_of(), timed, lag_s) == quietest(timed, lag_s)
+    assert schedule_of(request_of(guards="both"), timed, 0.004) == "both"
+    assert schedule_of(request_of(guards=False), timed, 0.004) == "none"
+    named = config(projector=quick, mask=quick, schedule={"guards": "full"})
+    assert schedule_of(request_of(), named, 0.004) == "full"
+    untimed = config(schedule={"guards": "auto"})
+    assert schedule_of(request_of(), untimed, 0.004) == "lag"
+    assert schedule_of(request_of(), untimed, -0.004) == "lead"
+    assert schedule_of(request_of(), untimed, None) == "full"
+
+
+def test_cells_are_at_least_a_pixel_of_the_projector() -> None:
+    request = request_of()
+    for grid in ((768, 4), (4, 1024)):
+        assert window_of(request, Config(), grid) == "whole"
+    for grid in ((769, 4), (4, 1025)):
+        with pytest.raises(ConfigError, match="finer than the projector's pixels") as caught:
+            window_of(request, Config(), grid)
+        assert caught.value.device == "projector" and caught.value.hint
+    rough = config(schedule={"window": "quarter"})
+    assert window_of(CaptureRequest(goal="white"), rough, GRID) == "quarter"
+    assert window_of(request, rough, GRID) == "whole"
+
+
+def test_bit_planes_show_black_and_white_alone() -> None:
+    planes = config(display={"planes_per_refresh": 24})
+    plan_of(planes)
+    with pytest.raises((RequestError, ConfigError)):
+        plan_of(planes, goal="illuminated", illumination=LIGHT)
+    assert plan_of(goal="illuminated", illumination=LIGHT).patterns
+
+
+def test_whoever_waits_hears_of_every_program_and_may_end_the_work() -> None:
+    heard: list[tuple[float, float]] = []
+    watch = Watch(step=lambda done, total: heard.append((done, total)))
+    make_plan(request_of(codes=16, parts=2), Config(), GRID, watch=watch)
+    assert heard == [(1.0, 2.0), (2.0, 2.0)]
+
+    def ended() -> None:
+        raise Cancelled("nobody waits")
+
+    with pytest.raises(Cancelled):
+        make_plan(request_of(), Config(), GRID, watch=Watch(ended))
+
+
+@pytest.mark.parametrize(
+    ("fields", "smooth"),
+    [
+        ({}, True),
+        ({"family": "balanced"}, False),
+        ({"family": "bernoulli", "smooth": True}, True),
+        ({"smooth": False}, False),
+        ({"goal": "long-range", "radius": 1}, True),
+        ({"goal": "long-range", "radius": 1, "family": "balanced"}, False),
+        ({"goal": "short-range", "radius": 1}, True),
+        ({"goal": "short-range", "radius": 1, "family": "balanced"}, False),
+        ({"goal": "diagonal"}, False),
+    ],
+)
+def test_smooth_light_is_corrected_where_it_can_be(fields: dict[str, Any], smooth: bool) -> None:
+    assert plan_of(**fields).smooth is smooth

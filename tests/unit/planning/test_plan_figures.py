@@ -1,0 +1,186 @@
+"""Figures of plans: refreshes, seconds, light and files, counted by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import Config
+from pdcd.planning.make import make_plan
+from pdcd.planning.plan import Look, Plan, windowed
+from pdcd.recipes.recipe import Shot
+from pdcd.request import CaptureRequest
+from tests.unit.planning.test_measured import config
+
+GRID = (6, 8)
+LIGHT = np.linspace(0.1, 1.0, 48).reshape(GRID).tolist()
+
+
+def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
+    whole = {"goal": "indirect", "codes": 8, "window": "whole", **fields}
+    return make_plan(msgspec.convert(whole, CaptureRequest), rig or Config(), GRID)
+
+
+def shot_of(plan: Plan, name: str) -> Shot:
+    return next(shot for shot in plan.recipe.shots if shot.name == name)
+
+
+@pytest.mark.parametrize(
+    ("fields", "name", "rows"),
+    [
+        ({}, "coded", 24),
+        ({"guards": "lag"}, "coded", 16),
+        ({"guards": "none"}, "coded", 8),
+        ({"window": "quarter"}, "coded", 96),
+        ({"exposure_s": 0.8}, "coded", 48),
+        ({"codes": 16, "parts": 2}, "coded-2", 24),
+        ({"codes": 32, "pilot": 16}, "pilot-0003", 3),
+        ({"codes": 32, "pilot": 16}, "coded", 48),
+        # A single exact pair is shown as often as codes would be.
+        ({"illumination": LIGHT}, "white", 24),
+        ({"illumination": LIGHT, "exposure_s": 0.8}, "white", 48),
+        ({"goal": "white"}, "white", 24),
+    ],
+)
+def test_refreshes_of_a_shot(fields: dict[str, Any], name: str, rows: int) -> None:
+    plan = plan_of(**fields)
+    shot = shot_of(plan, name)
+    assert plan.refreshes(shot) == rows == len(plan.frames(shot))
+    assert plan.exposure_s(shot) == pytest.approx(rows / 60.0 + 2.0 * 0.05)
+    assert plan.exposure_s(shot) == pytest.approx(rows / 60.0 + 2.0 * plan.settle_s)
+
+
+def test_an_exact_sequence_is_shown_at_least_once() -> None:
+    plan = plan_of(goal="transport", codes=8)
+    shot = plan.recipe.shots[0]
+    assert shot.only is not None and len(plan.patterns[shot.program][0]) > 16
+    assert plan.passes_of(shot) == 1 and plan.pairs_of(shot) == 1
+    lit = plan_of(illumination=LIGHT, codes=12)
+    white = shot_of(lit, "white")
+    assert (lit.pairs_of(white), lit.passes_of(white)) == (1, 12)
+
+
+@pytest.mark.parametrize("window", ["whole", "quarter"])
+def test_frames_of_a_test_exposure_are_the_first_pairs_once(window: str) -> None:
+    plan = plan_of(window=window, exposure_s=3.2)
+    fields = 1 if window == "whole" else 4
+    coded = shot_of(plan, "coded")
+    test, whole = plan.frames(coded, pairs=3), plan.frames(coded)
+    assert len(test) == 3 * 3 * fields and len(whole) == plan.refreshes(coded)
+    assert len(test.primal_patterns) == 3
+    assert np.array_equal(test.primal_patterns, plan.patterns["coded"][0][:3])
+    assert np.array_equal(test.dual_patterns, plan.patterns["coded"][1][:3])
+    assert test.window == window
+
+
+def test_a_single_code_of_a_pilot_is_its_own_pattern() -> None:
+    plan = plan_of(codes=32, pilot=16)
+    for n in (0, 5, 15):
+        frames = plan.frames(shot_of(plan, f"pilot-{n + 1:04d}"))
+        assert np.array_equal(frames.primal_patterns, plan.patterns["pilot"][0][n : n + 1])
+
+
+def test_windows_are_for_codes_on_the_mask_alone() -> None:
+    plan = plan_of(codes=32, pilot=16, window="quarter")
+    assert plan.window_of(shot_of(plan, "white")) == "whole"
+    assert plan.window_of(shot_of(plan, "pilot-0001")) == "whole"
+    assert plan.window_of(shot_of(plan, "coded")) == "quarter"
+    assert [windowed(plan.recipe.programs[name]) for name in ("pilot", "coded")] == [False, True]
+    lit = plan_of(illumination=LIGHT)
+    assert not windowed(lit.recipe.programs["white"])
+
+
+def test_light_is_what_both_panels_let_through_in_a_third_of_the_refreshes() -> None:
+    plan = plan_of(black_level="both")
+    assert plan.light_share(shot_of(plan, "white")) == pytest.approx(1 / 3)
+    coded = shot_of(plan, "coded")
+    lit = np.unpackbits(np.asarray(plan.patterns["coded"][0]).astype(np.uint8), axis=1, count=48)
+    share = lit.mean(axis=1)
+    kept = float(np.mean(share * (1.0 - share)))
+    assert plan.light_share(coded) == pytest.approx(kept / 3)
+    for name in ("coded-black-primal", "coded-black-dual", "white-black-dual"):
+        assert plan.light_share(shot_of(plan, name)) == 0.0
+    quarter = plan_of(window="quarter", guards="none")
+    lit = np.unpackbits(np.asarray(quarter.patterns["coded"][0]).astype(np.uint8), axis=1, count=63)
+    share = lit.mean(axis=1)
+    wanted = float(np.mean(share * (1.0 - share))) / 4
+    assert quarter.light_share(shot_of(quarter, "coded")) == pytest.approx(wanted)
+
+
+def test_a_plan_of_more_passes_and_exposures_shows_the_same_codes() -> None:
+    plan = plan_of()
+    found = plan.scaled(3, 4)
+    assert (found.passes, found.how.repeat) == (3, 4)
+    assert found.white_slots == 3 * plan.white_slots
+    assert found.patterns is plan.patterns
+    assert len(found.recipe.shots) == 5  # the white photo is only shown beside the answer
+    again = found.scaled(6, 1)
+    assert again.white_slots == 6 * plan.white_slots and again.how.repeat == 1
+    told = found.summary()
+    assert [shot.exposures for shot in told.shots] == [1, 4]
+    assert [shot.exposures for shot in plan.summary().shots] == [1, 1]
+    assert [shot.codes for shot in told.shots] == [0, 8]
+    white, coded = told.shots
+    assert told.refreshes == white.refreshes + 4 * coded.refreshes
+    assert told.seconds == pytest.approx(white.exposure_s + 4 * coded.exposure_s)
+    assert told.raw_files == 5 and told.passes == 3
+
+
+def test_a_summary_tells_of_a_pilot_once() -> None:
+    plan = plan_of(codes=32, pilot=16, black_level="none")
+    told = plan.summary()
+    assert [(s.name, s.exposures, s.codes, s.refreshes) for s in told.shots] == [
+        ("white", 1, 0, plan.refreshes(shot_of(plan, "white"))),
+        ("pilot-0001", 16, 1, 3),
+        ("coded", 1, 16, 48),
+    ]
+    assert told.refreshes == told.shots[0].refreshes + 16 * 3 + 48
+    assert told.raw_files == 18 and told.pilot == 16 and told.codes == 32
+    assert told.light_share == plan.light_share(shot_of(plan, "coded"))
+    assert (told.goal, told.family, told.p, told.grid) == ("indirect", "hadamard", 0.5, GRID)
+    assert (told.window, told.schedule, told.guards, told.parts) == ("whole", "full", True, 1)
+    assert (told.black_level, told.memory_bytes) == ("none", plan.memory_bytes)
+    assert not plan_of(guards="none").summary().guards
+
+
+def test_black_exposures_are_open_as_long_as_a_look_is_to_come() -> None:
+    plan = plan_of(black_level="mask")
+    assert plan.summary().black_level == "mask"
+    assert replace(plan, look=Look(0.01, may_add=True)).summary().black_level == "auto"
+
+
+def test_the_light_of_single_codes_speaks_for_photos_that_are_sums_of_them() -> None:
+    plan = plan_of(goal="direct", method="multi-image")
+    told = plan.summary()
+    assert [(s.name, s.exposures) for s in told.shots] == [("photo-0001", 8)]
+    assert told.light_share == plan.light_share(shot_of(plan, "photo-0001"))
+    whole = plan_of(codes=16, pilot=16).summary()
+    assert whole.light_share == whole.shots[-1].light_share
+
+
+def test_the_second_bucket_of_a_pair_is_no_exposure() -> None:
+    plan = plan_of(config(camera={"buckets": 2}), goal="direct", method="pairs")
+    told = plan.summary()
+    beside = {shot.name: shot.beside for shot in plan.recipe.shots if shot.beside}
+    assert beside and not {shot.name for shot in told.shots} & set(beside)
+    assert told.light_share in {shot.light_share for shot in told.shots}
+
+
+def test_an_outline_keeps_the_shots_and_nothing_that_is_made_of_them() -> None:
+    plan = plan_of(illumination=LIGHT)
+    plan = replace(plan, otherwise=plan)
+    assert plan.recipe.target.planes
+    bare = plan.outline()
+    assert bare.recipe.shots == plan.recipe.shots and bare.patterns is plan.patterns
+    assert bare.otherwise is None and bare.recipe.meant is None
+    assert (bare.recipe.photos, bare.recipe.pictures, bare.recipe.sums) == ((), {}, {})
+    assert bare.recipe.target.planes == {} and bare.grid == plan.grid
+    told = replace(plan, prior="decay 3 cells", reasons=("so",), iso=400).summary()
+    assert (told.prior, told.reasons, told.leaks, told.prediction) == (
+        "decay 3 cells", ("so",), None, None,
+    )  # fmt: skip
+    assert bare.recipe.target.goal == plan.recipe.target.goal

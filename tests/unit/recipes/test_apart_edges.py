@@ -1,0 +1,161 @@
+"""What is left alone of a matrix, how plain ones are shown, and isolation of very many pairs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.errors import RequestError
+from pdcd.frames.lattice import Lattice
+from pdcd.probing.wanted import Match, Uniform, Wanted
+from pdcd.recipes.factored import distinct_rows
+from pdcd.recipes.goals import Target
+from pdcd.recipes.isolation import FAMILIES, Isolation, check_isolation, isolated
+from pdcd.recipes.make import recipe_of
+from pdcd.recipes.programs import Blocks, SignedBlocks, SignedMatrix
+from pdcd.recipes.recipe import Recipe
+from pdcd.recipes.structure import structure_of
+from pdcd.recipes.transport import MOST_PHOTOS, Slice, check_slice, photos_of
+from pdcd.request import Goal, How
+
+GRID = (9, 12)
+N = 108
+Floats = NDArray[np.float64]
+
+
+@pytest.mark.parametrize(("scattered", "found"), [(2, True), (600, False)])
+def test_parts_are_taken_out_where_they_are_half_of_a_matrix(scattered: int, found: bool) -> None:
+    """Thirty matched cells of one weight, beside numbers that are all different."""
+    rng = np.random.default_rng(7)
+    matrix = np.zeros((N, N))
+    rows, columns = rng.permutation(N)[:30], rng.permutation(N)[:30]
+    matrix.ravel()[rng.permutation(N * N)[:scattered]] = 0.5 + rng.random(scattered)
+    matrix[rows, columns] = 0.4
+    made = structure_of(matrix, GRID)
+    assert made.found == found
+    if not found:
+        assert made.rest is matrix and made.matches == ()
+    np.testing.assert_allclose(made.rows(0, N), matrix, atol=1e-6)
+
+
+def relit(matrix: Floats, codes: int = 64) -> Recipe:
+    goal = Target(Goal(name="relit"), GRID, {}, {"matrix": matrix})
+    return recipe_of(goal, How(codes=codes, structure=False))
+
+
+def kinds(recipe: Recipe) -> set[type]:
+    return {type(program) for program in recipe.programs.values()}
+
+
+def test_a_plain_matrix_is_blocks_products_or_codes() -> None:
+    rng = np.random.default_rng(8)
+    rows = rng.random((3, N))[np.arange(N) % 3]
+    assert kinds(relit(rows)) == {Blocks}
+    assert kinds(relit(rows, 3)) == {Blocks}
+    assert kinds(relit(rows, 2)) == {SignedMatrix}
+    rows[0::3, 5] = -0.25
+    assert kinds(relit(rows)) == {SignedBlocks}
+    assert kinds(relit(rng.random((N, N)))) == {SignedMatrix}
+    for matrix in (rows, rng.random((N, N))):
+        recipe = relit(matrix)
+        assert recipe.pictures == {"relit": ((1.0, "relit"),)} and recipe.split == ()
+        np.testing.assert_allclose(recipe.wanted.dense(), matrix)
+
+
+def test_nothing_is_nothing_whatever_its_sign() -> None:
+    matrix = np.zeros((4, 4))
+    matrix[1] = -0.0
+    matrix[2, 0] = 1.0
+    found = distinct_rows(matrix, 2)
+    assert found is not None
+    np.testing.assert_array_equal(found[0], [[0, 0, 0, 0], [1, 0, 0, 0]])
+    assert found[1].tolist() == [0, 0, 1, 0]
+
+
+def all_but_own(cells: int) -> Wanted:
+    return Wanted((1, cells), ((1.0, Uniform(cells)), (-1.0, Match(np.arange(cells)))))
+
+
+def test_isolation_has_a_slot_for_each_pair_that_counts() -> None:
+    own = Wanted((1, 300), ((2.0, Match(np.arange(300))),))
+    confocal = Isolation(own, True, True)
+    assert confocal.count() == 300 and not confocal.coded and confocal.p == 0.5
+    lit, opened = confocal.pairs(np.zeros((0, 300), np.bool_), Lattice((1, 300)))
+    np.testing.assert_array_equal(lit, np.eye(300))
+    np.testing.assert_array_equal(opened, np.eye(300))
+    assert Isolation(own, True, False).count() == 300**2
+    assert Isolation(all_but_own(3), True, True).count() == 6
+
+
+@pytest.mark.parametrize(("positive", "sign"), [(True, 1.0), (False, -1.0)])
+def test_both_halves_of_isolation_open_the_same_cells(positive: bool, sign: float) -> None:
+    wanted = Wanted((1, 3), ((1.0, Match(np.array([1, 2, 0]))), (-0.5, Match(np.arange(3)))))
+    lit, opened = Isolation(wanted, positive, True).pairs(
+        np.zeros((0, 3), np.bool_), Lattice((1, 3))
+    )
+    dense = wanted.dense()
+    np.testing.assert_allclose(opened.T.astype(float) @ lit, np.maximum(sign * dense, 0.0))
+    assert opened.sum() == 6 and (opened.sum(axis=1) == 1).all()
+
+
+def test_a_single_cell_has_nothing_to_isolate() -> None:
+    none = Isolation(all_but_own(1), True, True)
+    assert none.count() == 1
+    lit, opened = none.pairs(np.zeros((0, 1), np.bool_), Lattice((1, 1)))
+    assert lit.shape == opened.shape == (1, 1) and not lit.any() and not opened.any()
+
+
+def test_isolation_takes_the_place_of_codes_and_has_its_limits() -> None:
+    goal = Target(Goal(name="indirect"), (1, 5))
+    recipe = recipe_of(goal, How(black_level="mask"))
+    for family in FAMILIES:
+        (program,) = isolated(recipe, family).programs.values()
+        assert isinstance(program, Isolation)
+        assert (program.positive, program.confocal) == (True, family == "confocal")
+    made = isolated(recipe, "isolation")
+    check_isolation(made, slot_s=0.04, limit_s=1.0)
+    with pytest.raises(RequestError, match="of 25 pairs of cells takes 1 s a photo"):
+        check_isolation(made, slot_s=0.041, limit_s=1.0)
+    large = isolated(recipe_of(Target(Goal(name="indirect"), (1, 369)), How()), "isolation")
+    with pytest.raises(RequestError, match="more memory than is sensible"):
+        check_isolation(large, slot_s=1e-9, limit_s=1.0)
+    less = isolated(recipe_of(Target(Goal(name="indirect"), (1, 368)), How()), "isolation")
+    check_isolation(less, slot_s=1e-9, limit_s=1.0)
+
+
+def slice_of(rows: tuple[int, int] | None = None, masked: bool | None = None) -> Goal:
+    return Goal(name="transport", rows=rows, masked=masked)
+
+
+def test_photos_of_a_slice_are_an_order_less_one() -> None:
+    """A column for each cell, one of ones, and four left over: of order 8, 12, 16, 20 ..."""
+    wanted = {1: 7, 3: 7, 4: 11, 7: 11, 8: 15, 11: 15, 12: 19, 1019: 1023, 1020: 1031}
+    assert {cells: photos_of(cells) for cells in wanted} == wanted
+    assert MOST_PHOTOS == 1024
+
+
+def test_a_slice_has_its_rows_and_its_limit_of_photos() -> None:
+    check_slice(slice_of((0, 2)), (3, 4))
+    for row in (-1, 3):
+        with pytest.raises(RequestError, match=f"there is no row {row} on a grid of 3 x 4"):
+            check_slice(slice_of((0, row)), (3, 4))
+    with pytest.raises(RequestError, match="leaves no row to mask"):
+        check_slice(slice_of(masked=True), (3, 4))
+    check_slice(slice_of((0, 0)), (1, 1019))
+    with pytest.raises(RequestError, match="1020 projector cells take 1031 photos"):
+        check_slice(slice_of((0, 0)), (1, 1020))
+    check_slice(slice_of((0, 0)), (1, 507), 2)
+    with pytest.raises(RequestError, match="508 projector cells take 1030 photos"):
+        check_slice(slice_of((0, 0)), (1, 508), 2)
+    assert Slice.of(slice_of((1, 0)), (2, 3)).lit.tolist() == [3, 4, 5]
+    assert Slice.of(slice_of((1, 0)), (2, 3)).seen.tolist() == [0, 1, 2]
+    assert Slice.of(slice_of(), (2, 3)).lit.tolist() == list(range(6))
+
+
+@pytest.mark.parametrize(
+    "how", [How(method="nayar"), How(codes=16, pilot=4), How(codes=16, parts=2)]
+)
+def test_a_slice_is_taken_in_no_other_way(how: How) -> None:
+    with pytest.raises(RequestError, match="photos of single patterns"):
+        recipe_of(Target(slice_of((0, 1)), (2, 3)), how)

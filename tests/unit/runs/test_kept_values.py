@@ -1,0 +1,131 @@
+"""What is kept and told of runs: values that nobody changes, fields by name, numbers in bounds."""
+
+from __future__ import annotations
+
+import inspect
+from types import ModuleType
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.runs import entry, events, ledger, record, views
+from pdcd.runs.entry import MOST_RUNS, RunQuery
+from pdcd.runs.later import made_later, row_name
+from pdcd.runs.record import Count, FileRecord, Nanoseconds, Positive, Sha256
+from pdcd.runs.walk import is_job, spot_in
+
+MODULES = (entry, events, ledger, record, views)
+
+
+def structs(module: ModuleType) -> list[type[msgspec.Struct]]:
+    """The structs that a module defines for others."""
+    return [
+        kind
+        for name, kind in vars(module).items()
+        if inspect.isclass(kind) and issubclass(kind, msgspec.Struct)
+        and kind.__module__ == module.__name__ and not name.startswith("_")
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_what_was_told_is_not_changed_any_more(module: ModuleType) -> None:
+    found = structs(module)
+    assert found and all(kind.__struct_config__.frozen for kind in found)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_fields_are_given_by_their_names(module: ModuleType) -> None:
+    for kind in structs(module):
+        if kind is not FileRecord and kind.__struct_fields__:
+            with pytest.raises(TypeError, match=r"[Ee]xtra positional"):
+                kind(0)
+
+
+def test_a_query_with_a_word_too_many_is_none() -> None:
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"newest": 3, "oldest": 3}, RunQuery)
+
+
+@pytest.mark.parametrize(
+    ("kind", "good", "bad"),
+    [
+        (Count, (0, 1, 2**62), (-1, 2**62 + 1, 0.5)),
+        (Nanoseconds, (-(2**62), 0, 2**62), (-(2**62) - 1, 2**62 + 1)),
+        (Positive, (1e-300, 1.0, 7e9), (0.0, -1.0)),
+        (Sha256, ("0" * 64, "a9f" * 21 + "0"), ("0" * 63, "0" * 65, "A" * 64, "g" * 64)),
+        (events.Count, (0, 1), (-1,)),
+        (events.ShotName, ("a",), ("",)),
+    ],
+)
+def test_numbers_that_are_kept_have_bounds(
+    kind: Any, good: tuple[object, ...], bad: tuple[object, ...]
+) -> None:
+    for value in good:
+        assert msgspec.convert(value, kind) == value
+    for value in bad:
+        with pytest.raises(msgspec.ValidationError):
+            msgspec.convert(value, kind)
+
+
+def test_bounds_of_a_query() -> None:
+    assert MOST_RUNS == 1000
+    usual = RunQuery()
+    assert (usual.newest, usual.failed, usual.previews, usual.tags) == (50, False, False, ())
+    assert entry.Page(state_folder="/x", runs=[]).cut is False
+
+
+def test_what_a_run_says_of_itself_unless_it_is_told_otherwise() -> None:
+    """As of runs from before these fields."""
+    fields = {"p": None}
+    defaults = dict(zip(
+        record.RunRecord.__struct_fields__[-len(record.RunRecord.__struct_defaults__):],
+        record.RunRecord.__struct_defaults__, strict=True,
+    )) | fields  # fmt: skip
+    assert defaults["blur_quads"] == 0.0
+    assert (defaults["scouted"], defaults["unmixed"], defaults["parts_by_cell"]) == (False,) * 3
+
+
+def test_files_that_are_made_later_have_these_names_only() -> None:
+    assert row_name("coded", (3, 12)) == "row-coded-3-12.png"
+    good = ("report.html", row_name("coded", (3, 12)), row_name("a" * 64, (999999, 0)))
+    bad = (
+        "report.htm", "reportXhtml", row_name("a" * 65, (0, 0)), row_name("", (0, 0)),
+        row_name("a", (1000000, 0)), row_name("a", (0, 1000000)), row_name("é", (0, 0)),
+        "raw/report.html", row_name("a", (0, 0)) + "\n",
+    )  # fmt: skip
+    assert all(map(made_later, good)) and not any(map(made_later, bad))
+
+
+@pytest.mark.parametrize(
+    ("text", "job"),
+    [
+        ("20260101T000001Z-00ff", True),
+        ("captures/20260101T000001Z-00ff", False),
+        ("20260101T000001Z-00ff.partial", False),
+        ("vase", False),
+        ("", False),
+    ],
+)
+def test_a_job_is_named_by_its_time_and_four_digits(text: str, job: bool) -> None:
+    assert is_job(text) is job
+
+
+@pytest.mark.parametrize(
+    "ending",
+    [
+        "", ".partial", "-partial", "-decoded-1.partial", "-partial-decoded-1234.partial",
+        "-partial.partial", ".removed", "-partial.removed", ".partial.removed",
+    ],
+)  # fmt: skip
+def test_how_a_run_stands_is_told_by_the_ending_of_its_name(ending: str) -> None:
+    found = spot_in(f"captures/20260101T000001Z-00ff{ending}")
+    assert found is not None and not found.preview and not found.foreign
+    assert (found.job, found.ending) == ("20260101T000001Z-00ff", ending)
+    preview = spot_in(f"preview/20260101T000001Z-00ff{ending}")
+    assert preview is not None and preview.preview
+
+
+@pytest.mark.parametrize("ending", ["x", "-decoded-1", "-decoded-12345.partial", ".partial2"])
+def test_any_other_name_is_no_run(ending: str) -> None:
+    assert spot_in(f"20260101T000001Z-00ff{ending}") is None

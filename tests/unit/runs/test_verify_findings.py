@@ -1,0 +1,287 @@
+"""What a look at a run finds wrong, one fault at a time: in these words, and no other."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pdcd.errors import DecodeError
+from pdcd.runs import verify as module
+from pdcd.runs.inside import opened, read_file
+from pdcd.runs.record import FileRecord
+from pdcd.runs.verify import MAX_CELLS, MAX_FINDINGS, MAX_WORDS, Check, whole_manifest
+
+SHA, OTHER = "a" * 64, "b" * 64
+NEEDED = ("codes.npz", "frames.csv", "probe.npz", "log.jsonl")
+
+
+def shot(**said: Any) -> Any:
+    told = {"name": "coded", "raw": "raw/coded.dng", "sha256": SHA, "open_ns": 1, "close_ns": 2}
+    return SimpleNamespace(**{**told, **said})
+
+
+def manifest(**said: Any) -> Any:
+    """A manifest in which all fits, but for what is said."""
+    run = SimpleNamespace(
+        grid=said.pop("grid", (3, 4)), cells=said.pop("cells", None),
+        shots=said.pop("shots", (shot(),)),
+    )  # fmt: skip
+    names = (*NEEDED, "raw/coded.dng")
+    told = {
+        "schema": 3, "job": "job", "state": "done", "missing": (), "meter": (), "run": run,
+        "files": {name: FileRecord(SHA, 1) for name in names},
+    }  # fmt: skip
+    return SimpleNamespace(**{**told, **said})
+
+
+def understood(
+    monkeypatch: pytest.MonkeyPatch, told: Any, *, vouched: bool = True
+) -> list[tuple[str, str, str]]:
+    """All that is found in a manifest by itself."""
+    monkeypatch.setattr(module, "parsed", lambda _: told)
+    check = Check()
+    check.understand(b"", vouched=vouched)
+    return [(one.path, one.what, one.detail) for one in check.found]
+
+
+def cells(*grid: int) -> Any:
+    return SimpleNamespace(grid=grid)
+
+
+SIDE = 2**12
+"""Its square is the most cells."""
+FILES: dict[str, FileRecord] = manifest().files
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({}, []),
+        ({"cells": cells(3, 4)}, []),
+        ({"cells": cells(4, 3)}, ["its map of cells is of another grid"]),
+        ({"grid": (SIDE, SIDE)}, []),
+        ({"grid": (SIDE, SIDE + 1)}, ["a grid of 4096 x 4097 cells"]),
+        ({"grid": (MAX_CELLS + 1, 1)}, ["a grid of 16777217 x 1 cells"]),
+        ({"state": "failed"}, ["its state is 'failed'"]),
+        ({"missing": ("b",)}, ["its state is 'done', and 1 shots are missing"]),
+        ({"state": "partial"}, ["its state is 'partial', and 0 shots are missing"]),
+        ({"meter": (SimpleNamespace(raw="raw/coded.dng"),)}, []),
+        ({"meter": (SimpleNamespace(raw="raw/m.dng"),)}, ["it does not list 'raw/m.dng'"]),
+        ({"shots": (shot(), shot())}, ["it has two shots of one name"]),
+        ({"shots": (shot(), shot(name="b"))}, []),
+        ({"shots": (shot(close_ns=1),)}, ["shot 'coded' closed before it opened"]),
+        ({"shots": (shot(close_ns=0),)}, ["shot 'coded' closed before it opened"]),
+        (
+            {"shots": (shot(sha256=OTHER),)},
+            ["shot 'coded' and the list of files name another RAW file"],
+        ),
+        (
+            {"shots": (shot(raw="raw/x"),)},
+            ["shot 'coded' and the list of files name another RAW file"],
+        ),
+        (
+            {"files": {**FILES, "RAW/coded.dng": FileRecord(SHA, 1)}},
+            ["'RAW/coded.dng' and 'raw/coded.dng' differ in case only"],
+        ),
+        (
+            {"files": {**FILES, "capture.json": FileRecord(SHA, 1)}},
+            ["file 'capture.json': it vouches for itself"],
+        ),
+        (
+            {"files": {**FILES, "/x": FileRecord(SHA, 1)}},
+            ["file '/x': its name is absolute"],
+        ),
+        *(
+            (
+                {"files": {key: one for key, one in FILES.items() if key != name}},
+                [f"it does not list {name!r}"],
+            )
+            for name in NEEDED
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_true_is_told(
+    said: dict[str, Any], words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = understood(monkeypatch, manifest(**said))
+    told = [detail for path, what, detail in found if what == "manifest"]
+    assert told == words
+    assert all(path == "capture.json" for path, what, _ in found if what == "manifest")
+    assert [what for _, what, _ in found if what != "manifest"] == (
+        ["partial"] if said.get("state") == "partial" else []
+    )
+
+
+def test_shots_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = manifest(state="partial", missing=("black", "a\nb"))
+    assert understood(monkeypatch, told) == [
+        (".", "partial", "not all shots are there, missing: black, a\\nb")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("schema", "vouched", "found"),
+    [
+        (3, True, []),
+        (4, True, []),
+        (3, False, [("capture.json.sha256", "missing", "nothing vouches for the manifest")]),
+        (4, False, [("capture.json.sha256", "missing", "nothing vouches for the manifest")]),
+        (2, False, []),
+        (1, False, []),
+        (2, True, [("capture.json.sha256", "unknown", "runs of schema 2 have none")]),
+    ],
+)
+def test_a_digest_is_there_since_schema_3(
+    schema: int, vouched: bool, found: list[object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert understood(monkeypatch, manifest(schema=schema), vouched=vouched) == found
+
+
+def test_only_so_many_findings_of_so_many_letters_are_told() -> None:
+    check = Check()
+    for _ in range(MAX_FINDINGS + 5):
+        check.find("n" * 301, "unknown", "d" * 301)
+    assert len(check.found) == MAX_FINDINGS == 1000
+    one = check.found[-1]
+    assert (one.path, one.detail) == ("n" * MAX_WORDS, "d" * MAX_WORDS) and MAX_WORDS == 300
+
+
+def record(data: bytes, size: int | None = -1) -> FileRecord:
+    length = len(data) if size == -1 else size
+    return FileRecord(hashlib.sha256(data).hexdigest(), length)
+
+
+def looked(folder: Path, files: dict[str, FileRecord], names: Any = None) -> tuple[Check, int]:
+    """A look at files alone, and how often it gave a sign of life."""
+    signs: list[int] = []
+    check = Check(lambda: signs.append(1))
+    check.read = manifest(files=files)
+    with opened(folder) as descriptor:
+        check.files(descriptor, names)
+    return check, len(signs)
+
+
+def test_files_are_held_against_size_and_digest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in "abcd":
+        (tmp_path / name).write_bytes(b"12345")
+    files = {
+        "a": record(b"12345"), "b": record(b"12345", 6), "c": record(b"54321"),
+        "d": record(b"12345", None), "e": record(b""),
+    }  # fmt: skip
+    check, signs = looked(tmp_path, files)
+    assert [(one.path, one.what, one.detail) for one in check.found] == [
+        ("b", "changed", "it has 5 bytes, not 6"),
+        ("c", "changed", "it does not have the SHA-256 that the manifest names"),
+        ("e", "missing", "the manifest lists it"),
+    ]
+    assert (check.sound, check.size_bytes, check.later) == (2, 10, [])
+    assert signs == 7  # at the end of each of four files, and for each piece that was read
+    for most, whole in ((5, True), (4, False)):
+        monkeypatch.setattr(module, "MAX_UNSIZED_BYTES", most)
+        check, _ = looked(tmp_path, files, ["d"])
+        assert [one.detail for one in check.found] == (
+            [] if whole else ["it has 5 bytes, more than 4"]
+        )
+
+
+def test_of_names_given_only_those_are_looked_at(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"1")
+    (tmp_path / "more").touch()
+    files = {"a": record(b"1"), "b": record(b"2"), "../c": record(b"3")}
+    check, _ = looked(tmp_path, files, ["a", "x", "../c"])
+    assert [(one.path, one.what, one.detail) for one in check.found] == [
+        ("x", "manifest", "the manifest does not list it")
+    ]
+    assert check.sound == 1
+
+
+def test_what_is_there_and_not_listed_is_unknown(tmp_path: Path) -> None:
+    for folder in ("raw", "linear", "preview", "deep/er", "deep/other", "preview.x"):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in ("capture.json", "capture.json.sha256", "deep/er/a", "report.html", "b"):
+        (tmp_path / name).write_bytes(b"1")
+    check, _ = looked(tmp_path, {"deep/er/a": record(b"1")})
+    assert [(one.path, one.what, one.detail) for one in check.found] == [
+        ("b", "unknown", "a file that the manifest does not list"),
+        ("deep/other", "unknown", "a folder that the manifest does not list"),
+        ("preview.x", "unknown", "a folder that the manifest does not list"),
+    ]
+    assert check.later == ["report.html"]
+
+
+def test_where_nothing_lists_the_files_none_is_looked_at(tmp_path: Path) -> None:
+    (tmp_path / "a").touch()
+    check = Check()
+    with opened(tmp_path) as descriptor:
+        check.files(descriptor, None)
+    assert check.found == [] and check.listed is None
+
+
+def test_who_needs_a_whole_run_hears_of_the_first_fault_and_of_how_many_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(DecodeError) as one:
+        whole_manifest(tmp_path)
+    assert one.value.message.endswith("capture.json: this is no finished run")
+    (tmp_path / "capture.json").write_bytes(b"{}")
+    monkeypatch.setattr(module, "parsed", lambda _: manifest(state="new"))
+    with pytest.raises(DecodeError) as two:
+        whole_manifest(tmp_path, ["log.jsonl", "x"])
+    assert two.value.message.endswith(
+        "capture.json.sha256: nothing vouches for the manifest, and 3 more"
+    )
+
+
+class FaultOfOursError(Exception):
+    """None of those that files or disks make."""
+
+
+@pytest.mark.parametrize(
+    "broken", ["listing", "read_file", "parsed", "opened_file", "opened", "digest_line"]
+)
+def test_no_fault_of_ours_is_taken_for_one_of_the_run(
+    broken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise FaultOfOursError
+
+    for name in ("capture.json", "log.jsonl"):
+        (tmp_path / name).write_bytes(b"{}")
+    monkeypatch.setattr(module, "parsed", lambda _: manifest())
+    monkeypatch.setattr(module, broken, fail)
+    with pytest.raises(FaultOfOursError):
+        module.verify(tmp_path)
+
+
+@pytest.mark.parametrize("named", ["capture.json", "capture.json.sha256"])
+def test_only_what_the_disk_says_is_a_fault_of_the_digest(
+    named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the manifest and of what vouches for it alike."""
+    failure = [Exception()]
+
+    def failing(folder: int, name: str, most: int) -> bytes:
+        if name == named:
+            raise failure[0]
+        return read_file(folder, name, most)
+
+    (tmp_path / "capture.json").write_bytes(b"{}")
+    monkeypatch.setattr(module, "parsed", lambda _: manifest(schema=2, files={}))
+    monkeypatch.setattr(module, "read_file", failing)
+    failures: list[tuple[Exception, str]] = [
+        (PermissionError(13, "Permission denied"), "unreadable"),
+        (DecodeError("it is a FIFO, no file"), "changed"),
+    ]
+    for failure[0], what in failures:
+        check = Check()
+        check.look(tmp_path, None, ())
+        assert (named, what) in [(one.path, one.what) for one in check.found]
+    failure[0] = FaultOfOursError()
+    with pytest.raises(FaultOfOursError):
+        Check().look(tmp_path, None, ())
