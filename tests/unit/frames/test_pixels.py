@@ -46,6 +46,16 @@ def test_pictures_that_differ_in_one_level_are_not_the_same() -> None:
     assert from_pictures([one, other, one], [one, one, one]).projector.index.tolist() == [0, 1, 0]
 
 
+def test_black_is_none_of_the_pictures_that_are_kept() -> None:
+    recorder = Recorder((1, 1), (1, 1))
+    for level in (3, 6, 0, 9):
+        recorder.add(*(np.full((1, 1), level, dtype=np.uint16) for _ in range(2)))
+    panel = recorder.shown().projector
+    assert [float(panel.levels(k)[0, 0]) for k in range(3)] == [3 / 765, 6 / 765, 9 / 765]
+    assert panel.index.tolist() == [0, 1, BLACK_PICTURE, 2] and panel.index.dtype == np.int32
+    np.testing.assert_array_equal(panel.levels(BLACK_PICTURE), [[0.0]])
+
+
 def test_a_screen_that_has_shrunk_is_refused() -> None:
     with pytest.raises(ConfigError, match="does not hold the panel"):
         picture(np.zeros((3, 7, 3), dtype=np.uint8), (4, 0, 4, 3))

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import os
 import pty
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from pdcd.server import log
 
 FORGED = "x\n<3>pdcd.server: all is lost\r\x1b[2J\x9b1m\u2028\u202e\udc80\x7f"
 
@@ -75,3 +80,16 @@ def test_a_terminal_gets_warnings_and_readiness_unless_told_otherwise(
         os.close(theirs)
     words = {"i": "INFORMED", "p": "PROBLEM", "r": "READY"}
     assert {key for key, word in words.items() if word in shown} == set(says)
+
+
+def test_a_standard_error_that_is_no_file_is_not_the_journal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As under a test or in a notebook: lines have their time, and no priority."""
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    monkeypatch.setattr(logging, "root", logging.RootLogger(logging.WARNING))
+    log.to_stderr()
+    (handler,) = logging.root.handlers
+    logging.root.handle(logging.LogRecord("x", logging.ERROR, "", 0, "lost", (), None))
+    assert isinstance(handler, logging.StreamHandler)
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d \S+ ERROR x: lost\n", handler.stream.getvalue())

@@ -1,0 +1,266 @@
+"""Sweeps without a photo: who takes what, where it goes, and how the rows are told."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.api import sweep as module
+from pdcd.api.bench import Bench
+from pdcd.api.ledger import Ledger
+from pdcd.api.local import LocalBench, described
+from pdcd.api.sweep import sweep
+from pdcd.api.task import Record, Task, key_of
+from pdcd.bench.tables import Config
+from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
+from pdcd.request import CaptureRequest, CaptureResult
+
+WHITE = CaptureRequest(goal="white")
+
+
+class Hands:
+    """Who takes photos in the place of processes, a cluster, or this process."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.asked: list[tuple[str, int, object]] = []
+        self.tasks: list[Task] = []
+        patch.setattr(module, "in_processes", lambda tasks, n: self._ends("processes", tasks, n))
+        patch.setattr(module, "on_cluster", lambda tasks, at: self._ends("cluster", tasks, at))
+        patch.setattr(module, "taken", self._taken)
+        patch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2})
+
+    def _taken(self, task: Task) -> Record:
+        self.asked.append(("here", 1, None))
+        self.tasks.append(task)
+        return {"state": "done", "job": task.request.note}
+
+    def _ends(self, who: str, tasks: Sequence[Task], how: object) -> Iterator[tuple[int, Record]]:
+        self.asked.append((who, len(tasks), how))
+        self.tasks += tasks
+        for number in reversed(range(len(tasks))):
+            yield number, {"state": "done", "job": tasks[number].request.note}
+
+
+@pytest.fixture
+def hands(monkeypatch: pytest.MonkeyPatch) -> Hands:
+    return Hands(monkeypatch)
+
+
+def noted(*notes: str) -> list[Any]:
+    return [{"goal": "white", "note": note} for note in notes]
+
+
+@pytest.mark.parametrize(
+    ("how", "asked"),
+    [
+        ({}, ("processes", 2, 3)),
+        ({"workers": 1}, ("processes", 2, 1)),
+        ({"workers": 5}, ("processes", 2, 5)),
+        ({"workers": 0}, ("here", 1, None)),
+        ({"cluster": "tcp://there:1"}, ("cluster", 2, "tcp://there:1")),
+        ({"cluster": "tcp://there:1", "workers": 0}, ("cluster", 2, "tcp://there:1")),
+    ],
+)
+def test_photos_are_taken_by_whom_it_was_asked_for(
+    how: Any, asked: tuple[str, int, object], hands: Hands
+) -> None:
+    table = sweep(Config(), noted("a", "b"), progress=False, **how)
+    assert hands.asked == [asked] * (3 - asked[1])
+    # In the order of the requests, whoever was first.
+    assert [*table["job"]] == ["a", "b"] and [*table["number"]] == [0.0, 1.0]
+    assert [*table["asked.note"]] == ["a", "b"]
+    assert all(task.folder is None for task in hands.tasks)
+
+
+def test_real_devices_take_one_photo_after_the_other(hands: Hands) -> None:
+    real = msgspec.structs.replace(Config().camera, driver="gphoto2")
+    config = msgspec.structs.replace(Config(), camera=real)
+    for workers in (None, 0):
+        sweep(config, ["white", "white"], workers=workers, progress=False)
+    assert hands.asked == [("here", 1, None)] * 4
+    one_of_two: list[Any] = [
+        "white",
+        {"goal": "white", "config": {"camera": {"driver": "gphoto2"}}},
+    ]
+    sweep(Config(), one_of_two, progress=False)
+    assert hands.asked == [("here", 1, None)] * 6
+    with pytest.raises(RequestError, match="real devices") as caught:
+        sweep(config, ["white"], workers=1)
+    assert caught.value.hint == "leave out workers"
+
+
+def test_wrong_numbers_of_workers_and_requests_are_named(hands: Hands) -> None:
+    with pytest.raises(RequestError, match="-1 workers") as caught:
+        sweep(Config(), ["white"], workers=-1)
+    assert "1 or more" in str(caught.value.hint)
+    with pytest.raises(RequestError, match="request 2: whit: no such goal") as caught:
+        sweep(Config(), ["white", WHITE, "whit"], workers=1)
+    assert caught.value.hint == "docs/python.md lists goals and keywords"
+    with pytest.raises(RequestError, match=r"(?s)request 0: .*no such key"):
+        sweep(Config(), [{"goal": "white", "config": {"scen": {}}}], workers=1)
+    assert not hands.asked
+
+
+def test_a_folder_gets_one_of_its_own_for_each_and_knows_what_is_done(
+    hands: Hands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    requests = [*noted("a", "b", "a"), WHITE]
+    first = sweep(Config(), requests, workers=1, folder="s", progress=False)
+    folders = [task.folder for task in hands.tasks]
+    assert len({*folders}) == 4
+    for folder in folders:
+        assert folder is not None and folder.parent == tmp_path / "s" / "runs"
+        assert len(folder.name) == 16 and set(folder.name) <= set("0123456789abcdef")
+    # Equal ones are counted from 0, so that a later sweep finds each of them.
+    for number, again in ((0, 0), (1, 0), (2, 1), (3, 0)):
+        key = key_of(described(Config()), hands.tasks[number].request, {}, again)
+        assert folders[number] == tmp_path / "s" / "runs" / key[:16]
+    assert len(first) == 4
+    hands.tasks.clear()
+    # Nothing lies there, so all are taken again, under the same names.
+    later = sweep(Config(), requests, workers=1, folder=tmp_path / "s", progress=False)
+    assert [task.folder for task in hands.tasks] == folders
+    assert list(first) == list(later)
+    Ledger(tmp_path / "s").close()  # it is let go of
+
+
+def test_what_was_asked_of_a_bench_is_told_key_by_key(hands: Hands) -> None:
+    requests: list[Any] = [
+        {"goal": "white", "config": {"scene": {"ambient": 0.5}}},
+        {"goal": "white", "config": "scene.ambient = 0.25"},
+        {"goal": "white", "codes": 4},
+        "white",
+    ]
+    table = sweep(Config(), requests, workers=1, progress=False)
+    assert table["asked.config.scene.ambient"].tolist()[0] == 0.5
+    assert table["asked.config.text"].tolist()[1] == "scene.ambient = 0.25"
+    assert "asked.goal" not in table.columns and "asked.config" not in table.columns
+    ambient = [task.config.scene.ambient for task in hands.tasks]
+    assert ambient == [0.5, 0.25, Config().scene.ambient, Config().scene.ambient]
+    assert [task.request.codes for task in hands.tasks] == [None, None, 4, None]
+
+
+class Own(Bench):
+    """A bench that is none of this process."""
+
+    grid = (2, 3)
+
+    def __init__(self) -> None:
+        self.taken: list[CaptureRequest] = []
+        self.arrays: list[Any] = []
+
+    def described(self) -> dict[str, Any]:
+        return {"bench": "own"}
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def foresee(self, request: CaptureRequest, arrays: Any = None) -> Any:
+        raise AssertionError
+
+    def take(self, request: CaptureRequest, arrays: Any = None, **_: Any) -> CaptureResult:
+        self.taken.append(request)
+        self.arrays.append(arrays)
+        if request.note == "lost":
+            raise DeviceLost("gone", device="camera")
+        if request.note == "fault":
+            raise ZeroDivisionError
+        return CaptureResult(job=request.note, state="done", folder=f"/x/{len(self.taken)}")
+
+
+class Here(Own, LocalBench):
+    """One that is of this process."""
+
+
+def test_a_bench_takes_one_after_the_other_and_a_fault_of_ours_ends_it(tmp_path: Path) -> None:
+    bench = Own()
+    table = sweep(bench, noted("a", "lost", "b"), folder=tmp_path / "s", progress=False)
+    assert [*table["job"]] == ["a", "", "b"] and [*table["state"]] == ["done", "failed", "done"]
+    assert [request.out for request in bench.taken] == [None] * 3  # it has places of its own
+    with pytest.raises(ZeroDivisionError):
+        sweep(bench, noted("a", "fault", "b"), folder=tmp_path / "t", progress=False)
+    assert len(bench.taken) == 5
+    Ledger(tmp_path / "t").close()
+
+
+def test_a_bench_of_this_process_puts_runs_where_the_sweep_is(tmp_path: Path) -> None:
+    bench = Here()
+    elsewhere = CaptureRequest(goal="white", out="/elsewhere")
+    sweep(bench, ["white", elsewhere], folder=tmp_path, progress=False)
+    sweep(bench, ["white"], progress=False)
+    outs = [request.out for request in bench.taken]
+    assert str(outs[0]).startswith(f"{tmp_path}/runs/") and outs[1:] == ["/elsewhere", None]
+
+
+def test_a_bench_keeps_its_configuration_and_takes_no_workers(tmp_path: Path) -> None:
+    for wrong in ({"workers": 1}, {"cluster": "tcp://there:1"}):
+        with pytest.raises(RequestError, match="one photo at a time") as caught:
+            sweep(Own(), ["white"], **wrong)
+        assert "configuration" in str(caught.value.hint)
+    assert len(sweep(Own(), ["white"], workers=0, progress=False)) == 1
+    with pytest.raises(RequestError, match="request 0: a bench keeps its configuration") as caught:
+        sweep(Own(), [{"goal": "white", "config": {}}])
+    assert caught.value.hint == "give one instead of it"
+
+
+def test_where_all_is_done_the_bar_has_a_length_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[Any] = []
+
+    @contextmanager
+    def drawn(first: str) -> Iterator[Any]:
+        told.append(first)
+        yield lambda *said: told.append(said)
+
+    monkeypatch.setattr(module, "drawn", drawn)
+    assert len(sweep(Own(), [])) == 0
+    assert told == ["0 of 0 captures", ("0 of 0 captures", (0.0, 1.0), True)]
+    sweep(Own(), noted("lost", "lost"))
+    assert told[3:] == [
+        ("0 of 2 captures", (0.0, 2.0), True),
+        ("1 of 2 captures, 1 failed", (1.0, 2.0), False),
+        ("2 of 2 captures, 2 failed", (2.0, 2.0), False),
+    ]
+
+
+def test_a_ledger_that_is_held_is_refused_and_other_errors_are_their_own(tmp_path: Path) -> None:
+    ledger = Ledger(tmp_path)
+    with pytest.raises(BusyError, match=f"another sweep fills {tmp_path}"):
+        sweep(Own(), ["white"], folder=tmp_path)
+    ledger.close()
+    with pytest.raises(ConfigError):
+        sweep("none.toml", ["white"])
+
+
+def test_a_prior_is_over_the_cells_of_the_bench_that_takes_the_photo(
+    hands: Hands, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def grid_of(content: Any) -> list[int]:
+        with np.load(io.BytesIO(content)) as stored:
+            assert np.array_equal(stored["transport"], np.eye(6))
+            return [int(side) for side in stored["grid"]]
+
+    asked: list[Config] = []
+
+    def bench_of(config: Config) -> Any:
+        asked.append(config)
+        return SimpleNamespace(grid=(3, 2))
+
+    prior: list[Any] = [{"goal": "indirect", "prior": np.eye(6)}]
+    bench = Own()
+    sweep(bench, prior, progress=False)
+    assert grid_of(bench.arrays[0]["prior"]) == [2, 3]
+    monkeypatch.setattr(module, "LocalBench", bench_of)
+    sweep(Config(), prior, workers=1, progress=False)
+    assert grid_of(hands.tasks[0].arrays["prior"]) == [3, 2] and asked == [Config()]

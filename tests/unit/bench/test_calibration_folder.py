@@ -1,0 +1,119 @@
+"""The record of a calibration folder: read back as written, and refused where it is not."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench import calibration
+from pdcd.bench.calibration import (
+    DIGEST,
+    RECORD,
+    CameraRecord,
+    PhotoRecord,
+    digest_line,
+    encoded,
+    read_calibration,
+)
+from pdcd.bench.devices import CameraInfo
+from pdcd.errors import ConfigError
+from tests.unit.bench._calibrations import entry, record, written
+
+
+def test_a_record_comes_back_with_its_digest(tmp_path: Path) -> None:
+    told = record(measured={"mask.skew_s": entry(0.5)})
+    folder = written(tmp_path / "cal", told)
+    data = (folder / RECORD).read_bytes()
+    assert read_calibration(folder) == (told, hashlib.sha256(data).hexdigest())
+    assert data.startswith(b'{\n "schema": 1,\n') and data.endswith(b"}\n")
+    assert digest_line(b"abc", "x").decode() == f"{hashlib.sha256(b'abc').hexdigest()}  x\n"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda folder: (folder / RECORD).unlink(), "No such file"),
+        (lambda folder: (folder / DIGEST).unlink(), "No such file"),
+        (lambda folder: (folder / RECORD).write_bytes(b"{"), "cannot be used"),
+        (lambda folder: (folder / RECORD).write_bytes(b"\xff"), "cannot be used"),
+        (lambda folder: (folder / DIGEST).write_bytes(digest_line(b"x")), "another digest"),
+    ],
+)
+def test_a_damaged_folder_is_refused(tmp_path: Path, spoil: Any, says: str) -> None:
+    folder = written(tmp_path / "cal", record())
+    spoil(folder)
+    with pytest.raises(ConfigError, match=says) as caught:
+        read_calibration(folder)
+    assert str(folder) in caught.value.message and caught.value.hint
+
+
+def test_a_record_of_another_schema_is_refused(tmp_path: Path) -> None:
+    for schema in (0, 2):
+        folder = written(tmp_path / str(schema), record(schema=schema))
+        with pytest.raises(ConfigError, match="cannot be used"):
+            read_calibration(folder)
+
+
+def test_a_record_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = written(tmp_path / "cal", record())
+    size = len((folder / RECORD).read_bytes())
+    monkeypatch.setattr(calibration, "MAX_RECORD_BYTES", size)
+    assert read_calibration(folder)[0] == record()
+    monkeypatch.setattr(calibration, "MAX_RECORD_BYTES", size - 1)
+    with pytest.raises(ConfigError, match=f"is longer than {size - 1} bytes"):
+        read_calibration(folder)
+
+
+def test_a_camera_is_kept_as_it_told_of_itself() -> None:
+    info = CameraInfo(
+        model="m", serial="s", profile="p", responsivity_e=np.array([1.0, 2.0, 3.0]),
+        isos=(100, 200), f_numbers=(2.8,), frame_quads=(30, 20),
+    )  # fmt: skip
+    kept = CameraRecord.of(info)
+    assert msgspec.structs.asdict(kept) == {
+        "model": "m", "serial": "s", "profile": "p", "responsivity_e": (1.0, 2.0, 3.0),
+        "isos": (100, 200), "f_numbers": (2.8,), "frame_quads": (30, 20),
+    }  # fmt: skip
+    back = kept.info
+    assert np.array_equal(back.responsivity_e, info.responsivity_e)
+    assert (back.model, back.serial, back.profile) == ("m", "s", "p")
+    assert (back.isos, back.f_numbers, back.frame_quads) == ((100, 200), (2.8,), (30, 20))
+
+
+PHOTO: dict[str, Any] = {
+    "name": "dots", "raw": "raw/dots.dng", "sha256": "0" * 64, "size_bytes": 0, "iso": 1,
+    "f_number": 8.0, "open_ns": 2**62, "close_ns": -(2**62), "end_ns": [0, 0],
+    "refreshes": 2**62, "missed": 0, "mask_delay": 0, "source": "mock", "verified": True,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"size_bytes": -1}, {"iso": 0}, {"open_ns": 2**62 + 1}, {"close_ns": -(2**62) - 1},
+        {"refreshes": 2**62 + 1}, {"missed": -1}, {"sha256": "0" * 63}, {"sha256": "G" * 64},
+        {"name": ""}, {"name": ".x"}, {"name": "a/b"}, {"name": "x" * 101},
+    ],
+)  # fmt: skip
+def test_numbers_and_names_of_a_photo_have_bounds(wrong: dict[str, Any]) -> None:
+    assert msgspec.convert({**PHOTO, "name": "x" * 100}, PhotoRecord).refreshes == 2**62
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(PHOTO | wrong, PhotoRecord)
+
+
+def test_records_cannot_be_changed_and_name_their_fields() -> None:
+    told = record(measured={"a": entry(1)})
+    for part in (told, told.identity, told.camera, told.measured["a"]):
+        name = part.__struct_fields__[0]
+        with pytest.raises(AttributeError):
+            setattr(part, name, None)
+        with pytest.raises(TypeError):
+            kind: Any = type(part)
+            kind(*[getattr(part, field) for field in part.__struct_fields__])
+    assert entry(1).sigma is None and entry(1).folder is None
+    assert msgspec.json.decode(encoded(told), type=type(told)) == told

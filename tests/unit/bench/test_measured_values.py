@@ -1,0 +1,182 @@
+"""Which calibration is taken, and what of the configuration its values replace."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.bench import measured
+from pdcd.bench.calibration import RECORD
+from pdcd.bench.measured import (
+    age_days,
+    calibrated,
+    chosen,
+    kept,
+    newest,
+    other_bench,
+    refuse_other_bench,
+    with_entries,
+    with_values,
+)
+from pdcd.bench.tables import CalibrationConfig, Config, PanelConfig, RigConfig, ServerConfig
+from pdcd.errors import ConfigError
+from pdcd.maps.map import Map
+from tests.unit.bench._calibrations import entry, of_rig, record, written
+
+
+def config(**calibration: Any) -> Config:
+    return Config(calibration=CalibrationConfig(**calibration))
+
+
+def test_the_newest_whole_calibration_of_this_rig_is_taken(tmp_path: Path) -> None:
+    written(tmp_path / "2026-01-01", record())
+    good = written(tmp_path / "2026-01-02", record())
+    bad = written(tmp_path / "2026-01-03", record(verdict="bad"))
+    written(tmp_path / "2026-01-04", record(identity=of_rig("another")))
+    written(tmp_path / "2026-01-05", record(belief={"camera": {"driver": "ptp"}}))
+    (written(tmp_path / "2026-01-06", record()) / RECORD).write_text("{}")
+    written(tmp_path / "2026-01-07.partial", record())
+    (tmp_path / "2026-01-08").mkdir()
+    (tmp_path / "2026-01-09").write_text("no folder")
+    assert newest(tmp_path, Config()) == good
+    assert newest(tmp_path, Config(), bad=True) == bad
+    elsewhere = Config(rig=RigConfig(name="another"))
+    assert newest(tmp_path, elsewhere) == tmp_path / "2026-01-04"
+    assert newest(tmp_path, Config(rig=RigConfig(name="a third"))) is None
+
+
+def test_where_there_is_no_folder_there_is_no_calibration(tmp_path: Path) -> None:
+    assert newest(tmp_path / "none", Config()) is None
+    (tmp_path / "file").write_text("")
+    assert newest(tmp_path / "file", Config()) is None
+
+
+def test_a_calibration_is_chosen_by_word_or_by_path(tmp_path: Path) -> None:
+    state = ServerConfig(state_dir=str(tmp_path))
+    one = written(tmp_path / "calibrations" / "a", record())
+    assert chosen(Config(server=state)) == one
+    assert chosen(config(use="none")) is None
+    assert chosen(config(use="/some/where")) == Path("/some/where")
+    nothing = Config(server=state, calibration=CalibrationConfig(use="none"))
+    assert calibrated(nothing) is nothing
+
+
+def test_what_was_taken_is_named_so_that_taking_it_again_changes_nothing(tmp_path: Path) -> None:
+    told = record(measured={"mask.skew_s": entry(0.002), "trigger.lag_s": entry(0.1)})
+    folder = written(tmp_path / "cal", told)
+    digest = hashlib.sha256((folder / RECORD).read_bytes()).hexdigest()
+    asked = config(use=str(folder), keep=("trigger.lag_s",))
+    found = calibrated(asked)
+    assert (found.mask.skew_s, found.trigger.lag_s) == (0.002, Config().trigger.lag_s)
+    assert (found.calibration.use, found.calibration.sha256) == (str(folder), digest)
+    assert found.calibration.keep == ("trigger.lag_s",)
+    assert calibrated(found) == found
+    with pytest.raises(ConfigError, match="not the one with the digest"):
+        calibrated(config(use=str(folder), sha256="0" * 64))
+
+
+def test_measured_times_of_both_panels_shorten_the_guards(tmp_path: Path) -> None:
+    times = {name: entry(0.001) for name in measured.TIMES}
+    folder = written(tmp_path / "cal", record(measured=times))
+    assert calibrated(config(use=str(folder))).schedule.guards == "auto"
+    # They were measured, also where what was typed is kept.
+    keep = config(use=str(folder), keep=("mask.skew_s",))
+    assert calibrated(keep).schedule.guards == "auto"
+    assert measured.TIMES == (
+        "mask.skew_s", "projector.rise_s", "projector.fall_s", "mask.rise_s", "mask.fall_s",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("belief", "what"),
+    [
+        ({"projector": {"size_px": [1, 2]}}, "projector.size_px was (1, 2) and is (1024, 768)"),
+        ({"mask": {"size_px": [1600, 1201]}}, "mask.size_px was (1600, 1201) and is (1600, 1200)"),
+        ({"display": {"driver": "x11"}}, "display.driver was 'x11' and is 'mock'"),
+        ({"camera": {"driver": "ptp"}}, "camera.driver was 'ptp' and is 'mock'"),
+        ({"trigger": {"driver": "serial"}}, "trigger.driver was 'serial' and is 'mock'"),
+    ],
+)
+def test_other_panels_or_drivers_are_another_bench(belief: dict[str, Any], what: str) -> None:
+    told = record(belief=belief)
+    assert other_bench(told, Config()) == what
+    with pytest.raises(ConfigError, match="of another bench: ") as caught:
+        refuse_other_bench(told, Config())
+    assert what in caught.value.message
+
+
+def test_the_same_bench_is_none_other(tmp_path: Path) -> None:
+    belief = {
+        "projector": {"size_px": [1024, 768]}, "mask": {"size_px": [1600, 1200]},
+        "display": {"driver": "mock"}, "camera": {"driver": "mock"}, "trigger": {"driver": "mock"},
+    }  # fmt: skip
+    for told in (belief, {}, {"mask": {}, "camera": {"driver": None}}):
+        assert other_bench(record(belief=told), Config()) == ""
+        refuse_other_bench(record(belief=told), Config())
+    folder = written(tmp_path / "cal", record(belief={"camera": {"driver": "ptp"}}))
+    with pytest.raises(ConfigError, match="another bench"):
+        calibrated(config(use=str(folder)))
+
+
+def test_keys_that_are_kept_as_typed_are_left_out() -> None:
+    told = record(measured={"mask.skew_s": entry(1.0), "mask.rise_s": entry(2.0)})
+    assert kept(told, CalibrationConfig(keep=("mask.skew_s",))).keys() == {"mask.rise_s"}
+    assert kept(told, CalibrationConfig()) == told.measured
+
+
+def test_values_replace_those_of_their_keys_and_no_others() -> None:
+    found = with_values(
+        Config(), {"mask.skew_s": 0.25, "mask.offset_px": [1, 2.5], "camera.iso": 200}, {}
+    )
+    assert (found.mask.skew_s, found.mask.offset_px, found.camera.iso) == (0.25, (1.0, 2.5), 200)
+    typed = Config(
+        mask=PanelConfig(size_px=(1600, 1200), skew_s=0.25, offset_px=(1.0, 2.5)),
+        camera=found.camera,
+    )
+    assert found == typed and with_values(Config(), {}, {}) == Config()
+
+
+@pytest.mark.parametrize(
+    "values", [{"mask.skew": 1.0}, {"masc.skew_s": 1.0}, {"mask.skew_s": "late"}]
+)
+def test_a_value_that_the_configuration_cannot_have_is_refused(values: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="a measured value is none of the configuration"):
+        with_values(Config(), values, {})
+
+
+def test_a_profile_lies_in_the_folder_of_its_calibration(tmp_path: Path) -> None:
+    def profile(value: str, folder: Path | None) -> str:
+        return with_values(Config(), {"camera.profile": value}, {}, folder=folder).camera.profile
+
+    assert profile("sensor.toml", tmp_path) == str(tmp_path / "sensor.toml")
+    assert profile("/a/sensor.toml", tmp_path) == "/a/sensor.toml"
+    assert profile("modern", None) == "modern"
+
+
+def test_maps_replace_the_places_that_were_measured(tmp_path: Path) -> None:
+    map_ = Map.filling((1024, 768))
+    maps = {"projector": map_, "mask": Map.filling((1600, 1200)), "other": map_}
+    found = with_values(Config(), {"projector.place.map": "maps.npz"}, maps, folder=tmp_path)
+    assert found.projector.place.map is map_ and found.mask.place == Config().mask.place
+    assert found.projector.size_px == (1024, 768)
+    both = with_values(Config(), {}, maps)
+    assert both.projector.place.map is map_ and both.mask.place.map is maps["mask"]
+
+
+def test_a_folder_without_maps_needs_none(tmp_path: Path) -> None:
+    entries = {"mask.skew_s": entry(0.5)}
+    assert with_entries(Config(), entries, tmp_path).mask.skew_s == 0.5
+    with pytest.raises(ConfigError, match=r"maps\.npz"):
+        with_entries(Config(), {"mask.place.map": entry("maps.npz")}, tmp_path)
+
+
+def test_the_age_of_a_calibration_counts_from_its_end() -> None:
+    now = datetime(2026, 1, 4, 0, 0, tzinfo=UTC)
+    assert age_days(record(), now) == 2.5
+    assert math.isnan(age_days(record(finished_utc="some day"), now))
+    assert age_days(record()) > 0.0

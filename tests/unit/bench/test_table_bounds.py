@@ -1,0 +1,147 @@
+"""Numbers of the configuration's tables at the edge of what they may be, and what follows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.bench.tables import (
+    DEFAULT_GRID,
+    CameraConfig,
+    Config,
+    DisplayConfig,
+    PanelConfig,
+    SceneConfig,
+    ScheduleConfig,
+    TriggerConfig,
+)
+from pdcd.bench.truth import LARGEST_BLUR, Truth
+
+
+def table(path: str, value: object) -> dict[str, Any]:
+    """The tables of a file with one key."""
+    told: Any = value
+    for name in reversed(path.split(".")):
+        told = {name: told}
+    if path.startswith(("projector.", "mask.")) and "size_px" not in path:
+        told[path.split(".")[0]]["size_px"] = [1024, 768]
+    return dict(told)
+
+
+BOUNDS: list[tuple[str, object, object]] = [
+    # key, the last value that it may have, and the next one
+    ("rig.retries", 0, -1), ("rig.retries", 100, 101), ("rig.settle_s", 0.0, -1e-9),
+    ("rig.misregistration_px", 0.0, -1e-9), ("mask.size_px", [1, 1], [1, 0]),
+    ("mask.size_px", [1, 1], [0, 1]), ("mask.refresh_hz", 1e-9, 0.0), ("mask.jitter_s", 0.0, -1.0),
+    ("mask.scan_bands", 1, 0), ("mask.scan_bands", 16384, 16385), ("mask.rise_s", 0.0, -1e-9),
+    ("mask.fall_s", 0.0, -1e-9), ("mask.contrast", 1e-9, 0.0), ("mask.gamma", 0.1, 0.09),
+    ("mask.gamma", 10.0, 10.1), ("mask.lut", [0.0, 1.0], [0.0, 1.1]),
+    ("mask.lut", [0.0, 1.0], [-0.1, 1.0]), ("mask.lut", [0.0] * 256, [0.0] * 257),
+    ("mask.blur_px", 0.0, -0.1), ("mask.blur_px", 64.0, 64.1),
+    ("display.mask_delay_refreshes", 60, 61), ("display.mask_delay_refreshes", -60, -61),
+    ("display.planes_per_refresh", 24, 23), ("display.planes_per_refresh", 1, 2),
+    ("display.plane_starts", [0.0], [-0.1]), ("display.plane_starts", [0.999], [1.0]),
+    ("display.faults.late", {"4": 1}, {"4": 0}), ("display.faults.exposures", 0, -1),
+    ("camera.f_number", 1e-9, 0.0), ("camera.quads_per_cell", 1, 0),
+    ("camera.quads_per_cell", 64, 65), ("camera.buckets", 1, 0), ("camera.buckets", 2, 3),
+    ("camera.frame_quads", [1, 16384], [0, 1]), ("camera.frame_quads", [16384, 1], [16385, 1]),
+    ("camera.responsivity_e", [1.0, 1.0, 1e-9], [1.0, 1.0, 0.0]),
+    ("camera.blur_quads", 0.0, -1.0), ("camera.seed", 0, -1), ("camera.fetch_timeout_s", 1e-9, 0.0),
+    ("camera.readout_s", 0.0, -1e-9), ("trigger.lag_s", 0.0, -1e-9),
+    ("trigger.jitter_s", 0.0, -1e-9), ("scene.grid", [1, 1], [0, 1]),
+    ("scene.grid", [1, 1], [1, 0]), ("scene.ambient", 0.0, -1e-9),
+    ("schedule.grid", [1, 1], [1, 0]), ("schedule.grid", [1, 1], [0, 1]),
+    ("schedule.codes", 1, 0), ("schedule.codes", 65536, 65537),
+    ("calibration.sha256", "0" * 64, "0" * 63), ("calibration.sha256", "f" * 64, "g" * 64),
+    ("calibration.max_age_days", 1e-9, 0.0), ("limits.max_exposure_s", 1e-9, 0.0),
+    ("limits.memory_bytes", 2**26, 2**26 - 1), ("limits.min_free_bytes", 0, -1),
+    ("limits.connections", 1, 0), ("limits.connections_per_user", 1, 0),
+    ("limits.queued_per_user", 1, 0), ("limits.idle_s", 1e-9, 0.0),
+    ("limits.work_bytes", 2**28, 2**28 - 1), ("limits.work_silent_s", 1e-9, 0.0),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("path", "last", "beyond"), BOUNDS)
+def test_a_key_of_the_configuration_has_its_bounds(path: str, last: object, beyond: object) -> None:
+    msgspec.convert(table(path, last), Config)
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(table(path, beyond), Config)
+
+
+TRUE_BOUNDS: list[tuple[str, object, object]] = [
+    ("projector.jitter_s", 0.0, -1e-9), ("projector.rise_s", 0.0, -1e-9),
+    ("projector.fall_s", 0.0, -1e-9), ("projector.contrast", 1e-9, 0.0),
+    ("mask.scan_bands", 1, 0), ("mask.scan_bands", 16384, 16385), ("mask.falloff", 1.0, 1.01),
+    ("mask.falloff", 0.0, -0.01), ("mask.dead_rows", [0], [-1]), ("mask.dead_columns", [0], [-1]),
+    ("camera.blur_quads", LARGEST_BLUR, 64.1), ("camera.blur_quads", 0.0, -0.1),
+    ("camera.falloff", 1.0, 1.01), ("camera.samples", 1, 0), ("camera.samples", 64, 65),
+    ("scene.ambient", 0.0, -1e-9), ("scene.blur_px", 64.0, 64.1), ("scene.blur_px", 0.0, -0.1),
+    ("scene.blur_taps", 3, 2), ("scene.blur_taps", 15, 16), ("trigger.lag_s", 0.0, -1e-9),
+    ("trigger.jitter_s", 0.0, -1e-9), ("sensor.gain", 1e-9, 0.0), ("sensor.read_noise", 1e-9, 0.0),
+    ("sensor.dark", 1e-9, 0.0), ("sensor.full_well", 1e-9, 0.0), ("sensor.prnu", 0.0, -0.01),
+    ("sensor.prnu", 0.5, 0.51), ("sensor.responsivity_e", [1.0, 1.0, 1.0], [1.0, 0.0, 1.0]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("path", "last", "beyond"), TRUE_BOUNDS)
+def test_a_key_of_the_truth_has_its_bounds(path: str, last: object, beyond: object) -> None:
+    name, key = path.split(".")
+    msgspec.convert({name: {key: last}}, Truth)
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({name: {key: beyond}}, Truth)
+
+
+def test_a_truth_that_says_nothing_changes_nothing_of_the_sensor() -> None:
+    sensor, camera, scene, panel = Truth().sensor, Truth().camera, Truth().scene, Truth().mask
+    assert (sensor.gain, sensor.read_noise, sensor.dark, sensor.full_well) == (1.0, 1.0, 1.0, 1.0)
+    assert (sensor.prnu, camera.falloff, panel.falloff, scene.blur_taps) == (0.0, 0.0, 0.0, 5)
+
+
+@pytest.mark.parametrize("whole", [Config(), Truth()])
+def test_tables_cannot_be_changed_and_know_their_keys(
+    whole: msgspec.Struct,
+) -> None:
+    for name in whole.__struct_fields__:
+        part = getattr(whole, name)
+        first = part.__struct_fields__[0]
+        with pytest.raises(AttributeError):
+            setattr(part, first, getattr(part, first))
+        given = {k: v for k, v in msgspec.to_builtins(part).items() if k != "place"}
+        with pytest.raises(msgspec.ValidationError, match="unknown field"):
+            msgspec.convert({**given, "no_such_key": 1}, type(part))
+    with pytest.raises(AttributeError):
+        setattr(whole, whole.__struct_fields__[0], None)
+
+
+def test_bit_planes_of_a_refresh_are_even_unless_measured() -> None:
+    one = DisplayConfig()
+    assert (one.starts, one.plane_shares) == ((0.0,), (1.0,))
+    many = DisplayConfig(planes_per_refresh=24)
+    assert many.starts == tuple(plane / 24 for plane in range(24))
+    assert many.plane_shares == pytest.approx([1.0 / 24] * 24)
+    measured = DisplayConfig(planes_per_refresh=24, plane_starts=(0.1, 0.3, 0.9))
+    assert measured.starts == (0.1, 0.3, 0.9)
+    assert measured.plane_shares == pytest.approx((0.2, 0.6, 0.2))
+
+
+def test_blades_have_obeyed_after_the_lag_and_four_jitters() -> None:
+    assert TriggerConfig(lag_s=0.05, jitter_s=0.01).sure_ns == 90_000_000
+    assert TriggerConfig(lag_s=0.0, jitter_s=1e-9 / 3.0).sure_ns == 1
+
+
+def test_rows_are_counted_by_the_slower_panel_and_its_planes() -> None:
+    fast, slow = (PanelConfig(size_px=(8, 8), refresh_hz=hz) for hz in (60.0, 50.0))
+    planes = DisplayConfig(planes_per_refresh=24, mask_delay_refreshes=-2)
+    assert Config(projector=fast, mask=slow).row_hz == 50.0
+    assert Config(projector=slow, mask=fast, display=planes).row_hz == 1200.0
+    assert Config(display=planes).mask_delay_rows == -48
+    assert Config(display=DisplayConfig(mask_delay_refreshes=3)).mask_delay_rows == 3
+
+
+def test_cells_are_typed_or_left_open() -> None:
+    assert ScheduleConfig(grid=(2, 3)).cells == (2, 3)
+    assert ScheduleConfig(grid="auto").cells is None and ScheduleConfig().cells is None
+    assert DEFAULT_GRID == (48, 64)
+    assert CameraConfig().frame_quads is None and SceneConfig().grid is None

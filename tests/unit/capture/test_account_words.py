@@ -1,0 +1,225 @@
+"""What is said of a job when it has ended: figures, warnings and manifest, each from its source."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pdcd.capture import account
+from pdcd.capture.account import (
+    MAX_NAMED,
+    TOLD,
+    begun_by,
+    failure_of,
+    manifest_of,
+    summary_of,
+    taken_words,
+    told,
+    warnings_of,
+)
+from pdcd.errors import Cancelled, DiskError, ExposureError, PdcdError
+from pdcd.request import CaptureRequest
+from pdcd.runs.record import SCHEMA_VERSION
+from pdcd.runs.views import OwnerView
+
+NAMES = tuple("abcdefghij")
+
+
+@pytest.mark.parametrize(
+    ("missing", "words"),
+    [
+        ((), "3 of 5 shots"),
+        (NAMES[:1], "3 of 5 shots, missing: a"),
+        (NAMES[:8], "3 of 5 shots, missing: a, b, c, d, e, f, g, h"),
+        (NAMES[:9], "3 of 5 shots, missing: a, b, c, d, e, f, g, h and 1 more"),
+        (NAMES, "3 of 5 shots, missing: a, b, c, d, e, f, g, h and 2 more"),
+    ],
+)
+def test_how_far_a_run_came_is_told_with_the_first_names(
+    missing: tuple[str, ...], words: str
+) -> None:
+    assert taken_words(3, 5, missing) == words and MAX_NAMED == 8
+
+
+def test_what_is_said_of_many_shots_is_said_once() -> None:
+    assert told([]) == ()
+    assert told(["shot a: late", "x", "shot b: late", "shot c: late"]) == (
+        "shot a: late (and so of 2 more)", "x",
+    )  # fmt: skip
+    assert told(["shot a: ", "shot b: "]) == ("shot a: ", "shot b: ")
+    assert told(["same", "same"]) == ("same (and so of 1 more)",)
+
+
+@pytest.mark.parametrize("count", [TOLD - 1, TOLD, TOLD + 1, TOLD + 9])
+def test_a_result_has_so_many_warnings_and_the_last_says_how_many_more(count: int) -> None:
+    texts = [f"text {number}" for number in range(count)]
+    brief = told(texts)
+    if count <= TOLD == 64:
+        assert brief == tuple(texts)
+    else:
+        assert len(brief) == TOLD and brief[:-1] == tuple(texts[: TOLD - 1])
+        assert brief[-1] == f"and {count - 63} more; capture.json has all of them"
+
+
+@pytest.mark.parametrize("mock", [True, False])
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("estimated", [True, False])
+def test_what_the_user_must_know_of_a_finished_run(
+    mock: bool, known: bool, estimated: bool
+) -> None:
+    developed: Any = SimpleNamespace(saturated={"a": 0, "b": 3}, warnings=("dim",))
+    config: Any = SimpleNamespace(camera=SimpleNamespace(responsivity_e=(1.0,) if known else None))
+    profile: Any = SimpleNamespace(estimated=estimated, name="eos")
+    found = list(warnings_of(developed, config, profile, mock=mock))
+    assert found[:2] == ["shot b: 3 pixels are saturated", "dim"]
+    rest = found[2:]
+    assert any("camera.responsivity_e is not set" in text for text in rest) is (
+        not known and not mock
+    )
+    assert ("sensor profile eos is an estimate" in rest) is estimated
+    assert len(rest) == (not known and not mock) + estimated
+
+
+def shot(open_ns: int, close_ns: int, refreshes: int, missed: int) -> Any:
+    return SimpleNamespace(
+        open_ns=open_ns, close_ns=close_ns, refreshes=refreshes, missed=missed
+    )  # fmt: skip
+
+
+def developed(**said: Any) -> Any:
+    shots = (
+        shot(0, 2_000_000_000, 120, 1),
+        shot(0, 2_000_000_000, 120, 1),  # the second bucket of the same exposure
+        shot(3_000_000_000, 3_500_000_000, 30, 2),
+    )
+    how = SimpleNamespace(method="coded", coded=16, parts=4, pilot=5, repeat=2)
+    record = SimpleNamespace(how=how, shots=shots, goal=SimpleNamespace(name="indirect"))
+    fields = {
+        "record": record, "parts": 3, "rms_sigma": 0.02, "sigma_kind": "measured",
+        "sigma_mean": 0.5, "rms_error": 0.03, "quality": "q", "picture": "indirect",
+        "transport": {"transport_photos": 7}, "exif": {"a": {"iso": 1}}, "deviations": {"a": {}},
+    }  # fmt: skip
+    return SimpleNamespace(**{**fields, **said})
+
+
+def test_a_finished_run_in_figures() -> None:
+    plan: Any = SimpleNamespace(
+        family="hadamard", passes=6, prediction=SimpleNamespace(error=0.04)
+    )  # fmt: skip
+    assert summary_of(plan, developed()) == {
+        "goal": "indirect", "picture": "indirect", "method": "coded", "family": "hadamard",
+        "codes": 16 * 3 // 4 + 5, "parts": 3, "pilot": 5, "passes": 6, "repeat": 2, "shots": 3,
+        "refreshes": 150, "exposure_s": 2.5, "missed_refreshes": 3, "rms_sigma": 0.02,
+        "sigma_kind": "measured", "rms_error": 0.03, "sigma_mean": 0.5, "predicted_error": 0.04,
+        "quality": "q", "transport_photos": 7,
+    }  # fmt: skip
+    plan.prediction = None
+    bare = summary_of(plan, developed(parts=0, rms_sigma=math.inf))
+    assert (bare["codes"], bare["parts"]) == (16 // 4 + 5, 1)
+    assert bare["rms_sigma"] is None and bare["predicted_error"] is None
+
+
+def begun(owner: OwnerView | None) -> Any:
+    request = CaptureRequest(goal="indirect", codes=4)
+    job: Any = SimpleNamespace(name="job", owner=owner, request=request)
+    plan: Any = {"codes": 4}
+    rig: Any = {"name": "rig"}
+    config: Any = {"table": 1}
+    return begun_by(job, plan, config=config, mock=True, rig=rig, started_utc="2026")
+
+
+def test_what_is_known_before_the_first_exposure_is_kept_in_the_manifest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(account, "versions", lambda: {"pdcd": "1"})
+    monkeypatch.setattr(account, "git_commit", lambda: "1234")
+    monkeypatch.setattr(account, "utc_now", lambda: "2027")
+    first = begun(OwnerView(uid=1, pid=2, user="ada"))
+    assert begun(None).owner == {} and first.owner == {"uid": 1, "pid": 2, "user": "ada"}
+    head = {
+        "job": "job", "mock": True, "owner": first.owner, "started_utc": "2026",
+        "request": {"goal": "indirect", "codes": 4}, "versions": {"pdcd": "1"},
+        "git_commit": "1234", "drivers": {"name": "rig"}, "config": {"table": 1},
+    }  # fmt: skip
+    for name, value in head.items():
+        assert getattr(first, name) == value or name == "request"
+    assert first.plan == {"codes": 4} and first.request["codes"] == 4
+    done = developed()
+    files: Any = {"log.jsonl": "record"}
+    meter: Any = ["test"]
+    for missing, state in (((), "done"), (["black"], "partial")):
+        found = manifest_of(
+            first, {"codes": 8}, done, summary={"shots": 3}, warnings=["dim"], meter=meter,
+            files=files, missing=missing,
+        )  # fmt: skip
+        rest = {
+            "schema": SCHEMA_VERSION, "state": state, "finished_utc": "2027", "plan": {"codes": 8},
+            "run": done.record, "realised": {"a": {}}, "summary": {"shots": 3},
+            "warnings": ("dim",), "exif": done.exif, "meter": ("test",), "files": files,
+            "missing": tuple(missing),
+        }  # fmt: skip
+        for name, value in {**head, **rest, "request": first.request}.items():
+            assert getattr(found, name) == value, name
+
+
+class Folder:
+    """A run folder that notes its log, or fails to."""
+
+    def __init__(self, where: Path | None, error: Exception | None = None) -> None:
+        self.where, self.error = where, error
+        self.path = Path("/proc/self/fd/7")
+        self.lines: list[Any] = []
+
+    def log(self, line: Any) -> None:
+        if self.error is not None:
+            raise self.error
+        self.lines.append(line)
+
+    def files(self) -> tuple[str, ...]:
+        return ("log.jsonl",)
+
+
+def failed(folder: Folder | None, error: PdcdError, **more: Any) -> Any:
+    made: Any = folder
+    return failure_of("job", made, 99, error, safe=False, **more)
+
+
+def test_a_job_that_failed_says_why_and_what_it_has() -> None:
+    folder = Folder(Path("/runs/job.partial"))
+    error = ExposureError("no light in /proc/self/fd/7/raw", device="/proc/self/fd/7", hint="look")
+    found = failed(folder, error, taken="1 of 3 shots", warnings=["w", "w"])
+    fields = {
+        "kind": "exposure", "message": "no light in /runs/job.partial/raw",
+        "device": "/runs/job.partial", "hint": "look",
+    }  # fmt: skip
+    assert folder.lines == [
+        {"t_mono_ns": 99, "event": "failed", **fields, "safe": False, "taken": "1 of 3 shots"}
+    ]
+    assert (found.job, found.state, found.folder) == ("job", "failed", "/runs/job.partial")
+    assert found.error == fields and found.files == ("log.jsonl",)
+    assert found.summary == {"taken": "1 of 3 shots"}
+    assert found.warnings == ("w (and so of 1 more)",)
+
+
+def test_a_job_that_was_cancelled_and_one_without_a_folder() -> None:
+    folder = Folder(Path("/runs/job.partial"))
+    found = failed(folder, Cancelled("by ada"))
+    assert found.state == folder.lines[0]["event"] == "cancelled"
+    assert "taken" not in folder.lines[0] and found.error["device"] is None
+    assert found.summary == {} and found.warnings == ()
+    gone = Folder(None)
+    assert failed(gone, Cancelled("by ada")).folder is None and gone.lines == []
+    none = failed(None, ExposureError("dark"))
+    assert (none.state, none.folder, none.files) == ("failed", None, ())
+
+
+def test_a_log_that_cannot_be_written_does_not_hide_what_went_wrong() -> None:
+    where = Path("/runs/job.partial")
+    found = failed(Folder(where, DiskError("full")), ExposureError("dark"))
+    assert found.error["message"] == "dark" and found.folder == str(where)
+    with pytest.raises(ZeroDivisionError):  # a fault of the program is another matter
+        failed(Folder(where, ZeroDivisionError()), ExposureError("dark"))

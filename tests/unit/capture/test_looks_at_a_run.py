@@ -1,0 +1,364 @@
+"""What a run decides on its way: whether it is good enough, dark enough, and on the same bench."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pdcd.capture import lookout, same_bench
+from pdcd.capture.convergence import Convergence
+from pdcd.capture.job import Job, Journal
+from pdcd.capture.lookout import Lookout, next_shot
+from pdcd.capture.same_bench import doubts, held_otherwise
+from pdcd.capture.sight import Sight
+from pdcd.errors import Cancelled, ConfigError, ExposureError, SyncError
+from pdcd.offload.answers import Seen
+from pdcd.request import CaptureRequest
+from pdcd.runs import events
+
+
+def shot(name: str, part: int = 0, beside: str = "") -> Any:
+    return SimpleNamespace(name=name, part=part, beside=beside)
+
+
+def test_a_part_is_complete_with_its_last_shot() -> None:
+    shots = [shot("white"), shot("a", 1), shot("b", 1), shot("c", 2), shot("d", 2)]
+    recipe: Any = SimpleNamespace(shots=shots)
+    complete = [one.name for one in shots if Convergence(0.1).after(recipe, one)]
+    assert complete == ["b", "d"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "sigma", "met"),
+    [
+        ("measured", 0.1, True), ("measured", 0.11, False), ("measured", 0.05, True),
+        ("modelled", 0.05, False), ("measured", math.inf, False),
+    ],
+)  # fmt: skip
+def test_only_a_spread_that_is_small_enough_ends_a_run(kind: str, sigma: float, met: bool) -> None:
+    found = Convergence(0.1)
+    assert not found.met and found.reached == math.inf
+    event = found.see(Seen(3, sigma, kind))
+    assert (found.met, found.reached) == (met, sigma)
+    assert (event.part, event.target) == (3, 0.1)
+    assert event.rms_sigma == (None if math.isinf(sigma) else sigma)
+
+
+def test_what_is_said_where_all_parts_were_not_enough() -> None:
+    found = Convergence(0.025, reached=0.0432)
+    assert found.warning == "sigma came down to 4.3 %, not to the 2.5 % asked for"
+
+
+def planned(*shots: Any) -> Any:
+    return SimpleNamespace(
+        plan=SimpleNamespace(recipe=SimpleNamespace(shots=shots)),
+        summary=SimpleNamespace(black_level="modelled"),
+    )
+
+
+def test_the_next_shot_is_the_first_that_was_not_taken_and_that_does_not_come_along() -> None:
+    plan = planned(shot("a"), shot("a2", beside="a"), shot("b"), shot("c"))
+    taken: list[Any] = []
+    order = []
+    while (found := next_shot(plan, taken)) is not None:
+        order.append(found.name)
+        taken.append(found)
+    assert order == ["a", "b", "c"]
+    assert next_shot(plan, [shot("b")]).name == "a"  # type: ignore[union-attr]
+
+
+class Bench:
+    """Stands for all that a look needs; notes what was asked of it."""
+
+    def __init__(self, *outcomes: str, spoilt: int = -1) -> None:
+        self.outcomes, self.spoilt = list(outcomes), spoilt
+        self.asked: list[Any] = []
+        self.warned: list[str] = []
+        self.job = SimpleNamespace(watch=lambda: "watch")
+        self.after = planned()
+
+    def dark(self, plan: object, name: str, *, lit: bool) -> str:
+        if len(self.asked) == self.spoilt:
+            raise SyncError("late")
+        self.asked.append((name, lit))
+        return name
+
+    def do(self, watch: str, task: Any, shots: object, darks: list[str]) -> Any:
+        self.asked[-1] += (watch, task.__name__, list(darks))
+        return SimpleNamespace(
+            outcome=self.outcomes.pop(0), planned=self.after, why="too long",
+            leaks=SimpleNamespace(both=0.0345, limit=0.01),
+        )  # fmt: skip
+
+    def warn(self, text: str) -> None:
+        self.warned.append(text)
+
+    def look(self, monkeypatch: pytest.MonkeyPatch, *, due: bool = True) -> tuple[Lookout, Any]:
+        monkeypatch.setattr(lookout, "due", lambda plan, taken: due and taken == {"a"})
+        bench: Any = self
+        made = Lookout(bench, bench, bench)
+        return made, made.look(planned(), [shot("a")])
+
+
+FIRST = ("look-dark", True, "watch", "stray", ["look-dark"])
+SECOND = ("look-ambient", False, "watch", "stray", ["look-dark", "look-ambient"])
+SHARE = "3.5 % of the picture (limit 1 %)"
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "asked", "warned"),
+    [
+        (("quiet",), [FIRST], []),
+        (("unsure", "quiet"), [FIRST, SECOND], []),
+        (
+            ("unsure", "added"),
+            [FIRST, SECOND],
+            [
+                f"ambient light and leaks would have made {SHARE}: black exposures were added "
+                "(black level modelled)"
+            ],
+        ),
+        (
+            ("warn",),
+            [FIRST],
+            [f"ambient light and leaks make {SHARE}, and black exposures are not added: too long"],
+        ),
+    ],
+)
+def test_one_dark_photo_is_taken_and_another_where_it_may_matter_whose_the_leak_is(
+    outcomes: tuple[str, ...], asked: list[Any], warned: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(*outcomes)
+    made, after = bench.look(monkeypatch)
+    assert (bench.asked, bench.warned) == (asked, warned)
+    assert after is bench.after and made.done
+    assert made.look(planned(), [shot("a")]) is None  # once in a run
+
+
+def test_no_look_is_taken_before_it_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench("quiet")
+    made, after = bench.look(monkeypatch, due=False)
+    assert after is None and not made.done and bench.asked == []
+
+
+@pytest.mark.parametrize("spoilt", [0, 1])
+def test_a_dark_photo_that_was_spoilt_ends_the_look_and_not_the_run(
+    spoilt: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench("unsure", spoilt=spoilt)
+    made, after = bench.look(monkeypatch)
+    assert after is None and made.done
+    assert bench.warned == ["no look at ambient light and leaks: late"]
+
+
+def config(**said: Any) -> Any:
+    table = {"use": "/cals/b", "sha256": "0", "max_age_days": 30.0, "check": "never"}
+    camera = SimpleNamespace(f_number=said.pop("f_number", "auto"))
+    return SimpleNamespace(calibration=SimpleNamespace(**{**table, **said}), camera=camera)
+
+
+def record(**said: Any) -> Any:
+    seen = {
+        "iso": 100, "f_number": 8.0, "camera_model": "EOS", "camera_serial": "1",
+        "projector": "P", "mask": "", "projector_hz": 60.0, "mask_hz": 50.0, "flip": 5,
+    }  # fmt: skip
+    return SimpleNamespace(
+        name="b", measured=said.pop("measured", {}), identity=SimpleNamespace(**{**seen, **said})
+    )
+
+
+def rig(**said: Any) -> Any:
+    told = {"model": "EOS", "serial": "1", "hz": 50.0, "identity": {"projector": "P"}, **said}
+    return SimpleNamespace(
+        camera_info=SimpleNamespace(model=told["model"], serial=told["serial"]),
+        display_info=SimpleNamespace(refresh_hz=told["hz"], identity=told["identity"]),
+    )
+
+
+@pytest.fixture
+def kept(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The calibration in use, its age, and the newest one."""
+    found: dict[str, Any] = {"record": record(), "days": 0.0, "newest": None}
+    monkeypatch.setattr(same_bench, "read_calibration", lambda _: (found["record"], "0"))
+    monkeypatch.setattr(same_bench, "age_days", lambda _: found["days"])
+    monkeypatch.setattr(
+        same_bench, "newest",
+        lambda folder, _, *, bad=False: found["newest"] if bad and folder == Path("/cals") else 0,
+    )  # fmt: skip
+    return found
+
+
+def test_a_calibration_that_fits_raises_no_doubt(kept: dict[str, Any]) -> None:
+    assert list(doubts(config(), rig(), 100)) == []
+    kept["record"] = record(measured={"camera.profile": 1}, iso=100)
+    assert list(doubts(config(f_number=8.0), rig(), 100)) == []
+    kept["record"] = None  # none is in use
+    assert list(doubts(config(sha256=None), rig(), 7)) == []
+
+
+@pytest.mark.parametrize(
+    ("f_number", "doubted"), [(8.4, False), (8.5, True), (7.6, False), (7.5, True)]
+)
+def test_another_aperture_is_doubtful_from_6_percent_on(
+    f_number: float, doubted: bool, kept: dict[str, Any]
+) -> None:
+    found = list(doubts(config(f_number=f_number), rig(), 100))
+    assert found == [f"calibration b was taken at f/8, not at f/{f_number:g}"] * doubted
+    kept["record"] = record(f_number=None)
+    assert list(doubts(config(f_number=f_number), rig(), 100)) == []
+
+
+def test_another_iso_matters_where_the_sensor_was_measured(kept: dict[str, Any]) -> None:
+    assert list(doubts(config(), rig(), 200)) == []
+    kept["record"] = record(measured={"camera.profile": 1})
+    words = "calibration b measured the sensor at ISO 100, not at ISO 200"
+    assert list(doubts(config(), rig(), 200)) == [words]
+
+
+@pytest.mark.parametrize(("name", "doubted"), [("a", False), ("b", False), ("c", True)])
+def test_a_later_calibration_that_is_bad_is_told_of(
+    name: str, doubted: bool, kept: dict[str, Any]
+) -> None:
+    kept["newest"] = Path("/cals") / name
+    found = list(doubts(config(), rig(), 100))
+    assert len(found) == doubted and all("c, a calibration or check after b" in t for t in found)
+
+
+@pytest.mark.parametrize(
+    ("days", "check", "count"),
+    [
+        (30.0, "never", 0), (30.1, "never", 1), (math.nan, "never", 1), (1.0, "daily", 0),
+        (1.01, "daily", 1), (1.0 / 24.0, "always", 0), (0.05, "always", 1), (31.0, "daily", 2),
+    ],
+)  # fmt: skip
+def test_an_old_calibration_is_to_be_checked_or_made_again(
+    days: float, check: str, count: int, kept: dict[str, Any]
+) -> None:
+    kept["days"] = days
+    found = list(doubts(config(check=check), rig(), 100))
+    assert len(found) == count
+    if check != "never" and count:
+        assert found[-1] == (
+            f"the bench was not checked for {24.0 * days:.0f} h: pdcd calibrate check"
+        )
+
+
+@pytest.mark.parametrize(
+    ("said", "device"),
+    [
+        ({"model": "other"}, "camera"), ({"serial": "2"}, "camera"),
+        ({"identity": {"projector": "Q"}}, "projector"), ({"hz": 50.06}, "display"),
+        ({"hz": 49.94}, "display"), ({"hz": 60.0}, "display"), ({"hz": 50.04}, None),
+        ({"identity": {}}, None), ({"identity": {"projector": "P", "mask": "M"}}, None),
+    ],
+)  # fmt: skip
+def test_a_calibration_of_other_devices_is_refused(
+    said: dict[str, Any], device: str | None, kept: dict[str, Any]
+) -> None:
+    if device is None:
+        assert list(doubts(config(), rig(**said), 100)) == []
+        return
+    with pytest.raises(ConfigError) as told:
+        list(doubts(config(), rig(**said), 100))
+    assert told.value.device == device and "pdcd calibrate" in str(told.value.hint)
+
+
+def test_devices_that_are_not_open_are_no_others(kept: dict[str, Any]) -> None:
+    closed: Any = SimpleNamespace(camera_info=None, display_info=None)
+    assert list(doubts(config(), closed, 100)) == []
+
+
+@pytest.mark.parametrize(
+    ("then", "flip", "held"), [(5, 5, False), (5, 6, True), (None, 6, False), (0, 5, True)]
+)
+def test_a_camera_that_is_held_another_way(
+    then: int | None, flip: int, held: bool, kept: dict[str, Any]
+) -> None:
+    kept["record"] = record(flip=then)
+    assert held_otherwise(config(), flip) is held
+    assert held_otherwise(config(sha256=None), flip) is False
+
+
+def head(rows: int = 4, cols: int = 6, turned: str = "upright", model: str = "EOS") -> Any:
+    return SimpleNamespace(frame=(rows, cols), turned=turned, model=model, flip=0)
+
+
+def sight(warned: list[str], frame_quads: tuple[int, int] | None = (6, 4)) -> Sight:
+    camera: Any = SimpleNamespace(frame_quads=frame_quads)
+    journal: Any = SimpleNamespace(warn=warned.append)
+    return Sight(config(sha256=None), camera, journal)
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (head(4, 7), "raw/b is unlike raw/a: quads 7 x 4, not 6 x 4"),
+        (head(turned="left"), "raw/b is unlike raw/a: orientation left, not upright"),
+        (head(model=""), "raw/b is unlike raw/a: camera unnamed, not EOS"),
+    ],
+)
+def test_photos_of_a_run_are_alike(other: Any, words: str) -> None:
+    warned: list[str] = []
+    seen = sight(warned)
+    seen.saw("raw/a", head())
+    seen.saw("raw/a2", head())
+    with pytest.raises(ExposureError) as told:
+        seen.saw("raw/b", other)
+    assert (told.value.message, told.value.device, warned) == (words, "camera", [])
+
+
+def test_a_camera_whose_photos_are_of_another_size_than_it_says_is_told_of(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    warned: list[str] = []
+    sight(warned, None).saw("raw/a", head())
+    assert warned == []
+    sight(warned, (4, 6)).saw("raw/a", head())
+    assert len(warned) == 1 and warned[0].startswith("photos have 6 x 4 quads, not the 4 x 6 that")
+    monkeypatch.setattr("pdcd.capture.sight.held_otherwise", lambda _, flip: flip == 0)
+    sight(warned).saw("raw/a", head())
+    assert "held another way" in warned[1]
+
+
+def test_a_job_tells_how_far_it_is_and_ends_where_it_is_not_wanted() -> None:
+    heard: list[Any] = []
+    wanted = [True]
+    job = Job("job", CaptureRequest(goal="white"), None, heard.append, lambda: not wanted[0])
+    job.watch().step(1.0, 4.0)
+    planning = job.planning()
+    planning.stage = "codes"
+    planning.step(2.0, 4.0)
+    assert heard == [
+        events.Decoded(done=1.0, total=4.0), events.Planning(stage="codes", done=2.0, total=4.0)
+    ]  # fmt: skip
+    job.watch()()
+    wanted[0] = False
+    for watch in (job.watch(), planning):
+        with pytest.raises(Cancelled):
+            watch()
+    assert job.given == {} and job.report is False
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_journal_writes_tells_and_then_asks(there: bool) -> None:
+    steps: list[Any] = []
+
+    def cancelled() -> bool:
+        steps.append("asked")
+        return True
+
+    folder: Any = SimpleNamespace(log=steps.append, where="/x" if there else None)
+    clock: Any = SimpleNamespace(now_ns=lambda: 99)
+    ledger: Any = SimpleNamespace(warn=steps.append)
+    job = Job("job", CaptureRequest(goal="white"), None, steps.append, cancelled)
+    journal = Journal(job, folder, clock, [], ledger)
+    event = events.Learning(photos=3)
+    with pytest.raises(Cancelled):
+        journal.notify(event)
+    assert steps == [{"t_mono_ns": 99, "event": "learning", "photos": 3}, event, "asked"]
+    journal.warn("dim")
+    assert journal.warnings == ["dim"] and steps[3:] == ["dim"] * there

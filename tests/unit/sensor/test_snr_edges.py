@@ -1,0 +1,190 @@
+"""The comparison at the edges of its numbers: which pixel, ISO and sensor are just allowed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.errors import ConfigError
+from pdcd.sensor.appendix import appendix_pixel, appendix_rows
+from pdcd.sensor.profile import IsoRow, SensorProfile
+from pdcd.sensor.snr import (
+    LCD_TRANSMISSION,
+    Pixel,
+    Reading,
+    Thermal,
+    break_even_read_noise_e,
+    highest_signal_e,
+    masked_sum,
+    opening_limit_db,
+    primal_dual_pair,
+    primal_dual_photo,
+    quiet_iso,
+    sensor_pixel,
+    sensor_rows,
+    short_photo,
+    signed_sum,
+)
+
+PIXEL = Pixel(signal_e=1000.0, exposure_s=8.0, codes=16, dark_e_per_s=3.0)
+# At ISO 100 a pixel holds 10 000 e-, at 200 and 400 half and a quarter.
+SENSOR = SensorProfile(
+    name="made", description="", source="", estimated=True, bits=14, black_dn=383,
+    white_dn=10383, full_well_e=1e6, dark_e_per_s=3.0,
+    rows=(IsoRow(100, 1.0, 8.0), IsoRow(200, 0.5, 4.0), IsoRow(400, 0.25, 4.0)),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"signal_e": 1e-9}, ""),
+        ({"exposure_s": 1e-9}, ""),
+        ({"dark_e_per_s": 0.0}, ""),
+        ({"codes": 2}, ""),
+        ({"signal_e": 0.0}, "signal = 0.0 is not a positive number"),
+        ({"signal_e": math.inf}, "signal = inf is not a positive number"),
+        ({"exposure_s": 0.0}, "exposure = 0.0 is not a positive number"),
+        ({"exposure_s": math.nan}, "exposure = nan is not a positive number"),
+        ({"dark_e_per_s": -1e-9}, "dark current = -1e-09 is not a number from 0 on"),
+        ({"dark_e_per_s": math.inf}, "dark current = inf is not a number from 0 on"),
+        ({"codes": 1}, "codes = 1 is not 2 or more"),
+    ],
+)
+def test_what_a_pixel_may_be(changes: dict[str, Any], says: str) -> None:
+    told: dict[str, Any] = {**msgspec.to_builtins(PIXEL), **changes}
+    if not says:
+        assert msgspec.to_builtins(Pixel(**told)) == told
+        return
+    with pytest.raises(ConfigError) as caught:
+        Pixel(**told)
+    assert caught.value.message == says
+    assert caught.value.hint == "correct the options of the comparison"
+
+
+def test_values_are_frozen_and_pixels_said_by_names() -> None:
+    with pytest.raises(TypeError):
+        Pixel(1.0, 1.0, 2, 0.0)  # type: ignore[call-arg]
+    row, (first, *_) = sensor_rows(SENSOR, 100, PIXEL)[0], appendix_rows()
+    for value, name in ((PIXEL, "codes"), (Reading(1.0, 1.0, 1.0), "signal_e"), (row, "iso"),
+                        (first, "ours"), (SENSOR, "name"), (SENSOR.rows[0], "iso")):  # fmt: skip
+        with pytest.raises(AttributeError):
+            setattr(value, name, 1)
+
+
+@pytest.mark.parametrize("kind", [SensorProfile, IsoRow])
+def test_profiles_have_only_the_fields_they_have(kind: Any) -> None:
+    value = SENSOR if kind is SensorProfile else SENSOR.rows[0]
+    with pytest.raises(msgspec.ValidationError, match="more"):
+        msgspec.convert({**msgspec.to_builtins(value), "more": 1}, type=kind)
+
+
+def test_a_dimmer_pixel_has_less_light_and_less_time() -> None:
+    assert PIXEL.dimmed() == Pixel(signal_e=100.0, exposure_s=0.8, codes=16, dark_e_per_s=3.0)
+    assert PIXEL.dimmed(0.5) == Pixel(signal_e=500.0, exposure_s=4.0, codes=16, dark_e_per_s=3.0)
+    assert PIXEL.used_photos == 8.0
+
+
+def test_each_procedure_by_hand() -> None:
+    """Dark current of 3 e- a second gathers 24 e- in 8 s."""
+    root = math.sqrt
+    both: tuple[tuple[Thermal, float, float, float], ...] = (
+        ("paper", 24.0**2, 1.5**2, 24.0**2),
+        ("shot", 24.0, 1.5, 12.0),
+    )
+    for thermal, whole, short, half in both:
+        for found, wanted in (
+            (primal_dual_photo(PIXEL, 5.0, thermal), Reading(1000.0, 5.0, whole)),
+            (primal_dual_photo(PIXEL, 5.0, thermal, 0.5), Reading(500.0, 5.0, whole)),
+            (primal_dual_pair(PIXEL, 5.0, thermal), Reading(1000.0, root(2) * 5.0, whole)),
+            (primal_dual_pair(PIXEL, 5.0, thermal, 0.5), Reading(500.0, root(2) * 5.0, whole)),
+            (short_photo(PIXEL, 5.0, thermal), Reading(125.0, 5.0, short)),
+            (masked_sum(PIXEL, 5.0, thermal), Reading(1000.0, root(8) * 5.0, half)),
+            (signed_sum(PIXEL, 5.0, thermal), Reading(2000.0, 20.0, whole)),
+        ):  # fmt: skip
+            assert msgspec.to_builtins(found) == pytest.approx(msgspec.to_builtins(wanted))
+    assert LCD_TRANSMISSION == 0.5
+    # 10 log10 of 100 over the root of 100 + 25 + 75.
+    assert Reading(100.0, 5.0, 75.0).snr_db == pytest.approx(5.0 * math.log10(50.0))
+    assert opening_limit_db(400) == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("procedure", [primal_dual_photo, primal_dual_pair])
+def test_a_mask_lets_through_some_light_and_at_most_all(procedure: Any) -> None:
+    assert procedure(PIXEL, 5.0, "shot", 1.0).signal_e == 1000.0
+    assert procedure(PIXEL, 5.0, "shot", 1e-6).signal_e == pytest.approx(1e-3)
+    for wrong in (0.0, -0.1, 1.0 + 1e-9, math.nan):
+        with pytest.raises(ConfigError, match="is not above 0 and at most 1") as caught:
+            procedure(PIXEL, 5.0, "shot", wrong)
+        assert "open mask lets through" in (caught.value.hint or "")
+        with pytest.raises(ConfigError, match="is not above 0 and at most 1"):
+            break_even_read_noise_e(PIXEL, "signed", "shot", wrong)
+
+
+def test_a_sensor_holds_a_signal_up_to_its_highest() -> None:
+    assert [highest_signal_e(SENSOR, iso) for iso in (100, 200, 400)] == [10000.0, 5000.0, 2500.0]
+    common: dict[str, Any] = {"codes": 16, "exposure_s": 8.0}
+    assert sensor_pixel(SENSOR, 200, signal_e=5000.0, **common).signal_e == 5000.0
+    assert sensor_pixel(SENSOR, 200, signal_e=None, **common) == Pixel(
+        signal_e=0.13 * 5000.0, exposure_s=8.0, codes=16, dark_e_per_s=3.0
+    )
+    with pytest.raises(ConfigError) as caught:
+        sensor_pixel(SENSOR, 200, signal_e=5000.5, **common)
+    assert caught.value.message == "a signal of 5000.5 e- saturates 'made' at ISO 200"
+    assert caught.value.hint == "give at most 5000 e-, or choose a lower ISO"
+
+
+@pytest.mark.parametrize(
+    ("signal_e", "iso"), [(1.0, 200), (2500.0, 200), (5000.0, 200), (5000.5, 100), (10000.0, 100)]
+)
+def test_the_quietest_iso_holds_the_signal(signal_e: float, iso: int) -> None:
+    assert quiet_iso(SENSOR, signal_e) == iso
+    with pytest.raises(ConfigError) as caught:
+        quiet_iso(SENSOR, 10000.5)
+    assert caught.value.message == "a signal of 10000.5 e- saturates 'made' at every ISO"
+    assert caught.value.hint == "give a lower signal"
+
+
+@pytest.mark.parametrize(("iso", "short"), [(100, (100, 200)), (200, (200,)), (400, (200, 400))])
+def test_procedures_at_the_isos_that_suit_them(iso: int, short: tuple[int, ...]) -> None:
+    rows = sensor_rows(SENSOR, iso, PIXEL, 0.5)
+    assert [(row.procedure, row.light, row.iso) for row in rows] == [
+        ("photo", 1.0, iso),
+        *(("mask-less photo", 1.0, at) for at in short),
+        *(("masked sum", 1.0, at) for at in short),
+        ("signed pair", 1.0, iso),
+        *(("signed sum", 1.0, at) for at in short),
+        *((name, 0.1, 200) for name in ("photo", "masked sum", "signed pair", "signed sum")),
+    ]
+    noise = SENSOR.row(iso).read_noise_e
+    for thermal, found in (("paper", rows[0].paper_db), ("shot", rows[0].shot_db)):
+        assert found == primal_dual_photo(PIXEL, noise, thermal, 0.5).snr_db  # type: ignore[arg-type]
+    assert (rows[0].signal_e, rows[0].additive_e) == (500.0, noise)
+    assert rows[-2].signal_e == pytest.approx(50.0)
+    assert rows[-2].additive_e == pytest.approx(math.sqrt(2.0) * 4.0)
+
+
+def test_numbers_of_the_appendix_that_need_words_have_them() -> None:
+    noted = {row.quantity: row.note for row in appendix_rows() if row.note}
+    assert list(noted) == [
+        "mean intensity, 12-bit DN", "photo, ISO 50, dB", "masked sum, ISO 50, dB",
+        "masked sum, ISO 1600, dB",
+    ]  # fmt: skip
+    assert "truncated" in noted["masked sum, ISO 50, dB"]
+    assert [row.quantity for row in appendix_rows() if row.truncated] == [
+        "mean intensity, 12-bit DN", "masked sum, ISO 50, dB",
+    ]  # fmt: skip
+
+
+def test_ratios_of_the_appendix_are_told_in_both_conventions() -> None:
+    for row in appendix_rows():
+        assert (row.shot is not None) is row.quantity.endswith("dB"), row.quantity
+    dim = appendix_pixel().dimmed()
+    last = appendix_rows()[-1]
+    assert (last.ours, last.shot) == (
+        masked_sum(dim, 3.9, "paper").snr_db, masked_sum(dim, 3.9, "shot").snr_db,
+    )  # fmt: skip
+    assert appendix_pixel().exposure_s == 30.0 and appendix_pixel().codes == 512

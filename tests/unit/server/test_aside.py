@@ -1,0 +1,95 @@
+"""Calls made aside: what they return or raise, and what is left of those that nobody waits for."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from pdcd.server.aside import aside
+from tests.processes import LONG_S
+
+
+class Odd(BaseException):
+    """An error that is no `Exception`."""
+
+
+def test_a_call_is_made_in_a_thread_of_its_own_which_is_gone_afterwards() -> None:
+    threads: list[threading.Thread] = []
+
+    def call(*told: int, **more: str) -> Any:
+        threads.append(threading.current_thread())
+        return told, more
+
+    async def scenario() -> None:
+        assert await aside(call, 1, 2, more="x") == ((1, 2), {"more": "x"})
+        assert await aside(call) == ((), {})
+
+    asyncio.run(scenario())
+    assert len(set(threads)) == 2 and threading.main_thread() not in threads
+    for thread in threads:
+        assert not thread.is_alive() and thread.daemon and thread.name == "pdcd-aside"
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("x"), RuntimeError("y"), Odd("z")])
+def test_whatever_it_raises_belongs_to_the_caller(error: BaseException) -> None:
+    def call() -> None:
+        raise error
+
+    async def scenario() -> None:
+        with pytest.raises(type(error)) as caught:
+            await aside(call)
+        assert caught.value is error
+
+    asyncio.run(scenario())
+
+
+def left_behind(call: Callable[[], object], *, ends_first: bool) -> list[Any]:
+    """What goes wrong where the caller, or its whole loop, is gone before the call ends."""
+    free, began, faults = threading.Event(), threading.Event(), []
+    threads: list[threading.Thread] = []
+
+    def held() -> object:
+        threads.append(threading.current_thread())
+        began.set()
+        assert free.wait(LONG_S)
+        return call()
+
+    async def scenario() -> None:
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(lambda _, told: faults.append(told))
+        caller = asyncio.create_task(aside(held))
+        await asyncio.to_thread(began.wait, LONG_S)
+        caller.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await caller  # at once: it does not wait for the thread
+        assert threads[0].is_alive()
+        if not ends_first:
+            free.set()
+            await asyncio.to_thread(threads[0].join, LONG_S)
+            for _ in range(3):
+                await asyncio.sleep(0)
+
+    asyncio.run(scenario())
+    free.set()
+    threads[0].join(LONG_S)
+    assert not threads[0].is_alive()
+    return faults
+
+
+@pytest.mark.parametrize("ends_first", [False, True])
+def test_who_waits_no_longer_hears_nothing(
+    ends_first: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unhandled: list[Any] = []
+    monkeypatch.setattr(threading, "excepthook", unhandled.append)
+
+    def fails() -> None:
+        raise ZeroDivisionError
+
+    for call in (lambda: 5, fails):
+        assert left_behind(call, ends_first=ends_first) == []
+    assert unhandled == []

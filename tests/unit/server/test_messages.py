@@ -1,0 +1,150 @@
+"""Messages as values: what may be in them, what stands for what is left out, and their schema."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.errors import BusyError
+from pdcd.runs import events
+from pdcd.runs.entry import MOST_RUNS
+from pdcd.server import messages
+from pdcd.server.messages import METHODS, JobParams, ListParams, ShowParams, SubscribeParams
+from pdcd.server.roles import Role
+
+OWN = [
+    kind
+    for kind in vars(messages).values()
+    if isinstance(kind, type)
+    and issubclass(kind, msgspec.Struct)
+    and kind.__module__ == messages.__name__
+]
+BY_NAME = ("Hello", "Admitted", "JobView", "Status", "GoalView", "ErrorData", "PlanParams",
+           "StartParams", "CalibrateParams")  # fmt: skip
+"""Messages of many fields, which are made by name only."""
+
+
+def taken(kind: type[msgspec.Struct], **params: Any) -> Any:
+    return msgspec.convert(params, kind)
+
+
+@pytest.mark.parametrize("kind", OWN, ids=lambda kind: kind.__name__)
+def test_a_message_is_a_value_that_does_not_change(kind: type[msgspec.Struct]) -> None:
+    assert kind.__struct_config__.frozen
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_parameters_refuse_what_is_misspelt(method: str) -> None:
+    kind = METHODS[method].params
+    assert kind.__struct_config__.forbid_unknown_fields and kind.__struct_config__.frozen
+    with pytest.raises(msgspec.ValidationError):
+        taken(kind, nonsense=1)
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_messages_of_many_fields_are_made_by_name(name: str) -> None:
+    kind = getattr(messages, name)
+    with pytest.raises(TypeError, match="positional"):
+        kind(*("x" for _ in kind.__struct_fields__))
+
+
+def test_what_is_left_out_is_the_cautious_thing() -> None:
+    plan, start = (taken(METHODS[f"capture.{n}"].params, goal="white") for n in ("plan", "start"))
+    assert (plan.queue, start.queue, start.detach) == (False, False, False)
+    calibrate = taken(METHODS["calibrate.start"].params)
+    assert (calibrate.queue, calibrate.detach) == (False, False)
+    shown = taken(ShowParams, pattern="white")
+    assert (shown.index, shown.detach) == (0, False)
+    assert (taken(ListParams).runs, taken(ListParams).find) == (0, None)
+    assert taken(SubscribeParams).jobs == "own"
+
+
+def test_a_calibration_is_passed_on_whole() -> None:
+    kind = METHODS["calibrate.start"].params
+    given = taken(kind, steps=["timing"], attended=True, queue=True, detach=True)
+    request = given.request()
+    assert (request.steps, request.attended) == (("timing",), True)
+    assert not hasattr(request, "queue") and not hasattr(request, "detach")
+
+
+@pytest.mark.parametrize(
+    ("kind", "good", "wrong"),
+    [
+        (JobParams, {"job": "x" * 64}, {"job": "x" * 65}),
+        (ListParams, {"runs": 0}, {"runs": -1}),
+        (ListParams, {"runs": MOST_RUNS}, {"runs": MOST_RUNS + 1}),
+        (ShowParams, {"pattern": "code", "index": 0}, {"pattern": "code", "index": -1}),
+        (
+            ShowParams,
+            {"pattern": "code", "index": 2**31 - 1},
+            {"pattern": "code", "index": 2**31},
+        ),
+    ],
+)
+def test_numbers_and_names_have_their_bounds(
+    kind: type[msgspec.Struct], good: dict[str, Any], wrong: dict[str, Any]
+) -> None:
+    made = taken(kind, **good)
+    assert {name: getattr(made, name) for name in good} == good
+    with pytest.raises(msgspec.ValidationError):
+        taken(kind, **wrong)
+
+
+def test_the_numbers_of_the_wire_are_those_that_were_agreed_on() -> None:
+    assert messages.PROTOCOL == (1, 3)
+    assert (messages.MAX_LINE, messages.MAX_FDS) == (1_048_576, 16)
+    # JSON-RPC 2.0, section 5.1.
+    assert messages.PARSE_ERROR == -32700 and messages.METHOD_NOT_FOUND == -32601
+    assert dict(messages.CODES) == {
+        "protocol": -32600, "config": -32602, "request": -32602, "internal": -32603,
+        "busy": -32001, "cancelled": -32002, "device_lost": -32003, "driver_unavailable": -32004,
+        "sync": -32005, "exposure": -32006, "decode": -32007, "no_space": -32008, "plan": -32009,
+        "denied": -32010, "disk": -32011, "calibration": -32012,
+    }  # fmt: skip
+
+
+def test_an_error_has_the_code_of_its_kind_or_the_one_that_is_asked_for() -> None:
+    error = BusyError("taken", device="display", hint="wait")
+    for code, wanted in ((None, -32001), (-32700, -32700), (0, 0)):
+        made = messages.error_object(error, code)
+        assert (made.code, made.message) == (wanted, "taken")
+        assert (made.data.kind, made.data.device, made.data.hint) == ("busy", "display", "wait")
+
+
+def test_roles_rise_and_only_captures_and_plans_take_descriptors() -> None:
+    assert [role.value for role in Role] == [1, 2, 3]
+    assert Role.LOOK < Role.SHOOT < Role.ADMINISTER
+    assert {n for n, m in METHODS.items() if m.takes_fds} == {"capture.plan", "capture.start"}
+    assert {m.role for m in METHODS.values()} == {Role.LOOK, Role.SHOOT}
+    with pytest.raises(TypeError):
+        METHODS["more"] = METHODS["ping"]  # type: ignore[index]
+    with pytest.raises(AttributeError):
+        METHODS["ping"].role = Role.LOOK  # type: ignore[misc]
+
+
+def test_what_is_sent_of_an_event_has_all_fields() -> None:
+    schema = copy.deepcopy(messages.schema())
+    assert messages.schema() is messages.schema()
+    for kind in events.TYPES.values():
+        sent = schema["$defs"][kind.__name__]
+        assert sorted(sent["required"]) == sorted(sent["properties"])
+        for name in events.COMMON:
+            assert "default" not in sent["properties"][name]
+    assert [*schema["notifications"]] == ["hello", "event"]
+    assert schema["notifications"]["hello"] == {"$ref": "#/$defs/Hello"}
+    assert schema["error"] == {"$ref": "#/$defs/ErrorObject"}
+    for name, method in METHODS.items():
+        leaf = schema["methods"][name]
+        assert leaf["params"] == {"$ref": f"#/$defs/{method.params.__name__}"}
+        assert leaf["result"] == {"$ref": f"#/$defs/{method.result.__name__}"}
+
+
+def test_only_numbers_of_others_are_made_plain() -> None:
+    class Odd:
+        """Neither."""
+
+    with pytest.raises(TypeError, match="Odd cannot be sent as JSON"):
+        messages.plain([Odd()])

@@ -1,0 +1,175 @@
+"""Requests: the bounds of every field, the first value beyond each, and what is left out."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdcd.request import (
+    ARRAYS,
+    LABELS,
+    CalibrateRequest,
+    CaptureRequest,
+    CaptureResult,
+    Goal,
+    How,
+    PlanSummary,
+    Quality,
+    Sent,
+    ShotSummary,
+    figure_of,
+    in_words,
+    job_time,
+    new_job_id,
+    quality_of,
+)
+
+TINY = 5e-324
+NAME = "x" * 4096
+BOUNDS: dict[str, tuple[list[Any], list[Any]]] = {
+    "goal": (["indirect", "transport"], ["", "Indirect", 1]),
+    "codes": ([1, 65536], [0, 65537, 1.5]),
+    "p": ([TINY, 0.999], [0.0, 1.0]),
+    "shift": ([[-65536, 65536]], [[-65537, 0], [0, 65537], [1], [1, 2, 3]]),
+    "radius": ([0, 65536], [-1, 65537]),
+    "mix": ([[-1e6, 1e6]], [[-1.1e6, 0.0], [0.0, 1.1e6], [1.0]]),
+    "period": ([4, 8, 65536], [0, 3, 6, 65540]),
+    "disparity": ([[-65536, 65536]], [[0, 65537]]),
+    "plane": ([[1e6] * 9, [-1e6] * 9], [[1.0] * 8, [1.1e6] * 9, [-1.1e6] * 9]),
+    "rows": ([[0, 0], [-65536, 65536]], [[0], [65537, 0]]),
+    "pilot": ([0, 4096, "auto"], [-1, 4097, "some"]),
+    "parts": ([1, 64, "auto"], [0, 65, "some"]),
+    "until_error": ([TINY, 0.999], [0.0, 1.0]),
+    "repeat": ([1, 1024], [0, 1025]),
+    "error": ([TINY, 0.999], [0.0, 1.0]),
+    "confidence": ([0.5, 0.999], [0.499, 1.0]),
+    "seconds": ([TINY, 86400.0], [0.0, 86401.0]),
+    "seed": ([0, 2**53 - 1], [-1, 2**53]),
+    "exposure_s": ([TINY, 3600.0], [0.0, 3601.0]),
+    "white_patch": ([[0.0, 1.0]], [[-0.001, 0.5], [0.5, 1.001], [0.5]]),
+    "prior": ([NAME], [NAME + "x"]),
+    "tags": ([["a"] * 16, ["x" * 40]], [["a"] * 17, ["x" * 41], [""], ["a\n"], ["-a"]]),
+    "name": (["x" * 80, "a (b), c"], ["x" * 81, "a/b", " a", "a ", "a\n", ""]),
+    "note": ([NAME, "two\nlines\t"], [NAME + "x", "\x1b[2J", "\u202e", "\x00", "\x7f"]),
+    **{array: ([NAME, [[1.0, -2.0]]], [NAME + "x", [["a"]]]) for array in ARRAYS},
+}  # fmt: skip
+FREE = {"family", "equal_brightness", "keep", "masked", "method", "smooth", "window", "guards",
+        "black_level", "normalise", "white", "out"}  # fmt: skip
+"""Fields of words and switches, whose types say all."""
+
+
+def asked(**fields: Any) -> CaptureRequest:
+    return msgspec.json.decode(
+        msgspec.json.encode({"goal": "indirect", **fields}), type=CaptureRequest
+    )
+
+
+def test_no_field_is_without_a_bound() -> None:
+    assert set(BOUNDS) | FREE == set(CaptureRequest.__struct_fields__)
+
+
+@pytest.mark.parametrize("field", BOUNDS)
+def test_values_are_taken_up_to_the_bound_and_refused_beyond(field: str) -> None:
+    good, bad = BOUNDS[field]
+    for value in good:
+        found = getattr(asked(**{field: value}), field)
+        assert msgspec.json.decode(msgspec.json.encode(found)) == value
+    for value in bad:
+        with pytest.raises(msgspec.ValidationError, match=field):
+            asked(**{field: value})
+
+
+def test_what_is_left_out_is_left_to_the_rig() -> None:
+    named = {"goal": "indirect", "method": "coded", "repeat": 1, "seed": 0, "white": True,
+             "equal_brightness": False, "tags": (), "note": ""}  # fmt: skip
+    found = asked()
+    for field in CaptureRequest.__struct_fields__:
+        assert getattr(found, field) == named.get(field), field
+    assert CalibrateRequest() == CalibrateRequest(steps=(), attended=False)
+
+
+@pytest.mark.parametrize("kind", [CaptureRequest, CalibrateRequest, Sent])
+def test_unknown_fields_are_refused(kind: type) -> None:
+    with pytest.raises(msgspec.ValidationError, match="unknown field"):
+        msgspec.json.decode(b'{"goal": "indirect", "gaol": 1}', type=kind)
+
+
+@pytest.mark.parametrize(
+    ("fields", "good"),
+    [
+        ({"fd": 0}, True), ({"fd": 63, "file": "a.npy"}, True), ({"fd": 64}, False),
+        ({"fd": -1}, False), ({"npy": ""}, True), ({"file": "x" * 255}, True),
+        ({"file": "x" * 256}, False),
+    ],
+)  # fmt: skip
+def test_arrays_come_by_few_descriptors_and_short_names(fields: Any, good: bool) -> None:
+    line = msgspec.json.encode(fields)
+    if good:
+        # What was not given is not written again.
+        assert msgspec.json.encode(msgspec.json.decode(line, type=Sent)) == line
+    else:
+        with pytest.raises(msgspec.ValidationError):
+            msgspec.json.decode(line, type=Sent)
+
+
+@pytest.mark.parametrize("kind", [CaptureRequest, CalibrateRequest, Goal, How, Sent, ShotSummary])
+def test_requests_are_values(kind: Any) -> None:
+    """Nobody changes one on its way, nor mistakes the order of its fields."""
+    config = kind.__struct_config__
+    assert config.frozen
+    with pytest.raises(TypeError):
+        kind("indirect")
+
+
+def test_how_photos_are_taken_unless_said() -> None:
+    how = How()
+    assert (how.codes, how.pilot, how.parts, how.repeat, how.buckets) == (128, 0, 1, 1, 1)
+    assert (how.method, how.family, how.black_level) == ("coded", "hadamard", "none")
+    assert how.white and not (how.structure or how.by_light or how.bars)
+    assert How(codes=64, pilot=16).coded == 48
+
+
+def test_priors_in_words_are_no_files() -> None:
+    assert in_words("scene:corner") and in_words("decay:4")
+    assert not any(map(in_words, ("corner.npz", " scene:corner", Sent(fd=0), None)))
+
+
+def test_figures_of_a_summary() -> None:
+    verdict = Quality(verdict="good")
+    summary: dict[str, Any] = {"quality": verdict, "codes": 128, "rms_error": None}
+    assert quality_of(summary) == verdict
+    assert quality_of({"quality": "good"}) is quality_of({}) is None
+    assert figure_of(summary, "codes") == 128
+    assert figure_of(summary, "quality") is figure_of(summary, "rms_error") is None
+    assert (verdict.reasons, verdict.remarks) == ((), ())
+    ended = CaptureResult(job="a", state="done")
+    assert (ended.folder, ended.manifest_sha256, ended.error) == (None, None, None)
+    assert (ended.files, ended.summary, ended.warnings) == ((), {}, ())
+
+
+def test_a_plan_says_nothing_that_it_does_not_know() -> None:
+    plan = PlanSummary(
+        goal="white", family="", codes=1, p=1.0, grid=(1, 1), window="whole", guards=False,
+        passes=1, shots=(), refreshes=1, seconds=1.0, light_share=1.0, raw_files=1,
+    )  # fmt: skip
+    assert (plan.schedule, plan.parts, plan.memory_bytes, plan.pilot) == ("full", 1, 0, 0)
+    assert (plan.pilot_cost, plan.prediction, plan.prior, plan.leaks) == (None,) * 4
+    assert (plan.reasons, plan.split, plan.black_level) == ((), (), "none")
+    shot = ShotSummary(name="a", codes=1, refreshes=1, exposure_s=1.0, light_share=1.0)
+    assert shot.exposures == 1
+
+
+def test_jobs_are_named_by_their_time_everywhere_the_same() -> None:
+    moment = datetime(2024, 2, 29, 23, 30, 5, tzinfo=timezone(timedelta(hours=-2)))
+    assert job_time(moment) == "20240301T013005Z"
+    first, second = new_job_id(), new_job_id()
+    assert first != second and len(first) == len("20240301T013005Z-12ab")
+    int(first.rpartition("-")[2], 16)
+
+
+def test_labels_say_what_is_taken() -> None:
+    assert set(LABELS) == {"name", "tags", "note"}
+    assert "16" in LABELS["tags"]

@@ -1,0 +1,152 @@
+"""Questions to the daemon, and the places that they take."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.errors import BusyError
+from pdcd.web import asks as module
+from pdcd.web import turns
+from pdcd.web.asks import Asks
+from pdcd.web.turns import Turns
+
+PATIENCE_S = 30.0
+
+
+class Held:
+    """Calls that last until they are let go; `began` counts them."""
+
+    def __init__(self) -> None:
+        self.free = threading.Event()
+        self.began = 0
+
+    def call(self, *told: Any) -> Any:
+        self.began += 1
+        assert self.free.wait(PATIENCE_S)
+        return told
+
+
+async def until(done: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not done():
+            await asyncio.sleep(0.001)
+
+
+def test_a_question_goes_over_a_connection_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Any] = []
+
+    class Client:
+        def __init__(self, socket: Path, timeout_s: float) -> None:
+            told.append((socket, timeout_s))
+
+        def __enter__(self) -> Client:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            told.append("closed")
+
+        def call(self, method: str, params: Any, *, timeout_s: float) -> str:
+            told.append((method, params, timeout_s))
+            return f"answer to {method}"
+
+    monkeypatch.setattr(module, "Client", Client)
+
+    async def scenario() -> None:
+        asks = Asks(Path("/there"))
+        assert await asks.ask("rig.status") == "answer to rig.status"
+        assert await asks.ask("capture.plan", {"a": 1}, answer_s=7.0) == "answer to capture.plan"
+        assert await asks.cancel("j") == "answer to capture.cancel"
+        await asks.close()
+
+    asyncio.run(scenario())
+    there = (Path("/there"), 5.0)
+    assert told == [
+        there, ("rig.status", None, 10.0), "closed",
+        there, ("capture.plan", {"a": 1}, 7.0), "closed",
+        there, ("capture.cancel", {"job": "j"}, 60.0), "closed",
+    ]  # fmt: skip
+
+
+def test_three_questions_at_a_time_and_one_more_to_cancel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(turns, "WAIT_S", 0.0)
+
+    async def scenario() -> None:
+        held, asks = Held(), Asks(Path("/there"))
+        monkeypatch.setattr(asks, "_call", held.call)
+        asked = [asyncio.create_task(asks.ask("plan", answer_s=n)) for n in range(3)]
+        await until(lambda: held.began == 3)
+        with pytest.raises(BusyError, match="too much is asked of the daemon at a time") as caught:
+            await asks.ask("plan")
+        assert caught.value.hint == "try again in a moment"
+        asked.append(asyncio.create_task(asks.cancel("j")))
+        await until(lambda: held.began == 4)
+        with pytest.raises(BusyError):
+            await asks.cancel("j")
+        held.free.set()
+        answers = await asyncio.gather(*asked)
+        assert answers == [*(("plan", None, n) for n in range(3)),
+                           ("capture.cancel", {"job": "j"}, module.ENGINE_S)]  # fmt: skip
+        await asks.close()
+
+    # A place that is free is had without any wait, so that a wait of no time finds it.
+    asyncio.run(scenario())
+
+
+def test_the_end_waits_for_no_answer() -> None:
+    held = Held()
+
+    async def scenario() -> None:
+        asks = Asks(Path("/there"))
+        asks._call = held.call  # type: ignore[assignment,method-assign]
+        asked = [asyncio.create_task(asks.ask("plan")), asyncio.create_task(asks.cancel("j"))]
+        await until(lambda: held.began == 2)
+        await asyncio.wait_for(asks.close(), PATIENCE_S)
+        ends = await asyncio.gather(*asked, return_exceptions=True)
+        assert [type(end) for end in ends] == [asyncio.CancelledError] * 2
+
+    try:
+        asyncio.run(scenario())
+    finally:
+        held.free.set()
+
+
+def test_a_call_whose_asker_has_left_fails_in_silence(caplog: pytest.LogCaptureFixture) -> None:
+    free = threading.Event()
+
+    def fails() -> None:
+        assert free.wait(PATIENCE_S)
+        raise ZeroDivisionError
+
+    async def scenario() -> None:
+        turn = Turns(1, "the disk")
+        asker = asyncio.create_task(turn.do(fails))
+        await until(lambda: bool(turn._open))
+        asker.cancel()
+        await asyncio.gather(asker, return_exceptions=True)
+        free.set()
+        await until(lambda: not turn._open)
+        assert await turn.do(str, 1) == "1"
+
+    with caplog.at_level(logging.ERROR):
+        asyncio.run(scenario())
+        gc.collect()
+    assert "never retrieved" not in caplog.text
+
+
+def test_what_is_done_is_no_longer_held() -> None:
+    async def scenario() -> None:
+        turn = Turns(2, "the disk")
+        assert [await turn.do(divmod, 7, 2), await turn.do(str)] == [(3, 1), ""]
+        await asyncio.sleep(0)
+        assert not turn._open
+        await turn.close()
+
+    asyncio.run(scenario())

@@ -1,0 +1,243 @@
+"""News at their limits: how many are remembered, when the state is asked for, and the end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdcd.runs import events
+from pdcd.web import news as module
+from pdcd.web.asks import Asks
+from pdcd.web.news import BEAT, News, TooMany
+
+
+class Slow(Asks):
+    """A daemon that answers when it is let; `asked` is how often it was asked."""
+
+    def __init__(self, *, answers: bool = True) -> None:
+        super().__init__(Path("/nowhere"))
+        self.asked = 0
+        self.free = asyncio.Event()
+        if answers:
+            self.free.set()
+
+    async def ask(self, method: str, params: object = None, **unused: object) -> Any:
+        assert method == "rig.status"
+        self.asked += 1
+        await self.free.wait()
+        return {"state": f"asked {self.asked}"}
+
+
+async def turns(count: int = 10) -> None:
+    """Let all that can go on go on."""
+    for _ in range(count):
+        await asyncio.sleep(0)
+
+
+def waiting(told: News) -> list[Any]:
+    """What waits for the only page."""
+    (queue,) = told._pages
+    found = []
+    while not queue.empty():
+        data = queue.get_nowait()
+        found.append(None if data is None else json.loads(data.removeprefix(b"data: ")))
+    return found
+
+
+def armed(number: int, job: str = "one") -> events.Event:
+    return events.Armed(job=job, shot=f"s{number}", frames=9)
+
+
+def test_the_last_hundred_events_are_remembered() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), Slow())
+        for number in range(101):
+            told._heard(armed(number))
+        page = told.page()
+        await anext(page)
+        assert [message["shot"] for message in waiting(told)] == [f"s{n}" for n in range(1, 101)]
+        await page.aclose()
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_a_page_may_leave_256_messages_unread_and_thinned_ones_half_of_that() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), Slow())
+        page = told.page()
+        await anext(page)
+        for number in range(256):
+            told._heard(armed(number))
+        (queue,) = told._pages
+        assert queue.qsize() == 256
+        told._heard(armed(256))
+        assert waiting(told) == [None]  # it is given up, and reads nothing more
+        for frame in range(200):
+            told._heard(events.Progress(job="one", shot="s", frame=frame, frames=900, missed=0))
+        assert queue.qsize() == 128
+        await page.aclose()
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_eight_pages_are_told_news() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), Slow())
+        pages = [told.page() for _ in range(8)]
+        for page in pages:
+            assert (await anext(page)).endswith(b"\n\n")
+        with pytest.raises(TooMany):
+            await anext(told.page())
+        for page in pages:
+            await page.aclose()
+        assert not told._pages
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_a_page_to_which_nothing_is_told_gets_signs_of_life(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "BEAT_S", 0.0)
+
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), Slow())
+        page = told.page()
+        assert json.loads((await anext(page)).removeprefix(b"data: "))["what"] == "state"
+        assert [await anext(page) for _ in range(3)] == [BEAT] * 3
+        assert BEAT.startswith(b":") and BEAT.endswith(b"\n\n")  # a comment, and its end
+        await page.aclose()
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("event", "asks"),
+    [
+        (events.Queued(job="one", ahead=0), 1),
+        (events.Started(job="one", goal="white"), 1),
+        (events.Done(job="one"), 1),
+        (events.Armed(job="one", shot="s", frames=9), 0),
+        (events.Progress(job="one", shot="s", frame=1, frames=9, missed=0), 0),
+    ],
+)
+def test_the_state_is_asked_for_when_a_job_comes_begins_or_ends(
+    event: events.Event, asks: int
+) -> None:
+    async def scenario() -> None:
+        daemon = Slow()
+        told = News(Path("/nowhere"), daemon)
+        told._heard(event)
+        await turns()
+        assert daemon.asked == asks
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_the_state_is_asked_for_once_more_where_it_may_have_changed_meanwhile() -> None:
+    async def scenario() -> None:
+        daemon = Slow(answers=False)
+        told = News(Path("/nowhere"), daemon)
+        page = told.page()
+        await anext(page)
+        told._arrived()
+        await turns()
+        for _ in range(3):
+            told._heard(events.Queued(job="one", ahead=0))
+        assert daemon.asked == 1
+        daemon.free.set()
+        await turns()
+        assert daemon.asked == 2
+        states = [m["status"]["state"] for m in waiting(told) if m["what"] == "state"]
+        assert states == ["asked 1", "asked 2"]
+        await turns()
+        assert daemon.asked == 2
+        await page.aclose()
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_a_state_of_a_daemon_that_has_gone_meanwhile_is_not_told() -> None:
+    async def scenario() -> None:
+        daemon = Slow(answers=False)
+        told = News(Path("/nowhere"), daemon)
+        page = told.page()
+        await anext(page)
+        told._arrived()
+        await turns()
+        told._gone("unplugged")
+        daemon.free.set()
+        await turns()
+        (gone,) = waiting(told)
+        assert (gone["here"], gone["why"], gone["status"]) == (False, "unplugged", None)
+        assert told._state()["status"] is None
+        await page.aclose()
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_a_fault_of_ours_in_asking_is_no_daemon_that_is_away() -> None:
+    class Faulty(Slow):
+        async def ask(self, method: str, params: object = None, **unused: object) -> Any:
+            raise ZeroDivisionError
+
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), Faulty())
+        told._arrived()
+        assert told._refresh is not None
+        with pytest.raises(ZeroDivisionError):
+            await told._refresh
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_what_is_told_of_a_job_that_still_runs_is_kept_when_another_one_comes() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), Slow())
+        ends = (
+            events.Done(job="two"),
+            events.Failed(job="three", error={"kind": "sync", "message": "late"}),
+            events.Cancelled(job="four"),
+        )
+        for event in (armed(1), armed(2, "two"), armed(3, "three"), armed(4, "four"), *ends):
+            told._heard(event)
+        told._heard(events.Progress(job="one", shot="s", frame=1, frames=9, missed=0))
+        told._heard(armed(5, "five"))  # no job begins
+        assert len(told._events) == 9
+        told._heard(events.Queued(job="six", ahead=1))
+        assert [(m["job"], m["type"]) for _, m in told._events] == [
+            ("one", "armed"), ("one", "progress"), ("five", "armed"), ("six", "queued"),
+        ]  # fmt: skip
+        told._heard(events.Queued(job="six", ahead=0))  # the same one again: nothing is forgotten
+        assert len(told._events) == 5
+        await told.close()
+
+    asyncio.run(scenario())
+
+
+def test_the_end_comes_though_the_daemon_does_not_answer() -> None:
+    async def scenario() -> None:
+        told = News(Path("/nowhere"), Slow(answers=False))
+        page = told.page()
+        await anext(page)
+        told._arrived()
+        await turns()
+        await told.close()
+        assert told._refresh is not None and told._refresh.cancelled()
+        assert told._ended.is_set()
+        with pytest.raises(StopAsyncIteration):
+            await anext(page)
+
+    asyncio.run(scenario())

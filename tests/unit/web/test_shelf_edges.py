@@ -1,0 +1,127 @@
+"""Runs on disk at the limits of what the page is shown of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pdcd.errors import RequestError
+from pdcd.web.shelf import Shelf
+from tests.run_folders import finished, job
+from tests.unit.web.test_web_shelf import JOB, OTHER, run
+
+
+def test_the_newest_hundred_runs_are_listed_the_newest_first(tmp_path: Path) -> None:
+    names = [job(second, day) for day in (1, 2) for second in range(51)]
+    for name in names:
+        finished(tmp_path / "captures", name)
+    found = Shelf(tmp_path).runs()
+    assert [one.job for one in found] == names[:1:-1] and len(found) == 100
+    assert all(one.entry is not None and one.entry.job == one.job for one in found)
+    assert not any(one.pictures or one.report for one in found)
+
+
+def test_of_a_run_two_hundred_pictures_are_looked_at(tmp_path: Path) -> None:
+    folder = run(tmp_path, JOB) / "preview"
+    for number in range(198):
+        (folder / f"more{number}.png").touch()
+    assert len(Shelf(tmp_path).run(JOB).pictures) == 200
+
+
+def test_the_goal_comes_first_and_what_still_goes_on_last(tmp_path: Path) -> None:
+    folder = run(tmp_path, JOB) / "preview"
+    for name in ("running", "zoom", "a.b", "x" * 65, "y" * 64):
+        (folder / f"{name}.png").touch()
+    (folder / "notes.txt").touch()
+    wanted = ("indirect", "direct", "white", "y" * 64, "zoom", "running")
+    assert Shelf(tmp_path).run(JOB).pictures == wanted
+
+
+def test_a_calibration_has_pictures_and_no_entry_finished_or_not(tmp_path: Path) -> None:
+    run(tmp_path, JOB, "calibrations")
+    (run(tmp_path, f"{OTHER}.partial", "calibrations") / "report.html").write_text("<p>c")
+    shelf = Shelf(tmp_path)
+    for name, report in ((JOB, False), (OTHER, True)):
+        found = shelf.run(name)
+        assert (found.job, found.entry, found.report) == (name, None, report)
+        assert found.pictures == ("direct", "indirect", "white")
+        assert shelf.picture(name, "white") == b"white"
+    assert shelf.report(OTHER) == b"<p>c"
+
+
+def test_a_run_without_pictures_has_none(tmp_path: Path) -> None:
+    finished(tmp_path / "captures", JOB)
+    folder = finished(tmp_path / "captures", OTHER)
+    (folder / "preview").write_text("no folder")
+    for name in (JOB, OTHER):
+        assert Shelf(tmp_path).run(name).pictures == ()
+
+
+def test_a_report_that_is_a_link_is_none(tmp_path: Path) -> None:
+    (tmp_path / "page.html").write_text("<p>")
+    (run(tmp_path, JOB) / "report.html").symlink_to(tmp_path / "page.html")
+    shelf = Shelf(tmp_path)
+    assert not shelf.run(JOB).report and [one.report for one in shelf.runs()] == [False]
+    with pytest.raises(RequestError):
+        shelf.report(JOB)
+
+
+def test_what_cannot_be_had_is_said_with_the_reason(tmp_path: Path) -> None:
+    folder = run(tmp_path, JOB)
+    with (folder / "report.html").open("wb") as file:
+        file.truncate(2**26 + 1)
+    with (folder / "preview" / "large.png").open("wb") as file:
+        file.truncate(2**25 + 1)
+    shelf = Shelf(tmp_path)
+    for wrong, what in (
+        (lambda: shelf.picture(JOB, "none"), f"preview/none.png of {JOB} .*: No such file"),
+        (lambda: shelf.picture(JOB, "large"), "it has 33554433 bytes, more than the 33554432"),
+        (lambda: shelf.report(JOB), "it has 67108865 bytes, more than the 67108864"),
+        (lambda: shelf.picture(JOB, "../x"), "no picture is called that"),
+        (lambda: shelf.run("x"), "no run is called that"),
+        (lambda: shelf.run(OTHER), f"no run is called '{OTHER}'"),
+    ):
+        with pytest.raises(RequestError, match=what):
+            wrong()
+
+
+def test_faults_of_ours_are_not_taken_for_what_lies_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tmp_path, JOB)
+    shelf = Shelf(tmp_path)
+    place = f"captures/{JOB}"
+    assert shelf._pictures(place, None) and not shelf._has_report(place)
+
+    def fault(*_: object) -> None:
+        raise ZeroDivisionError
+
+    for name in ("opened_run", "read_file"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"pdcd.web.shelf.{name}", fault)
+            with pytest.raises(ZeroDivisionError):
+                shelf.picture(JOB, "white")
+            if name == "opened_run":
+                for look in (lambda: shelf._has_report(place), lambda: shelf._pictures(place, "")):
+                    with pytest.raises(ZeroDivisionError):
+                        look()
+
+
+@pytest.mark.parametrize("error", [OSError(5, "the disk is ill"), ValueError("a null byte")])
+def test_a_disk_that_fails_half_way_shows_nothing_of_a_run(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (run(tmp_path, JOB) / "report.html").write_text("<p>")
+    shelf = Shelf(tmp_path)
+
+    def fails(*_: object) -> None:
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pdcd.web.shelf.opened_run", fails)
+        assert shelf._pictures(f"captures/{JOB}", "white") == ()
+        assert not shelf._has_report(f"captures/{JOB}")
+    monkeypatch.setattr("pdcd.web.shelf.read_file", fails)
+    with pytest.raises(RequestError, match=r"the disk is ill|a null byte"):
+        shelf.picture(JOB, "white")
