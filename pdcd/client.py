@@ -151,18 +151,7 @@ class Client:
             self.call("events.subscribe", {"jobs": "own"})
         params = {**msgspec.to_builtins(request), "detach": detach, "queue": queue}
         request_id = self._send_with(arrays, "capture.start", params)
-        try:
-            started = _typed(self._answer(request_id, INTAKE_TIMEOUT_S, on_event), Admitted)
-        except KeyboardInterrupt:
-            # The job's first events may come before the answer that names it.
-            late = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
-            return self._result("capture.cancel", late.job, on_event)
-        if detach:
-            return CaptureResult(job=started.job, state=started.state)
-        try:
-            return self._wait(started.job, on_event)
-        except KeyboardInterrupt:
-            return self._result("capture.cancel", started.job, on_event)
+        return self._see_through(request_id, on_event, on_event, detach=detach)
 
     def calibrate(
         self,
@@ -178,20 +167,16 @@ class Client:
         returns when it is done. On KeyboardInterrupt the job is cancelled, and its end awaited.
         """
         self.call("events.subscribe", {"jobs": "own"})
-        params = {**msgspec.to_builtins(request), "queue": queue}
-        job = _typed(self.call("calibrate.start", params), Admitted).job
 
         def hear(event: Event) -> None:
             if on_event is not None:
                 on_event(event)
             if isinstance(event, Attention) and answer is not None:
                 answer(event.text)
-                self._send("calibrate.proceed", {"job": job})
+                self._send("calibrate.proceed", {"job": event.job})
 
-        try:
-            return self._wait(job, hear)
-        except KeyboardInterrupt:
-            return self._result("capture.cancel", job, on_event)
+        params = {**msgspec.to_builtins(request), "queue": queue}
+        return self._see_through(self._send("calibrate.start", params), hear, on_event)
 
     def wait(self, job: str, on_event: OnEvent | None = None) -> CaptureResult:
         """Wait for the end of any job; `on_event` gets the events of this job from now on."""
@@ -279,6 +264,28 @@ class Client:
                 " (start one with pdcd serve, or name its socket with --socket)"
             ) from err
         return True
+
+    def _see_through(
+        self,
+        request_id: int,
+        hear: OnEvent | None,
+        on_event: OnEvent | None,
+        *,
+        detach: bool = False,
+    ) -> CaptureResult:
+        """Wait for a job that was just asked for: `hear` gets its events. KeyboardInterrupt
+        cancels it: then `on_event` gets them."""
+        started = None
+        try:
+            # The job's first events may come before the answer that names it.
+            started = _typed(self._answer(request_id, INTAKE_TIMEOUT_S, hear), Admitted)
+            if detach:
+                return CaptureResult(job=started.job, state=started.state)
+            return self._wait(started.job, hear)
+        except KeyboardInterrupt:
+            if started is None:
+                started = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
+            return self._result("capture.cancel", started.job, on_event)
 
     def _wait(self, job: str, on_event: OnEvent | None) -> CaptureResult:
         return self._result("capture.wait", job, on_event)

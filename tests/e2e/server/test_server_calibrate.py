@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import socket
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
 from pdcd.client import Client
 from pdcd.request import CalibrateRequest
-from pdcd.runs.events import Event
+from pdcd.runs.events import Attention, Event
+from pdcd.server.messages import PROTOCOL, ClockAnchor, Hello
 from tests.e2e.server._server_harness import daemon, threaded_daemon
 from tests.e2e.server._users import ANNA, BERT, Users
+from tests.e2e.server.test_server_client import scripted
 from tests.e2e.server.test_server_places import OPEN
 
 
@@ -26,6 +32,48 @@ def test_it_waits_for_somebody_and_goes_on_when_told(tmp_path: Path) -> None:
     assert (view.kind, view.goal) == ("calibrate", "light geometry")
     told = [event.type for event in heard]
     assert told == ["queued", *["step_begun", "attention", "step_ended"] * 2, "done"]
+
+
+ATTENTION = msgspec.to_builtins(
+    Attention(job="a", seq=1, text="put up the card", now=None, best=None)
+)
+
+
+def told(peer: socket.socket, *lines: dict[str, Any]) -> None:
+    peer.sendall(
+        b"".join(json.dumps({"jsonrpc": "2.0", **line}).encode() + b"\n" for line in lines)
+    )
+
+
+def test_events_before_the_answer_that_names_the_job_are_heard(tmp_path: Path) -> None:
+    asked: list[str] = []
+    heard: list[Event] = []
+    methods: list[tuple[str, Any]] = []
+
+    def serve(peer: socket.socket) -> None:
+        clock = ClockAnchor(0, "2026-01-01T00:00:00Z")
+        hello = Hello(
+            server="pdcd", version="0", protocol=PROTOCOL, max_line=2**20, drivers={},
+            state="idle", clock=clock,
+        )  # fmt: skip
+        told(peer, {"method": "hello", "params": msgspec.to_builtins(hello)})
+        with peer, peer.makefile("rb") as lines:
+            for line in lines:
+                asks = json.loads(line)
+                methods.append((asks["method"], asks["params"].get("job")))
+                answer = {"id": asks["id"], "result": {"job": "a", "state": "queued"}}
+                if asks["method"] == "calibrate.start":
+                    told(peer, {"method": "event", "params": ATTENTION}, answer)
+                elif asks["method"] != "calibrate.proceed":
+                    told(peer, answer)
+
+    with scripted(tmp_path / "s", serve) as path, Client(path) as client:
+        request = CalibrateRequest(steps=("light",), attended=True)
+        assert client.calibrate(request, on_event=heard.append, answer=asked.append).job == "a"
+    assert asked == ["put up the card"] and [event.type for event in heard] == ["attention"]
+    assert methods[1:] == [
+        ("calibrate.start", None), ("calibrate.proceed", "a"), ("capture.wait", "a"),
+    ]  # fmt: skip
 
 
 def test_while_it_waits_it_can_be_cancelled_and_others_wait(tmp_path: Path) -> None:
