@@ -8,7 +8,6 @@ Only such pairs are computed, tile by tile, as products of small matrices.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,7 @@ from pdcd.frames.curve import power
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.optics.histories import Histories
 from pdcd.optics.sites import PanelSites
-from pdcd.probing.panel import Panel, Trajectory
+from pdcd.probing.panel import Kept, Panel, Trajectory
 from pdcd.probing.spans import Times, frame_spans, met, span_weights
 from pdcd.scene.effects import Array, Effect
 
@@ -29,6 +28,8 @@ Numbers = NDArray[np.int64]
 
 CHUNK_BYTES = 48 * 2**20
 """Largest array of spans that is worked on at a time."""
+KEPT_BYTES = 128 * 2**20
+"""Most that what the mask did is kept in."""
 COLOURS = 3
 LINEAR = 1.0
 """Gamma of a panel of which nothing else is said."""
@@ -113,27 +114,35 @@ class Products:
             np.zeros((indirect.mask.size, COLOURS)),
             np.zeros(len(self._d_sites)),
         )
+        pairs = _blocks(direct, self._d_sites, self._p_sites)
+        cells = _blocks(indirect, self._d_sites, None) if self._effects else {}
+        kept = self._kept_tracks()
         for p_band in range(self._p_sites.delay_ns.size):
-            self._add_band(out, direct, indirect, p_band)
+            masks = [
+                _Mask(
+                    self._d_sites.in_band(band),
+                    starts,
+                    track,
+                    pairs.get((p_band, band), []),
+                    cells.get((0, band), []),
+                )
+                for band, (starts, track) in enumerate(kept or self._mask_tracks())
+            ]
+            self._add_band(out, p_band, masks)
         if self._exposure.covered:
             out.direct[:] = out.indirect[:] = 0.0
         return out
 
-    def _add_band(self, out: Tables, direct: Pairs, indirect: Pairs, p_band: int) -> None:
+    def _add_band(self, out: Tables, p_band: int, masks: list[_Mask]) -> None:
         """Add what one band of the projector's rows brings."""
         lit = self._p_sites.in_band(p_band)
         p_rows, p_starts, p_track = self._track(p_band, mask=False)
-        masks = []
-        for band in range(self._d_sites.delay_ns.size):
-            part = self._d_sites.in_band(band)
-            _, starts, track = self._track(band, mask=True)
-            weights, opens = span_weights(
-                self._primal, self._dual, p_starts, starts, exposure_ns=self._exposed_ns
+        overlaps = [
+            span_weights(
+                self._primal, self._dual, p_starts, mask.starts, exposure_ns=self._exposed_ns
             )
-            tile = self._d_sites.tile
-            pairs = list(_blocks(direct, tile, part, lit))
-            cells = list(_blocks(indirect, tile, part, None)) if self._effects else []
-            masks.append(_Mask(part, track, weights, opens, pairs, cells))
+            for mask in masks
+        ]
         widest = max(len(self._d_sites), lit.stop - lit.start, self._spread.shape[1])
         fields = p_track.fields
         step = max(1, CHUNK_BYTES // (8 * widest * fields))
@@ -142,10 +151,9 @@ class Products:
             stop = min(start + step, len(p_rows))
             right = p_track.take(start, stop).reshape((stop - start) * fields, -1)
             found = []
-            for mask in masks:
-                rows = mask.weights[start * fields : stop * fields]
-                opens = mask.opens[start:stop].sum(axis=0)
-                left, alive, open_s = met(right, mask.track, rows, opens)
+            for mask, (weights, opens) in zip(masks, overlaps, strict=True):
+                rows = weights[start * fields : stop * fields]
+                left, alive, open_s = met(right, mask.track, rows, opens[start:stop].sum(axis=0))
                 if p_band == 0:
                     out.open_s[mask.part] += open_s
                 found.append((mask, left, alive))
@@ -187,6 +195,21 @@ class Products:
     def _exposed_ns(self) -> int:
         return self._exposure.close_ns - self._exposure.open_ns
 
+    def _mask_tracks(self) -> list[tuple[Times, Trajectory | Kept]]:
+        """Starts and levels of the spans of each band of the mask."""
+        return [self._track(band, mask=True)[1:] for band in range(self._d_sites.delay_ns.size)]
+
+    def _kept_tracks(self) -> list[tuple[Times, Trajectory | Kept]] | None:
+        """The same, to be taken for one band of the projector after the other; None where that
+        would take too much memory."""
+        spans = self._exposure.log.dual_ns.size + 2
+        needed = 8 * spans * self._dual.rates.size * len(self._d_sites)
+        if self._p_sites.delay_ns.size == 1 or needed > KEPT_BYTES:
+            return None
+        bands = range(self._d_sites.delay_ns.size)
+        tracks = (self._track(band, mask=True)[1:] for band in bands)
+        return [(starts, Kept(track)) for starts, track in tracks]
+
     def _track(self, band: int, *, mask: bool) -> tuple[list[int], Times, Trajectory]:
         """Rows, starts and levels of the spans of one band of a panel."""
         frames, log = self._exposure.frames, self._exposure.log
@@ -227,33 +250,38 @@ class _Block:
         table[self.where] += product if tint is None else product[:, None] * tint
 
 
-def _blocks(pairs: Pairs, tile: Numbers, opened: slice, lit: slice | None) -> Iterator[_Block]:
-    """The pairs of some mask sites, and of some projector sites if said, tile by tile."""
-    inside = (pairs.mask >= opened.start) & (pairs.mask < opened.stop)
-    first = 0
-    if lit is not None:
-        inside &= (pairs.other >= lit.start) & (pairs.other < lit.stop)
-        first = lit.start
-    found = np.flatnonzero(inside)
-    where = found[np.argsort(tile[pairs.mask[found]], kind="stable")]
-    edges = np.flatnonzero(np.diff(tile[pairs.mask[where]])) + 1
-    for part in np.split(where, edges):
-        if part.size:
-            rows, row = np.unique(pairs.mask[part] - opened.start, return_inverse=True)
-            columns, column = np.unique(pairs.other[part] - first, return_inverse=True)
-            yield _Block(part, rows, columns, row, column)
+def _blocks(
+    pairs: Pairs, opened: PanelSites | Histories, lit: PanelSites | Histories | None
+) -> dict[tuple[int, int], list[_Block]]:
+    """The pairs by the bands of the projector and of the mask, tile by tile; all are of one band of
+    the projector where no sites of it are given."""
+    band = opened.band[pairs.mask]
+    p_band = np.zeros_like(band) if lit is None else lit.band[pairs.other]
+    keys = opened.tile[pairs.mask], band, p_band
+    order = np.lexsort(keys)
+    changes = np.any([np.diff(key[order]) != 0 for key in keys], axis=0)
+    found: dict[tuple[int, int], list[_Block]] = {}
+    for where in np.split(order, np.flatnonzero(changes) + 1):
+        if where.size:
+            at = int(p_band[where[0]]), int(band[where[0]])
+            first = 0 if lit is None else lit.in_band(at[0]).start
+            rows, row = np.unique(
+                pairs.mask[where] - opened.in_band(at[1]).start, return_inverse=True
+            )
+            columns, column = np.unique(pairs.other[where] - first, return_inverse=True)
+            found.setdefault(at, []).append(_Block(where, rows, columns, row, column))
+    return found
 
 
 @dataclass(frozen=True)
 class _Mask:
     """One band of the mask's rows: its sites and their histories, and the pairs that they are in.
 
-    weights, opens : as `span_weights` has them, with one band of the projector.
+    starts : of its spans.
     """
 
     part: slice
-    track: Trajectory
-    weights: scipy.sparse.csr_array
-    opens: scipy.sparse.csr_array
+    starts: Times
+    track: Trajectory | Kept
     direct: list[_Block]
     indirect: list[_Block]

@@ -113,6 +113,11 @@ class Trajectory:
         return self._fields
 
     @property
+    def spans(self) -> int:
+        """Spans of the exposure."""
+        return int(self._starts_ns.size)
+
+    @property
     def pixels(self) -> int:
         """Pixels of the panel, P."""
         return int(self._state.size)
@@ -157,10 +162,36 @@ class Trajectory:
         if self.fields == 3:
             np.multiply(deviation, ~rising, out=fields[2])
             deviation *= rising
-        if span + 1 < self._starts_ns.size:
+        if span + 1 < self.spans:
             elapsed_s = (self._starts_ns[span + 1] - self._starts_ns[span]) * 1e-9
             left = np.exp(-panel.rates[1:] * elapsed_s)
             self._state = level + left @ fields[1:]
+
+
+class Kept:
+    """All spans of a trajectory, to be taken in any order and more than once."""
+
+    def __init__(self, track: Trajectory) -> None:
+        self._fields = track.take(0, track.spans)
+
+    @property
+    def fields(self) -> int:
+        """Fields of one span."""
+        return int(self._fields.shape[1])
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of the panel, P."""
+        return int(self._fields.shape[2])
+
+    @property
+    def reached(self) -> int:
+        """Any span may be taken: the end."""
+        return len(self._fields)
+
+    def take(self, start: int, stop: int) -> Floats:
+        """Fields of spans start..stop-1, (stop - start, fields, P) float64: a view."""
+        return self._fields[start:stop]
 
 
 def decay_integral(rate: Floats, duration_s: Floats) -> Floats:

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from pdcd.frames.curve import Curve, light_of
 from pdcd.frames.frames import BLACK, WHITE, Frames
 from pdcd.frames.lattice import Lattice
-from pdcd.probing.panel import Panel, Trajectory, decay_integral
+from pdcd.probing.panel import Kept, Panel, Trajectory, decay_integral
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 
 def met(
-    right: Floats, d_track: Trajectory, rows: scipy.sparse.csr_array, opens: Floats
+    right: Floats, d_track: Trajectory | Kept, rows: scipy.sparse.csr_array, opens: Floats
 ) -> tuple[Floats, NDArray[np.bool_], Floats]:
     """What some spans of the projector meet on the mask, pixel by pixel of either.
 
