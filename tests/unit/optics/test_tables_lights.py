@@ -23,6 +23,7 @@ from pdcd.optics.products import Exposure, Pairs, distinct
 from pdcd.optics.setting import Setting, falloff
 from pdcd.optics.sites import Kind, PanelSites
 from pdcd.optics.spread import CellLight
+from pdcd.probing.panel import Kept, Trajectory
 from pdcd.scene.effects import Dense, coloured_direct, rgb
 from pdcd.scene.scene import Scene
 from tests.unit.optics.test_bench import coded, config_of, exposure_of, scene_of, white
@@ -203,3 +204,34 @@ def test_finer_quads_are_needed_where_there_is_something_finer(
     assert (bench is not None) is needed
     if bench is not None:
         assert bench.frame == (6, 8)
+
+
+def test_photos_are_the_same_whether_what_the_mask_did_is_kept_or_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slow = PanelConfig(size_px=(96, 72), rise_s=0.002, fall_s=0.005, contrast=80.0)
+    scanned = msgspec.structs.replace(slow, scan_s=0.012, scan_bands=5)
+    late = msgspec.structs.replace(slow, scan_s=-0.009, scan_bands=3, skew_s=0.004)
+    config = config_of(projector=scanned, mask=late, camera=CameraConfig(frame_quads=(21, 15)))
+    bench = optics_of(config, scene_of())
+    assert bench is not None
+    kept = count_kept(monkeypatch)
+    exposure = exposure_of(coded(np.random.default_rng(1)))
+    once = bench.photo(exposure)
+    assert kept == [True] * 3
+    monkeypatch.setattr(products, "KEPT_BYTES", 0)
+    np.testing.assert_array_equal(bench.photo(exposure), once)
+    assert kept == [True] * 3
+
+
+def count_kept(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """An entry for each band of the mask that was kept."""
+    found: list[bool] = []
+
+    class Counted(Kept):
+        def __init__(self, track: Trajectory) -> None:
+            super().__init__(track)
+            found.append(True)
+
+    monkeypatch.setattr(products, "Kept", Counted)
+    return found
