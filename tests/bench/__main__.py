@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tests.bench import (
     alternatives,
+    calibrating,
     camera,
     closed_form,
     code_error,
@@ -42,6 +43,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
     throughput.run,
     camera.run,
     pixels.run,
+    calibrating.run,
     presenter.section,
     hard.run,
 )
