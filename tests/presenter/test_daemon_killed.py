@@ -107,7 +107,7 @@ def presenter_of(daemon_pid: int) -> int:
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes().split(b"\0")
-            parent = (entry / "stat").read_text().rpartition(")")[2].split()[1]
+            parent = (entry / "stat").read_bytes().rpartition(b")")[2].split()[1]
         except OSError:  # it has ended meanwhile
             continue
         if b"pdcd.presenter" in words and int(parent) == daemon_pid:

@@ -18,10 +18,12 @@ def family(pid: int) -> dict[int, str]:
     for entry in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):  # it has ended meanwhile
             number = int(entry.name)
-            state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
-            if state != "Z":
+            # Strangers may have any bytes for a name.
+            state, parent = (entry / "stat").read_bytes().rpartition(b")")[2].split()[:2]
+            if state != b"Z":
                 parents[number] = int(parent)
-                words[number] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+                line = (entry / "cmdline").read_bytes().replace(b"\0", b" ")
+                words[number] = line.decode(errors="replace")
     found = {pid} & words.keys()
     while more := {n for n, parent in parents.items() if parent in found} - found:
         found |= more
@@ -46,7 +48,7 @@ def gone(pids: set[int], within_s: float) -> set[int]:
 def _alive(pid: int) -> bool:
     folder = Path(f"/proc/{pid}")
     try:
-        if (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
+        if (folder / "stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z":
             return True
         # Its first thread may be gone before the others: its parent cannot know of its end yet.
         return len(list((folder / "task").iterdir())) > 1

@@ -53,6 +53,17 @@ def test_a_family_is_seen_and_its_end_too() -> None:
         assert processes.gone({child.pid}, 10.0) == set()
 
 
+def test_processes_may_have_any_bytes_for_a_name() -> None:
+    strange = "open('/proc/self/comm', 'wb').write(b'\\xff) Z'); input()"
+    with subprocess.Popen([sys.executable, "-c", strange, b"\xff"], stdin=subprocess.PIPE) as child:
+        comm = Path(f"/proc/{child.pid}/comm")
+        while not comm.read_bytes().startswith(b"\xff"):
+            time.sleep(0.01)
+        assert child.pid in processes.family(os.getpid())
+        assert processes.gone({child.pid}, 0.0) == {child.pid}
+        child.communicate(b"\n")
+
+
 def test_the_table_tells_counts_and_names_what_broke(tmp_path: Path) -> None:
     tally = Tally(captures=3, kills=2, answers_s=[0.001] * 98 + [0.2, 0.4])
     tally.row("kill -9 the daemon").ends["failed"] += 1
