@@ -313,18 +313,27 @@ class EosCamera:
         self.choices.clear()
         self.files.clear()
         self._done.clear()
-        self._must(Operation.EOS_SET_REMOTE_MODE, 1)
-        self._must(Operation.EOS_SET_EVENT_MODE, 1)
-        if not self._heard(lambda: Property.ISO in self.choices):
-            raise OutOfStep("does not tell its settings")
-        info = self.session.info
-        if info is not None:
-            self.bulb.new_session(choose_method(info, self.options.release))
+        try:
+            self._must(Operation.EOS_SET_REMOTE_MODE, 1)
+            self._must(Operation.EOS_SET_EVENT_MODE, 1)
+            if not self._heard(lambda: Property.ISO in self.choices):
+                raise OutOfStep("does not tell its settings")
+        except PdcdError:
+            with suppress(PdcdError):  # it may be exposing, and close though it does nothing else
+                self._begin_closed()
+            raise
+        self._begin_closed()
         self.set_value(Property.CAPTURE_DESTINATION, self._destination(), "the destination")
         if self.options.destination == "ram":
             self._must(Operation.EOS_PC_HDD_CAPACITY, *PC_HDD_ROOM)
             self._heard(lambda: self.values.get(Property.AVAILABLE_SHOTS) != 0)  # counted anew
         self._set_raw()
+
+    def _begin_closed(self) -> None:
+        """Close a shutter that was left open, in the way that this body has."""
+        info = self.session.info
+        if info is not None:
+            self.bulb.new_session(choose_method(info, self.options.release))
 
     def _throw_away(self, count: int) -> bool:
         """Discard the oldest waiting photos: what waits while the shutter is open is older.
