@@ -60,6 +60,9 @@ class Session:
 
     def __init__(self, options: Options, alive: Callable[[], object] = lambda: None) -> None:
         self.options = options
+        self.photo_due_ns: int | None = None
+        """Until when the photo of an exposure that nobody has fetched may yet come; None where all
+        were fetched."""
         self._alive = alive
         self._users: set[str] = set()
         self._camera: Any = None

@@ -178,6 +178,40 @@ def test_a_second_photo_in_that_time_is_refused_and_a_third_not_waited_for(armed
     assert not (armed.root / "shot.cr2").exists()
 
 
+@pytest.mark.parametrize(
+    ("late_s", "waited_s"),
+    [
+        (0.0, 0.05),  # it waits already
+        (2.0, 2.0),
+        (24.0, 24.0),  # noise reduction takes the exposure once more
+        (None, 25.0),
+    ],
+)
+def test_the_photo_of_an_exposure_that_was_given_up_is_not_taken_for_the_next(
+    bench: Bench, late_s: float | None, waited_s: float
+) -> None:
+    """A job is cancelled in its exposure of 10 s, and the next one begins at once."""
+    bench.readout.connect()
+    bench.shutter.connect()
+    bench.readout.arm(SETTINGS)
+    bench.shutter.open()
+    bench.clock.sleep_until_ns(bench.clock.now_ns() + 10_000 * MS - SURE_NS)
+    bench.shutter.close()
+    if late_s is not None:
+        bench.camera.later(max(0.0, late_s - 0.18), "given-up.cr2", b"II*\0")
+    before_ns = bench.clock.now_ns()
+    bench.readout.arm(SETTINGS)
+    assert bench.clock.now_ns() - before_ns == pytest.approx((waited_s - 0.18) * 1e9, abs=3e8)
+    bench.shutter.open()
+    bench.shutter.close()
+    bench.camera.later(1.0, "next.cr2", bench.raw)
+    raw = bench.readout.fetch(bench.root, "shot", 60.0)
+    assert raw.path.read_bytes() == bench.raw
+    before_ns = bench.clock.now_ns()
+    bench.readout.arm(SETTINGS)  # nothing is owed any more
+    assert bench.clock.now_ns() - before_ns < 100 * MS
+
+
 def test_a_photo_is_fetched_once_for_each_arming(armed: Bench) -> None:
     armed.camera.add("a.cr2", armed.raw)
     armed.readout.fetch(armed.root, "shot", 5.0)
