@@ -16,7 +16,7 @@ from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost, ExposureError, PdcdError
 
 from .look import look
-from .options import Options, options_of
+from .options import LONGEST_S, Options, options_of
 from .port import Port
 from .watchdog import Alarm, Guardian, Watchdog
 
@@ -48,7 +48,8 @@ class SerialShutter:
         self._clock = clock
         self._alive = alive
         self._sure_ns = config.trigger.sure_ns
-        self._limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
+        limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
+        self._limit_s = min(limit_s, LONGEST_S)
         self._port: Port | None = None
         self._watchdog: Watchdog | None = None
         self._open = False
