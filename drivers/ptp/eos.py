@@ -60,6 +60,8 @@ BUSY_S = 5.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8
 _MOST_POLLS = 64
 _MARGIN_S = 10.0
+_LONGEST_S = 1e6
+"""Eleven days, also where limits.max_exposure_s is infinite."""
 _U32_B = 4
 _POLLS = 20
 
@@ -98,7 +100,7 @@ class EosCamera:
         self.lock = self.session.lock
         self.bulb = Bulb(self.order, lambda: self.session.climbs, clock)
         self.clock = clock
-        self._longest_ns = round((longest_s + _MARGIN_S) * 1e9)
+        self._longest_ns = round((min(longest_s, _LONGEST_S) + _MARGIN_S) * 1e9)
         self._tell_alive = alive
         self._users: set[str] = set()
         self.alive_period_s = PERIOD_S
