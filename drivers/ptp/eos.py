@@ -101,7 +101,8 @@ class EosCamera:
         self.bulb = Bulb(self.order, lambda: self.session.climbs, clock)
         self.clock = clock
         self._longest_ns = round((min(longest_s, _LONGEST_S) + _MARGIN_S) * 1e9)
-        self._tell_alive = alive
+        self.tell_alive = alive
+        """One sign of life; see `DriverContext.alive`."""
         self._users: set[str] = set()
         self.alive_period_s = PERIOD_S
         self._alive: KeepAlive | None = None
@@ -193,7 +194,7 @@ class EosCamera:
 
     def pause(self, seconds: float) -> None:
         """Give a sign of life, then wait on the rig's clock; to be called with short times."""
-        self._tell_alive()
+        self.tell_alive()
         self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
 
     def poll(self) -> None:
