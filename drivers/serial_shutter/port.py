@@ -18,6 +18,7 @@ import errno
 import fcntl
 import io
 import os
+import stat
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -120,7 +121,7 @@ class Port:
 
     def _claim(self) -> None:
         """Keep other programs out, and settle what the last close does to the lines."""
-        if self.fd is None:
+        if self.fd is None or self._bytes_alone():
             return
         with self._errors():
             fcntl.ioctl(self.fd, termios.TIOCEXCL)
@@ -129,6 +130,12 @@ class Port:
             if self._options.release != "command" and not self._idle:
                 attributes[_CFLAG] |= termios.HUPCL
             termios.tcsetattr(self.fd, termios.TCSANOW, attributes)
+
+    def _bytes_alone(self) -> bool:
+        """Whether this is a connection (``socket://``), which has no lines, and needs none."""
+        if self._options.release != "command" or self._options.feedback != "none":
+            return False
+        return self.fd is not None and stat.S_ISSOCK(os.fstat(self.fd).st_mode)
 
     def _command(self, *, opened: bool) -> None:
         options = self._options
