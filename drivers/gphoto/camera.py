@@ -15,7 +15,14 @@ from pathlib import Path, PurePath
 
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig, TriggerConfig
-from pdcd.errors import ConfigError, DecodeError, ExposureError, PdcdError, disk_errors
+from pdcd.errors import (
+    ConfigError,
+    DecodeError,
+    DeviceLost,
+    ExposureError,
+    PdcdError,
+    disk_errors,
+)
 from pdcd.sensor.profile import load_profile, responsivity_e
 from pdcd.sensor.raw import RAW_SUFFIXES
 from pdcd.sensor.tiff import read_tags
@@ -72,10 +79,17 @@ class GphotoShutter:
         return self._settled_ns()
 
     def close(self) -> int:
-        """End the exposure. Raises DeviceLost, then nothing is known of the shutter."""
+        """End the exposure. A camera that was lost meanwhile is sought again: it may be exposing.
+
+        Raises DeviceLost, then nothing is known of the shutter; ExposureError when it is closed but
+        the connection was lost.
+        """
         if not self._open:
             return self._clock.now_ns()
-        self._session.set("bulb", 0)
+        try:
+            self._session.set("bulb", 0)
+        except DeviceLost as lost:
+            self._end_anew(lost)
         self._ended()
         return self._settled_ns()
 
@@ -86,6 +100,27 @@ class GphotoShutter:
         finally:
             self._open = False
             self._session.close("shutter")
+
+    def _end_anew(self, lost: DeviceLost) -> None:
+        """End the exposure of a camera that has to be opened again; raises in any case."""
+        if self._session.is_open:
+            raise lost  # it answers, and refuses
+        try:
+            self._session.open("shutter")
+        except DeviceLost:
+            raise lost from None
+        try:
+            self._session.set("bulb", 0)
+        except DeviceLost:
+            if not self._session.is_open:
+                raise
+            logger.warning("a camera that was lost holds no exposure any more")
+        self._ended()
+        raise ExposureError(
+            "the connection was lost while the shutter was open",
+            device="camera",
+            hint="the exposure was ended; take it again",
+        ) from lost
 
     def _ended(self) -> None:
         """Note that the shutter is closed, and until when the photo may come if it was open."""
@@ -152,11 +187,14 @@ class GphotoReadout:
 
     def arm(self, settings: CameraSettings) -> None:
         """Set bulb, RAW, ISO and aperture; pictures of earlier exposures are thrown away, and that
-        of one that was given up is waited for: it could be taken for the next.
+        of one that was given up is waited for: it could be taken for the next. A camera that was
+        lost is opened again first.
 
         Raises ConfigError with the list of what the camera offers, DeviceLost.
         """
         self._armed = False
+        if not self._session.is_open:
+            self.connect()  # it was lost since
         if settings.iso not in self._isos:
             raise ConfigError(
                 f"ISO {settings.iso} is not offered",

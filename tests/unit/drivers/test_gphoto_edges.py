@@ -17,7 +17,7 @@ from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, DeviceLost, DiskError, ExposureError
 from pdcd.sensor.profile import load_profile
 from tests.fake_gphoto import Setting, failure
-from tests.gphoto_bench import MS, Bench
+from tests.gphoto_bench import MS, Bench, Camera
 
 SURE_NS = 180 * MS
 """A lag of 100 ms and four jitters of 20 ms."""
@@ -75,6 +75,56 @@ def test_a_camera_lost_in_an_exposure_is_let_go_and_begins_closed(bench: Bench) 
     assert bench.shutter.close() == before_ns
     bench.shutter.connect()
     assert bench.shutter.close() == before_ns == bench.clock.now_ns()
+
+
+@pytest.mark.parametrize("ended_itself", [False, True])
+def test_a_camera_that_is_there_again_has_its_exposure_ended(
+    bench: Bench, ended_itself: bool
+) -> None:
+    """A cable with a loose contact: what was open answers no more, the camera does."""
+    bench.readout.connect()
+    bench.shutter.connect()
+    bench.readout.arm(SETTINGS)
+    bench.shutter.open()
+    first, second = bench.camera, Camera(bench.clock)
+    first.broken = failure(gp.GP_ERROR_IO)
+    if ended_itself:
+        second.refuses_bulb = failure(gp.GP_ERROR)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gp, "Camera", lambda: second)
+        with pytest.raises(ExposureError, match="connection was lost while the shutter was open"):
+            bench.shutter.close()
+    assert (first.opened, second.opened) == (0, 1)
+    assert second.written == [("bulb", 0)] * (not ended_itself)
+    assert bench.shutter.close() == bench.clock.now_ns()
+
+
+def test_a_camera_that_refuses_to_close_is_not_opened_again(bench: Bench) -> None:
+    bench.shutter.connect()
+    bench.shutter.open()
+    bench.camera.refuses_bulb = failure(gp.GP_ERROR)
+    for _ in range(2):
+        with pytest.raises(DeviceLost, match="cannot set bulb to 0"):
+            bench.shutter.close()
+    assert bench.camera.opened == 1
+    bench.camera.refuses_bulb = None
+    bench.shutter.close()
+    assert bench.camera.written[-1] == ("bulb", 0)
+
+
+def test_a_camera_that_was_switched_off_and_on_is_found_by_the_next_exposure(bench: Bench) -> None:
+    bench.readout.connect()
+    bench.camera.broken = failure(gp.GP_ERROR_IO_WRITE)
+    for _ in range(2):
+        with pytest.raises(DeviceLost):
+            bench.readout.arm(SETTINGS)
+    with pytest.MonkeyPatch.context() as patch:
+        another = Camera(bench.clock)  # what was open stays broken
+        patch.setattr(gp, "Camera", lambda: another)
+        bench.readout.arm(SETTINGS)
+    assert another.settings["capturetarget"].value == "Internal RAM"
+    another.add("a.cr2", bench.raw)
+    bench.readout.fetch(bench.root, "shot", 5.0)
 
 
 def test_a_second_connect_ends_an_exposure(bench: Bench) -> None:
