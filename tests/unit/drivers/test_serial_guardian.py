@@ -13,6 +13,7 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -278,18 +279,21 @@ def test_a_guardian_that_fired_ended_the_exposure(
 def test_an_exposure_that_nobody_guards_is_ended_and_said_once(
     guarded: tuple[watchdog.Guardian, Guarded],
     monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
     takes: bool,
 ) -> None:
     made, guard = guarded
     asked: list[object] = []
     monkeypatch.setattr(watchdog, "release", lambda *how: asked.append(how) or takes)  # type: ignore[func-returns-value]
     made.arm(30.0)
-    guard.unguarded("no process is left")
+    if takes:
+        guard.unguarded("no process is left")
+    else:  # it is asked again then
+        with pytest.raises(DeviceLost, match="does not take it"):
+            guard.unguarded("no process is left")
     assert asked == [(7, "rts", "0")]
-    assert ("shutter may be open" in caplog.text) != takes
     assert [made.disarm(), made.disarm()] == ["no process is left", ""]
-    guard.unguarded("no process is left")
+    with suppress(DeviceLost):
+        guard.unguarded("no process is left")
     made.arm(30.0)  # the next exposure is not the last one
     assert made.disarm() == ""
 
@@ -327,6 +331,22 @@ def test_an_alarm_in_time_leaves_nothing_behind(end: Callable[[watchdog.Alarm], 
     assert end(made) in ("", None)
     assert not any(isinstance(t, threading.Timer) for t in threading.enumerate())
     assert not rung.is_set()
+
+
+def test_an_alarm_that_is_not_heard_rings_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watchdog, "AGAIN_S", 0.01)
+    rung = threading.Event()
+    failures = [DeviceLost("gone")] * 3
+
+    def ring() -> None:
+        if failures:
+            raise failures.pop()
+        rung.set()
+
+    made = watchdog.Alarm(ring)
+    made.arm(0.0)
+    assert rung.wait(LONG_S)
+    assert made.disarm() == "it lasted 0 s"
 
 
 def test_an_alarm_that_rang_in_one_exposure_is_not_heard_in_the_next() -> None:
