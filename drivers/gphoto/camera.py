@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import weakref
 from contextlib import suppress
 from pathlib import Path, PurePath
 
@@ -43,7 +44,10 @@ which noise reduction takes."""
 
 
 class GphotoShutter:
-    """Opens and closes by the camera's setting ``bulb``."""
+    """Opens and closes by the camera's setting ``bulb``.
+
+    The shutter is closed when the driver is disconnected, forgotten, or the interpreter ends.
+    """
 
     maturity = "experimental"
 
@@ -51,8 +55,8 @@ class GphotoShutter:
         self._session = session
         self._clock = clock
         self._sure_ns = config.sure_ns
-        self._open = False
         self._begun_ns = 0
+        weakref.finalize(self, _close_forgotten, session)
 
     @classmethod
     def create(cls, context: DriverContext) -> GphotoShutter:
@@ -74,7 +78,7 @@ class GphotoShutter:
 
         Raises DeviceLost; `close` must then be called, and ends it if it did start.
         """
-        self._open, self._begun_ns = True, self._clock.now_ns()
+        self._session.shutter_open, self._begun_ns = True, self._clock.now_ns()
         self._session.set("bulb", 1)
         return self._settled_ns()
 
@@ -84,7 +88,7 @@ class GphotoShutter:
         Raises DeviceLost, then nothing is known of the shutter; ExposureError when it is closed but
         the connection was lost.
         """
-        if not self._open:
+        if not self._session.shutter_open:
             return self._clock.now_ns()
         try:
             self._session.set("bulb", 0)
@@ -98,7 +102,7 @@ class GphotoShutter:
         try:
             self.close()
         finally:
-            self._open = False
+            self._session.shutter_open = False
             self._session.close("shutter")
 
     def _end_anew(self, lost: DeviceLost) -> None:
@@ -124,11 +128,11 @@ class GphotoShutter:
 
     def _ended(self) -> None:
         """Note that the shutter is closed, and until when the photo may come if it was open."""
-        if self._open:
+        if self._session.shutter_open:
             now_ns = self._clock.now_ns()
             stray_ns = round(_STRAY_S * 1e9)
             self._session.photo_due_ns = now_ns + (now_ns - self._begun_ns) + stray_ns
-        self._open = False
+        self._session.shutter_open = False
 
     def _settled_ns(self) -> int:
         sure_ns = self._clock.now_ns() + self._sure_ns
@@ -303,6 +307,17 @@ class GphotoReadout:
         with suppress(ConfigError):
             return self._session.get(name)
         return ""
+
+
+def _close_forgotten(session: Session) -> None:
+    """End the exposure of a shutter that nobody holds any more, where nobody can be told."""
+    if session.shutter_open and session.is_open:
+        try:
+            session.set("bulb", 0)
+        except PdcdError as err:
+            logger.critical("shutter may be open device=shutter error=%s", err)
+        else:
+            session.shutter_open = False
 
 
 def _is_raw(file: CameraFile) -> bool:

@@ -72,6 +72,8 @@ class Session:
 
     def __init__(self, options: Options, alive: Callable[[], object] = lambda: None) -> None:
         self.options = options
+        self.shutter_open = False
+        """Whether an exposure was begun by `bulb` and not surely ended."""
         self.photo_due_ns: int | None = None
         """Until when the photo of an exposure that nobody has fetched may yet come; None where all
         were fetched."""

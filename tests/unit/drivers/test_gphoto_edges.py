@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,22 @@ def test_a_camera_that_was_switched_off_and_on_is_found_by_the_next_exposure(ben
     assert another.settings["capturetarget"].value == "Internal RAM"
     another.add("a.cr2", bench.raw)
     bench.readout.fetch(bench.root, "shot", 5.0)
+
+
+@pytest.mark.parametrize("refuses", [False, True])
+def test_a_shutter_that_is_forgotten_ends_its_exposure(
+    bench: Bench, caplog: pytest.LogCaptureFixture, refuses: bool
+) -> None:
+    """A thread that takes a photo dies with the interpreter, wherever it is."""
+    bench.shutter.connect()
+    bench.shutter.open()
+    bench.camera.written.clear()
+    if refuses:
+        bench.camera.refuses_bulb = failure(gp.GP_ERROR)
+    del bench.shutter
+    gc.collect()
+    assert bench.camera.written == [("bulb", 0)] * (not refuses)
+    assert ("may be open" in caplog.text) == refuses
 
 
 def test_a_second_connect_ends_an_exposure(bench: Bench) -> None:
