@@ -163,13 +163,18 @@ class EosCamera:
     def close(self, user: str) -> None:
         """That user is done, `SHUTTER` with it closed; after the last one the camera is let go.
 
-        Idempotent. Raises what `Bulb.end` raises, with the camera let go all the same.
+        Idempotent. Raises what `Bulb.end` raises, and DeviceLost when a camera that may be exposing
+        is not found, with the camera let go all the same.
         """
         with self.lock:
+            held = user in self._users
             self._users.discard(user)
             try:
-                if self.session.is_open and (user == SHUTTER or not self._users):
-                    self.bulb.end()
+                if user == SHUTTER or not self._users:
+                    if held and self.bulb.since_ns is not None:
+                        self.session.open()  # a camera that was lost may be exposing
+                    if self.session.is_open:
+                        self.bulb.end()
             finally:
                 if not self._users:
                     self._leave_modes()

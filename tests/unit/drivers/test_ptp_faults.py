@@ -277,6 +277,31 @@ def test_a_camera_that_does_nothing_else_in_an_exposure_is_still_told_to_close(
     rig.disconnect_quietly()
 
 
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("forgotten", [False, True])
+def test_a_camera_that_was_lost_in_an_exposure_is_sought_when_it_is_let_go(
+    back: bool, forgotten: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = PtpRig()
+    rig.connect()
+    rig.readout.arm(SETTINGS)
+    rig.shutter.open()
+    rig.body.unplug()
+    with pytest.raises(DeviceLost):
+        rig.shutter.close()
+    if back:
+        rig.body.replug()
+    if forgotten:  # as at the end of the interpreter
+        rig.camera.let_go("shutter")
+        assert "camera not left as it should be" in caplog.text
+    else:
+        with pytest.raises(ExposureError if back else DeviceLost):
+            rig.shutter.disconnect()
+    assert rig.body.shutter.is_open == (not back) == (rig.camera.bulb.since_ns is not None)
+    rig.shutter.disconnect()  # a second time there is nothing to do
+    rig.disconnect_quietly()
+
+
 @pytest.mark.parametrize("calls", [1, 1000])
 def test_a_shutter_is_not_taken_for_closed_while_the_camera_is_too_busy_to_close_it(
     calls: int,
