@@ -7,6 +7,8 @@ pulse, or that toggle.
 
 from __future__ import annotations
 
+import logging
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
@@ -19,6 +21,8 @@ from .look import look
 from .options import LONGEST_S, Options, options_of
 from .port import Port
 from .watchdog import Alarm, Guardian, Watchdog
+
+logger = logging.getLogger(__name__)
 
 _POLL_NS = 1_000_000
 _LONGEST_NS = 2_000_000_000
@@ -52,6 +56,7 @@ class SerialShutter:
         self._limit_s = min(limit_s, LONGEST_S)
         self._port: Port | None = None
         self._watchdog: Watchdog | None = None
+        self._forgotten: weakref.finalize[..., SerialShutter] | None = None
         self._open = False
 
     @classmethod
@@ -154,7 +159,8 @@ class SerialShutter:
             if self._options.feedback != "none":
                 self._wait_for(port, opened=False)
             if port.fd is None:
-                self._watchdog = Alarm(lambda: port.drive(opened=False))
+                alarm = self._watchdog = Alarm(lambda: port.drive(opened=False))
+                self._forgotten = weakref.finalize(self, _close_forgotten, port, alarm)
             else:
                 self._watchdog = Guardian(port.fd, *port.release)
         except BaseException:
@@ -167,6 +173,8 @@ class SerialShutter:
         watchdog, port = self._watchdog, self._port
         self._watchdog = self._port = None
         self._open = False
+        if self._forgotten is not None:
+            self._forgotten.detach()
         try:
             if watchdog is not None:
                 watchdog.stop()
@@ -201,3 +209,14 @@ class SerialShutter:
                 )
             self._clock.sleep_until_ns(now_ns + _POLL_NS)
         return self._clock.now_ns()
+
+
+def _close_forgotten(port: Port, alarm: Alarm) -> None:
+    """Close the shutter of a driver that nobody holds any more, at the interpreter's end too: on
+    ports that no guardian can hold."""
+    alarm.stop()
+    try:
+        port.drive(opened=False)
+    except PdcdError as err:
+        logger.critical("shutter may be open device=shutter error=%s", err)
+    port.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import threading
 from collections.abc import Callable, Iterator
@@ -321,6 +322,22 @@ def test_an_exposure_of_any_length_is_guarded_by_a_time_that_can_be_waited_for(
     alarm.join(0.05)
     assert alarm.is_alive()
     box.disconnect()
+
+
+@pytest.mark.parametrize("unplugged", [False, True])
+def test_a_shutter_that_is_forgotten_is_closed(
+    line: FakeLine, caplog: pytest.LogCaptureFixture, unplugged: bool
+) -> None:
+    """No guardian holds such a port: the line would stay as it is."""
+    box = make(line.clock)
+    box.connect()
+    box.open()
+    line.unplugged = unplugged
+    del box
+    gc.collect()
+    assert line.levels("rts")[-1] is unplugged
+    assert ("may be open" in caplog.text) is unplugged
+    assert not [t for t in threading.enumerate() if isinstance(t, threading.Timer)]
 
 
 def test_open_before_connect_is_refused(shutter: Make) -> None:
