@@ -227,15 +227,18 @@ class FolderReadout:
         digest, size_bytes = hashlib.sha256(), 0
         made = False
         try:
-            with source.open("rb") as file, path.open("xb") as copy:
-                made = True
-                while block := file.read(_BLOCK_BYTES):
-                    self._alive()
-                    digest.update(block)
-                    size_bytes += copy.write(block)
+            try:
+                with source.open("rb") as file, path.open("xb") as copy:
+                    made = True
+                    while block := file.read(_BLOCK_BYTES):
+                        self._alive()
+                        digest.update(block)
+                        size_bytes += copy.write(block)
+            except BaseException:  # a signal, say
+                if made:
+                    path.unlink()
+                raise
         except OSError as err:
-            if made:
-                path.unlink()
             if err.errno in (errno.ENOSPC, errno.EDQUOT):
                 raise NoSpaceError(
                     f"no space left for {path.name}", device="camera", hint="free some space"

@@ -21,7 +21,7 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from pdcd.errors import DeviceLost
+from pdcd.errors import DeviceLost, PdcdError
 
 logger = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ class Guard:
     inherits : further file descriptors that it gets.
     answer_s : bound of each of its answers, the first with its start.
     unguarded : ends the exposure. Called with the reason, from another thread, when an armed
-        guardian is gone and no other can be had.
+        guardian is gone and no other can be had; again at the next look where it raises PdcdError.
 
     Its methods are for one thread at a time; the one that looks after it is the guard's own affair.
     """
@@ -157,10 +157,10 @@ class Guard:
     def look(self) -> bool:
         """See that the armed guardian answers, replace one that does not; whether one is armed.
 
-        Where none can be had, the exposure is ended.
+        Where none can be had, the exposure is ended, or that is to be tried again.
         """
         with self._lock:
-            word = self._arm_word
+            word, stand_down = self._arm_word, self._stand_down
             if word is None:
                 return False
             if self.ask("look", HEARD_S):
@@ -173,7 +173,14 @@ class Guard:
             else:
                 return True
         logger.critical("no guardian, exposure ended device=shutter error=%s", why)
-        self._unguarded(why)
+        try:
+            self._unguarded(why)
+        except PdcdError as err:
+            logger.critical("shutter may be open device=shutter error=%s", err)
+            with self._lock:
+                if not stand_down.is_set():
+                    self._arm_word = word
+            return True
         return False
 
     def stop(self, *, wait: bool = True) -> None:

@@ -10,12 +10,20 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import weakref
 from contextlib import suppress
 from pathlib import Path, PurePath
 
 from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
 from pdcd.bench.tables import CameraConfig, TriggerConfig
-from pdcd.errors import ConfigError, DecodeError, ExposureError, PdcdError, disk_errors
+from pdcd.errors import (
+    ConfigError,
+    DecodeError,
+    DeviceLost,
+    ExposureError,
+    PdcdError,
+    disk_errors,
+)
 from pdcd.sensor.profile import load_profile, responsivity_e
 from pdcd.sensor.raw import RAW_SUFFIXES
 from pdcd.sensor.tiff import read_tags
@@ -30,10 +38,16 @@ _SLICE_S = 0.5
 _LATE_S = 0.3
 """How long a second file of the same exposure is listened for."""
 _DRAIN_S = 5.0
+_STRAY_S = 15.0
+"""How long after an exposure its photo may come, beside the length of that exposure once more,
+which noise reduction takes."""
 
 
 class GphotoShutter:
-    """Opens and closes by the camera's setting ``bulb``."""
+    """Opens and closes by the camera's setting ``bulb``.
+
+    The shutter is closed when the driver is disconnected, forgotten, or the interpreter ends.
+    """
 
     maturity = "experimental"
 
@@ -41,7 +55,8 @@ class GphotoShutter:
         self._session = session
         self._clock = clock
         self._sure_ns = config.sure_ns
-        self._open = False
+        self._begun_ns = 0
+        weakref.finalize(self, _close_forgotten, session)
 
     @classmethod
     def create(cls, context: DriverContext) -> GphotoShutter:
@@ -55,7 +70,7 @@ class GphotoShutter:
         self._session.prefer("shutterspeed", "bulb")
         with suppress(PdcdError):  # most cameras refuse to end what has not begun
             self._session.set("bulb", 0)
-        self._open = False
+        self._ended()
         return {"model": "gphoto2 bulb", "port": self._session.options.port or "usb"}
 
     def open(self) -> int:
@@ -63,16 +78,23 @@ class GphotoShutter:
 
         Raises DeviceLost; `close` must then be called, and ends it if it did start.
         """
-        self._open = True
+        self._session.shutter_open, self._begun_ns = True, self._clock.now_ns()
         self._session.set("bulb", 1)
         return self._settled_ns()
 
     def close(self) -> int:
-        """End the exposure. Raises DeviceLost, then nothing is known of the shutter."""
-        if not self._open:
+        """End the exposure. A camera that was lost meanwhile is sought again: it may be exposing.
+
+        Raises DeviceLost, then nothing is known of the shutter; ExposureError when it is closed but
+        the connection was lost.
+        """
+        if not self._session.shutter_open:
             return self._clock.now_ns()
-        self._session.set("bulb", 0)
-        self._open = False
+        try:
+            self._session.set("bulb", 0)
+        except DeviceLost as lost:
+            self._end_anew(lost)
+        self._ended()
         return self._settled_ns()
 
     def disconnect(self) -> None:
@@ -80,8 +102,37 @@ class GphotoShutter:
         try:
             self.close()
         finally:
-            self._open = False
+            self._session.shutter_open = False
             self._session.close("shutter")
+
+    def _end_anew(self, lost: DeviceLost) -> None:
+        """End the exposure of a camera that has to be opened again; raises in any case."""
+        if self._session.is_open:
+            raise lost  # it answers, and refuses
+        try:
+            self._session.open("shutter")
+        except DeviceLost:
+            raise lost from None
+        try:
+            self._session.set("bulb", 0)
+        except DeviceLost:
+            if not self._session.is_open:
+                raise
+            logger.warning("a camera that was lost holds no exposure any more")
+        self._ended()
+        raise ExposureError(
+            "the connection was lost while the shutter was open",
+            device="camera",
+            hint="the exposure was ended; take it again",
+        ) from lost
+
+    def _ended(self) -> None:
+        """Note that the shutter is closed, and until when the photo may come if it was open."""
+        if self._session.shutter_open:
+            now_ns = self._clock.now_ns()
+            stray_ns = round(_STRAY_S * 1e9)
+            self._session.photo_due_ns = now_ns + (now_ns - self._begun_ns) + stray_ns
+        self._session.shutter_open = False
 
     def _settled_ns(self) -> int:
         sure_ns = self._clock.now_ns() + self._sure_ns
@@ -139,11 +190,15 @@ class GphotoReadout:
         )
 
     def arm(self, settings: CameraSettings) -> None:
-        """Set bulb, RAW, ISO and aperture; pictures of earlier exposures are thrown away.
+        """Set bulb, RAW, ISO and aperture; pictures of earlier exposures are thrown away, and that
+        of one that was given up is waited for: it could be taken for the next. A camera that was
+        lost is opened again first.
 
         Raises ConfigError with the list of what the camera offers, DeviceLost.
         """
         self._armed = False
+        if not self._session.is_open:
+            self.connect()  # it was lost since
         if settings.iso not in self._isos:
             raise ConfigError(
                 f"ISO {settings.iso} is not offered",
@@ -163,9 +218,7 @@ class GphotoReadout:
             session.set("aperture", self._f_numbers[nearest])
         session.prefer("shutterspeed", "bulb")  # also for a shutter on a cable
         session.prefer("imageformat", "RAW")
-        for late in session.drain(self._clock, _DRAIN_S):
-            logger.warning("picture of an earlier exposure thrown away name=%s", late.name)
-            session.download(late)  # or its place in the buffer stays taken
+        self._clear()
         self._armed = True
 
     def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
@@ -211,7 +264,8 @@ class GphotoReadout:
                 continue
             seen.add(file)
             data = self._session.download(file)
-            if PurePath(file.name).suffix.lower() in RAW_SUFFIXES:
+            if _is_raw(file):
+                self._session.photo_due_ns = None
                 if not found:
                     until_ns = self._clock.now_ns() + round(_LATE_S * 1e9)
                 found.append((file, data))
@@ -230,8 +284,41 @@ class GphotoReadout:
             )
         return found[0]
 
+    def _clear(self) -> None:
+        """Throw away pictures of earlier exposures, also one that is yet to come."""
+        session, owed = self._session, self._session.photo_due_ns is not None
+        for late in session.drain(self._clock, _DRAIN_S):
+            owed = not self._thrown_away(late) and owed
+        while owed and (left_ns := (session.photo_due_ns or 0) - self._clock.now_ns()) > 0:
+            late_one = session.next_file(min(left_ns * 1e-9, _SLICE_S))
+            owed = late_one is None or not self._thrown_away(late_one)
+        if owed:
+            logger.warning("the picture of an earlier exposure never came")
+        session.photo_due_ns = None
+
+    def _thrown_away(self, late: CameraFile) -> bool:
+        """Throw one away; returns whether it was a RAW file."""
+        logger.warning("picture of an earlier exposure thrown away name=%s", late.name)
+        self._session.download(late)  # or its place in the buffer stays taken
+        return _is_raw(late)
+
     def _say(self, name: str) -> str:
         """A setting that need not be there."""
         with suppress(ConfigError):
             return self._session.get(name)
         return ""
+
+
+def _close_forgotten(session: Session) -> None:
+    """End the exposure of a shutter that nobody holds any more, where nobody can be told."""
+    if session.shutter_open and session.is_open:
+        try:
+            session.set("bulb", 0)
+        except PdcdError as err:
+            logger.critical("shutter may be open device=shutter error=%s", err)
+        else:
+            session.shutter_open = False
+
+
+def _is_raw(file: CameraFile) -> bool:
+    return PurePath(file.name).suffix.lower() in RAW_SUFFIXES

@@ -34,6 +34,18 @@ _HINTS = {
 }
 _OFF_ON = "check cable and battery; switch the camera off and on"
 _QUIET_MS = 50
+_LOST = frozenset(
+    {
+        gp.GP_ERROR_IO,
+        gp.GP_ERROR_IO_READ,
+        gp.GP_ERROR_IO_WRITE,
+        gp.GP_ERROR_IO_UPDATE,
+        gp.GP_ERROR_IO_USB_CLEAR_HALT,
+        gp.GP_ERROR_IO_USB_FIND,
+    }
+)
+"""After these an open camera answers no more, even where the device is there again. One that only
+took too long is not among them."""
 
 
 class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -60,6 +72,11 @@ class Session:
 
     def __init__(self, options: Options, alive: Callable[[], object] = lambda: None) -> None:
         self.options = options
+        self.shutter_open = False
+        """Whether an exposure was begun by `bulb` and not surely ended."""
+        self.photo_due_ns: int | None = None
+        """Until when the photo of an exposure that nobody has fetched may yet come; None where all
+        were fetched."""
         self._alive = alive
         self._users: set[str] = set()
         self._camera: Any = None
@@ -96,7 +113,11 @@ class Session:
     def close(self, user: str) -> None:
         """Release the camera if nobody else uses it. Idempotent; never fails."""
         self._users.discard(user)
-        if not self._users and self._camera is not None:
+        if not self._users:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self._camera is not None:
             camera, self._camera = self._camera, None
             try:
                 with _standard_input_kept():
@@ -168,10 +189,13 @@ class Session:
 
     @contextmanager
     def errors(self, doing: str) -> Iterator[None]:
-        """Turn libgphoto2's errors into DeviceLost with a hint."""
+        """Turn libgphoto2's errors into DeviceLost with a hint. A camera that is lost is let go, so
+        that `open` can find it again."""
         try:
             yield
         except gp.GPhoto2Error as err:
+            if err.code in _LOST:
+                self._let_go()
             raise DeviceLost(
                 f"cannot {doing}: {err.string} ({err.code})",
                 device="camera",

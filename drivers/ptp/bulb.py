@@ -29,6 +29,8 @@ logger = logging.getLogger(__name__)
 FULL_PRESS, NO_AUTOFOCUS = 3, 1
 STOP_TRIES = 3
 """How often a camera that refuses to close is asked before it is taken at its word."""
+_CLOSED = (Response.OK, Response.GENERAL_ERROR)
+"""What is said to the end of an exposure by a camera that has closed, or held nothing open."""
 
 
 @dataclass(frozen=True)
@@ -88,11 +90,16 @@ class Bulb:
     def new_session(self, method: Method | None) -> None:
         """A session was opened: close a shutter that the last one, or another program, left open.
 
-        An exposure that was under way is spoiled, as it ended nobody knows when.
+        An exposure that was under way is spoiled, as it ended nobody knows when. Raises
+        ExposureError when the camera does not close it.
         """
         self.method = method
         if method is not None:
-            self._order(method.stop, *method.stop_params)
+            code = self._order(method.stop, *method.stop_params).code
+            # Nobody knows what all bodies say that hold nothing open; a busy one did not do it.
+            doubted = self.since_ns is not None or code == Response.DEVICE_BUSY
+            if doubted and code not in (*_CLOSED, Response.OPERATION_NOT_SUPPORTED):
+                raise _refused_to_close(code)
         if self.since_ns is not None:
             self._spoiled = "the connection was lost while the shutter was open"
             self.since_ns = None
@@ -158,11 +165,7 @@ class Bulb:
             if reply.code == Response.GENERAL_ERROR and self._climbs() != before:
                 self.since_ns = None  # asked twice: the first time did it
                 return
-        raise ExposureError(
-            f"the camera refuses to close the shutter: {hex_name(reply.code, Response)}",
-            device=DEVICE,
-            hint="if it is still open, switch the camera off",
-        )
+        raise _refused_to_close(reply.code)
 
     def overdue(self, longest_ns: int) -> bool:
         """Whether the shutter is open for longer than that."""
@@ -185,10 +188,21 @@ class Bulb:
     def _let_go(self, method: Method) -> None:
         """End an exposure whose begin went wrong; the error of the begin is the one that counts."""
         try:
-            reply = self._order(method.stop, *method.stop_params)
-            self.since_ns = None
-            if reply.code == Response.GENERAL_ERROR:
+            code = self._order(method.stop, *method.stop_params).code
+            if code in _CLOSED:
+                self.since_ns = None
+            else:
+                logger.error("shutter may be open answer=%s", hex_name(code, Response))
+            if code == Response.GENERAL_ERROR:
                 self.owed = False  # it held nothing open
         except DeviceLost as err:
             logger.error("shutter may be open error=%s", err)
         self._spoiled = ""
+
+
+def _refused_to_close(code: int) -> ExposureError:
+    return ExposureError(
+        f"the camera refuses to close the shutter: {hex_name(code, Response)}",
+        device=DEVICE,
+        hint="if it is still open, switch the camera off",
+    )

@@ -60,6 +60,8 @@ BUSY_S = 5.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8
 _MOST_POLLS = 64
 _MARGIN_S = 10.0
+_LONGEST_S = 1e6
+"""Eleven days, also where limits.max_exposure_s is infinite."""
 _U32_B = 4
 _POLLS = 20
 
@@ -98,8 +100,9 @@ class EosCamera:
         self.lock = self.session.lock
         self.bulb = Bulb(self.order, lambda: self.session.climbs, clock)
         self.clock = clock
-        self._longest_ns = round((longest_s + _MARGIN_S) * 1e9)
-        self._tell_alive = alive
+        self._longest_ns = round((min(longest_s, _LONGEST_S) + _MARGIN_S) * 1e9)
+        self.tell_alive = alive
+        """One sign of life; see `DriverContext.alive`."""
         self._users: set[str] = set()
         self.alive_period_s = PERIOD_S
         self._alive: KeepAlive | None = None
@@ -160,13 +163,18 @@ class EosCamera:
     def close(self, user: str) -> None:
         """That user is done, `SHUTTER` with it closed; after the last one the camera is let go.
 
-        Idempotent. Raises what `Bulb.end` raises, with the camera let go all the same.
+        Idempotent. Raises what `Bulb.end` raises, and DeviceLost when a camera that may be exposing
+        is not found, with the camera let go all the same.
         """
         with self.lock:
+            held = user in self._users
             self._users.discard(user)
             try:
-                if self.session.is_open and (user == SHUTTER or not self._users):
-                    self.bulb.end()
+                if user == SHUTTER or not self._users:
+                    if held and self.bulb.since_ns is not None:
+                        self.session.open()  # a camera that was lost may be exposing
+                    if self.session.is_open:
+                        self.bulb.end()
             finally:
                 if not self._users:
                     self._leave_modes()
@@ -191,7 +199,7 @@ class EosCamera:
 
     def pause(self, seconds: float) -> None:
         """Give a sign of life, then wait on the rig's clock; to be called with short times."""
-        self._tell_alive()
+        self.tell_alive()
         self.clock.sleep_until_ns(self.clock.now_ns() + round(seconds * 1e9))
 
     def poll(self) -> None:
@@ -313,18 +321,27 @@ class EosCamera:
         self.choices.clear()
         self.files.clear()
         self._done.clear()
-        self._must(Operation.EOS_SET_REMOTE_MODE, 1)
-        self._must(Operation.EOS_SET_EVENT_MODE, 1)
-        if not self._heard(lambda: Property.ISO in self.choices):
-            raise OutOfStep("does not tell its settings")
-        info = self.session.info
-        if info is not None:
-            self.bulb.new_session(choose_method(info, self.options.release))
+        try:
+            self._must(Operation.EOS_SET_REMOTE_MODE, 1)
+            self._must(Operation.EOS_SET_EVENT_MODE, 1)
+            if not self._heard(lambda: Property.ISO in self.choices):
+                raise OutOfStep("does not tell its settings")
+        except PdcdError:
+            with suppress(PdcdError):  # it may be exposing, and close though it does nothing else
+                self._begin_closed()
+            raise
+        self._begin_closed()
         self.set_value(Property.CAPTURE_DESTINATION, self._destination(), "the destination")
         if self.options.destination == "ram":
             self._must(Operation.EOS_PC_HDD_CAPACITY, *PC_HDD_ROOM)
             self._heard(lambda: self.values.get(Property.AVAILABLE_SHOTS) != 0)  # counted anew
         self._set_raw()
+
+    def _begin_closed(self) -> None:
+        """Close a shutter that was left open, in the way that this body has."""
+        info = self.session.info
+        if info is not None:
+            self.bulb.new_session(choose_method(info, self.options.release))
 
     def _throw_away(self, count: int) -> bool:
         """Discard the oldest waiting photos: what waits while the shutter is open is older.

@@ -94,6 +94,7 @@ def _copy(
     digest, at = hashlib.sha256(), 0
     while at < photo.size_bytes:
         want = min(BLOCK_B, photo.size_bytes - at)
+        camera.tell_alive()  # a large photo on a slow bus takes minutes
         reply = camera.order(read, photo.handle, at, want)
         if camera.session.renewed != renewed:
             raise _spoiled(photo, "the connection was lost meanwhile")

@@ -31,7 +31,10 @@ import termios
 import time
 
 LINES = {"rts": termios.TIOCM_RTS, "dtr": termios.TIOCM_DTR}
+AGAIN_S = 1.0
+"""When a port that did not take it is told again, while nobody says that the shutter is closed."""
 _TRIES = 3
+_ROOM_MS = 500
 
 
 def release(port: int, how: str, value: str) -> bool:
@@ -45,14 +48,21 @@ def release(port: int, how: str, value: str) -> bool:
         ``"rts"`` or ``"dtr"`` and the level of the closed shutter, ``"0"`` or ``"1"``; or
         ``"command"`` and the bytes to send, in hexadecimal.
     """
+    left = bytes.fromhex(value) if how == "command" else b""
     for _ in range(_TRIES):
-        with contextlib.suppress(OSError):
-            if how == "command":
-                os.write(port, bytes.fromhex(value))
-            else:
+        try:
+            while left:  # a port may take a part of it
+                left = left[os.write(port, left) :]
+            if how != "command":
                 action = termios.TIOCMBIS if value == "1" else termios.TIOCMBIC
                 fcntl.ioctl(port, action, struct.pack("I", LINES[how]))
             return True
+        except BlockingIOError:  # it is full of what was sent before
+            room = select.poll()
+            room.register(port, select.POLLOUT)
+            room.poll(_ROOM_MS)
+        except OSError:
+            continue
     return False
 
 
@@ -63,8 +73,10 @@ def main(port: int, talk: socket.socket, how: str, value: str) -> None:
     while True:
         wait_s = None if deadline_s is None else max(0.0, deadline_s - time.monotonic())
         if not select.select([talk], [], [], wait_s)[0]:
-            state = b"fired" if release(port, how, value) else b"lost"
-            deadline_s = None
+            taken = release(port, how, value)
+            state, deadline_s = b"fired", None
+            if not taken:  # it may be open still
+                state, deadline_s = b"lost", time.monotonic() + AGAIN_S
             continue
         try:
             word = talk.recv(64)

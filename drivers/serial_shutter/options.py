@@ -10,6 +10,8 @@ from msgspec import Meta
 from pdcd.bench.options import read_options
 from pdcd.bench.tables import TriggerConfig
 
+LONGEST_S = 1e6
+"""Eleven days. Infinity, for one, is a time that no timer can be set to."""
 _Seconds = Annotated[float, Meta(ge=0.0, le=3600.0)]
 
 
@@ -38,13 +40,13 @@ class Options(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     feedback_active_low: bool = False
     answer_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.0
     """How long a reply or the feedback may take; nobody hears a sign of life from who reads."""
-    limit_s: Annotated[float, Meta(gt=0.0)] | None = None
+    limit_s: Annotated[float, Meta(gt=0.0, le=LONGEST_S)] | None = None
     """After how long the watchdog ends an exposure; unset: limits.max_exposure_s and half a minute.
     """
 
     def __post_init__(self) -> None:
-        commands = (self.open_hex, self.close_hex)
-        for text in (*commands, self.open_reply_hex, self.close_reply_hex):
+        commands = bytes.fromhex(self.open_hex), bytes.fromhex(self.close_hex)
+        for text in (self.open_reply_hex, self.close_reply_hex):
             bytes.fromhex(text)
         if self.release == "command" and not all(commands):
             raise ValueError("release = 'command' needs open_hex and close_hex")

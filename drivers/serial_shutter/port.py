@@ -18,7 +18,9 @@ import errno
 import fcntl
 import io
 import os
+import stat
 import termios
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -35,6 +37,7 @@ _HINTS = {
     errno.EAGAIN: "another program holds it: fuser -v names it",
 }
 _CFLAG = 2
+_LOOK_S = 0.001
 
 
 class Port:
@@ -120,7 +123,7 @@ class Port:
 
     def _claim(self) -> None:
         """Keep other programs out, and settle what the last close does to the lines."""
-        if self.fd is None:
+        if self.fd is None or self._bytes_alone():
             return
         with self._errors():
             fcntl.ioctl(self.fd, termios.TIOCEXCL)
@@ -129,6 +132,12 @@ class Port:
             if self._options.release != "command" and not self._idle:
                 attributes[_CFLAG] |= termios.HUPCL
             termios.tcsetattr(self.fd, termios.TCSANOW, attributes)
+
+    def _bytes_alone(self) -> bool:
+        """Whether this is a connection (``socket://``), which has no lines, and needs none."""
+        if self._options.release != "command" or self._options.feedback != "none":
+            return False
+        return self.fd is not None and stat.S_ISSOCK(os.fstat(self.fd).st_mode)
 
     def _command(self, *, opened: bool) -> None:
         options = self._options
@@ -140,7 +149,7 @@ class Port:
         expected = bytes.fromhex(reply)
         self._serial.reset_input_buffer()
         self._serial.write(bytes.fromhex(word))
-        self._serial.flush()
+        self._sent(word)
         answer = self._serial.read(len(expected)) if expected else b""
         if not answer and expected:
             raise DeviceLost(
@@ -154,6 +163,19 @@ class Port:
                 device="shutter",
                 hint="compare open_reply_hex and close_reply_hex with its manual",
             )
+
+    def _sent(self, word: str) -> None:
+        """Return once all is sent. The kernel alone waits without bound for a box that hangs."""
+        until_s = time.monotonic() + self._options.answer_s
+        while "://" not in self._options.port and self._serial.out_waiting:
+            if time.monotonic() > until_s:
+                raise DeviceLost(
+                    f"{self._options.port} did not take {word} within {self._options.answer_s:g} s",
+                    device="shutter",
+                    hint="does the box hang? check its power, and that the shutter is closed",
+                )
+            time.sleep(_LOOK_S)
+        self._serial.flush()
 
     @contextmanager
     def _errors(self) -> Iterator[None]:

@@ -7,6 +7,8 @@ pulse, or that toggle.
 
 from __future__ import annotations
 
+import logging
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
@@ -16,9 +18,11 @@ from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost, ExposureError, PdcdError
 
 from .look import look
-from .options import Options, options_of
+from .options import LONGEST_S, Options, options_of
 from .port import Port
 from .watchdog import Alarm, Guardian, Watchdog
+
+logger = logging.getLogger(__name__)
 
 _POLL_NS = 1_000_000
 _LONGEST_NS = 2_000_000_000
@@ -48,9 +52,11 @@ class SerialShutter:
         self._clock = clock
         self._alive = alive
         self._sure_ns = config.trigger.sure_ns
-        self._limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
+        limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
+        self._limit_s = min(limit_s, LONGEST_S)
         self._port: Port | None = None
         self._watchdog: Watchdog | None = None
+        self._forgotten: weakref.finalize[..., SerialShutter] | None = None
         self._open = False
 
     @classmethod
@@ -153,7 +159,8 @@ class SerialShutter:
             if self._options.feedback != "none":
                 self._wait_for(port, opened=False)
             if port.fd is None:
-                self._watchdog = Alarm(lambda: port.drive(opened=False))
+                alarm = self._watchdog = Alarm(lambda: port.drive(opened=False))
+                self._forgotten = weakref.finalize(self, _close_forgotten, port, alarm)
             else:
                 self._watchdog = Guardian(port.fd, *port.release)
         except BaseException:
@@ -166,6 +173,8 @@ class SerialShutter:
         watchdog, port = self._watchdog, self._port
         self._watchdog = self._port = None
         self._open = False
+        if self._forgotten is not None:
+            self._forgotten.detach()
         try:
             if watchdog is not None:
                 watchdog.stop()
@@ -200,3 +209,14 @@ class SerialShutter:
                 )
             self._clock.sleep_until_ns(now_ns + _POLL_NS)
         return self._clock.now_ns()
+
+
+def _close_forgotten(port: Port, alarm: Alarm) -> None:
+    """Close the shutter of a driver that nobody holds any more, at the interpreter's end too: on
+    ports that no guardian can hold."""
+    alarm.stop()
+    try:
+        port.drive(opened=False)
+    except PdcdError as err:
+        logger.critical("shutter may be open device=shutter error=%s", err)
+    port.close()

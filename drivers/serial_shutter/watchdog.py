@@ -15,10 +15,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from pdcd.errors import PdcdError
+from pdcd.errors import DeviceLost, PdcdError
 
 from ..guard import Guard
-from .guardian import release
+from .guardian import AGAIN_S, release
 
 logger = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ class Guardian:
         def unguarded(why: str) -> None:
             self._ended = why
             if not release(port_fd, how, value):
-                logger.critical("shutter may be open device=shutter")
+                raise DeviceLost("the port does not take it", device="shutter")
 
         self._guard = Guard(command, port_fd, answer_s=_ANSWER_S, unguarded=unguarded)
         self._limit_s, self._ended = 0.0, ""
@@ -83,17 +83,19 @@ class Guardian:
 
 
 class Alarm:
-    """A thread that calls `release` when the time is up."""
+    """A thread that calls `release` when the time is up, and again until that succeeds."""
 
     def __init__(self, release: Callable[[], None]) -> None:
         self._release = release
         self._timer: threading.Timer | None = None
+        self._stand_down = threading.Event()
         self._limit_s, self._fired = 0.0, False
 
     def arm(self, limit_s: float) -> None:
         """As the Protocol says."""
         self.disarm()
         self._limit_s, self._fired = limit_s, False
+        self._stand_down.clear()
         self._timer = threading.Timer(limit_s, self._end)
         self._timer.daemon = True
         self._timer.start()
@@ -102,6 +104,7 @@ class Alarm:
         """As the Protocol says."""
         if self._timer is not None:
             self._timer.cancel()
+            self._stand_down.set()
             self._timer.join()
             self._timer = None
         fired, self._fired = self._fired, False
@@ -113,7 +116,11 @@ class Alarm:
 
     def _end(self) -> None:
         self._fired = True
-        try:
-            self._release()
-        except PdcdError as err:
-            logger.critical("watchdog cannot release device=shutter error=%s", err)
+        while not self._stand_down.is_set():
+            try:
+                self._release()
+            except PdcdError as err:
+                logger.critical("watchdog cannot release device=shutter error=%s", err)
+                self._stand_down.wait(AGAIN_S)
+            else:
+                return

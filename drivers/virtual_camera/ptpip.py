@@ -123,6 +123,8 @@ class _Connection(socketserver.BaseRequestHandler):
 
     server: _Tcp
     request: socket.socket
+    _commands = False
+    """Whether it is the one for operations."""
 
     def handle(self) -> None:
         """Serve packets until the client goes, or sends what is none."""
@@ -134,12 +136,19 @@ class _Connection(socketserver.BaseRequestHandler):
             logger.info("connection ends reason=%s", err)
 
     def _serve(self) -> None:
-        commands = False
+        try:
+            self._packets()
+        finally:
+            if self._commands:  # a client that was killed leaves no session either
+                with self.server.lock:
+                    self.server.body.forget_session()
+
+    def _packets(self) -> None:
         while (packet := self._receive()) is not None:
             kind, body = packet
             match kind:
                 case Packet.INIT_COMMAND if self.server.body.plugged:
-                    commands = True
+                    self._commands = True
                     name = "Virtual EOS".encode("utf-16-le") + b"\0\0"
                     self._send(
                         Packet.INIT_COMMAND_ACK,
@@ -149,7 +158,7 @@ class _Connection(socketserver.BaseRequestHandler):
                     self._send(Packet.INIT_FAIL, struct.pack("<I", _REJECTED))
                 case Packet.INIT_EVENT:
                     self._send(Packet.INIT_EVENT_ACK, b"")
-                case Packet.OPERATION if commands:
+                case Packet.OPERATION if self._commands:
                     self._operation(body)
                 case Packet.PING:
                     self._send(Packet.PONG, b"")
@@ -157,9 +166,6 @@ class _Connection(socketserver.BaseRequestHandler):
                     continue  # a cancel that comes after the answer, as there is no other
                 case _:
                     raise DecodeError(f"PTP/IP packet of type {kind} out of place")
-        if commands:
-            with self.server.lock:
-                self.server.body.forget_session()
 
     def _operation(self, packet: bytes) -> None:
         take = Reader(packet, "PTP/IP operation")

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -154,14 +155,12 @@ class DisplayProcess:
         self._send(Play(slots, abort=abort, stalls=stalls_from is not None), fd)
         try:
             self._watch(head, count, progress, cancelled)
-        except PdcdError:
-            raise
         except BaseException:
             # Whoever was told of the progress failed, or a signal came: black now, not in the end.
             head[Head.STOP] = 1
-            if self._answered(self._hang_s):
-                self._reply()
+            self._end_pass()
             raise
+        self._reply()
         if head[Head.STOP]:
             raise Cancelled("cancelled while the codes were shown", device="display")
         if head[Head.SHOWN] != count:
@@ -227,7 +226,17 @@ class DisplayProcess:
                 if cancelled():
                     head[Head.STOP] = 1
                     asked_to_stop = True
-        self._reply()
+
+    def _end_pass(self) -> None:
+        """Wait for the end of a pass that was told to stop, so that no later request takes its
+        answer for its own."""
+        if not self.alive:
+            return
+        if not self._answered(self._hang_s):
+            self.kill()
+            return
+        with suppress(PdcdError):  # why the pass was told to stop is what counts
+            self._reply()
 
     def _ask(self, message: Request, timeout_s: float) -> Reply:
         self._send(message)
@@ -248,12 +257,20 @@ class DisplayProcess:
         self._reply()
 
     def _answered(self, within_s: float) -> bool:
-        """Whether there is an answer, or an end, within that time."""
+        """Whether there is an answer, or an end, within that time.
+
+        Where a signal breaks the wait off the process is killed: nobody is left for its answer,
+        which a later request would take for its own.
+        """
         until_s = time.monotonic() + within_s
-        while not self._poller.poll(LOOK_S * 1000):
-            self._pulse()
-            if time.monotonic() > until_s:
-                return False
+        try:
+            while not self._poller.poll(LOOK_S * 1000):
+                self._pulse()
+                if time.monotonic() > until_s:
+                    return False
+        except BaseException:
+            self.kill()
+            raise
         return True
 
     def _send(self, message: Request, fd: int | None = None) -> None:

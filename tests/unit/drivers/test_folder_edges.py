@@ -221,6 +221,18 @@ def test_a_copy_that_fails_leaves_nothing(
     assert not list(bench.run.iterdir())
 
 
+def test_a_copy_that_is_broken_off_leaves_nothing(bench: Bench) -> None:
+    def alive() -> None:
+        if any(bench.run.iterdir()):
+            raise KeyboardInterrupt
+
+    bench.readout._alive = alive
+    (bench.card / "a.dng").write_bytes(DNG)
+    with pytest.raises(KeyboardInterrupt):
+        bench.fetch()
+    assert not list(bench.run.iterdir()) and (bench.card / "a.dng").exists()
+
+
 def test_a_file_that_changes_while_it_is_copied_is_refused(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from pdcd.bench.tables import CameraConfig
 from pdcd.errors import ConfigError, DeviceLost, DiskError, ExposureError
 from pdcd.sensor.profile import load_profile
 from tests.fake_gphoto import Setting, failure
-from tests.gphoto_bench import MS, Bench
+from tests.gphoto_bench import MS, Bench, Camera
 
 SURE_NS = 180 * MS
 """A lag of 100 ms and four jitters of 20 ms."""
@@ -75,6 +76,72 @@ def test_a_camera_lost_in_an_exposure_is_let_go_and_begins_closed(bench: Bench) 
     assert bench.shutter.close() == before_ns
     bench.shutter.connect()
     assert bench.shutter.close() == before_ns == bench.clock.now_ns()
+
+
+@pytest.mark.parametrize("ended_itself", [False, True])
+def test_a_camera_that_is_there_again_has_its_exposure_ended(
+    bench: Bench, ended_itself: bool
+) -> None:
+    """A cable with a loose contact: what was open answers no more, the camera does."""
+    bench.readout.connect()
+    bench.shutter.connect()
+    bench.readout.arm(SETTINGS)
+    bench.shutter.open()
+    first, second = bench.camera, Camera(bench.clock)
+    first.broken = failure(gp.GP_ERROR_IO)
+    if ended_itself:
+        second.refuses_bulb = failure(gp.GP_ERROR)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gp, "Camera", lambda: second)
+        with pytest.raises(ExposureError, match="connection was lost while the shutter was open"):
+            bench.shutter.close()
+    assert (first.opened, second.opened) == (0, 1)
+    assert second.written == [("bulb", 0)] * (not ended_itself)
+    assert bench.shutter.close() == bench.clock.now_ns()
+
+
+def test_a_camera_that_refuses_to_close_is_not_opened_again(bench: Bench) -> None:
+    bench.shutter.connect()
+    bench.shutter.open()
+    bench.camera.refuses_bulb = failure(gp.GP_ERROR)
+    for _ in range(2):
+        with pytest.raises(DeviceLost, match="cannot set bulb to 0"):
+            bench.shutter.close()
+    assert bench.camera.opened == 1
+    bench.camera.refuses_bulb = None
+    bench.shutter.close()
+    assert bench.camera.written[-1] == ("bulb", 0)
+
+
+def test_a_camera_that_was_switched_off_and_on_is_found_by_the_next_exposure(bench: Bench) -> None:
+    bench.readout.connect()
+    bench.camera.broken = failure(gp.GP_ERROR_IO_WRITE)
+    for _ in range(2):
+        with pytest.raises(DeviceLost):
+            bench.readout.arm(SETTINGS)
+    with pytest.MonkeyPatch.context() as patch:
+        another = Camera(bench.clock)  # what was open stays broken
+        patch.setattr(gp, "Camera", lambda: another)
+        bench.readout.arm(SETTINGS)
+    assert another.settings["capturetarget"].value == "Internal RAM"
+    another.add("a.cr2", bench.raw)
+    bench.readout.fetch(bench.root, "shot", 5.0)
+
+
+@pytest.mark.parametrize("refuses", [False, True])
+def test_a_shutter_that_is_forgotten_ends_its_exposure(
+    bench: Bench, caplog: pytest.LogCaptureFixture, refuses: bool
+) -> None:
+    """A thread that takes a photo dies with the interpreter, wherever it is."""
+    bench.shutter.connect()
+    bench.shutter.open()
+    bench.camera.written.clear()
+    if refuses:
+        bench.camera.refuses_bulb = failure(gp.GP_ERROR)
+    del bench.shutter
+    gc.collect()
+    assert bench.camera.written == [("bulb", 0)] * (not refuses)
+    assert ("may be open" in caplog.text) == refuses
 
 
 def test_a_second_connect_ends_an_exposure(bench: Bench) -> None:
@@ -176,6 +243,40 @@ def test_a_second_photo_in_that_time_is_refused_and_a_third_not_waited_for(armed
     with pytest.raises(ExposureError, match="2 RAW files"):
         armed.readout.fetch(armed.root, "shot", 60.0)
     assert not (armed.root / "shot.cr2").exists()
+
+
+@pytest.mark.parametrize(
+    ("late_s", "waited_s"),
+    [
+        (0.0, 0.05),  # it waits already
+        (2.0, 2.0),
+        (24.0, 24.0),  # noise reduction takes the exposure once more
+        (None, 25.0),
+    ],
+)
+def test_the_photo_of_an_exposure_that_was_given_up_is_not_taken_for_the_next(
+    bench: Bench, late_s: float | None, waited_s: float
+) -> None:
+    """A job is cancelled in its exposure of 10 s, and the next one begins at once."""
+    bench.readout.connect()
+    bench.shutter.connect()
+    bench.readout.arm(SETTINGS)
+    bench.shutter.open()
+    bench.clock.sleep_until_ns(bench.clock.now_ns() + 10_000 * MS - SURE_NS)
+    bench.shutter.close()
+    if late_s is not None:
+        bench.camera.later(max(0.0, late_s - 0.18), "given-up.cr2", b"II*\0")
+    before_ns = bench.clock.now_ns()
+    bench.readout.arm(SETTINGS)
+    assert bench.clock.now_ns() - before_ns == pytest.approx((waited_s - 0.18) * 1e9, abs=3e8)
+    bench.shutter.open()
+    bench.shutter.close()
+    bench.camera.later(1.0, "next.cr2", bench.raw)
+    raw = bench.readout.fetch(bench.root, "shot", 60.0)
+    assert raw.path.read_bytes() == bench.raw
+    before_ns = bench.clock.now_ns()
+    bench.readout.arm(SETTINGS)  # nothing is owed any more
+    assert bench.clock.now_ns() - before_ns < 100 * MS
 
 
 def test_a_photo_is_fetched_once_for_each_arming(armed: Bench) -> None:

@@ -233,3 +233,35 @@ def test_a_lost_one_is_replaced_and_armed_and_a_lost_cause_is_told_once(
     assert ended == ["the process that guards the shutter does not start"]
     assert guard.look() is False
     assert (len(ended), len(processes)) == (1, 3)
+
+
+@pytest.mark.parametrize("later", ["ended", "guarded", "disarmed"])
+def test_an_exposure_that_could_not_be_ended_is_looked_after_still(
+    processes: list[Process], monkeypatch: pytest.MonkeyPatch, later: str
+) -> None:
+    monkeypatch.setattr(guard_module, "HEARD_S", 0.01)
+    monkeypatch.setattr(Process, "answers", (b"ok",))
+    failures = [DeviceLost("the camera does not answer")] * 2
+    ended: list[str] = []
+
+    def unguarded(why: str) -> None:
+        ended.append(why)
+        if failures:
+            raise failures.pop()
+
+    guard = made(unguarded=unguarded)
+    guard.arm(lambda: "arm 30")
+    monkeypatch.setattr(Process, "answers", ())
+    assert guard.look() is True and guard.look() is True
+    assert len(ended) == 2
+    if later == "ended":
+        assert guard.look() is False and len(ended) == 3
+    elif later == "guarded":
+        monkeypatch.setattr(Process, "answers", (b"ok",) * 3)
+        assert guard.look() is True and guard.look() is True
+        assert processes[-1].heard() == [b"arm 30", b"look"]
+    else:
+        guard.disarm()
+    if later != "guarded":
+        assert guard.look() is False
+    guard.stop()

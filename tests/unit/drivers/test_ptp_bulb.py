@@ -180,6 +180,34 @@ def test_a_new_session_closes_and_spoils_what_was_open() -> None:
     shutter.end()
 
 
+@pytest.mark.parametrize(
+    ("answer", "was_open", "refused"),
+    [
+        (Response.OK, True, False),
+        (Response.GENERAL_ERROR, True, False),  # it held nothing open any more
+        (Response.OPERATION_NOT_SUPPORTED, True, False),  # nor could it
+        (Response.DEVICE_BUSY, True, True),
+        (Response.INVALID_PARAMETER, True, True),
+        (Response.DEVICE_BUSY, False, True),  # it may be open by somebody else's doing
+        (Response.INVALID_PARAMETER, False, False),
+    ],
+)
+def test_a_shutter_is_closed_by_a_new_session_only_where_the_camera_does_it(
+    answer: int, was_open: bool, refused: bool
+) -> None:
+    wire = Wire(*[int(Response.OK)] * was_open, answer)
+    shutter = bulb(wire)
+    if was_open:
+        shutter.begin()
+    if refused:
+        with pytest.raises(ExposureError, match="refuses to close the shutter"):
+            shutter.new_session(BULB)
+    else:
+        shutter.new_session(BULB)
+    assert (shutter.since_ns is not None) == (was_open and refused)
+    assert wire.codes[-1] == STOP
+
+
 def test_a_shutter_that_is_closed_is_left_alone() -> None:
     wire = Wire()
     bulb(wire).end()
@@ -223,7 +251,7 @@ def test_a_camera_is_asked_three_times_to_close(refusals: int) -> None:
     [
         (Response.OK, False, True),
         (Response.GENERAL_ERROR, False, False),  # it held nothing open
-        (Response.DEVICE_BUSY, False, True),
+        (Response.DEVICE_BUSY, True, True),  # it has not done it
         (DeviceLost("x"), True, True),
     ],
 )

@@ -122,7 +122,7 @@ def test_the_last_to_go_hands_the_camera_back_to_its_own_buttons(rig: PtpRig) ->
 
 def test_a_pause_is_a_sign_of_life(rig: PtpRig) -> None:
     signs: list[int] = []
-    rig.camera._tell_alive = lambda: signs.append(rig.clock.now_ns())
+    rig.camera.tell_alive = lambda: signs.append(rig.clock.now_ns())
     before_ns = rig.clock.now_ns()
     rig.camera.pause(0.25)
     assert signs == [before_ns] and rig.clock.now_ns() == before_ns + 250_000_000

@@ -19,7 +19,9 @@ from drivers.ptp.readout import PtpReadout
 from drivers.ptp.transport import Reply
 from drivers.ptp.values import f_numbers, isos, not_ready
 from drivers.virtual_camera import Script
-from pdcd.bench.devices import CameraSettings
+from pdcd.bench.clock import VirtualClock
+from pdcd.bench.devices import CameraSettings, DriverContext
+from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.errors import ConfigError, ExposureError
 from tests.ptp_rig import SETTINGS, PtpRig
 
@@ -166,6 +168,15 @@ def test_an_exposure_is_overdue_ten_seconds_after_the_longest(rig: PtpRig) -> No
     assert not rig.body.shutter.is_open
     with pytest.raises(ExposureError, match=r"open for longer than limits\.max_exposure_s"):
         rig.shutter.close()
+
+
+def test_exposures_without_a_longest_one_are_not_overdue_after_a_day() -> None:
+    longest = LimitsConfig(max_exposure_s=float("inf"))
+    context = DriverContext(Config(limits=longest), VirtualClock())
+    camera = EosCamera.of(context)
+    camera.bulb.since_ns = context.clock.now_ns()
+    context.clock.sleep_until_ns(10**14)
+    assert not camera.bulb.overdue(camera._longest_ns)
 
 
 def test_a_tick_without_a_session_does_nothing(rig: PtpRig) -> None:

@@ -11,6 +11,7 @@ import gc
 import threading
 import tracemalloc
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import get_args
 
@@ -20,7 +21,7 @@ from drivers.ptp.codes import Operation
 from drivers.ptp.readout import FILE_EXTRA_S
 from drivers.ptp.session import LONGEST_S
 from drivers.virtual_camera import RELEASE_BODY, Exposure, PlainFilm, Script, WireFault
-from drivers.virtual_camera.faults import WireKind
+from drivers.virtual_camera.faults import Occasions, WireKind
 from pdcd.bench.devices import RawFile
 from pdcd.errors import DeviceLost, ExposureError, PdcdError
 from tests.ptp_rig import SETTINGS, PtpRig
@@ -250,6 +251,76 @@ def test_an_unanswered_start_is_one_exposure_at_most(tmp_path: Path) -> None:
     assert rig.body.shutter.opened == 2
     assert rig.is_photo_of(raw, own_exposure(rig))
     rig.disconnect()
+
+
+@pytest.mark.parametrize("kind", ["busy", "error", "mute"])
+@pytest.mark.parametrize(
+    "refused",
+    [Operation.EOS_SET_REMOTE_MODE, Operation.EOS_SET_EVENT_MODE, Operation.EOS_GET_EVENT],
+)
+def test_a_camera_that_does_nothing_else_in_an_exposure_is_still_told_to_close(
+    refused: Operation, kind: WireKind
+) -> None:
+    """The session is lost with the shutter open, and no new one gets beyond its modes."""
+    rig = PtpRig()
+    rig.connect()
+    rig.readout.arm(SETTINGS)
+    rig.shutter.open()
+    rig.body.forget_session()
+    fault = Script(wire=(WireFault(kind, refused, times=10**6),))
+    rig.body._occasions = Occasions(fault)
+    with pytest.raises(PdcdError):
+        rig.shutter.close()
+    assert not rig.body.shutter.is_open and rig.body.shutter.opened == 1
+    assert rig.camera.bulb.since_ns is None
+    rig.body._occasions = Occasions(Script())
+    rig.disconnect_quietly()
+
+
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("forgotten", [False, True])
+def test_a_camera_that_was_lost_in_an_exposure_is_sought_when_it_is_let_go(
+    back: bool, forgotten: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = PtpRig()
+    rig.connect()
+    rig.readout.arm(SETTINGS)
+    rig.shutter.open()
+    rig.body.unplug()
+    with pytest.raises(DeviceLost):
+        rig.shutter.close()
+    if back:
+        rig.body.replug()
+    if forgotten:  # as at the end of the interpreter
+        rig.camera.let_go("shutter")
+        assert "camera not left as it should be" in caplog.text
+    else:
+        with pytest.raises(ExposureError if back else DeviceLost):
+            rig.shutter.disconnect()
+    assert rig.body.shutter.is_open == (not back) == (rig.camera.bulb.since_ns is not None)
+    rig.shutter.disconnect()  # a second time there is nothing to do
+    rig.disconnect_quietly()
+
+
+@pytest.mark.parametrize("calls", [1, 1000])
+def test_a_shutter_is_not_taken_for_closed_while_the_camera_is_too_busy_to_close_it(
+    calls: int,
+) -> None:
+    """A new session begins by closing it: an answer that it is busy is none that it did."""
+    busy = WireFault("busy", Operation.EOS_BULB_END, first=2, times=calls)
+    rig = PtpRig(Script(wire=(busy,)))
+    rig.connect()
+    rig.readout.arm(SETTINGS)
+    rig.shutter.open()
+    rig.body.forget_session()
+    with pytest.raises(PdcdError):
+        rig.shutter.close()
+    assert (rig.camera.bulb.since_ns is None) == (not rig.body.shutter.is_open) == (calls == 1)
+    rig.body._occasions = Occasions(Script())
+    with suppress(ExposureError):  # that the exposure is spoiled, where it was not said before
+        rig.shutter.close()
+    assert not rig.body.shutter.is_open and rig.body.shutter.opened == 1
+    rig.disconnect_quietly()
 
 
 def test_a_refused_end_is_asked_again(tmp_path: Path) -> None:

@@ -91,6 +91,16 @@ def test_a_photo_is_read_in_blocks_of_a_mib_and_twice_unless_told(
     assert not rig.body.store.files  # its memory is free again
 
 
+def test_every_block_of_a_photo_is_a_sign_of_life(rig: PtpRig, tmp_path: Path) -> None:
+    """On a slow bus all of them take longer than the daemon's watchdog waits."""
+    photo = waiting(rig)
+    asked = reads(rig)
+    lived: list[int] = []
+    rig.camera.tell_alive = lambda: lived.append(len(asked))
+    files.download(rig.camera, photo, tmp_path / "a.cr2")
+    assert lived == [0, 1, 2, 3]
+
+
 def test_a_second_reading_that_differs_is_no_photo(
     rig: PtpRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

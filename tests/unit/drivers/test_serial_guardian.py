@@ -13,6 +13,7 @@ import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ class Served:
         self.released: list[tuple[int, str, str]] = []
         self.takes = True
         monkeypatch.setattr(guardian, "release", self._release)
+        monkeypatch.setattr(guardian, "AGAIN_S", 600.0)
         self.talk, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.talk.settimeout(LONG_S)
         self.theirs = theirs
@@ -111,6 +113,58 @@ def test_a_guardian_that_fired_does_not_fire_again(served: Served) -> None:
     assert len(served.released) == 1
 
 
+def test_a_port_that_did_not_take_it_is_told_again_until_it_does(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guardian, "AGAIN_S", 0.01)
+    served.takes = False
+    served.ask("arm 0.01")
+    until_s = time.monotonic() + LONG_S
+    while len(served.released) < 4 and time.monotonic() < until_s:
+        time.sleep(0.005)
+    assert len(served.released) >= 4 and served.ask("look") == b"lost"
+    served.takes = True
+    while served.ask("look") == b"lost" and time.monotonic() < until_s:
+        time.sleep(0.005)
+    closed = len(served.released)
+    assert served.say("look", "disarm") == [b"fired"] * 2
+    served.hang_up()
+    assert len(served.released) == closed
+
+
+@pytest.mark.parametrize("last", ["look", "disarm"])
+def test_a_port_that_did_not_take_it_is_told_once_more_when_the_daemon_ends(
+    served: Served, last: str
+) -> None:
+    served.takes = False
+    served.fires()
+    assert served.ask(last) == b"lost"
+    served.hang_up()
+    assert len(served.released) == 1 + (last == "look")
+
+
+@pytest.mark.parametrize("full_first", [False, True])
+def test_a_command_of_which_a_port_takes_a_part_is_sent_to_its_end(
+    monkeypatch: pytest.MonkeyPatch, full_first: bool
+) -> None:
+    """A port to which the daemon has sent much has little room left, or none for a while."""
+    port, box = socket.socketpair()
+    write = os.write
+    full = [full_first]
+
+    def one_byte(fd: int, data: bytes) -> int:
+        if full.pop():
+            full.append(False)
+            raise BlockingIOError(11, "Resource temporarily unavailable")
+        full.append(full_first)
+        return write(fd, data[:1])
+
+    with port, box:
+        monkeypatch.setattr(os, "write", one_byte)
+        assert guardian.release(port.fileno(), "command", "ff00") is True
+        assert box.recv(64) == b"\xff\x00"
+
+
 def test_a_daemon_that_died_with_an_answer_unread_is_gone_as_well(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -150,8 +204,12 @@ def test_a_port_that_refuses_is_asked_three_times(
     def ioctl(fd: int, request: int, bits: bytes) -> None:
         asked(fd, (request, *struct.unpack("I", bits)))
 
+    def write(port: int, data: bytes) -> int:
+        asked(port, data)
+        return len(data)
+
     monkeypatch.setattr(fcntl, "ioctl", ioctl)
-    monkeypatch.setattr(os, "write", asked)
+    monkeypatch.setattr(os, "write", write)
     done = guardian.release(7, how, value)
     monkeypatch.undo()
     assert done == taken
@@ -221,18 +279,21 @@ def test_a_guardian_that_fired_ended_the_exposure(
 def test_an_exposure_that_nobody_guards_is_ended_and_said_once(
     guarded: tuple[watchdog.Guardian, Guarded],
     monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
     takes: bool,
 ) -> None:
     made, guard = guarded
     asked: list[object] = []
     monkeypatch.setattr(watchdog, "release", lambda *how: asked.append(how) or takes)  # type: ignore[func-returns-value]
     made.arm(30.0)
-    guard.unguarded("no process is left")
+    if takes:
+        guard.unguarded("no process is left")
+    else:  # it is asked again then
+        with pytest.raises(DeviceLost, match="does not take it"):
+            guard.unguarded("no process is left")
     assert asked == [(7, "rts", "0")]
-    assert ("shutter may be open" in caplog.text) != takes
     assert [made.disarm(), made.disarm()] == ["no process is left", ""]
-    guard.unguarded("no process is left")
+    with suppress(DeviceLost):
+        guard.unguarded("no process is left")
     made.arm(30.0)  # the next exposure is not the last one
     assert made.disarm() == ""
 
@@ -270,6 +331,22 @@ def test_an_alarm_in_time_leaves_nothing_behind(end: Callable[[watchdog.Alarm], 
     assert end(made) in ("", None)
     assert not any(isinstance(t, threading.Timer) for t in threading.enumerate())
     assert not rung.is_set()
+
+
+def test_an_alarm_that_is_not_heard_rings_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watchdog, "AGAIN_S", 0.01)
+    rung = threading.Event()
+    failures = [DeviceLost("gone")] * 3
+
+    def ring() -> None:
+        if failures:
+            raise failures.pop()
+        rung.set()
+
+    made = watchdog.Alarm(ring)
+    made.arm(0.0)
+    assert rung.wait(LONG_S)
+    assert made.disarm() == "it lasted 0 s"
 
 
 def test_an_alarm_that_rang_in_one_exposure_is_not_heard_in_the_next() -> None:

@@ -400,3 +400,47 @@ def test_the_line_of_a_port_server() -> None:
         box.disconnect()
         server.join(LONG_S)
         assert not server.is_alive()
+
+
+@pytest.fixture
+def relay() -> Iterator[SimpleNamespace]:
+    """A box on the network: `heard` is what it was sent, the end of the connection included."""
+    heard: list[bytes] = []
+
+    def listen() -> None:
+        connection, _ = listener.accept()
+        with connection:
+            while data := connection.recv(1):
+                heard.append(data)
+        heard.append(b"")
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        server = threading.Thread(target=listen, daemon=True)
+        server.start()
+        url = f"socket://127.0.0.1:{listener.getsockname()[1]}"
+        yield SimpleNamespace(url=url, heard=heard, server=server)
+    server.join(LONG_S)
+    assert not server.is_alive()
+
+
+@pytest.mark.parametrize("last", ["close", "guardian"])
+def test_a_box_on_the_network_takes_commands_and_has_a_guardian(
+    relay: SimpleNamespace, last: str
+) -> None:
+    box = make(relay.url, **BOX)
+    assert box.connect()["watchdog"] == "guardian"
+    box.open()
+    if last == "close":
+        box.close()
+    elif box._watchdog is not None:
+        box._watchdog.stop()  # as when this process dies
+        box._watchdog = None
+    box.disconnect()
+    relay.server.join(LONG_S)
+    assert relay.heard == [b"0", b"1", b"0", *[b"0"] * (last == "close"), b""]
+
+
+@pytest.mark.parametrize("lines", [{}, {**BOX, "feedback": "cts"}])
+def test_a_connection_without_lines_says_so(relay: SimpleNamespace, lines: dict[str, str]) -> None:
+    with pytest.raises(ConfigError, match="no modem lines"):
+        make(relay.url, **lines).connect()

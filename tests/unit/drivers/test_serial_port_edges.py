@@ -342,3 +342,23 @@ def test_options_are_given_by_name_and_stay_as_they_are() -> None:
         Options("line://box")  # type: ignore[call-arg]
     with pytest.raises(msgspec.ValidationError, match="relese"):
         read(relese="rts")
+
+
+@pytest.mark.parametrize("left", [[3, 1, 0], [0]])
+def test_a_command_is_waited_for_until_it_is_sent(wire: Wire, left: list[int]) -> None:
+    port = Port(options(port="/dev/ttyUSB7", **BOX))
+    wire.told()
+    type_ = type("Slow", (Wire,), {"out_waiting": property(lambda _: left.pop(0))})
+    object.__setattr__(wire, "__class__", type_)
+    port.drive(opened=True)
+    assert left == [] and wire.told() == ["reset", ("write", b"1"), "flush"]
+
+
+def test_a_box_that_takes_nothing_is_not_waited_for_without_bound(wire: Wire) -> None:
+    """The kernel would do so: only what is sent is flushed."""
+    port = Port(options(port="/dev/ttyUSB7", answer_s=0.02, **BOX))
+    wire.told()
+    wire.__dict__["out_waiting"] = 1
+    with pytest.raises(DeviceLost, match=r"/dev/ttyUSB7 did not take 31 within 0\.02 s .*box hang"):
+        port.drive(opened=True)
+    assert "flush" not in wire.told()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import threading
 from collections.abc import Callable, Iterator
@@ -309,6 +310,36 @@ def test_the_limit_is_the_longest_exposure_and_half_a_minute() -> None:
     assert box._limit_s == 130.0
 
 
+def test_an_exposure_of_any_length_is_guarded_by_a_time_that_can_be_waited_for(
+    line: FakeLine,
+) -> None:
+    trigger = TriggerConfig(options={"port": "line://box"})
+    config = Config(trigger=trigger, limits=LimitsConfig(max_exposure_s=float("inf")))
+    box = SerialShutter.create(DriverContext(config=config, clock=line.clock))
+    box.connect()
+    box.open()
+    (alarm,) = (t for t in threading.enumerate() if isinstance(t, threading.Timer))
+    alarm.join(0.05)
+    assert alarm.is_alive()
+    box.disconnect()
+
+
+@pytest.mark.parametrize("unplugged", [False, True])
+def test_a_shutter_that_is_forgotten_is_closed(
+    line: FakeLine, caplog: pytest.LogCaptureFixture, unplugged: bool
+) -> None:
+    """No guardian holds such a port: the line would stay as it is."""
+    box = make(line.clock)
+    box.connect()
+    box.open()
+    line.unplugged = unplugged
+    del box
+    gc.collect()
+    assert line.levels("rts")[-1] is unplugged
+    assert ("may be open" in caplog.text) is unplugged
+    assert not [t for t in threading.enumerate() if isinstance(t, threading.Timer)]
+
+
 def test_open_before_connect_is_refused(shutter: Make) -> None:
     with pytest.raises(DeviceLost, match="connect first"):
         shutter().open()
@@ -336,6 +367,9 @@ def test_a_port_that_is_not_there(line: FakeLine) -> None:
         ({"port": "loop://", "baud": 0}, "baud"),
         ({"port": "loop://", "answer_s": 0}, "answer_s"),
         ({"port": "loop://", "limit_s": -1.0}, "limit_s"),
+        ({"port": "loop://", "limit_s": float("inf")}, "limit_s"),
+        ({"port": "loop://", **BOX, "close_hex": "ff0101"}, "must differ"),
+        ({"port": "loop://", **BOX, "open_hex": " "}, "needs open_hex and close_hex"),
     ],
 )
 def test_wrong_options_are_refused(options: dict[str, Any], message: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -78,6 +79,27 @@ def line(server: PtpIpServer) -> Iterator[Line]:
     made = Line(server)
     yield made
     made.socket.close()
+
+
+@pytest.mark.parametrize("end", ["closed", "reset", "nonsense", "within a packet"])
+def test_a_connection_that_ends_in_any_way_ends_its_session(
+    server: PtpIpServer, body: Body, end: str
+) -> None:
+    """A client that was killed would else keep the next one out of step."""
+    line = Line(server)
+    line.open()
+    assert body.session_open
+    if end == "reset":
+        line.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    elif end == "nonsense":
+        line.send(99, b"")
+    elif end == "within a packet":
+        line.socket.sendall(b"\x20\0\0\0\x06")
+    line.socket.close()
+    until_s = time.monotonic() + 30.0
+    while body.session_open and time.monotonic() < until_s:
+        time.sleep(0.005)
+    assert not body.session_open
 
 
 def test_a_client_is_greeted_and_served(server: PtpIpServer, line: Line, body: Body) -> None:

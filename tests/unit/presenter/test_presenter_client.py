@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -196,6 +197,22 @@ def test_a_process_that_answered_and_went_is_lost_all_the_same(
     bench.theirs.close()
     with pytest.raises(DeviceLost, match="ended by signal 9"):
         process.show(1)
+
+
+@pytest.mark.parametrize("asked", ["load", "show", "black"])
+def test_a_wait_that_a_signal_breaks_off_ends_the_process(
+    bench: Bench, process: DisplayProcess, asked: str
+) -> None:
+    """Its answer would be taken for that to the next request, perhaps for black."""
+
+    def poll(wait_ms: float) -> list[Any]:
+        raise KeyboardInterrupt
+
+    process._poller = SimpleNamespace(poll=poll)  # type: ignore[assignment]
+    how = {"load": (random_codes((3, 4)),), "show": (1,), "black": ()}
+    with pytest.raises(KeyboardInterrupt):
+        getattr(process, asked)(*how[asked])
+    assert child_of(bench).kills == 1 and not process.alive
 
 
 # Black, and the end.

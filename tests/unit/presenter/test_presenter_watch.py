@@ -60,6 +60,7 @@ class Pass:
         self.message: Any = None
         self.arrays: dict[str, NDArray[Any]] = {}
         self.silent = False
+        self.failure: Exception = ZeroDivisionError()
         process._poller = SimpleNamespace(poll=self.poll)  # type: ignore[assignment]
 
     def poll(self, wait_ms: float) -> list[Any]:
@@ -88,7 +89,7 @@ class Pass:
     def progress(self, shown: int, missed: int) -> None:
         self.told.append((shown, missed))
         if len(self.told) == self.fail_at:
-            raise ZeroDivisionError
+            raise self.failure
 
     def cancelled(self) -> bool:
         return len(self.told) >= self.cancel_at
@@ -184,16 +185,19 @@ def test_a_pass_that_shows_nothing_new_for_too_long_is_ended(
     assert child_of(bench).kills == hung
 
 
+@pytest.mark.parametrize("failure", [ZeroDivisionError(), Cancelled("enough"), DeviceLost("shut")])
 @pytest.mark.parametrize("answers", [True, False])
 def test_who_fails_at_progress_leaves_black_panels(
-    bench: Bench, process: DisplayProcess, answers: bool
+    bench: Bench, process: DisplayProcess, answers: bool, failure: Exception
 ) -> None:
     """Whatever else it raises is not hidden."""
     made = Pass(bench, process)
+    made.failure = failure
     made.fail_at, made.silent = 2, not answers
     made.steps = [(1, 0, 0.1), (2, 0, 0.1)]
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(type(failure)) as caught:
         made.play()
+    assert caught.value is failure
     assert made.arrays["head"][Head.STOP] == 1 and len(made.told) == 2
     if answers:
         bench.mine.setblocking(False)
