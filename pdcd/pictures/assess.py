@@ -123,7 +123,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
     )
     return quality.verdict(
         itertools.chain(
-            quality.saturation({n: _share(decoded.shots[n].saturated) for n in names}),
+            quality.saturation({n: _saturated_share(decoded, n) for n in names}),
             _light(lit, decoded, thin),
             quality.answer_of(image, sigma, sensor),
             _errors(record, decoded, image, sigma, sensor),
@@ -176,8 +176,11 @@ def _shots_of(photos: Iterable[Photo], decoded: Decoded) -> Iterator[str]:
                 yield from decoded.recipe.stack
 
 
-def _share(saturated: NDArray[np.bool_]) -> float:
-    return float(np.count_nonzero(saturated)) / saturated.size
+def _saturated_share(decoded: Decoded, name: str) -> float:
+    """Of the quads of the field in a shot."""
+    field = decoded.cells.known
+    saturated = int(np.count_nonzero(decoded.shots[name].saturated & field))
+    return saturated / max(int(np.count_nonzero(field)), 1)
 
 
 def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:

@@ -285,3 +285,10 @@ def test_borders_of_cells_that_the_panels_draw_apart(tmp_path: Path) -> None:
     assert quality.verdict != "good"
     assert any("of the picture is direct light" in reason for reason in quality.reasons)
     assert any(r.startswith("photo coded: direct light has a weight") for r in quality.reasons)
+
+
+def test_saturation_is_a_share_of_the_field(tmp_path: Path) -> None:
+    """An eighth of the field is over-exposed; the field fills a ninth of the frame."""
+    camera = {"frame_quads": (96, 72), "f_number": 1.0, "place": Placing(scale=3.0)}
+    found = verdict(tmp_path, codes=16, white=False, camera=camera)
+    assert found.verdict == "bad" and "11.8 % of the field is saturated" in found.reasons[0], found
