@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.pictures import quality
 from pdcd.pictures.answer_error import error_of, negative_light
+from pdcd.pictures.combine import share_taken_out
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_fingerprints
@@ -39,6 +40,8 @@ PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
 PER_CELL = 4
 """The same for each cell, where that is more."""
+LEAST_SHOWN = 0.05
+"""Least share of the direct light that a picture of it is taken to show."""
 STACK = 24
 """Photos of single codes that are looked at."""
 
@@ -210,8 +213,19 @@ def _direct_left(
         return
     there, left = (thin.inside(thin.pick(p.image)) for p in (direct, decoded.answer))
     weight, drawn = abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo)
-    taken_out = record.unmixed and drawn == 0.0
-    yield from quality.direct_left(max(weight, drawn), there, left, taken_out=taken_out)
+    # What is left of it in this picture is missing in that of direct light.
+    whole = there / max(1.0 - weight, LEAST_SHOWN)
+    found = list(quality.direct_left(max(weight, drawn), whole, left, taken_out=False))
+    if found and record.unmixed and drawn == 0.0 and _taken_out(record, photo, decoded):
+        found = list(quality.direct_left(weight, there, left, taken_out=True))
+    yield from found
+
+
+def _taken_out(record: RunRecord, photo: Photo, decoded: Decoded) -> bool:
+    """Whether direct light was taken out of a photo: not where there was too much of it."""
+    shots = {**decoded.shots, **decoded.sums}
+    share = share_taken_out(photo, decoded.recipe, shots, decoded.cells, normalise=record.normalise)
+    return share is not None
 
 
 def _at_borders(decoded: Decoded, photo: Photo) -> float:

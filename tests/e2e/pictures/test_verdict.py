@@ -69,7 +69,7 @@ def misplaced(monkeypatch: pytest.MonkeyPatch, panel: str, move: Move) -> Iterat
 
 def verdict(folder: Path, *, camera: dict[str, Any] | None = None, **asked: Any) -> Quality:
     """Of a capture with full sensor noise; `asked` holds tables of the bench, too."""
-    tables = {k: asked.pop(k) for k in ("scene", "rig", "display") if k in asked}
+    tables = {k: asked.pop(k) for k in ("scene", "rig", "display", "mask") if k in asked}
     scene = tables.pop("scene", {})
     config = Config(
         scene=SceneConfig(grid=GRID, **scene),
@@ -292,3 +292,18 @@ def test_saturation_is_a_share_of_the_field(tmp_path: Path) -> None:
     camera = {"frame_quads": (96, 72), "f_number": 1.0, "place": Placing(scale=3.0)}
     found = verdict(tmp_path, codes=16, white=False, camera=camera)
     assert found.verdict == "bad" and "11.8 % of the field is saturated" in found.reasons[0], found
+
+
+@pytest.mark.parametrize(
+    ("fall_s", "grade", "taken_out"), [(3e-3, None, True), (8e-3, "bad", False)]
+)
+def test_direct_light_that_is_too_much_to_be_taken_out(
+    tmp_path: Path, fall_s: float, grade: str | None, taken_out: bool
+) -> None:
+    """Nothing is taken out then, and nobody is told that it was."""
+    mask = PanelConfig(size_px=(1600, 1200), fall_s=fall_s)
+    found = verdict(tmp_path, mask=mask, guards=False, black_level="none")
+    told = [text for text in found.reasons if "was taken out of it" in text]
+    left = [text for text in found.reasons if "of the picture is direct light" in text]
+    assert (bool(told), bool(left)) == (taken_out, not taken_out), found
+    assert grade in (None, found.verdict)
