@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from pdcd.pictures import quality
 from pdcd.pictures.answer_error import error_of, negative_light
-from pdcd.pictures.combine import share_taken_out
+from pdcd.pictures.combine import divided_by_row, realised_photo, share_taken_out
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_fingerprints
 from pdcd.pictures.quality import Finding
-from pdcd.probing.deviation import Deviation
+from pdcd.probing.deviation import Deviation, weight_s
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.recipes.pairs import FLOODLIT
 from pdcd.recipes.recipe import Extremes, Photo, Shot
@@ -134,6 +134,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
+            quality.direct_weights(_direct_weights(record, photos, decoded)),
             _direct_left(record, photos, decoded, deviations, thin),
             # Entries of T have no parts that could measure anything.
             quality.sigma_of("" if decoded.transport is not None else answer.kind),
@@ -195,6 +196,26 @@ def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
     there, sums = (thin.inside(thin.pick(p.image)) for p in (flood, both))
     noise = sum(thin.inside(thin.pick(p.sensor)) ** 2 for p in (flood, both))
     yield from quality.pair_sum(sums, there, np.asarray(noise))
+
+
+def _direct_weights(record: RunRecord, photos: list[Photo], decoded: Decoded) -> dict[str, float]:
+    """Of photos that direct light alone scales, by one number for all cells: how far the weights of
+    cells are off, over the wanted ones."""
+    shots = {**decoded.shots, **decoded.sums}
+    found = {}
+    for photo in photos:
+        wanted = photo.wanted.diagonal()
+        power = float(np.mean(wanted**2))
+        scaled = photo.wanted.by_direct and not photo.wanted.by_light
+        alone = not photo.wanted.others(np.ones((1, wanted.size))).any()
+        if photo.wanted.matched is not None or not (scaled or alone) or not power > 0.0:
+            continue
+        if divided_by_row(photo, shots, record.normalise):
+            continue
+        realised = realised_photo(photo.shots, shots)
+        off = realised.coaxial / weight_s(realised, photo.wanted) - wanted
+        found[photo.name] = float(np.sqrt(np.mean(off**2) / power))
+    return found
 
 
 def _direct_left(

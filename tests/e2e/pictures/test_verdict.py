@@ -307,3 +307,22 @@ def test_direct_light_that_is_too_much_to_be_taken_out(
     left = [text for text in found.reasons if "of the picture is direct light" in text]
     assert (bool(told), bool(left)) == (taken_out, not taken_out), found
     assert grade in (None, found.verdict)
+
+
+@pytest.mark.parametrize("goal", ["diagonal", "descattered"])
+@pytest.mark.parametrize("skew_s", [6e-3, 25e-3])
+def test_direct_light_of_unequal_weight(tmp_path: Path, goal: str, skew_s: float) -> None:
+    """Guards of one refresh bear 6 ms. A mask that is 25 ms late shows each code before light of
+    the next: right on average, as the photo is scaled by that, and wrong in every cell."""
+    mask = PanelConfig(size_px=(1600, 1200), skew_s=skew_s)
+    asked: dict[str, Any] = {"shift": (0, 1)} if goal == "descattered" else {}
+    found = verdict(tmp_path, goal=goal, mask=mask, guards=True, black_level="none", **asked)
+    late = skew_s > 0.01
+    assert any("from cell to cell" in text for text in found.reasons) == late, found
+    assert (found.verdict == "good") != late
+
+
+def test_direct_light_beside_that_of_a_matched_cell(tmp_path: Path) -> None:
+    """It is one of the other paths there, whose weights differ by the code."""
+    found = verdict(tmp_path, goal="fraction", p=0.25, shift=(0, 1), family="balanced")
+    assert not any("from cell to cell" in text for text in found.reasons), found
