@@ -39,7 +39,7 @@ LIGHT = (
 PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
 PER_CELL = 4
-"""The same for each cell, where that is more."""
+"""The same for each cell, where that is more: of those that see the field."""
 LEAST_SHOWN = 0.05
 """Least share of the direct light that a picture of it is taken to show."""
 STACK = 24
@@ -58,7 +58,8 @@ class Thinned:
     def of(cls, cells: CellMap) -> Thinned:
         """Pixels of a frame, with the cell that the centre of each lies in."""
         (rows, cols), (height, width) = cells.grid, cells.frame
-        least = max(PIXELS, PER_CELL * rows * cols)
+        field_share = max(float(np.mean(cells.known)), 1.0 / (height * width))
+        least = max(PIXELS, PER_CELL * rows * cols / field_share)
         step = max(1, int(np.sqrt(height * width / least)))
         x, y = np.meshgrid(np.arange(step // 2, width, step), np.arange(step // 2, height, step))
         field = cells.filled.to_field(np.stack([x, y], axis=-1) + 0.5).reshape(-1, 2)
