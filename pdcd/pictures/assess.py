@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from pdcd.pictures import quality
 from pdcd.pictures.answer_error import error_of, negative_light
+from pdcd.pictures.combine import divided_by_row, realised_photo, share_taken_out
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_fingerprints
 from pdcd.pictures.quality import Finding
-from pdcd.probing.deviation import Deviation
+from pdcd.probing.deviation import Deviation, weight_s
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.recipes.pairs import FLOODLIT
 from pdcd.recipes.recipe import Extremes, Photo, Shot
@@ -38,7 +39,9 @@ LIGHT = (
 PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
 PER_CELL = 4
-"""The same for each cell, where that is more."""
+"""The same for each cell, where that is more: of those that see the field."""
+LEAST_SHOWN = 0.05
+"""Least share of the direct light that a picture of it is taken to show."""
 STACK = 24
 """Photos of single codes that are looked at."""
 
@@ -55,7 +58,8 @@ class Thinned:
     def of(cls, cells: CellMap) -> Thinned:
         """Pixels of a frame, with the cell that the centre of each lies in."""
         (rows, cols), (height, width) = cells.grid, cells.frame
-        least = max(PIXELS, PER_CELL * rows * cols)
+        field_share = max(float(np.mean(cells.known)), 1.0 / (height * width))
+        least = max(PIXELS, PER_CELL * rows * cols / field_share)
         step = max(1, int(np.sqrt(height * width / least)))
         x, y = np.meshgrid(np.arange(step // 2, width, step), np.arange(step // 2, height, step))
         field = cells.filled.to_field(np.stack([x, y], axis=-1) + 0.5).reshape(-1, 2)
@@ -123,7 +127,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
     )
     return quality.verdict(
         itertools.chain(
-            quality.saturation({n: _share(decoded.shots[n].saturated) for n in names}),
+            quality.saturation({n: _saturated_share(decoded, n) for n in names}),
             _light(lit, decoded, thin),
             quality.answer_of(image, sigma, sensor),
             _errors(record, decoded, image, sigma, sensor),
@@ -131,6 +135,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
+            quality.direct_weights(_direct_weights(record, photos, decoded)),
             _direct_left(record, photos, decoded, deviations, thin),
             # Entries of T have no parts that could measure anything.
             quality.sigma_of("" if decoded.transport is not None else answer.kind),
@@ -176,8 +181,11 @@ def _shots_of(photos: Iterable[Photo], decoded: Decoded) -> Iterator[str]:
                 yield from decoded.recipe.stack
 
 
-def _share(saturated: NDArray[np.bool_]) -> float:
-    return float(np.count_nonzero(saturated)) / saturated.size
+def _saturated_share(decoded: Decoded, name: str) -> float:
+    """Of the quads of the field in a shot."""
+    field = decoded.cells.known
+    saturated = int(np.count_nonzero(decoded.shots[name].saturated & field))
+    return saturated / max(int(np.count_nonzero(field)), 1)
 
 
 def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
@@ -189,6 +197,26 @@ def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
     there, sums = (thin.inside(thin.pick(p.image)) for p in (flood, both))
     noise = sum(thin.inside(thin.pick(p.sensor)) ** 2 for p in (flood, both))
     yield from quality.pair_sum(sums, there, np.asarray(noise))
+
+
+def _direct_weights(record: RunRecord, photos: list[Photo], decoded: Decoded) -> dict[str, float]:
+    """Of photos that direct light alone scales, by one number for all cells: how far the weights of
+    cells are off, over the wanted ones."""
+    shots = {**decoded.shots, **decoded.sums}
+    found = {}
+    for photo in photos:
+        wanted = photo.wanted.diagonal()
+        power = float(np.mean(wanted**2))
+        scaled = photo.wanted.by_direct and not photo.wanted.by_light
+        alone = not photo.wanted.others(np.ones((1, wanted.size))).any()
+        if photo.wanted.matched is not None or not (scaled or alone) or not power > 0.0:
+            continue
+        if divided_by_row(photo, shots, record.normalise):
+            continue
+        realised = realised_photo(photo.shots, shots)
+        off = realised.coaxial / weight_s(realised, photo.wanted) - wanted
+        found[photo.name] = float(np.sqrt(np.mean(off**2) / power))
+    return found
 
 
 def _direct_left(
@@ -207,8 +235,19 @@ def _direct_left(
         return
     there, left = (thin.inside(thin.pick(p.image)) for p in (direct, decoded.answer))
     weight, drawn = abs(deviations[photo.name].diagonal_mean), _at_borders(decoded, photo)
-    taken_out = record.unmixed and drawn == 0.0
-    yield from quality.direct_left(max(weight, drawn), there, left, taken_out=taken_out)
+    # What is left of it in this picture is missing in that of direct light.
+    whole = there / max(1.0 - weight, LEAST_SHOWN)
+    found = list(quality.direct_left(max(weight, drawn), whole, left, taken_out=False))
+    if found and record.unmixed and drawn == 0.0 and _taken_out(record, photo, decoded):
+        found = list(quality.direct_left(weight, there, left, taken_out=True))
+    yield from found
+
+
+def _taken_out(record: RunRecord, photo: Photo, decoded: Decoded) -> bool:
+    """Whether direct light was taken out of a photo: not where there was too much of it."""
+    shots = {**decoded.shots, **decoded.sums}
+    share = share_taken_out(photo, decoded.recipe, shots, decoded.cells, normalise=record.normalise)
+    return share is not None
 
 
 def _at_borders(decoded: Decoded, photo: Photo) -> float:

@@ -22,7 +22,7 @@ from pdcd.pictures.weights import (
     realised_photo,
 )
 from pdcd.probing.realised import Factors
-from pdcd.recipes.recipe import Extremes, Recipe, Rule
+from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule
 from pdcd.sensor.bands import banded, in_bands, planar
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
@@ -40,6 +40,7 @@ __all__ = [
     "pictures_of",
     "realised_photo",
     "scaled_photos",
+    "share_taken_out",
     "sigma_of",
 ]
 
@@ -108,7 +109,7 @@ def scaled_photos(
     """Every photo of a recipe divided by its weight; arguments as of `combine`."""
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
-    white = [photo.name for photo in recipe.photos if photo.wanted.uniform == (1.0, 1.0)]
+    white = _white_of(recipe)
     outside = None if cells.known.all() else ~cells.known
     for photo in recipe.photos:
         realised = realised_photo(photo.shots, shots)
@@ -125,6 +126,29 @@ def scaled_photos(
         one, whole = scaled[name], scaled[white[-1]]
         scaled[name] = Picture(*unmixed(one.image, one.sigma, whole.image, whole.sigma, share))
     return scaled
+
+
+def share_taken_out(
+    photo: Photo,
+    recipe: Recipe,
+    shots: Mapping[str, Shown],
+    cells: CellMap,
+    *,
+    normalise: NormaliseName = "auto",
+) -> Floats | None:
+    """The share of the direct light that `scaled_photos` takes out of a photo, (h, w); None where
+    it takes out none."""
+    if photo.wanted.uniform != (0.0, 1.0) or not _white_of(recipe):
+        return None
+    realised = realised_photo(photo.shots, shots)
+    by_row = divided_by_row(photo, shots, normalise)
+    weights = quad_weights_s(photo, realised, shots, cells, by_row=by_row)
+    return direct_share(realised, weights, cells)
+
+
+def _white_of(recipe: Recipe) -> list[str]:
+    """Names of the photos of all light."""
+    return [photo.name for photo in recipe.photos if photo.wanted.uniform == (1.0, 1.0)]
 
 
 def _scaled(

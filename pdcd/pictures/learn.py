@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -63,10 +63,9 @@ def stack_photos(
     own time of open mask and lit projector; quads of a cell are averaged.
     """
     photos, sigmas = [], []
-    taken = [name for name in recipe.stack if name in shots]
-    for name, lit in zip(taken, bits, strict=True):
-        shot = shots[name]
-        weight = time_s(shot.realised, lit)
+    taken = [shots[name] for name in recipe.stack if name in shots]
+    times = times_s([shot.realised for shot in taken], bits)
+    for shot, weight in zip(taken, times, strict=True):
         photos.append(cells.mean(shot.light) / weight)
         sigmas.append(cells.error_of_mean(shot.variance) / weight)
     return np.array(photos), np.array(sigmas)
@@ -117,6 +116,16 @@ def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:
     return np.stack(
         [correction(realised.left, realised.right, weight_s, p) for p in learned.paths], axis=1
     )
+
+
+def times_s(realised: Sequence[Factors], bits: Bools) -> Floats:
+    """`time_s` of several photos, (K,), by their codes (K, N). Codes that light no cell, as there
+    are on grids of a few cells, are taken to be shown as long as the others on average."""
+    times: Floats = np.array([time_s(*one) for one in zip(realised, bits, strict=True)])
+    lit = bits.any(axis=1)
+    if lit.any():
+        times[~lit] = times[lit].mean()
+    return times
 
 
 def time_s(realised: Factors, lit: Bools) -> float:

@@ -311,6 +311,21 @@ def deviations(found: dict[str, Deviation], limits: Limits = LIMITS) -> Iterator
             )
 
 
+def direct_weights(found: dict[str, float], limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Cell by cell, how far the weight of direct light is off the wanted one: RMS over the cells,
+    photo by photo. A photo that is scaled by its direct light is right on average whatever the
+    panels did."""
+    for name, wrong in found.items():
+        grade = graded(wrong, limits.error)
+        if grade:
+            yield Finding(
+                grade,
+                f"photo {name}: direct light has weights that are {percent(wrong)} off from cell "
+                f"to cell (RMS, limit {percent(limits.error[0])}); look at guards, lag and offset "
+                "of the panels, or take more codes",
+            )
+
+
 def direct_left(
     weight: float, direct: Floats, answer: Floats, *, taken_out: bool, limits: Limits = LIMITS
 ) -> Iterator[Finding]:

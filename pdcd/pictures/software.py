@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pdcd.pictures.combine import Matrix, Shown
 from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.learn import time_s
+from pdcd.pictures.learn import times_s
 from pdcd.probing.realised import Factors
 from pdcd.recipes.alternatives import ALL_DARK, Fitted, Masked, Mixture
 from pdcd.recipes.recipe import Recipe
@@ -95,8 +95,8 @@ def _weights(recipe: Recipe, taken: Sequence[Shown], bits: Bools) -> dict[str, F
 
 def _equal(taken: Sequence[Shown], bits: Bools) -> Floats:
     """Mean time of all photos over that of each, (K,)."""
-    times_s = np.array([time_s(s.realised, lit) for s, lit in zip(taken, bits, strict=True)])
-    return np.asarray(times_s.mean() / times_s)
+    times = times_s([shot.realised for shot in taken], bits)
+    return np.asarray(times.mean() / times)
 
 
 def _matrix(taken: Sequence[Shown], weights: Floats) -> Matrix:

@@ -50,6 +50,18 @@ def relative(image: Floats, truth: Floats) -> float:
     return float(np.sqrt(np.mean(error**2) / np.mean(truth**2)))
 
 
+def test_a_code_that_lights_no_cell(tmp_path: Path) -> None:
+    """Grids of four cells have one among eight codes."""
+    t = bench_rig.transport((1, 4))
+    np.savez(tmp_path / "t.npz", transport=t, grid=np.array((1, 4)))
+    where = SceneConfig(kind="matrix", path=str(tmp_path / "t.npz"))
+    engine = Engine.from_config(bench_rig.config(tmp_path, scene=where))
+    engine.start()
+    image, _ = take(engine, goal="indirect", method="multi-image", codes=8)
+    truth = t.sum(axis=1) - np.diag(t)
+    np.testing.assert_allclose(image[..., 1].ravel(), truth, rtol=1e-3)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("goal", ["indirect", "direct", "fraction"])
 def test_multi_image_is_exact_with_more_codes_than_cells(goal: str, tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ def misplaced(monkeypatch: pytest.MonkeyPatch, panel: str, move: Move) -> Iterat
 
 def verdict(folder: Path, *, camera: dict[str, Any] | None = None, **asked: Any) -> Quality:
     """Of a capture with full sensor noise; `asked` holds tables of the bench, too."""
-    tables = {k: asked.pop(k) for k in ("scene", "rig", "display") if k in asked}
+    tables = {k: asked.pop(k) for k in ("scene", "rig", "display", "mask") if k in asked}
     scene = tables.pop("scene", {})
     config = Config(
         scene=SceneConfig(grid=GRID, **scene),
@@ -285,3 +285,44 @@ def test_borders_of_cells_that_the_panels_draw_apart(tmp_path: Path) -> None:
     assert quality.verdict != "good"
     assert any("of the picture is direct light" in reason for reason in quality.reasons)
     assert any(r.startswith("photo coded: direct light has a weight") for r in quality.reasons)
+
+
+def test_saturation_is_a_share_of_the_field(tmp_path: Path) -> None:
+    """An eighth of the field is over-exposed; the field fills a ninth of the frame."""
+    camera = {"frame_quads": (96, 72), "f_number": 1.0, "place": Placing(scale=3.0)}
+    found = verdict(tmp_path, codes=16, white=False, camera=camera)
+    assert found.verdict == "bad" and "11.8 % of the field is saturated" in found.reasons[0], found
+
+
+@pytest.mark.parametrize(
+    ("fall_s", "grade", "taken_out"), [(3e-3, None, True), (8e-3, "bad", False)]
+)
+def test_direct_light_that_is_too_much_to_be_taken_out(
+    tmp_path: Path, fall_s: float, grade: str | None, taken_out: bool
+) -> None:
+    """Nothing is taken out then, and nobody is told that it was."""
+    mask = PanelConfig(size_px=(1600, 1200), fall_s=fall_s)
+    found = verdict(tmp_path, mask=mask, guards=False, black_level="none")
+    told = [text for text in found.reasons if "was taken out of it" in text]
+    left = [text for text in found.reasons if "of the picture is direct light" in text]
+    assert (bool(told), bool(left)) == (taken_out, not taken_out), found
+    assert grade in (None, found.verdict)
+
+
+@pytest.mark.parametrize("goal", ["diagonal", "descattered"])
+@pytest.mark.parametrize("skew_s", [6e-3, 25e-3])
+def test_direct_light_of_unequal_weight(tmp_path: Path, goal: str, skew_s: float) -> None:
+    """Guards of one refresh bear 6 ms. A mask that is 25 ms late shows each code before light of
+    the next: right on average, as the photo is scaled by that, and wrong in every cell."""
+    mask = PanelConfig(size_px=(1600, 1200), skew_s=skew_s)
+    asked: dict[str, Any] = {"shift": (0, 1)} if goal == "descattered" else {}
+    found = verdict(tmp_path, goal=goal, mask=mask, guards=True, black_level="none", **asked)
+    late = skew_s > 0.01
+    assert any("from cell to cell" in text for text in found.reasons) == late, found
+    assert (found.verdict == "good") != late
+
+
+def test_direct_light_beside_that_of_a_matched_cell(tmp_path: Path) -> None:
+    """It is one of the other paths there, whose weights differ by the code."""
+    found = verdict(tmp_path, goal="fraction", p=0.25, shift=(0, 1), family="balanced")
+    assert not any("from cell to cell" in text for text in found.reasons), found

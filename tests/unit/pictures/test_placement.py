@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pdcd.maps.placing import Placing, placed
+from pdcd.pictures.assess import PER_CELL, Thinned
 from pdcd.pictures.placement import (
     Sample,
     direct_shares,
@@ -14,6 +16,7 @@ from pdcd.pictures.placement import (
     symmetries,
 )
 from pdcd.probing.realised import Factors
+from pdcd.sensor.cells import CellMap
 
 GRID = (12, 12)
 CELLS = GRID[0] * GRID[1]
@@ -97,3 +100,12 @@ def test_few_cells_say_nothing() -> None:
     assert list(fingerprints(sample, (1, 1))) == []
     assert direct_shares([sample, sample], (1, 1)).size == 0
     assert list(stack_fingerprints([sample, sample], (1, 1))) == []
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0, 3.0])
+def test_cells_are_looked_at_however_small_the_field_is_in_the_frame(scale: float) -> None:
+    width, height = 1068, 712
+    place = placed(Placing(scale=scale), (width, height), (1024, 768), "camera")
+    thin = Thinned.of(CellMap(grid=(48, 64), frame=(height, width), map=place))
+    count = np.bincount(thin.cell[thin.cell >= 0], minlength=thin.cells)
+    assert count.min() >= 1 and count.mean() >= PER_CELL

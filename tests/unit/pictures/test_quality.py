@@ -164,6 +164,11 @@ def test_a_probing_matrix_far_from_the_wanted_one() -> None:
     assert grades(quality.deviations(of(0.9, 5.0))) == [BAD, BAD]
 
 
+def test_weights_of_direct_light_from_cell_to_cell() -> None:
+    assert grades(quality.direct_weights({"matched": 0.0, "other": 0.29})) == []
+    assert grades(quality.direct_weights({"matched": 0.57, "other": 1.2})) == [DOUBTFUL, BAD]
+
+
 def test_direct_light_in_a_picture_without_any() -> None:
     direct, answer = np.full((50, 3), 10.0), np.ones((50, 3))
     direct[0], answer[1] = np.nan, np.inf

@@ -35,16 +35,17 @@ def photos(recipe: Recipe, panels: tuple[Panel, Panel], ambient: float = 0.0) ->
     """What the panels do is the program's own; the light is that of a known matrix."""
     program = recipe.programs["lights"]
     lights, masks = program.projector, program.camera  # type: ignore[attr-defined]
-    scene = catalogue_rig.scene_of(T, GRID, ambient)
+    grid = recipe.target.grid
+    scene = catalogue_rig.scene_of(T[: grid[0] * grid[1], : grid[0] * grid[1]], grid, ambient)
     found: dict[str, Exposed] = {}
     for k, shot in enumerate(recipe.shots):
         realised = catalogue_rig.show(
-            lights[[k]], masks[[k]], GRID, projector=panels[0], mask=panels[1]
+            lights[[k]], masks[[k]], grid, projector=panels[0], mask=panels[1]
         )
         seen = scene.photo(realised.left, realised.right, realised.coaxial, realised.open_s)
-        light = seen.reshape(*GRID, 3)
+        light = seen.reshape(*grid, 3)
         found[shot.name] = Print(
-            light, np.full(light.shape, 1e-4), np.zeros(GRID, np.bool_), realised, {}
+            light, np.full(light.shape, 1e-4), np.zeros(grid, np.bool_), realised, {}
         )
     return found
 
@@ -68,6 +69,17 @@ def test_all_of_a_matrix_on_a_small_grid() -> None:
     recipe = recipe_of(rows=None)
     found = sliced(recipe, photos(recipe, PANELS["ideal"]), CellMap.block(GRID, GRID))
     np.testing.assert_allclose(found.entries[..., 1], T, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", PANELS)
+@pytest.mark.parametrize("grid", [(3, 1), (2, 2), (4, 3)])
+def test_patterns_of_few_cells_of_which_some_are_dark(grid: tuple[int, int], name: str) -> None:
+    """S-matrices have more rows than these slices have cells: one lights none of them."""
+    assert not s_matrix(grid[1]).any(axis=1).all()
+    recipe = recipe_of_slice(Target(Goal(name="transport", rows=(0, 1)), grid), How())
+    found = sliced(recipe, photos(recipe, PANELS[name], ambient=0.3), CellMap.block(grid, grid))
+    wanted = T[grid[1] : 2 * grid[1], : grid[1]]
+    np.testing.assert_allclose(found.entries[..., 1], wanted, rtol=1e-9, atol=1e-11)
 
 
 @pytest.mark.parametrize("cells", [6, 32, 57, 64])
