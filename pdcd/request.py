@@ -9,7 +9,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Annotated, Literal, TypeGuard
+from typing import Annotated, Literal, TypeGuard, get_args
 
 import msgspec
 from msgspec import Meta
@@ -416,7 +416,8 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         before the camera and say so; else it begins at once.
     """
 
-    steps: tuple[StepName, ...] = ()
+    # Everybody is told them for as long as the job is known, so they are no more than there are.
+    steps: Annotated[tuple[StepName, ...], Meta(max_length=len(get_args(StepName)))] = ()
     attended: bool = False
 
 
