@@ -150,6 +150,21 @@ def test_an_interrupt_before_the_answer_that_names_the_job_cancels_it_too(tmp_pa
     ]
 
 
+@pytest.mark.parametrize("at", ["queued", "armed", "progress"])
+def test_a_listener_that_raises_ends_its_job_first(tmp_path: Path, at: str) -> None:
+    def listen(event: Event) -> None:
+        if event.type == at:
+            raise ZeroDivisionError("of the listener")
+
+    with threaded_daemon(tmp_path) as running, Client(running.path) as client:
+        slow = CaptureRequest(goal="indirect", codes=8, note="slow")
+        with pytest.raises(ZeroDivisionError, match="of the listener"):
+            client.capture(slow, on_event=listen)
+        assert not running.engine.shutter_open
+        assert [job.state for job in client.list()] == ["cancelled"]
+        assert client.capture(WHITE).state == "done"
+
+
 def test_events_come_until_the_connection_ends(tmp_path: Path) -> None:
     with threaded_daemon(tmp_path) as running, Client(running.path) as client:
         client.call("events.subscribe", {"jobs": "all"})
