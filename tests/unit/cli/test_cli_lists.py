@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from pdcd.cli import capture as capture_cli
 from pdcd.cli import runs as runs_cli
 from pdcd.cli import runs_prune as prune_cli
 from pdcd.cli import snr as snr_cli
@@ -54,6 +55,8 @@ class Finder:
 
     def find(self, query: RunQuery) -> Page:
         self.asked.append(query)
+        if len(self.asked) > len(self.pages):
+            raise Unreachable("it went away")
         return self.pages[len(self.asked) - 1]
 
 
@@ -63,7 +66,7 @@ def finder(monkeypatch: pytest.MonkeyPatch) -> type[Finder]:
         pages: list[Page] = []  # noqa: RUF012
         asked: list[RunQuery] = []  # noqa: RUF012
 
-    monkeypatch.setattr(runs_cli, "Client", Fresh)
+    monkeypatch.setattr(capture_cli, "Client", Fresh)
     return Fresh
 
 
@@ -154,6 +157,22 @@ def test_folders_are_looked_into_where_no_daemon_answers(
     assert main(["runs", "--state-dir", "here"]) == 0
     assert looked == [tmp_path / ".local" / "state" / "pdcd", tmp_path / "here"]
     assert main(["runs", "--state-dir", "nowhere"]) == 2
+
+
+def test_runs_of_a_daemon_that_goes_away_are_not_mixed_with_others(
+    finder: type[Finder],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def find(folder: Path, query: RunQuery) -> Iterator[Page]:
+        yield Page(state_folder=str(folder), runs=[entry(7)])
+
+    monkeypatch.setattr(runs_cli, "find", find)
+    finder.pages = [Page(state_folder="/hers", runs=[entry(1)], more="captures/x")]
+    assert main(["runs", "--all"]) == 3
+    told = capsys.readouterr()
+    assert told.out == "" and told.err == "pdcd: it went away\n"
 
 
 # --- one run --------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from pdcd.cli import capture as capture_cli
 from pdcd.cli import runs as runs_cli
 from pdcd.cli.main import main
 from pdcd.cli.moment import moment
@@ -100,7 +101,7 @@ def test_a_daemon_is_asked_for_its_runs_first_page_after_page(
             part = every[:1] if more else every[1:]
             return Page(state_folder="/srv/pdcd", runs=part, more=more)
 
-    monkeypatch.setattr(runs_cli, "Client", Finder)
+    monkeypatch.setattr(capture_cli, "Client", Finder)
     assert len(told(capsys, "--json", "--tag", "wax")) == 3
     assert [query.before for query in asked] == [None, "captures/x"]
     assert asked[0].tags == ("wax",) and asked[0].newest == 50
