@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from pdcd.errors import BusyError, PdcdError, ProtocolError, of_kind
+from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError, of_kind
 from pdcd.inputs.sending import Sendable, parcels
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary, Sent
 from pdcd.runs.entry import Page, RunQuery, StoredRun
@@ -344,7 +344,11 @@ class Client:
         }
         if fds:
             message["fds"] = len(fds)
-        line = msgspec.json.encode(message) + b"\n"
+        try:
+            line = msgspec.json.encode(message) + b"\n"
+        except UnicodeEncodeError as err:
+            what = f"{method}: {err.object!r:.80} is not UTF-8"
+            raise RequestError(what, hint="does the terminal speak it?") from err
         if len(line) > MAX_LINE:
             raise ProtocolError(
                 f"the request is {len(line)} bytes long", hint=f"at most {MAX_LINE} are allowed"

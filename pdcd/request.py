@@ -46,8 +46,9 @@ Note = Annotated[
     str,
     Meta(
         max_length=4096,
-        # Neither orders to a terminal nor marks that turn the direction of writing.
-        pattern="^[^\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069]*$",
+        # Neither orders to a terminal nor marks that turn the direction of writing; nor halves of
+        # characters, which are bytes of another encoding that a terminal gave.
+        pattern="^[^\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]*$",
         description=NOTE_WORDS,
     ),
 ]

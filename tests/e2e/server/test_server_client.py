@@ -86,6 +86,8 @@ def test_errors_come_back_as_the_same_errors(tmp_path: Path) -> None:
             client.call("nonsense")
         with pytest.raises(ProtocolError, match="bytes"):
             client.call("ping", {"x": "y" * 2**20})
+        with pytest.raises(RequestError, match=r"capture.wait: 'b\\udcff' is not UTF-8"):
+            client.wait(os.fsdecode(b"b\xff"))  # as the command line has bytes of another encoding
         with pytest.raises(PdcdError) as internal:
             client.call("preview.grab", {"x": 1})
         assert internal.value.kind == "request"

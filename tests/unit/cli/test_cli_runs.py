@@ -193,7 +193,7 @@ def test_labels_are_typed_with_a_capture_and_refused_where_they_cannot_be(
     for option, text in (
         ("--name", "a/b"), ("--name", " a"), ("--name", "a\n"), ("--name", "x" * 81),
         ("--tag", "a b"), ("--tag", ""), ("--tag", "a\n"), ("--note", "\x1b[2J"),
-        ("--note", "\u202eabc"), ("--note", "x" * 4097),
+        ("--note", "\u202eabc"), ("--note", "x" * 4097), ("--note", "Bl\udce4tter"),
     ):  # fmt: skip
         assert main(["capture", "white", f"{option}={text}", "--json"]) == 2
         error = last_object(capsys.readouterr().out)["error"]
