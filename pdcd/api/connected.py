@@ -13,6 +13,7 @@ from pdcd.api.signals import held_back
 from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.client import Client
+from pdcd.errors import DeniedError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 
 
@@ -46,9 +47,15 @@ class Connected(Bench):
         return self._grid
 
     def described(self) -> dict[str, Any]:
-        """The rig as the daemon describes it."""
+        """The rig as the daemon describes it, and the daemon's configuration, but for where it
+        serves; None for who may not read that."""
         found: dict[str, Any] = msgspec.to_builtins(self.client.describe())
-        return found
+        try:
+            config = {**self.client.call("config.get")}
+        except DeniedError:
+            return {**found, "config": None}
+        config.pop("server", None)
+        return {**found, "config": config}
 
     def close(self) -> None:
         """Part from the daemon. Idempotent."""
