@@ -204,7 +204,8 @@ class Client:
 
     def runs(self, newest: int = 100) -> tuple[StoredRun, ...]:
         """The runs in the daemon's state folder, newest first, up to 1000 of them."""
-        return tuple(_typed(self.call("capture.list", {"runs": newest}), JobList).runs)
+        answer = self.call("capture.list", {"runs": newest}, timeout_s=DISK_TIMEOUT_S)
+        return tuple(_typed(answer, JobList).runs)
 
     def find(self, query: RunQuery) -> Page:
         """A page of the runs in the daemon's state folder, newest first."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from pdcd.client import Client
-from pdcd.runs.entry import Page, RunQuery
+from pdcd.runs.entry import Page, RunQuery, StoredRun
 from pdcd.runs.index import runs
 from pdcd.server import connections, methods
 from pdcd.server.messages import MAX_LINE
@@ -109,3 +110,15 @@ def test_a_disk_that_hangs_holds_up_lists_of_runs_alone(
             assert begun == [1, 2]
 
     asyncio.run(scenario())
+
+
+def test_a_list_of_runs_may_take_longer_than_what_needs_no_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slow(state: Path, newest: int) -> list[StoredRun]:
+        time.sleep(0.5)
+        return [StoredRun(job="j", state="done", folder=f"{state}/j")]
+
+    monkeypatch.setattr(methods, "stored_runs", slow)
+    with threaded_daemon(tmp_path) as running, Client(running.path, timeout_s=0.2) as client:
+        assert [run.job for run in client.runs()] == ["j"]
