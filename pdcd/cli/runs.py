@@ -108,6 +108,8 @@ def verify(args: argparse.Namespace) -> int:
             for run in page.runs
             if run.state in FINISHED
         ]
+        if not args.folder:
+            tell("no finished run is like that: nothing was verified")
     args.manifest_sha256 = None
     return verify_runs(args)
 

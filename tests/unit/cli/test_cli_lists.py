@@ -279,6 +279,15 @@ def test_all_finished_runs_are_verified_where_none_is_named(
     assert finder.asked == [RunQuery(newest=1000, goal="white")]
 
 
+def test_where_nothing_was_verified_it_is_said(
+    finder: type[Finder], capsys: pytest.CaptureFixture[str]
+) -> None:
+    finder.pages = [Page(state_folder="/srv", runs=[])]
+    assert main(["runs", "verify", "--tag", "milk"]) == 0
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "no finished run is like that: nothing was verified\n")
+
+
 # --- what goes ------------------------------------------------------------------------------------
 
 
