@@ -136,7 +136,7 @@ def test_a_demo_that_fails_names_no_pictures(
 def test_a_demo_that_is_ended_by_ctrl_c_says_no_more_than_that(
     daemon: Daemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    error = {"kind": "cancelled", "message": "the job was cancelled"}
+    error: dict[str, str | None] = {"kind": "cancelled", "message": "the job was cancelled"}
     result = CaptureResult(
         job=JOB, state="cancelled", folder="/r.partial", error=error, files=("raw/white.dng",)
     )
