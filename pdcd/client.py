@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from pdcd.errors import BusyError, PdcdError, ProtocolError, of_kind
+from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError, of_kind
 from pdcd.inputs.sending import Sendable, parcels
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary, Sent
 from pdcd.runs.entry import Page, RunQuery, StoredRun
@@ -145,7 +145,8 @@ class Client:
         They are passed on as open files; the daemon needs no right to them.
 
         A detached job is returned as it stands (queued or running). On KeyboardInterrupt the job
-        is cancelled, its end is awaited, and its result is returned.
+        is cancelled, its end is awaited, and its result is returned. What `on_event` raises is
+        raised once the job has been cancelled and has ended.
         """
         if on_event is not None:
             self.call("events.subscribe", {"jobs": "own"})
@@ -203,7 +204,8 @@ class Client:
 
     def runs(self, newest: int = 100) -> tuple[StoredRun, ...]:
         """The runs in the daemon's state folder, newest first, up to 1000 of them."""
-        return tuple(_typed(self.call("capture.list", {"runs": newest}), JobList).runs)
+        answer = self.call("capture.list", {"runs": newest}, timeout_s=DISK_TIMEOUT_S)
+        return tuple(_typed(answer, JobList).runs)
 
     def find(self, query: RunQuery) -> Page:
         """A page of the runs in the daemon's state folder, newest first."""
@@ -274,18 +276,38 @@ class Client:
         detach: bool = False,
     ) -> CaptureResult:
         """Wait for a job that was just asked for: `hear` gets its events. KeyboardInterrupt
-        cancels it: then `on_event` gets them."""
-        started = None
+        cancels it: then `on_event` gets them. What `hear` raises cancels it, too."""
+        started, hearing = None, False
+
+        def heard(event: Event) -> None:
+            nonlocal hearing
+            if hear is not None:
+                hearing = True
+                hear(event)
+                hearing = False
+
+        ear = None if hear is None else heard
         try:
             # The job's first events may come before the answer that names it.
-            started = _typed(self._answer(request_id, INTAKE_TIMEOUT_S, hear), Admitted)
+            started = _typed(self._answer(request_id, INTAKE_TIMEOUT_S, ear), Admitted)
             if detach:
                 return CaptureResult(job=started.job, state=started.state)
-            return self._wait(started.job, hear)
+            return self._wait(started.job, ear)
         except KeyboardInterrupt:
-            if started is None:
-                started = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
-            return self._result("capture.cancel", started.job, on_event)
+            return self._ended(request_id, started, on_event)
+        except Exception:
+            if hearing:  # else it came from the daemon, which knows what became of the job
+                with contextlib.suppress(PdcdError, Unreachable):
+                    self._ended(request_id, started, _unheard)
+            raise
+
+    def _ended(
+        self, request_id: int, started: Admitted | None, on_event: OnEvent | None
+    ) -> CaptureResult:
+        """Cancel a job that was asked for, and wait for its end; first for its name, if need be."""
+        if started is None:
+            started = _typed(self._answer(request_id, self._timeout_s, on_event), Admitted)
+        return self._result("capture.cancel", started.job, on_event)
 
     def _wait(self, job: str, on_event: OnEvent | None) -> CaptureResult:
         return self._result("capture.wait", job, on_event)
@@ -323,7 +345,11 @@ class Client:
         }
         if fds:
             message["fds"] = len(fds)
-        line = msgspec.json.encode(message) + b"\n"
+        try:
+            line = msgspec.json.encode(message) + b"\n"
+        except UnicodeEncodeError as err:
+            what = f"{method}: {err.object!r:.80} is not UTF-8"
+            raise RequestError(what, hint="does the terminal speak it?") from err
         if len(line) > MAX_LINE:
             raise ProtocolError(
                 f"the request is {len(line)} bytes long", hint=f"at most {MAX_LINE} are allowed"
@@ -401,6 +427,10 @@ def _typed(value: Any, kind: type[T]) -> T:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as err:
         raise ProtocolError(f"the server sent what is no {kind.__name__}: {err}") from err
+
+
+def _unheard(event: Event) -> None:
+    """Nobody listens any more."""
 
 
 def _event(message: dict[str, Any]) -> Event:

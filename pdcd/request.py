@@ -9,7 +9,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import Annotated, Literal, TypeGuard
+from typing import Annotated, Literal, TypeGuard, get_args
 
 import msgspec
 from msgspec import Meta
@@ -46,8 +46,9 @@ Note = Annotated[
     str,
     Meta(
         max_length=4096,
-        # Neither orders to a terminal nor marks that turn the direction of writing.
-        pattern="^[^\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069]*$",
+        # Neither orders to a terminal nor marks that turn the direction of writing; nor halves of
+        # characters, which are bytes of another encoding that a terminal gave.
+        pattern="^[^\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]*$",
         description=NOTE_WORDS,
     ),
 ]
@@ -416,7 +417,8 @@ class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         before the camera and say so; else it begins at once.
     """
 
-    steps: tuple[StepName, ...] = ()
+    # Everybody is told them for as long as the job is known, so they are no more than there are.
+    steps: Annotated[tuple[StepName, ...], Meta(max_length=len(get_args(StepName)))] = ()
     attended: bool = False
 
 

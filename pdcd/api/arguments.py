@@ -99,7 +99,7 @@ def asked(
     known = [name for name in FIELDS if name != "goal"]
     for name, value in arguments.items():
         if name not in known:
-            faults.append(unknown_key(name, name, known).replace("key", "keyword"))
+            faults.append(unknown_key(str(name), str(name), known).replace("key", "keyword"))
         elif value is None:
             continue
         elif name in ARRAYS:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from pdcd.api.signals import held_back
 from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.client import Client
+from pdcd.errors import DeniedError, PdcdError
 from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
 
 
@@ -46,17 +49,35 @@ class Connected(Bench):
         return self._grid
 
     def described(self) -> dict[str, Any]:
-        """The rig as the daemon describes it."""
+        """The rig as the daemon describes it, and the daemon's configuration, but for where it
+        serves; None for who may not read that."""
         found: dict[str, Any] = msgspec.to_builtins(self.client.describe())
-        return found
+        try:
+            config = {**self.client.call("config.get")}
+        except DeniedError:
+            return {**found, "config": None}
+        config.pop("server", None)
+        return {**found, "config": config}
 
     def close(self) -> None:
         """Part from the daemon. Idempotent."""
         self.client.close()
 
     def foresee(self, request: CaptureRequest, arrays: Arrays = NONE) -> PlanSummary:
-        """What a request would do."""
-        return self.client.plan(request, arrays=arrays, queue=self._queue)
+        """What a request would do. An interrupt ends the plan, so that it holds up nothing."""
+        try:
+            return self.client.plan(request, arrays=arrays, queue=self._queue)
+        except KeyboardInterrupt:
+            with suppress(PdcdError, ConnectionError):
+                self._end_plans()
+            raise
+
+    def _end_plans(self) -> None:
+        """End the plans of this process: their names are not told before they are made."""
+        for job in self.client.list():
+            ours = job.kind == "plan" and job.owner.pid == os.getpid()
+            if ours and job.state in ("queued", "running"):
+                self.client.cancel(job.job)
 
     def take(
         self,

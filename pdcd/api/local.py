@@ -15,6 +15,7 @@ from pdcd.api.bench import NONE, Arrays, Bench
 from pdcd.api.progress import OnEvent
 from pdcd.api.signals import held_back
 from pdcd.bench.config import from_table, load
+from pdcd.bench.measured import calibrated
 from pdcd.bench.reading import sized, text_table
 from pdcd.bench.tables import Config
 from pdcd.inputs.sending import parcels
@@ -155,7 +156,9 @@ class LocalBench(Bench):
 
 
 def described(config: Config) -> dict[str, Any]:
-    """A configuration in plain values, and the SHA-256 of the files that it names."""
+    """A configuration in plain values, with what the calibration measured that it asks for, and
+    the SHA-256 of the files that it names. Raises ConfigError for a calibration that is none."""
+    config = calibrated(config)
     names = (config.scene.path, config.bench.truth, config.camera.profile)
     files = [Path(name) for name in names if name is not None]
     sums = {str(f): sha256_of(f) for f in files if f.is_file()}

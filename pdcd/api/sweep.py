@@ -179,20 +179,25 @@ def _one(request: Request, config: Config, bench: Bench | None) -> _Wanted:
     """One request as a task. Raises RequestError and ConfigError."""
     if isinstance(request, CaptureRequest):
         return _Wanted({}, Task(config, request))
+    if not isinstance(request, str | Mapping):
+        raise RequestError(
+            f"{request!r:.80} is no request", hint="give a goal, or keywords with one"
+        )
     keywords = {"goal": request} if isinstance(request, str) else dict(request)
     overlay = keywords.pop("config", None)
     if overlay is not None:
         if bench is not None:
             raise RequestError("a bench keeps its configuration", hint="give one instead of it")
         config = configured(overlay, config)
-    told = {f"asked.{name}": _said(value) for name, value in keywords.items() if name != "goal"}
-    told |= {f"asked.config.{name}": _said(v) for name, v in _flat(overlay)}
     goal = str(keywords.pop("goal", None))
 
     def grid() -> tuple[int, int]:
         return LocalBench(config).grid if bench is None else bench.grid
 
     made, arrays = asked(goal, keywords, grid)
+    # Only now: of what is no value of a request nothing can be said in a table.
+    told = {f"asked.{name}": _said(value) for name, value in keywords.items()}
+    told |= {f"asked.config.{name}": _said(v) for name, v in _flat(overlay)}
     return _Wanted(told, Task(config, made, held(arrays)))
 
 

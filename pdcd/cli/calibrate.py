@@ -48,7 +48,8 @@ def calibrate(args: argparse.Namespace) -> int:
 
         result = _here(args, request, hear) if args.local else _there(args, request, hear)
     if args.json:
-        return say_result(result, as_json=True)
+        code = say_result(result, as_json=True)
+        return FAILED if code == DONE and result.summary.get("verdict") == "bad" else code
     for step in ended:
         _say_step(step)
     return _say_end(result)

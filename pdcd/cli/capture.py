@@ -144,6 +144,17 @@ def daemon_socket(args: argparse.Namespace) -> Path:
     return given if given is not None else socket_path(load(args.config))
 
 
+def daemon_if_any(args: argparse.Namespace) -> Client | None:
+    """A connection to the daemon, None where none answers. Raises Unreachable where its socket was
+    named."""
+    try:
+        return Client(daemon_socket(args))
+    except Unreachable:
+        if args.socket is not None:
+            raise
+    return None
+
+
 def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
     """Check what was typed against the types of a request. Raises ConfigError.
 
@@ -225,12 +236,11 @@ def _plan(
     """Ask the daemon, unless told to plan here; plan here too when no daemon was named or found."""
     refuse_with_local(args, "socket")
     if not args.local and args.config is None:
-        try:
-            with Client(daemon_socket(args)) as client:
+        # One that goes away, or takes too long, has another bench than this process would plan for.
+        client = daemon_if_any(args)
+        if client is not None:
+            with client:
                 return client.plan(request, arrays=files, queue=args.queue)
-        except Unreachable:
-            if args.socket is not None:
-                raise
     with local(args.config) as bench:
         return bench.foresee(request, files)
 

@@ -40,7 +40,7 @@ def demo(args: argparse.Namespace) -> int:
             with bar() as on_event:
                 result = client.capture(request, on_event=on_event)
     code = say_result(result, as_json=False)
-    if result.folder is not None:
+    if result.state == "done" and result.folder is not None:
         for name in result.files:
             say(f"  {name}")
         say("look at preview/white.png, preview/direct.png, preview/indirect.png")

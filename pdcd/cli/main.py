@@ -17,6 +17,9 @@ from pdcd.cli.parser import build_parser
 from pdcd.errors import PdcdError, error_fields
 from pdcd.printable import lines
 
+JOBS = ("capture", "transport", "calibrate")
+"""Commands that have one job done, and print how it ended."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code (see `pdcd.cli.exits`).
@@ -57,7 +60,7 @@ def _fail(
     """Say what went wrong on stderr and, for scripts that asked for JSON, on stdout."""
     if args.json:
         told: dict[str, object] = {}
-        if args.command == "capture":  # scripts find these three in every last line of a capture
+        if args.command in JOBS:  # scripts find these three in every last line of a job
             told = {"job": None, "state": "failed", "folder": None}
             if code == CANCELLED:
                 told["state"] = "cancelled"

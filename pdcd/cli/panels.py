@@ -17,7 +17,7 @@ from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table
 from pdcd.client import Client, Unreachable
-from pdcd.errors import BusyError, Cancelled
+from pdcd.errors import BusyError, Cancelled, ConfigError
 from pdcd.words import MovingName
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ NOTHING_TO_SEE = "these are the mock bench's panels, which exist as numbers only
 """What to say where the driver is `MOCK`, lest one look for a window."""
 
 SIDES = "left: projector", "right: mask"
+MOST_S = 1e9
+"""Longest time to show a pattern for; who wants it for ever leaves `--seconds` out."""
 LOOP_S = 60.0
 """Length of one pass of `pdcd show --loop`; a few black refreshes lie between two."""
 
@@ -37,6 +39,8 @@ LOOP_S = 60.0
 def show(args: argparse.Namespace) -> int:
     """Hold a pattern until Ctrl-C or for some time: by the daemon where one answers, as the panels
     are its own, else in this process."""
+    if args.seconds is not None and not 0.0 <= args.seconds <= MOST_S:
+        raise ConfigError(f"--seconds {args.seconds:g} is not between 0 and {MOST_S:g}")
     try:
         client = Client(daemon_socket(args))
     except Unreachable:

@@ -14,13 +14,12 @@ import msgspec
 from pdcd.api.progress import tell
 from pdcd.bench.config import load
 from pdcd.bench.folders import state_dir
-from pdcd.cli.capture import daemon_socket
+from pdcd.cli.capture import daemon_if_any
 from pdcd.cli.exits import DONE
 from pdcd.cli.moment import moment
 from pdcd.cli.output import percent, say, say_json, say_table, say_verdict
 from pdcd.cli.runs_parser import LISTED
 from pdcd.cli.tables import WIDTH
-from pdcd.client import Client, Unreachable
 from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
 from pdcd.request import LABELS, CaptureRequest, quality_of
@@ -109,6 +108,8 @@ def verify(args: argparse.Namespace) -> int:
             for run in page.runs
             if run.state in FINISHED
         ]
+        if not args.folder:
+            tell("no finished run is like that: nothing was verified")
     args.manifest_sha256 = None
     return verify_runs(args)
 
@@ -170,18 +171,17 @@ def pages(args: argparse.Namespace, query: RunQuery) -> Generator[Page, None, No
             raise ConfigError(f"{folder} is no folder", hint="--state-dir names that of the runs")
         yield from find(folder, query)
         return
-    try:
-        with Client(daemon_socket(args)) as client:
-            while True:
-                page = client.find(query)
-                yield page
-                if page.more is None:
-                    return
-                query = msgspec.structs.replace(query, before=page.more)
-    except Unreachable:
-        if args.socket is not None:
-            raise
+    client = daemon_if_any(args)
+    if client is None:
         yield from find(state_dir(load(args.config)).absolute(), query)
+        return
+    with client:
+        while True:
+            page = client.find(query)
+            yield page
+            if page.more is None:
+                return
+            query = msgspec.structs.replace(query, before=page.more)
 
 
 def say_runs(found: list[RunEntry]) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pdcd.report.budget import MOST_SHOTS
 from pdcd.report.material import Material
 from pdcd.runs.record import Manifest
 from pdcd.words import SIGMA_KINDS
@@ -97,6 +98,8 @@ def _budget(material: Material) -> Table:
         "matrix, means over all cells. Lit and seen is what direct light gets, other paths what "
         "light between any two cells gets."
     )
+    if len(rows) == MOST_SHOTS < len(material.shots):
+        note += f" These are the first {MOST_SHOTS} of {len(material.shots)} shots."
     return Table("Light budget", rows, heads, note=note)
 
 

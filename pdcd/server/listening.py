@@ -36,6 +36,8 @@ def claimed(path: Path, config: ServerConfig) -> Iterator[socket.socket]:
     roles = (config.look, config.shoot, config.administer)
     others = config.allow_uids or any(role.uids or role.groups for role in roles)
     mode = 0o666 if others else 0o660
+    if not path.name:
+        raise ConfigError(f"{path} is a folder, not a socket", hint="name a file in it")
     lock = path.with_name(path.name + ".lock")
     with (
         # Between finding a stale socket and binding a new one, another daemon could do the same.

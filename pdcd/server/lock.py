@@ -21,13 +21,14 @@ def held(path: Path, what: str, hint: str) -> Iterator[None]:
 
     The kernel lets go of it when this process ends, however it does; a file that is left over
     means nothing. Raises ConfigError, with that `hint`, when another process has it, whose number
-    is told.
+    is told; and where there can be no such file.
     """
     try:
         fd = _locked(path, what, hint)
     except OSError as err:
         raise ConfigError(
-            f"cannot lock {what} by {path}: {err.strerror or err}", hint=hint
+            f"cannot lock {what} by {path}: {err.strerror or err}",
+            hint="see that its folder is there, and that this user may write in it",
         ) from err
     try:
         # Only for people, so a full disk is no reason not to serve.

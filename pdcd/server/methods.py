@@ -8,7 +8,7 @@ import time
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 
@@ -22,6 +22,7 @@ from pdcd.runs.place import Place
 from pdcd.runs.stored import stored_runs
 from pdcd.runs.views import Preview, RigView
 from pdcd.server import messages
+from pdcd.server.aside import aside
 from pdcd.server.callers import Caller
 from pdcd.server.intake import Intake
 from pdcd.server.jobs import EngineLike, Job, Owner
@@ -56,6 +57,8 @@ OWNERS = frozenset({"capture.cancel", "calibrate.proceed"})
 """What of another user's job only an administrator may do."""
 
 A = TypeVar("A", PlanSummary, Shown, Preview)
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class Methods:
@@ -256,14 +259,29 @@ class Methods:
 
     async def _list(self, caller: Caller, params: ListParams) -> JobList:
         runs, found = [], None
-        # A disk may be slow; the loop and the rig are not for waiting on it. One at a time: lists
-        # are work for the processor, and anybody may ask for them.
-        async with self._listing:
-            if params.runs:
-                runs = await asyncio.to_thread(stored_runs, self._state_dir, params.runs)
-            if params.find is not None:
-                found = await asyncio.to_thread(search, self._state_dir, params.find)
+        if params.runs:
+            runs = await self._from_disk(stored_runs, self._state_dir, params.runs)
+        if params.find is not None:
+            found = await self._from_disk(search, self._state_dir, params.find)
         return JobList([job.view() for job in self._runner.table.all()], runs, found)
+
+    async def _from_disk(self, look: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """What a look at the disk returns or raises.
+
+        A disk may be slow, or hang: the loop, the rig and who asks for jobs alone are not for
+        waiting on it. One at a time: lists are work for the processor, and anybody may ask for
+        them.
+        """
+        await self._listing.acquire()
+        # Who leaves must not give the turn away while the disk is still looked at.
+        task = asyncio.create_task(aside(look, *args, **kwargs))
+        task.add_done_callback(self._looked)
+        return await asyncio.shield(task)
+
+    def _looked(self, task: asyncio.Task[Any]) -> None:
+        self._listing.release()
+        if not task.cancelled():
+            task.exception()  # asked for, even where nobody waits for it any more
 
     async def _show(self, caller: Caller, params: ShowParams) -> Shown:
         job = self._runner.start(params, NOTHING, _owner(caller), kind="show", detach=params.detach)

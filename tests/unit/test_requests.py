@@ -53,7 +53,10 @@ BOUNDS: dict[str, tuple[list[Any], list[Any]]] = {
     "prior": ([NAME], [NAME + "x"]),
     "tags": ([["a"] * 16, ["x" * 40]], [["a"] * 17, ["x" * 41], [""], ["a\n"], ["-a"]]),
     "name": (["x" * 80, "a (b), c"], ["x" * 81, "a/b", " a", "a ", "a\n", ""]),
-    "note": ([NAME, "two\nlines\t"], [NAME + "x", "\x1b[2J", "\u202e", "\x00", "\x7f"]),
+    "note": (
+        [NAME, "two\nlines\t", "Bl\u00e4tter \U0001f4f7"],
+        [NAME + "x", "\x1b[2J", "\u202e", "\x00", "\x7f"],
+    ),
     **{array: ([NAME, [[1.0, -2.0]]], [NAME + "x", [["a"]]]) for array in ARRAYS},
 }  # fmt: skip
 FREE = {"family", "equal_brightness", "keep", "masked", "method", "smooth", "window", "guards",

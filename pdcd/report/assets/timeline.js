@@ -2,6 +2,7 @@
 
 const LOST = 1, DROPPED = 2, BLACK = 4;
 const LATE_SHOWN = 40;
+const BARS = 40;
 
 function timeLine(data) {
   const shots = data.shots;
@@ -10,7 +11,7 @@ function timeLine(data) {
   for (const shot of shots) $("shot").add(new Option(shot.name, shot.name));
 
   function lanes() {
-    const canvas = $("lanes"), shown = shots.slice(0, 40);
+    const canvas = $("lanes"), shown = shots.slice(0, BARS);
     canvas.style.height = `${48 + 16 * shown.length}px`;
     const [context, wide, high] = sharp(canvas);
     const at = axes(context, wide, high, { low: 0, high: end, name: "seconds from the first opening of the shutter" },
@@ -84,6 +85,7 @@ function timeLine(data) {
     const unsure = shots.filter((s) => s.refreshes && !s.verified);
     let words = `${total} refreshes, ${missed} missed. Bars: the shutter is open; red: late or another one shown. ` +
       "Below, for one shot: blue, the time since the refresh before (projector); grey, how much later the mask changed.";
+    if (shots.length > BARS) words += ` Bars of the first ${BARS} of ${shots.length} shots; the list has all.`;
     if (unsure.length) words += ` Times of ${unsure.length} shots are not verified (source ${unsure[0].source}).`;
     if (shots.some((s) => !s.every)) words += " Of long shots only what is late is kept here; frames.csv has all.";
     $("time-told").textContent = words;

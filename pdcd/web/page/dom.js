@@ -20,6 +20,5 @@ export function say(element, text) {
   element.hidden = !text;
 }
 
-/** A number as people read it. */
-export const short = (number) =>
-  Number.isInteger(number) ? String(number) : Number(number).toPrecision(3).replace(/\.?0+$/, "");
+/** A number as people read it: of three digits, unless it is whole. */
+export const short = (number) => String(Number.isInteger(number) ? number : Number(Number(number).toPrecision(3)));

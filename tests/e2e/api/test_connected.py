@@ -17,10 +17,12 @@ import pdcd
 from pdcd.api.connected import Connected
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
-from pdcd.client import Unreachable
+from pdcd.client import Client, Unreachable
+from pdcd.request import CaptureRequest
 from pdcd.runs.events import Event
 from pdcd.server.daemon import serve
 from tests.bench_rig import GRID, config
+from tests.e2e.server._server_harness import threaded_daemon
 
 PATIENCE_S = 60.0
 
@@ -75,6 +77,27 @@ def test_the_bench_of_a_daemon_is_that_of_this_process(tmp_path: Path) -> None:
             bench.capture("indirect", codes=512, progress=interrupt)
         assert bench.client.list()[-1].state == "cancelled"
         assert bench.capture("white", progress=False).goal == "white"
+
+
+def test_an_interrupted_plan_ends_and_the_next_photo_is_taken(tmp_path: Path) -> None:
+    """In a notebook the connection stays: the plan would hold the rig for as long as it takes."""
+    slow = CaptureRequest(goal="indirect", note="slow")
+    main = threading.get_ident()
+
+    def interrupt() -> None:
+        with Client(running.path) as other:
+            while other.status().running is None:
+                time.sleep(0.001)
+        signal.pthread_kill(main, signal.SIGINT)
+
+    with threaded_daemon(tmp_path) as running, pdcd.connect(running.path) as bench:
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        with pytest.raises(KeyboardInterrupt):
+            bench.foresee(slow)
+        thread.join()
+        assert [(job.kind, job.state) for job in bench.client.list()] == [("plan", "cancelled")]
+        assert bench.client.capture(CaptureRequest(goal="white")).state == "done"
 
 
 def test_where_no_daemon_answers(tmp_path: Path) -> None:

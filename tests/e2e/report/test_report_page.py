@@ -5,6 +5,8 @@ What the page shows is held against the run's own files and `pdcd row`, not agai
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -162,6 +164,19 @@ def test_late_refreshes_are_marked(page: Any, run: Path) -> None:
     words = page.locator("#late-told").inner_text()
     assert all(f" {r['refresh']} at " in words for r in late[:5])
     assert words.count("another one shown") == sum(r["dropped"] == "1" for r in late) > 0
+
+
+def test_a_time_line_that_leaves_bars_out_says_so(tab: Tab, run: Path, tmp_path: Path) -> None:
+    text = (run / "report.html").read_text()
+    begin, data, end = re.split(r"(?<=id=\"data\">)(.*?)(?=</script>)", text, flags=re.S)
+    told = json.loads(data)
+    told["shots"] = told["shots"][:1] * 41
+    doctored = tmp_path / "page.html"
+    for shots in (told["shots"], told["shots"][:40]):
+        told["shots"] = shots
+        doctored.write_text(begin + json.dumps(told).replace("<", "\\u003c") + end)
+        words = tab.open(doctored).locator("#time-told").inner_text()
+        assert ("Bars of the first 40 of 41 shots" in words) == (len(shots) == 41)
 
 
 def test_the_verdict_and_its_reasons_are_those_of_the_manifest(page: Any, run: Path) -> None:

@@ -6,7 +6,7 @@ import asyncio
 import json
 import socket
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import pytest
@@ -15,6 +15,7 @@ from pdcd.client import Client
 from pdcd.request import CalibrateRequest
 from pdcd.runs.events import Attention, Event
 from pdcd.server.messages import PROTOCOL, ClockAnchor, Hello
+from pdcd.words import StepName
 from tests.e2e.server._server_harness import daemon, threaded_daemon
 from tests.e2e.server._users import ANNA, BERT, Users
 from tests.e2e.server.test_server_client import scripted
@@ -119,5 +120,22 @@ def test_steps_that_are_none_are_refused(tmp_path: Path) -> None:
             assert refused["data"]["kind"] == "request"
             refused = await wire.error("calibrate.proceed", job="none")
             assert refused["data"]["kind"] == "request"
+
+    asyncio.run(scenario())
+
+
+def test_no_calibration_is_too_long_to_be_told_of(tmp_path: Path) -> None:
+    """Of a job that names a step a hundred thousand times everybody would be told, as long as it is
+    remembered: the answers would be longer than a line."""
+
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            refused = await wire.error("calibrate.start", steps=["registration"] * 60_000)
+            assert refused["data"]["kind"] == "request"
+            assert '"maxItems": 10' in refused["data"]["hint"]
+            every = list(get_args(StepName))
+            await wire.result("calibrate.start", steps=every, detach=True)
+            told = (await wire.result("capture.list"))["jobs"]
+            assert [job["goal"] for job in told] == [" ".join(every)]
 
     asyncio.run(scenario())

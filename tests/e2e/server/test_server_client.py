@@ -86,6 +86,8 @@ def test_errors_come_back_as_the_same_errors(tmp_path: Path) -> None:
             client.call("nonsense")
         with pytest.raises(ProtocolError, match="bytes"):
             client.call("ping", {"x": "y" * 2**20})
+        with pytest.raises(RequestError, match=r"capture.wait: 'b\\udcff' is not UTF-8"):
+            client.wait(os.fsdecode(b"b\xff"))  # as the command line has bytes of another encoding
         with pytest.raises(PdcdError) as internal:
             client.call("preview.grab", {"x": 1})
         assert internal.value.kind == "request"
@@ -148,6 +150,21 @@ def test_an_interrupt_before_the_answer_that_names_the_job_cancels_it_too(tmp_pa
         ("capture.start", None),
         ("capture.cancel", "j"),
     ]
+
+
+@pytest.mark.parametrize("at", ["queued", "armed", "progress"])
+def test_a_listener_that_raises_ends_its_job_first(tmp_path: Path, at: str) -> None:
+    def listen(event: Event) -> None:
+        if event.type == at:
+            raise ZeroDivisionError("of the listener")
+
+    with threaded_daemon(tmp_path) as running, Client(running.path) as client:
+        slow = CaptureRequest(goal="indirect", codes=8, note="slow")
+        with pytest.raises(ZeroDivisionError, match="of the listener"):
+            client.capture(slow, on_event=listen)
+        assert not running.engine.shutter_open
+        assert [job.state for job in client.list()] == ["cancelled"]
+        assert client.capture(WHITE).state == "done"
 
 
 def test_events_come_until_the_connection_ends(tmp_path: Path) -> None:

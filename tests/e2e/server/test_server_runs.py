@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from pdcd.client import Client
-from pdcd.runs.entry import RunQuery
+from pdcd.runs.entry import Page, RunQuery, StoredRun
 from pdcd.runs.index import runs
+from pdcd.server import connections, methods
 from pdcd.server.messages import MAX_LINE
 from tests.e2e.server._server_harness import daemon, nothing_left, threaded_daemon
 from tests.run_folders import cut, finished, job
@@ -69,3 +72,53 @@ def test_a_thousand_runs_with_long_notes_come_in_lines_that_may_be_sent(tmp_path
             query = RunQuery(newest=1000, before=page.more)
     assert told == runs(state) and len(told) == 360
     assert pages > 360 * 4000 / MAX_LINE
+
+
+def test_a_disk_that_hangs_holds_up_lists_of_runs_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A list of jobs needs no disk; and who leaves takes no turn away from the look that hangs."""
+    answers = threading.Event()
+    begun: list[int] = []
+
+    def hangs(state: Path, query: RunQuery) -> Page:
+        begun.append(query.newest)
+        assert answers.wait(20.0)
+        return Page(state_folder=str(state), runs=[])
+
+    monkeypatch.setattr(methods, "search", hangs)
+    monkeypatch.setattr(connections, "LINGER_S", 0.05)
+
+    async def scenario() -> None:
+        async with daemon(tmp_path) as running, running.wire() as wire:
+            async with running.wire() as leaves:
+                params = {"find": {"newest": 1}}
+                asks = {"jsonrpc": "2.0", "id": 1, "method": "capture.list", "params": params}
+                await leaves.send(asks)
+                while not begun:
+                    await asyncio.sleep(0.001)
+            while (await wire.result("rig.status"))["connections"] > 1:
+                await asyncio.sleep(0.001)
+            await asyncio.sleep(0.2)  # until nobody waits for what was asked
+            assert (await asyncio.wait_for(wire.result("capture.list"), 5.0))["found"] is None
+            async with running.wire() as next_one:
+                waits = asyncio.create_task(next_one.result("capture.list", find={"newest": 2}))
+                await asyncio.sleep(0.1)
+                assert begun == [1]
+                answers.set()
+                assert (await waits)["found"]["runs"] == []
+            assert begun == [1, 2]
+
+    asyncio.run(scenario())
+
+
+def test_a_list_of_runs_may_take_longer_than_what_needs_no_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slow(state: Path, newest: int) -> list[StoredRun]:
+        time.sleep(0.5)
+        return [StoredRun(job="j", state="done", folder=f"{state}/j")]
+
+    monkeypatch.setattr(methods, "stored_runs", slow)
+    with threaded_daemon(tmp_path) as running, Client(running.path, timeout_s=0.2) as client:
+        assert [run.job for run in client.runs()] == ["j"]

@@ -97,6 +97,18 @@ def test_a_photo_from_the_form_ends_with_a_picture(chromium: Any, tmp_path: Path
         assert opened.evaluate("document.documentElement.scrollWidth") == 390
 
 
+def test_numbers_keep_their_size(chromium: Any, tmp_path: Path) -> None:
+    """120.3 s were "12 s", 99.97 % were "1 %": zeros that count were taken for idle ones."""
+    wanted = {
+        0.1: "0.1", 120.3: "120", 99.97: "100", 10.04: "10", 1.2e-10: "1.2e-10", 1234.5: "1230",
+        -150.4: "-150", 25.84: "25.8", 100: "100", 4096: "4096", 0.00833: "0.00833",
+    }  # fmt: skip
+    with bench(tmp_path, bench_rig.config(tmp_path)) as here, page(chromium, here) as opened:
+        opened.locator("#start:enabled").wait_for()
+        say = "async (all) => all.map((await import('./dom.js')).short)"
+        assert opened.evaluate(say, list(wanted)) == list(wanted.values())
+
+
 def test_the_page_outlives_the_daemon_and_cancels(chromium: Any, tmp_path: Path) -> None:
     config = bench_rig.config(tmp_path)
     with bench(tmp_path, config) as here, page(chromium, here) as opened:

@@ -17,7 +17,7 @@ from pdcd.api.connected import Connected, connect
 from pdcd.api.local import LocalBench, local
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
-from pdcd.errors import DeviceLost, PdcdError, RequestError
+from pdcd.errors import DeniedError, DeviceLost, PdcdError, RequestError
 from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.runs.events import Event, Started
 from pdcd.runs.views import RigView
@@ -90,10 +90,18 @@ class Daemon:
         self.asked: list[Any] = []
         self.interrupted = False
         self.interrupt = False
+        self.denies = False
+        self.rise_s = 0.001
 
     def describe(self) -> RigView:
         self.asked.append("describe")
         return RigView(name="r", mock=True, grid=(3, 4), drivers={})
+
+    def call(self, method: str) -> dict[str, Any]:
+        assert method == "config.get"
+        if self.denies:
+            raise DeniedError("who looks on reads no configuration")
+        return {"mask": {"rise_s": self.rise_s}, "server": {"socket": f"/{id(self)}"}}
 
     def plan(self, request: Any, **more: Any) -> str:
         self.asked.append((request, more))
@@ -121,8 +129,19 @@ def test_the_bench_of_a_daemon_is_asked_for_its_grid_once_and_parted_from() -> N
     daemon = Daemon()
     with behind(daemon) as bench:
         assert [bench.grid, bench.grid] == [(3, 4), (3, 4)]
-        assert bench.described() == msgspec.to_builtins(daemon.describe())
-    assert daemon.asked == ["describe"] * 3 + ["close"]
+        rig = msgspec.to_builtins(daemon.describe())
+        assert bench.described() == {**rig, "config": {"mask": {"rise_s": 0.001}}}
+        daemon.denies = True
+        assert bench.described() == {**rig, "config": None}
+    assert daemon.asked == ["describe"] * 4 + ["close"]
+
+
+def test_two_daemons_are_the_same_bench_if_their_configurations_are() -> None:
+    """A sweep goes on with what is done where its bench is the same: a slower mask is another."""
+    first, restarted, slower = Daemon(), Daemon(), Daemon()
+    slower.rise_s = 0.004
+    assert behind(first).described() == behind(restarted).described()
+    assert behind(first).described() != behind(slower).described()
 
 
 @pytest.mark.parametrize("queue", [False, True])

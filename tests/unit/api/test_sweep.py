@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import signal
 import sys
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -129,10 +130,17 @@ def test_two_sweeps_do_not_fill_one_folder(rig: Config, tmp_path: Path) -> None:
         ({"codes": 4}, "request 1: None: no such goal"),
         ({"goal": "white", "config": {"scen": {}}}, "request 1: .*scen: no such key"),
         ({"goal": "illuminated", "illumination": "no.npy"}, "request 1: illumination"),
+        (
+            {"goal": "illuminated", "illumination": np.ones((3, 4), complex)},
+            "request 1: illumination: must be rows and columns of real numbers",
+        ),
+        ({"goal": "fraction", "p": Fraction(1, 3)}, "request 1: p: expected float"),
+        ({"goal": "white", 3: 4}, "request 1: 3: no such keyword"),
+        (["white"], r"request 1: \['white'\] is no request"),
     ],
 )
 def test_a_wrong_request_is_refused_before_any_photo(
-    rig: Config, tmp_path: Path, request_: dict[str, Any], told: str
+    rig: Config, tmp_path: Path, request_: Any, told: str
 ) -> None:
     with pytest.raises(RequestError, match=f"(?s){told}"):
         pdcd.sweep(rig, ["white", request_], workers=0, folder=tmp_path / "s")

@@ -20,9 +20,11 @@ from pdcd.api.ledger import Ledger
 from pdcd.api.local import LocalBench, described
 from pdcd.api.sweep import sweep
 from pdcd.api.task import Record, Task, key_of
-from pdcd.bench.tables import Config
+from pdcd.bench.measured import FOLDER as CALIBRATIONS
+from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
 from pdcd.request import CaptureRequest, CaptureResult
+from tests.unit.bench._calibrations import record, written
 
 WHITE = CaptureRequest(goal="white")
 
@@ -132,6 +134,17 @@ def test_a_folder_gets_one_of_its_own_for_each_and_knows_what_is_done(
     assert [task.folder for task in hands.tasks] == folders
     assert list(first) == list(later)
     Ledger(tmp_path / "s").close()  # it is let go of
+
+
+def test_a_bench_that_was_calibrated_anew_is_another_one(tmp_path: Path) -> None:
+    """The next photo is by the new calibration: what was taken before it is not done for it."""
+    config = Config(server=ServerConfig(state_dir=str(tmp_path)))
+    before = described(config)
+    assert described(config) == before
+    written(tmp_path / CALIBRATIONS / "one", record(name="one"))
+    first = described(config)
+    written(tmp_path / CALIBRATIONS / "two", record(name="two"))
+    assert len({key_of(told, WHITE, {}, 0) for told in (before, first, described(config))}) == 3
 
 
 def test_what_was_asked_of_a_bench_is_told_key_by_key(hands: Hands) -> None:

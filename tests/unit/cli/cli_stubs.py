@@ -11,7 +11,7 @@ import pytest
 
 from pdcd import words
 from pdcd.bench.tables import Config
-from pdcd.client import OnEvent
+from pdcd.client import OnEvent, Unreachable
 from pdcd.errors import PdcdError
 from pdcd.recipes.arrays import Given
 from pdcd.request import CaptureRequest, CaptureResult, Figure, PlanSummary, ShotSummary
@@ -95,10 +95,13 @@ class StubClient:
 
     result: CaptureResult = DONE
     error: BaseException | None = None
+    absent = False
     status_answer: Status = STATUS
     asked: list[Any]
 
     def __init__(self, path: Path) -> None:
+        if self.absent:
+            raise Unreachable("nobody")
         self.asked.append(path)
 
     def __enter__(self) -> StubClient:

@@ -339,6 +339,16 @@ def test_refusal_is_one_line_and_one_object(
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.parametrize("command", ["transport", "calibrate"])
+def test_what_has_a_job_done_says_that_there_was_none(
+    capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    assert main([command, "--json", "--socket", "/no/such/socket"]) == 3
+    told = last_object(capsys.readouterr().out)
+    assert (told["job"], told["state"], told["folder"]) == (None, "failed", None)
+    assert told["error"]["kind"] == "unreachable"
+
+
 def test_other_commands_report_errors_without_a_job(
     daemon: type[StubClient], capsys: pytest.CaptureFixture[str]
 ) -> None:

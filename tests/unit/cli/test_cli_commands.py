@@ -158,7 +158,12 @@ def test_plan_asks_the_daemon_and_falls_back_to_this_process(
     assert engine.calls == []
     assert last_object(capsys.readouterr().out)["passes"] == 2
 
-    daemon.error = Unreachable("nobody")
+    daemon.error = Unreachable("it went away, or takes too long: its bench is another one")
+    assert main("plan indirect --codes 8".split()) == 3
+    assert engine.calls == []
+    assert "another one" in capsys.readouterr().err
+
+    daemon.absent = True
     assert main("plan indirect --codes 8".split()) == 0
     assert engine.calls[-1] == ("plan", wanted)
     table = capsys.readouterr().out

@@ -202,6 +202,15 @@ def test_a_daemons_panels_show_a_picture_as_long_as_the_command_lives(
     assert printed.err.splitlines() == said
 
 
+@pytest.mark.parametrize("seconds", ["-1", "nan", "inf"])
+def test_nothing_is_lit_for_what_is_no_time(
+    shower: Shower, capsys: pytest.CaptureFixture[str], seconds: str
+) -> None:
+    assert main(["show", "white", "--seconds", seconds]) == 2
+    assert f"--seconds {seconds} is not between 0 and" in capsys.readouterr().err
+    assert shower.done == []
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [

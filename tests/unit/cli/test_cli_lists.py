@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from pdcd.cli import capture as capture_cli
 from pdcd.cli import runs as runs_cli
 from pdcd.cli import runs_prune as prune_cli
 from pdcd.cli import snr as snr_cli
@@ -63,7 +64,7 @@ def finder(monkeypatch: pytest.MonkeyPatch) -> type[Finder]:
         pages: list[Page] = []  # noqa: RUF012
         asked: list[RunQuery] = []  # noqa: RUF012
 
-    monkeypatch.setattr(runs_cli, "Client", Fresh)
+    monkeypatch.setattr(capture_cli, "Client", Fresh)
     return Fresh
 
 

@@ -133,6 +133,20 @@ def test_a_demo_that_fails_names_no_pictures(
     assert "look at" not in capsys.readouterr().out and daemon.done == ["terminated", "left"]
 
 
+def test_a_demo_that_is_ended_by_ctrl_c_says_no_more_than_that(
+    daemon: Daemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    error: dict[str, str | None] = {"kind": "cancelled", "message": "the job was cancelled"}
+    result = CaptureResult(
+        job=JOB, state="cancelled", folder="/r.partial", error=error, files=("raw/white.dng",)
+    )
+    monkeypatch.setattr(demo_cli, "Client", client_of(result, []))
+    assert main(["demo"]) == 130
+    told = capsys.readouterr()
+    assert "look at" not in told.out and "/r.partial" in told.out
+    assert told.err.splitlines()[-1] == "pdcd: the job was cancelled"
+
+
 @pytest.mark.parametrize(
     ("ended", "tries"), [(None, 1), (None, 3), (1, 1)], ids=["at once", "later", "it has ended"]
 )

@@ -9,9 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from pdcd.cli import capture as capture_cli
 from pdcd.cli import runs as runs_cli
 from pdcd.cli.main import main
 from pdcd.cli.moment import moment
+from pdcd.client import Unreachable
 from pdcd.errors import ConfigError
 from pdcd.request import CaptureRequest
 from pdcd.runs.entry import Page, RunQuery
@@ -100,10 +102,39 @@ def test_a_daemon_is_asked_for_its_runs_first_page_after_page(
             part = every[:1] if more else every[1:]
             return Page(state_folder="/srv/pdcd", runs=part, more=more)
 
-    monkeypatch.setattr(runs_cli, "Client", Finder)
+    monkeypatch.setattr(capture_cli, "Client", Finder)
     assert len(told(capsys, "--json", "--tag", "wax")) == 3
     assert [query.before for query in asked] == [None, "captures/x"]
     assert asked[0].tags == ("wax",) and asked[0].newest == 50
+
+
+def test_runs_of_a_daemon_that_goes_away_are_not_mixed_with_others(
+    state: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (hers, *_), asked = runs(state), []
+
+    class Leaves(StubClient):
+        asked = []  # noqa: RUF012
+
+        def find(self, query: RunQuery) -> Page:
+            asked.append(query)
+            if query.before:
+                raise Unreachable("it went away")
+            return Page(state_folder="/hers", runs=[hers], more="captures/x")
+
+    monkeypatch.setattr(capture_cli, "Client", Leaves)
+    assert main(["runs", "--all"]) == 3 and len(asked) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err == "pdcd: it went away\n"
+
+
+def test_where_nothing_was_verified_it_is_said(
+    state: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["runs", "verify", "--tag", "nobodys", "--state-dir", str(state)]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err == "no finished run is like that: nothing was verified\n"
 
 
 def test_one_run_is_shown_by_its_name(state: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -192,7 +223,7 @@ def test_labels_are_typed_with_a_capture_and_refused_where_they_cannot_be(
     for option, text in (
         ("--name", "a/b"), ("--name", " a"), ("--name", "a\n"), ("--name", "x" * 81),
         ("--tag", "a b"), ("--tag", ""), ("--tag", "a\n"), ("--note", "\x1b[2J"),
-        ("--note", "\u202eabc"), ("--note", "x" * 4097),
+        ("--note", "\u202eabc"), ("--note", "x" * 4097), ("--note", "Bl\udce4tter"),
     ):  # fmt: skip
         assert main(["capture", "white", f"{option}={text}", "--json"]) == 2
         error = last_object(capsys.readouterr().out)["error"]

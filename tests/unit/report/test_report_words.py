@@ -83,6 +83,13 @@ def test_kinds_of_error_bars_are_told_in_words() -> None:
     assert words[0] != words[1] and "measured" in words[0]
 
 
+def test_a_budget_that_leaves_shots_out_says_so() -> None:
+    for lines, shots, said in ((64, 65, True), (64, 64, False), (2, 3, False)):
+        made = material(budget=[SHOT] * lines, shots=[{}] * shots)
+        note = table("Light budget", manifest(), made).note
+        assert note.endswith("These are the first 64 of 65 shots.") == said
+
+
 def test_the_budget_has_a_row_a_shot() -> None:
     found = table("Light budget", manifest(), material(budget=[SHOT]))
     assert found.rows == [

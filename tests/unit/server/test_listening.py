@@ -89,6 +89,20 @@ def test_a_path_that_cannot_be_bound_is_named(tmp_path: Path) -> None:
     assert "[server] socket" in str(caught.value.hint)
 
 
+@pytest.mark.parametrize(
+    ("path", "told", "hint"),
+    [
+        ("/", "/ is a folder, not a socket", "name a file in it"),
+        ("/no/such/s", "cannot lock the socket /no/such/s .*: No such file", "its folder is there"),
+    ],
+)
+def test_where_no_socket_can_be_it_is_said_why(path: str, told: str, hint: str) -> None:
+    with pytest.raises(ConfigError, match=told) as caught:
+        with claimed(Path(path), ServerConfig()):
+            pass
+    assert hint in str(caught.value.hint)
+
+
 def test_the_socket_that_was_passed_is_served_and_not_handed_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
