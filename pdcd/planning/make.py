@@ -36,6 +36,10 @@ BY_LIGHT = ("descattered", "filtered", "fraction", "off-diagonal", "relit", "spl
 """Goals with photos that are not scaled by what fits the wanted matrix best, see `How.by_light`."""
 
 
+class ExposureLimitError(RequestError):
+    """An exposure would be longer than the rig allows."""
+
+
 def make_plan(
     request: CaptureRequest,
     config: Config,
@@ -243,7 +247,7 @@ def _passes(
 def _check_limit(exposure_s: float, config: Config) -> None:
     """Refuse exposures that the rig's limits do not allow."""
     if exposure_s > config.limits.max_exposure_s:
-        raise RequestError(
+        raise ExposureLimitError(
             f"the plan needs an exposure of {exposure_s:.1f} s; the limit is "
             f"{config.limits.max_exposure_s:g} s",
             hint="ask for fewer codes, or raise limits.max_exposure_s",

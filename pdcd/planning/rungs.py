@@ -1,0 +1,38 @@
+"""Which numbers of codes are tried for a wanted error or time, and of which family."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+
+from pdcd.codes.hadamard import hadamard_fits
+from pdcd.codes.singer import line_count
+from pdcd.request import CaptureRequest
+from pdcd.words import FamilyName
+
+LADDER = tuple(sorted(k * 2**n for k in (8, 12) for n in range(10)))
+"""Numbers of codes that are tried, each a Hadamard order: 8, 12, 16, 24 ... 6144."""
+
+MOST_PARTS = 1000
+"""Largest denominator of a share p of lit cells that balanced codes are fitted to."""
+
+
+def family_of(request: CaptureRequest) -> tuple[FamilyName, int]:
+    """The code family, and what its number of codes must be a multiple of."""
+    p = request.p
+    family: FamilyName = "hadamard" if p is None or p == 0.5 else "balanced"
+    family = request.family or family
+    if family == "singer" and p is not None:
+        return family, line_count(p)
+    share = Fraction(0.5 if p is None else p).limit_denominator(MOST_PARTS)
+    return family, share.denominator if family == "balanced" else 1
+
+
+def counts_of(request: CaptureRequest) -> Iterator[int]:
+    """Numbers of codes that the family can have, few first: those of the ladder, or the next
+    multiples of what it needs."""
+    family, step = family_of(request)
+    for rung in LADDER:
+        count = -(-rung // step) * step
+        if family != "hadamard" or hadamard_fits(count, request.p or 0.5):
+            yield count

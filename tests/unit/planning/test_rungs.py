@@ -1,0 +1,46 @@
+"""Which numbers of codes the planner tries, and what ends it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import msgspec
+import pytest
+
+from pdcd.errors import RequestError
+from tests.unit.planning.test_climbed import Foreseen, chosen, estimate, rig
+from tests.unit.planning.test_measured import config
+
+
+def test_codes_are_tried_up_to_the_limit_of_an_exposure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Black before and after the codes takes 0.1 s, whatever their number: 24 codes take 0.5 s."""
+    foreseen = Foreseen(monkeypatch, lambda *_: estimate(1.0, 0.01))
+    with pytest.raises(RequestError, match="cannot be had"):
+        chosen(rig(0.51), error=0.01)
+    assert foreseen.counts == [8, 12, 16, 24]
+
+
+def test_a_schedule_that_is_too_long_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eight codes take 0.37 s of two refreshes each, and 0.5 s of three."""
+    foreseen = Foreseen(monkeypatch, lambda *_: estimate(0.0, 0.1))
+    tables = config(mask={"rise_s": 0.001, "fall_s": 0.001})
+    tables = msgspec.structs.replace(tables, limits=rig(0.4).config.limits)
+    setting = dataclasses.replace(rig(), config=tables)
+    assert chosen(setting, seconds=0.9, guards=None).plan.how.codes == 8
+    assert {plan.schedule for plan in foreseen.plans} == {"none", "both", "lag"}
+
+
+@pytest.mark.parametrize("asked", [{"seconds": 9.0}, {"error": 0.1}])
+def test_a_limit_that_leaves_no_plan_is_named(
+    monkeypatch: pytest.MonkeyPatch, asked: dict[str, float]
+) -> None:
+    Foreseen(monkeypatch, lambda *_: estimate(0.0, 0.1))
+    with pytest.raises(RequestError, match=r"(fits into|cannot be had).*the limit is 0\.2 s") as e:
+        chosen(rig(0.2), **asked)
+    assert "limits.max_exposure_s" in str(e.value.hint)
+
+
+def test_a_family_that_suits_no_number_of_codes_is_said() -> None:
+    with pytest.raises(RequestError, match="no number of codes suits them") as caught:
+        chosen(rig(), goal="fraction", p=0.3, family="hadamard", seconds=9.0)
+    assert "family" in str(caught.value.hint)
