@@ -29,10 +29,9 @@ def family_of(request: CaptureRequest) -> tuple[FamilyName, int]:
 
 
 def counts_of(request: CaptureRequest) -> Iterator[int]:
-    """Numbers of codes that the family can have, few first: those of the ladder, or the next
-    multiples of what it needs."""
+    """Numbers of codes that the family can have, each once, few first: those of the ladder, or the
+    next multiples of what it needs."""
     family, step = family_of(request)
-    for rung in LADDER:
-        count = -(-rung // step) * step
+    for count in dict.fromkeys(-(-rung // step) * step for rung in LADDER):
         if family != "hadamard" or hadamard_fits(count, request.p or 0.5):
             yield count

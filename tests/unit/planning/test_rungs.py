@@ -44,3 +44,20 @@ def test_a_family_that_suits_no_number_of_codes_is_said() -> None:
     with pytest.raises(RequestError, match="no number of codes suits them") as caught:
         chosen(rig(), goal="fraction", p=0.3, family="hadamard", seconds=9.0)
     assert "family" in str(caught.value.hint)
+
+
+@pytest.mark.parametrize(
+    ("p", "family", "counts"),
+    [
+        (0.01, "balanced", [100, 200, 300, 400, 600, 800]),
+        (1 / 9, "singer", [73, 146, 219, 292, 438, 584, 803]),
+    ],
+)
+def test_numbers_of_codes_are_tried_once_each(
+    monkeypatch: pytest.MonkeyPatch, p: float, family: str, counts: list[int]
+) -> None:
+    """A number that stands for several of the ladder is no sign that more codes do not help."""
+    foreseen = Foreseen(monkeypatch, lambda plan, *_: estimate(1.0 / plan.how.codes, 1e-9))
+    with pytest.raises(RequestError, match="cannot be had"):
+        chosen(rig(14.0), goal="fraction", p=p, family=family, error=1e-6)
+    assert foreseen.counts == counts
