@@ -31,7 +31,7 @@ from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
-from pdcd.planning.rungs import LADDER, counts_of, family_of
+from pdcd.planning.rungs import LADDER, counts_of, family_of, most_repeats, parts_of
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.off_axis import FewCodesError
 from pdcd.request import CaptureRequest, Prediction
@@ -40,9 +40,6 @@ from pdcd.words import BlackLevel, ScheduleName
 
 CONFIDENCE = 0.95
 """With which probability a wanted error is kept unless the request says otherwise."""
-
-MOST_REPEATS = 64
-"""Exposures of one photo beyond which RAW files pile up for little."""
 
 STALLED = 0.8
 """Least error of the codes on the last rungs of the ladder, over that before, from which more codes
@@ -190,6 +187,7 @@ class _Search:
         self.request, self.arrays, self.setting, self.grid = request, arrays, setting, grid
         self.prior, self.given, self.watch = prior, given, watch
         self.confidence = request.confidence or CONFIDENCE
+        self.most = most_repeats(request)
         self.best: Choice | None = None
         self.refused: RequestError | None = None
         self.closest: Choice | None = None
@@ -283,7 +281,7 @@ class _Search:
                 return
             errors.append(estimate.code)
             sensor = estimate.sensor
-            if estimate.code < NEGLIGIBLE * estimate.sensor / MOST_REPEATS**0.5:
+            if estimate.code < NEGLIGIBLE * estimate.sensor / self.most**0.5:
                 return
             if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > STALLED * min(
                 errors[:-PATIENCE]
@@ -303,9 +301,9 @@ class _Search:
             guards=schedule,
             black_level=black,
         )
-        family, _ = family_of(self.request)
+        (family, _), parts = family_of(self.request), parts_of(self.request)
         for count in counts_of(self.request):
-            share = 0 if by_map is None else pilot_share(count, by_map=by_map)
+            share = 0 if by_map is None else pilot_share(count, by_map=by_map, parts=parts)
             if by_map is not None and not share:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
@@ -370,10 +368,10 @@ class _Search:
             return Choice(whole, estimate, iso, _seconds(whole))
 
         if self.request.error is not None:
-            most = choice(MOST_REPEATS)
+            most = choice(self.most)
             if self.closest is None or self._bound(most) < self._bound(self.closest):
                 self.closest = most
-            for repeat in range(1, MOST_REPEATS + 1):
+            for repeat in range(1, self.most + 1):
                 if estimate.bound(self.confidence, repeat) <= self.request.error:
                     found = choice(repeat)
                     if self.best is None or found.seconds < self.best.seconds:
@@ -391,10 +389,10 @@ class _Search:
     def _most_repeats(self, plan: Plan) -> int:
         """How many exposures the time allows, at least 1."""
         if self.request.seconds is None:
-            return MOST_REPEATS
+            return self.most
         one_s, two_s = _seconds(plan), _seconds(plan.scaled(plan.passes, 2))
         extra = int((self.request.seconds - one_s) / (two_s - one_s) + 1e-9)
-        return min(MOST_REPEATS, 1 + max(0, extra))
+        return min(self.most, 1 + max(0, extra))
 
     def _refusal(self) -> RequestError:
         """Why no candidate will do, and what would."""
@@ -409,12 +407,16 @@ class _Search:
         closest, estimate = self.closest, self.closest.estimate
         within = 100.0 * self._bound(closest)
         return RequestError(
-            f"{asked}: {closest.plan.how.coded} codes, {MOST_REPEATS} times, leave {within:.2g} % "
+            f"{asked}: {closest.plan.how.coded} codes, {_times(self.most)}, leave {within:.2g} % "
             f"({100.0 * estimate.code:.2g} % by the codes, "
-            f"{100.0 * estimate.sensor / MOST_REPEATS**0.5:.2g} % by the sensor), within "
+            f"{100.0 * estimate.sensor / self.most**0.5:.2g} % by the sensor), within "
             f"{self.setting.config.limits.max_exposure_s:g} s an exposure",
             hint=f"ask for {1.05 * within:.2g} % or more, or raise limits.max_exposure_s",
         )
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def _longest(plan: Plan) -> float:

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from pdcd.errors import RequestError
+from pdcd.pilot.codes import pilot_share
 from tests.unit.planning.test_climbed import Foreseen, chosen, estimate, rig
 from tests.unit.planning.test_measured import config
 
@@ -61,3 +62,35 @@ def test_numbers_of_codes_are_tried_once_each(
     with pytest.raises(RequestError, match="cannot be had"):
         chosen(rig(14.0), goal="fraction", p=p, family=family, error=1e-6)
     assert foreseen.counts == counts
+
+
+@pytest.mark.parametrize(
+    ("parts", "family", "counts"),
+    [(3, "hadamard", [24, 36, 48, 72]), (4, "hadamard", [32, 48, 64, 96]), (4, "singer", [52])],
+)
+def test_parts_that_a_request_names_are_kept(
+    monkeypatch: pytest.MonkeyPatch, parts: int, family: str, counts: list[int]
+) -> None:
+    """Each of them has a number of codes of the ladder, and none is taken again."""
+    foreseen = Foreseen(monkeypatch, lambda plan, *_: estimate(1.0 / plan.how.codes, 1e-3))
+    goal = {"goal": "fraction", "p": 0.25, "seconds": 1.6} if family == "singer" else {}
+    found = chosen(rig(), **{"seconds": 1.0 + parts / 6.0, **goal}, parts=parts, family=family)
+    assert foreseen.counts == counts[: len(foreseen.counts)] and len(foreseen.counts) > 0
+    how = found.plan.how
+    assert (how.parts, how.repeat, how.codes) == (parts, 1, foreseen.counts[-1])
+    assert found.seconds == pytest.approx(how.codes / 60.0 + 0.1 * parts)
+
+
+def test_parts_of_a_pilot_each_have_codes_that_there_are() -> None:
+    shares = [pilot_share(count, by_map=True, parts=3) for count in (24, 36, 48, 72)]
+    assert shares == [12, 12, 12, 12]
+    assert pilot_share(24, by_map=True) == 16
+
+
+def test_an_error_that_parts_cannot_reach_is_refused_without_repetitions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    Foreseen(monkeypatch, lambda *_: estimate(0.0, 0.1))
+    assert chosen(rig(), error=0.05).plan.how.repeat == 4
+    with pytest.raises(RequestError, match="32 codes, once, leave 10 %"):
+        chosen(rig(), error=0.05, parts=4)
