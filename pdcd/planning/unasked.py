@@ -233,17 +233,22 @@ def _without_pilot(
 
 def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Settled:
     """A short pilot, and what is done instead when its scouts see nothing."""
-    share = pilot_share(costs.codes, by_map=True)
+    named = request.parts if isinstance(request.parts, int) else 1
+    share = pilot_share(costs.codes, by_map=True, parts=named)
     left = costs.codes - SCOUTS
-    counts = [n for n in range(left, costs.codes - share, -1) if hadamard_fits(n, 0.5)]
-    first, reason = 1, "one exposure"
+    counts = [
+        n
+        for n in range(left, costs.codes - share, -1)
+        if not n % named and hadamard_fits(n // named, 0.5)
+    ]
+    first, reason = named, "one exposure" if named == 1 else f"{named} exposures, as asked for"
     if parts:
         first, reason = _parts(costs.codes - share, config, costs)
         split = [n for n in range(left, costs.codes - share, -1) if costs.parts(n) > 1]
         counts = split if split and first > 1 else counts
     if not counts:
         counts = [costs.codes - share]
-    second = costs.parts(counts[0]) if first > 1 else 1
+    second = costs.parts(counts[0]) if parts and first > 1 else first
     told = (
         f"pilot: {SCOUTS} photos of single codes look for mirrors, {SCOUTS * costs.file_s:.2g} s "
         f"for their files; where they see sharp light {share - SCOUTS} more map it",
@@ -263,8 +268,10 @@ def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], co
     look_s = SCOUTS * costs.file_s
     if request.goal not in GOALS or costs.family != "hadamard" or request.prior is not None:
         return "as it guides hadamard codes for indirect and direct light without a prior"
-    if costs.codes < FEWEST or not pilot_share(costs.codes, by_map=True):
-        return f"as {costs.codes} codes are too few to spend some on a look"
+    named = request.parts if isinstance(request.parts, int) else 1
+    if costs.codes < FEWEST or not pilot_share(costs.codes, by_map=True, parts=named):
+        within = f" in {named} parts" * (named > 1)
+        return f"as {costs.codes} codes{within} are too few to spend some on a look"
     if cells > MOST_CELLS:
         return f"as it maps at most {MOST_CELLS} cells and there are {cells}"
     if look_s > LOOK * costs.coded_s:

@@ -178,3 +178,19 @@ def test_a_pilot_may_be_left_to_the_program_beside_codes() -> None:
     assert (found.request.codes, found.request.pilot, found.request.parts) == (256, 16, 1)
     assert found.otherwise is not None
     assert (found.otherwise.codes, found.otherwise.pilot, found.otherwise.parts) == (256, 4, 1)
+
+
+@pytest.mark.parametrize(
+    ("codes", "parts", "pilot", "left"), [(128, 4, 16, 112), (128, 3, 8, 120), (64, 8, 0, 0)]
+)
+def test_parts_that_are_named_stay_beside_a_pilot_that_is_left_open(
+    codes: int, parts: int, pilot: int, left: int
+) -> None:
+    """Each of them keeps a number of Hadamard codes, or there is no pilot."""
+    found = settled_of(pilot="auto", codes=codes, parts=parts)
+    assert (found.request.codes, found.request.pilot, found.request.parts) == (codes, pilot, parts)
+    assert (found.otherwise is None) == (pilot == 0)
+    if found.otherwise is not None:
+        other = found.otherwise
+        assert (other.codes, other.pilot, other.parts) == (left + 4, 4, parts)
+        assert f"parts: {parts} exposures, as asked for" in found.reasons[1]
