@@ -22,7 +22,7 @@ from pdcd.errors import DecodeError
 from pdcd.pictures.captions import strip
 from pdcd.pictures.exposed import Exposed
 from pdcd.recipes.recipe import Recipe
-from pdcd.recipes.transport import Slice
+from pdcd.recipes.transport import Slice, s_matrix
 from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
@@ -80,7 +80,9 @@ def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Slic
     """
     part = Slice.of(recipe.target.goal, recipe.target.grid)
     taken = [shots[shot.name] for shot in recipe.shots]
-    gathered, shown, opened, uneven = _sides(taken, part)
+    lights = s_matrix(part.lit.size)
+    dark = [not lights[shot.only or 0].any() for shot in recipe.shots]
+    gathered, shown, opened, uneven = _sides(taken, dark, part)
     known = ~np.logical_or.reduce([shot.saturated for shot in taken])
     sure = cells.seen(known)[part.seen] & (gathered > 0.0).all(axis=0)
     scale = np.divide(1.0, gathered, out=np.zeros_like(gathered), where=gathered > 0.0)
@@ -132,15 +134,25 @@ def _parted(means: Floats, cells: CellMap, known: Bools) -> Floats:
     return values
 
 
-def _sides(taken: list[Exposed], part: Slice) -> tuple[Floats, Floats, Floats, float]:
+def _sides(
+    taken: list[Exposed], dark: list[bool], part: Slice
+) -> tuple[Floats, Floats, Floats, float]:
     """Both sides of the realised matrices: what cells gather (K, C), of mean 1 in each photo, what
     the projector showed (K, J) and for how long the mask was open (K,), both in seconds, and how
-    far the matrices are from products."""
+    far the matrices are from products.
+
+    dark : of each photo whether no cell of the slice was to be lit, as in one of a few.
+    """
     gathered, shown, opened = [], [], []
     off = most = 0.0
-    for shot in taken:
+    for shot, black in zip(taken, dark, strict=True):
         whole = shot.realised.left[:, part.seen].T @ shot.realised.right[:, part.lit]
         total = float(whole.sum())
+        opened.append(float(shot.realised.open_s[part.seen].mean()))
+        if black and not total > 0.0:
+            gathered.append(np.ones(len(whole)))
+            shown.append(np.zeros(part.lit.size))
+            continue
         if not total > 0.0:
             raise DecodeError(
                 "a photo of the slice has no light",
@@ -148,7 +160,6 @@ def _sides(taken: list[Exposed], part: Slice) -> tuple[Floats, Floats, Floats, f
             )
         gathered.append(whole.sum(axis=1) * (whole.shape[0] / total))
         shown.append(whole.sum(axis=0) / whole.shape[0])
-        opened.append(float(shot.realised.open_s[part.seen].mean()))
         off = max(off, float(np.abs(whole - np.outer(gathered[-1], shown[-1])).max()))
         most = max(most, float(whole.max()))
     return np.array(gathered), np.array(shown), np.array(opened), off / most

@@ -205,6 +205,11 @@ def _check_family(family: FamilyName, how: How, draft: Recipe) -> None:
         raise RequestError(
             f"method {how.method} does not isolate paths", hint="take the family hadamard"
         )
+    if family in ISOLATION and draft.target.goal.name == "transport":
+        raise RequestError(
+            f"a slice of T is taken in photos of its own patterns, not by {family}",
+            hint="leave out the family",
+        )
     if family in ISOLATION and how.parts > 1:
         raise RequestError(f"{family} has no codes to split", hint="leave out the parts")
     if how.repeat > 1 and (how.parts > 1 or how.method != "coded" or draft.sums):

@@ -70,6 +70,32 @@ def test_all_of_a_matrix_on_a_small_grid() -> None:
     np.testing.assert_allclose(found.entries[..., 1], T, rtol=1e-9, atol=1e-11)
 
 
+@pytest.mark.parametrize("grid", [(4, 1), (3, 2), (2, 3), (2, 4)])
+@pytest.mark.parametrize("name", PANELS)
+def test_a_slice_of_few_cells_has_a_dark_photo(grid: tuple[int, int], name: str) -> None:
+    """Of seven photos of three cells one is to be dark, and tells what all have in common."""
+    cells = grid[0] * grid[1]
+    matrix = catalogue_rig.transport(cells, seed=8)
+    recipe = recipe_of_slice(Target(Goal(name="transport", rows=(0, 1)), grid), How())
+    scene = catalogue_rig.scene_of(matrix, grid, 0.3)
+    lights = recipe.programs["lights"].projector  # type: ignore[attr-defined]
+    assert lights.any(axis=1).all() == (grid[1] > 3)
+    shots: dict[str, Exposed] = {}
+    for light, shot in zip(lights, recipe.shots, strict=True):
+        projector, mask = PANELS[name]
+        realised = catalogue_rig.show(
+            light[None], np.ones((1, cells)), grid, projector=projector, mask=mask
+        )
+        seen = scene.photo(realised.left, realised.right, realised.coaxial, realised.open_s)
+        planes = seen.reshape(*grid, 3)
+        shots[shot.name] = Print(
+            planes, np.full(planes.shape, 1e-4), np.zeros(grid, np.bool_), realised, {}
+        )
+    found = sliced(recipe, shots, CellMap.block(grid, grid))
+    wanted = matrix.reshape(*grid, *grid)[1, :, 0, :]
+    np.testing.assert_allclose(found.entries[..., 0], wanted, rtol=1e-9, atol=1e-10)
+
+
 @pytest.mark.parametrize("cells", [6, 32, 57, 64])
 def test_noise_is_that_of_an_s_matrix(cells: int) -> None:
     """Harwit and Sloane: a variance of 4 K / (K + 1)^2 of one photo's, K being the photos. What all
