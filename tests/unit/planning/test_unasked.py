@@ -83,6 +83,22 @@ def test_light_by_range_is_measured_in_four_parts_without_a_look(goal: str) -> N
 
 
 @pytest.mark.parametrize(
+    ("codes", "radius", "parts"),
+    [(128, 1, 4), (128, 2, 4), (128, 3, 4), (128, 4, 1), (128, 8, 1), (256, 5, 4), (96, 3, 1)],
+)
+def test_light_from_far_off_is_not_parted_into_codes_too_dense_for_it(
+    codes: int, radius: int, parts: int
+) -> None:
+    """32 codes light a cell in 1/32 of them at the least; beyond 8 cells the best share is 1/290,
+    and 250 times less light would be left."""
+    for goal in ("long-range", "short-range"):
+        rig = Config(schedule=ScheduleConfig(codes=codes))
+        found = settled_of(rig, goal=goal, radius=radius)
+        assert found.request.parts == parts
+        assert (f"from beyond {radius} cells" in found.reasons[0]) == (parts == 1)
+
+
+@pytest.mark.parametrize(
     "named",
     [
         {"codes": 128},
