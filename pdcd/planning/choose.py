@@ -99,6 +99,11 @@ def wants_choice(request: CaptureRequest) -> bool:
             f"{' and '.join(given)} and {asked[0]} are both asked for",
             hint=f"{asked[0]} decides on codes, pilot, exposure and repetitions: leave them out",
         )
+    if request.goal == "transport":
+        raise RequestError(
+            f"{asked[0]} goes by the picture of a goal, and that of transport is not its entries",
+            hint=f"leave out {asked[0]}; repeat takes each photo more than once",
+        )
     if request.method != "coded" or request.family in ("isolation", "confocal"):
         raise RequestError(
             f"{asked[0]} is for coded photos",
