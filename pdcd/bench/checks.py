@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -36,6 +37,13 @@ RATE_TOLERANCE = 5e-4
 refresh in half a minute at the fastest, which the black frames around every code still hide."""
 
 
+LONGEST_S = 60.0
+"""Longest lag or response of a device: what is more was meant in another unit."""
+RATES_HZ = 1e-3, 1e6
+APERTURES = 1e-2, 1e4
+"""Between these lie all refresh rates and all f-numbers; beyond, arithmetic fails."""
+
+
 def check(config: Config) -> list[str]:
     """Every fault that the types alone do not exclude; empty when the configuration is sound."""
     return [fault.message for fault in cross_faults(config)]
@@ -44,6 +52,7 @@ def check(config: Config) -> list[str]:
 def cross_faults(config: Config) -> Iterator[Fault]:
     """Yield the faults that involve more than the type of one key."""
     yield from number_faults(msgspec.to_builtins(config, builtin_types=TIMES), "")
+    yield from _size_faults(config)
     yield from _panel_faults(config)
     yield from _place_faults(config)
     yield from _scene_faults(config)
@@ -142,6 +151,28 @@ def rate_fault(config: Config) -> Fault | None:
         f"mask.refresh_hz: {mask_hz} differs from projector.refresh_hz = {projector_hz}; both "
         "panels need one rate to stay in lockstep",
     )
+
+
+def _size_faults(config: Config) -> Iterator[Fault]:
+    """Yield times, rates and f-numbers that no device has."""
+    times = ("skew_s", "jitter_s", "scan_s", "rise_s", "fall_s", "lag_s")
+    for name in ("projector", "mask", "trigger"):
+        table = getattr(config, name)
+        for key in times:
+            value = getattr(table, key, 0.0)
+            if math.isfinite(value) and abs(value) > LONGEST_S:
+                yield Fault(
+                    (f"{name}.{key}",),
+                    f"{name}.{key}: {value:g} is more than {LONGEST_S:g} seconds, the unit of it",
+                )
+    numbers = {
+        "projector.refresh_hz": (config.projector.refresh_hz, RATES_HZ),
+        "mask.refresh_hz": (config.mask.refresh_hz, RATES_HZ),
+        "camera.f_number": (config.camera.f_number, APERTURES),
+    }
+    for key, (number, (low, high)) in numbers.items():
+        if isinstance(number, float) and math.isfinite(number) and not low <= number <= high:
+            yield Fault((key,), f"{key}: must be from {low:g} to {high:g}, not {number:g}")
 
 
 def _panel_faults(config: Config) -> Iterator[Fault]:

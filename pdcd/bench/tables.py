@@ -170,7 +170,7 @@ class CameraConfig(_Table, frozen=True):
     """Electrons per scene unit and second at f/1 (R, G, B); None: the mock's own."""
     place: Placing = field(default_factory=Placing)
     """Where the camera's Bayer quads lie on the field."""
-    blur_quads: NonNegative = 0.0
+    blur_quads: Annotated[float, Meta(ge=0.0, le=64.0)] = 0.0
     """Standard deviation of the blur between the mask's image and the sensor, in quads."""
     seed: Annotated[int, Meta(ge=0)] = 0
     fetch_timeout_s: Positive = 60.0

@@ -27,14 +27,15 @@ SCOUTS = 4
 """First photos of a pilot, after which it goes on or ends."""
 
 
-def pilot_share(count: int, *, by_map: bool) -> int:
+def pilot_share(count: int, *, by_map: bool, parts: int = 1) -> int:
     """Return how many of `count` codes to spend on a pilot; 0 if a pilot cannot be had.
 
-    At most two thirds of the codes, and leaving a Hadamard order for the shot: one that looks
-    `by_map`, or else a power of two.
+    At most two thirds of the codes, and leaving a Hadamard order for the shot, or for each of its
+    parts: one that looks `by_map`, or else a power of two.
     """
     for share in reversed(MATCHED if by_map else POWERS):
-        if 3 * share <= 2 * count and is_order(count - share):
+        each, rest = divmod(count - share, parts)
+        if 3 * share <= 2 * count and not rest and is_order(each):
             return share
     return 0
 

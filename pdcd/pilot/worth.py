@@ -83,7 +83,9 @@ def worth(
             codes[second], series[second]
         )
         square = max(float(np.mean(differ**2) - blur), 0.0) / 2.0
-        spread.append(square / float(np.mean(indirect**2)) / _shared(quarter, codes.shape[1]))
+        # More codes than cells share none: they err nowhere, and tell nothing of fewer.
+        scale = float(np.mean(indirect**2)) * _shared(quarter, codes.shape[1])
+        spread.append(square / scale if scale > 0.0 else 0.0)
     alone, left = _shared(count, codes.shape[1]), _shared(count - pilot, codes.shape[1])
     return Worth(
         alone=float(np.sqrt(spread[0] * alone)),

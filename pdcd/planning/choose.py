@@ -11,14 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from itertools import product
 
 import msgspec
 import numpy as np
 
-from pdcd.codes.hadamard import hadamard_fits
-from pdcd.codes.singer import line_count
 from pdcd.errors import RequestError
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.watch import Watch
@@ -28,26 +25,21 @@ from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
 from pdcd.planning.guess import GOALS, Prior, guess
 from pdcd.planning.guided import by_prior, guidable
 from pdcd.planning.look import looking, settled
-from pdcd.planning.make import make_plan
+from pdcd.planning.make import ExposureLimitError, make_plan
 from pdcd.planning.memory import MemoryLimitError
 from pdcd.planning.outlook import Alive, Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
+from pdcd.planning.rungs import LADDER, counts_of, family_of, most_repeats, parts_of
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.off_axis import FewCodesError
 from pdcd.request import CaptureRequest, Prediction
 from pdcd.scene.scene import Scene
-from pdcd.words import BlackLevel, FamilyName, ScheduleName
+from pdcd.words import BlackLevel, ScheduleName
 
 CONFIDENCE = 0.95
 """With which probability a wanted error is kept unless the request says otherwise."""
-
-LADDER = tuple(sorted(k * 2**n for k in (8, 12) for n in range(10)))
-"""Numbers of codes that are tried, each a Hadamard order: 8, 12, 16, 24 ... 6144."""
-
-MOST_REPEATS = 64
-"""Exposures of one photo beyond which RAW files pile up for little."""
 
 STALLED = 0.8
 """Least error of the codes on the last rungs of the ladder, over that before, from which more codes
@@ -61,9 +53,6 @@ PILOT_PAYS = 0.5
 
 NEGLIGIBLE = 0.1
 """Error of the codes, over the least error of the sensor, below which more codes do not matter."""
-
-MOST_PARTS = 1000
-"""Largest denominator of a share p of lit cells that balanced codes are fitted to."""
 
 PILOTED = ("indirect", "direct", "short-range")
 """Goals that a pilot helps."""
@@ -109,6 +98,11 @@ def wants_choice(request: CaptureRequest) -> bool:
         raise RequestError(
             f"{' and '.join(given)} and {asked[0]} are both asked for",
             hint=f"{asked[0]} decides on codes, pilot, exposure and repetitions: leave them out",
+        )
+    if request.goal == "transport":
+        raise RequestError(
+            f"{asked[0]} goes by the picture of a goal, and that of transport is not its entries",
+            hint=f"leave out {asked[0]}; repeat takes each photo more than once",
         )
     if request.method != "coded" or request.family in ("isolation", "confocal"):
         raise RequestError(
@@ -198,8 +192,9 @@ class _Search:
         self.request, self.arrays, self.setting, self.grid = request, arrays, setting, grid
         self.prior, self.given, self.watch = prior, given, watch
         self.confidence = request.confidence or CONFIDENCE
+        self.most = most_repeats(request)
         self.best: Choice | None = None
-        self.refused = ""
+        self.refused: RequestError | None = None
         self.closest: Choice | None = None
         self.learned: dict[tuple[int, str], Learned] = {}
 
@@ -272,7 +267,9 @@ class _Search:
             least_s = _seconds(plan.scaled(1, 1))
             budget_s = self.request.seconds
             if budget_s is not None and least_s > budget_s:
-                self.refused = self.refused or f"the shortest plan takes {least_s:.3g} s"
+                text = f"the shortest plan takes {least_s:.3g} s"
+                hint = "give more time, or leave the white shot out"
+                self.refused = self.refused or RequestError(text, hint=hint)
                 return
             if budget_s is None and self.best is not None and least_s >= self.best.seconds:
                 return
@@ -289,7 +286,7 @@ class _Search:
                 return
             errors.append(estimate.code)
             sensor = estimate.sensor
-            if estimate.code < NEGLIGIBLE * estimate.sensor / MOST_REPEATS**0.5:
+            if estimate.code < NEGLIGIBLE * estimate.sensor / self.most**0.5:
                 return
             if len(errors) > PATIENCE and min(errors[-PATIENCE:]) > STALLED * min(
                 errors[:-PATIENCE]
@@ -309,45 +306,27 @@ class _Search:
             guards=schedule,
             black_level=black,
         )
-        family, step = self._family()
-        per_code_s = 0.0
-        for rung in LADDER:
-            count = -(-rung // step) * step
-            if family == "hadamard" and not hadamard_fits(count, self.request.p or 0.5):
-                continue
-            if count * per_code_s > self.setting.config.limits.max_exposure_s:
-                return
-            share = 0 if by_map is None else pilot_share(count, by_map=by_map)
+        (family, _), parts = family_of(self.request), parts_of(self.request)
+        for count in counts_of(self.request):
+            share = 0 if by_map is None else pilot_share(count, by_map=by_map, parts=parts)
             if by_map is not None and not share:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
             try:
                 plan = make_plan(request, self.setting.config, self.grid, given=self.arrays)
-            except MemoryLimitError as err:
-                self.refused = self.refused or err.message
+            except (MemoryLimitError, ExposureLimitError) as err:
+                self.refused = self.refused or err
                 return  # and more codes take more
             except FewCodesError:
                 continue
             if self.given is not None and guidable(plan):
                 plan = by_prior(plan, self.given, request.seed)
-            if any(program.coded for program in plan.recipe.programs.values()):
-                per_code_s = max(plan.exposure_s(s) for s in plan.recipe.shots) / plan.how.coded
             yield plan
-
-    def _family(self) -> tuple[FamilyName, int]:
-        """The code family, and what its number of codes must be a multiple of."""
-        p = self.request.p
-        family: FamilyName = "hadamard" if p is None or p == 0.5 else "balanced"
-        family = self.request.family or family
-        if family == "singer" and p is not None:
-            return family, line_count(p)
-        share = Fraction(0.5 if p is None else p).limit_denominator(MOST_PARTS)
-        return family, share.denominator if family == "balanced" else 1
 
     def _takes_pilot(self) -> bool:
         """Whether a pilot may help: it guides Hadamard codes, before a scene that is known, unless
         a prior does so."""
-        fits = self.request.goal in PILOTED and self._family()[0] == "hadamard"
+        fits = self.request.goal in PILOTED and family_of(self.request)[0] == "hadamard"
         own = not _elsewhere(self.request)
         return fits and own and isinstance(self.prior, Scene) and self.given is None
 
@@ -377,7 +356,8 @@ class _Search:
             while passes <= max(1.0, once.headroom) and _longest(plan) * passes <= limit_s:
                 estimate = once if passes == 1 else outlook.judge(iso, passes)
                 if estimate.saturates:
-                    self.refused = f"at f/{self.setting.config.camera.f_number} the light saturates"
+                    text = f"at f/{self.setting.config.camera.f_number} the light saturates"
+                    self.refused = RequestError(text, hint="give less light")
                 else:
                     self._consider(plan, estimate, iso, passes)
                 passes *= 2
@@ -393,10 +373,10 @@ class _Search:
             return Choice(whole, estimate, iso, _seconds(whole))
 
         if self.request.error is not None:
-            most = choice(MOST_REPEATS)
+            most = choice(self.most)
             if self.closest is None or self._bound(most) < self._bound(self.closest):
                 self.closest = most
-            for repeat in range(1, MOST_REPEATS + 1):
+            for repeat in range(1, self.most + 1):
                 if estimate.bound(self.confidence, repeat) <= self.request.error:
                     found = choice(repeat)
                     if self.best is None or found.seconds < self.best.seconds:
@@ -414,30 +394,34 @@ class _Search:
     def _most_repeats(self, plan: Plan) -> int:
         """How many exposures the time allows, at least 1."""
         if self.request.seconds is None:
-            return MOST_REPEATS
+            return self.most
         one_s, two_s = _seconds(plan), _seconds(plan.scaled(plan.passes, 2))
         extra = int((self.request.seconds - one_s) / (two_s - one_s) + 1e-9)
-        return min(MOST_REPEATS, 1 + max(0, extra))
+        return min(self.most, 1 + max(0, extra))
 
     def _refusal(self) -> RequestError:
         """Why no candidate will do, and what would."""
+        why, hint = "no number of codes suits them", "name another family, or none"
+        if self.refused is not None:
+            why, hint = self.refused.message, self.refused.hint or hint
         if self.request.error is None:
-            return RequestError(
-                f"no plan fits into {self.request.seconds:g} s: {self.refused}",
-                hint="give more time, or leave the white shot out",
-            )
+            return RequestError(f"no plan fits into {self.request.seconds:g} s: {why}", hint=hint)
         asked = f"an RMS error of {100.0 * self.request.error:.3g} % cannot be had"
         if self.closest is None:
-            return RequestError(f"{asked}: {self.refused}", hint="give less light or more codes")
+            return RequestError(f"{asked}: {why}", hint=hint)
         closest, estimate = self.closest, self.closest.estimate
         within = 100.0 * self._bound(closest)
         return RequestError(
-            f"{asked}: {closest.plan.how.coded} codes, {MOST_REPEATS} times, leave {within:.2g} % "
+            f"{asked}: {closest.plan.how.coded} codes, {_times(self.most)}, leave {within:.2g} % "
             f"({100.0 * estimate.code:.2g} % by the codes, "
-            f"{100.0 * estimate.sensor / MOST_REPEATS**0.5:.2g} % by the sensor), within "
+            f"{100.0 * estimate.sensor / self.most**0.5:.2g} % by the sensor), within "
             f"{self.setting.config.limits.max_exposure_s:g} s an exposure",
             hint=f"ask for {1.05 * within:.2g} % or more, or raise limits.max_exposure_s",
         )
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def _longest(plan: Plan) -> float:

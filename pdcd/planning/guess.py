@@ -137,5 +137,11 @@ def guess(plan: Plan, setting: Setting, prior: Prior) -> Guess:
     if photo is not None and plan.recipe.target.goal.name in ("indirect", "direct"):
         shot = next(s for s in plan.recipe.shots if s.name == photo.shots[0][1])
         matrix = foreseen(plan, shot, setting.config)
-        leak = float(np.sqrt(np.mean(matrix.coaxial**2))) / weight_s(matrix, photo.wanted)
+        left = matrix.coaxial.copy()
+        signs = {name: sign for sign, name in photo.shots}
+        for black in plan.recipe.shots:
+            dark = black.primal_black or black.dual_black
+            if dark and black.program == shot.program and not black.copy_of:
+                left += signs[black.name] * foreseen(plan, black, setting.config).coaxial
+        leak = float(np.sqrt(np.mean(left**2))) / weight_s(matrix, photo.wanted)
     return Guess(plan, setting, prior, leak)

@@ -36,6 +36,10 @@ BY_LIGHT = ("descattered", "filtered", "fraction", "off-diagonal", "relit", "spl
 """Goals with photos that are not scaled by what fits the wanted matrix best, see `How.by_light`."""
 
 
+class ExposureLimitError(RequestError):
+    """An exposure would be longer than the rig allows."""
+
+
 def make_plan(
     request: CaptureRequest,
     config: Config,
@@ -201,6 +205,11 @@ def _check_family(family: FamilyName, how: How, draft: Recipe) -> None:
         raise RequestError(
             f"method {how.method} does not isolate paths", hint="take the family hadamard"
         )
+    if family in ISOLATION and draft.target.goal.name == "transport":
+        raise RequestError(
+            f"a slice of T is taken in photos of its own patterns, not by {family}",
+            hint="leave out the family",
+        )
     if family in ISOLATION and how.parts > 1:
         raise RequestError(f"{family} has no codes to split", hint="leave out the parts")
     if how.repeat > 1 and (how.parts > 1 or how.method != "coded" or draft.sums):
@@ -243,7 +252,7 @@ def _passes(
 def _check_limit(exposure_s: float, config: Config) -> None:
     """Refuse exposures that the rig's limits do not allow."""
     if exposure_s > config.limits.max_exposure_s:
-        raise RequestError(
+        raise ExposureLimitError(
             f"the plan needs an exposure of {exposure_s:.1f} s; the limit is "
             f"{config.limits.max_exposure_s:g} s",
             hint="ask for fewer codes, or raise limits.max_exposure_s",

@@ -165,7 +165,7 @@ class Plan:
         """The plan in figures."""
         alike = {name: len(self.recipe.stack) for name in self.recipe.stack[:1]}
         copied = {s.copy_of for s in self.recipe.shots}
-        alike |= {s.name: self.how.repeat for s in self.recipe.shots if s.name in copied}
+        alike |= {name: self.how.repeat * alike.get(name, 1) for name in copied if name}
         shots = tuple(
             ShotSummary(
                 name=s.name,

@@ -31,6 +31,7 @@ from pdcd.planning.make import make_plan, schedule_of, window_of
 from pdcd.planning.plan import Plan
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.parts import FEWEST_PARTS
+from pdcd.recipes.programs import Far
 from pdcd.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
 from pdcd.words import FamilyName
@@ -45,6 +46,9 @@ NAMED = (
     "prior", "smooth", "exposure_s", "method", "illumination",
 )  # fmt: skip
 """Fields of which any one says how codes are to be spent: such a request gets what it names."""
+FAR_LEFT = 0.75
+"""Weight of far light that codes of four parts must leave, over that of one exposure: cells are lit
+in one code of each part at the least, which for a large radius is too often."""
 FAMILIES: tuple[FamilyName, ...] = ("hadamard", "balanced", "bernoulli", "rademacher")
 """Families whose codes may be split so: any two cells meet equally often."""
 PARTS = (8, 7, 6, 5, 4)
@@ -177,13 +181,15 @@ def _plain(request: CaptureRequest) -> bool:
 @dataclass(frozen=True)
 class _Costs:
     """What codes are spent on: how many there are, of which family; seconds of their exposure, and
-    of one more RAW file beside its codes; and in how many parts they may be shown."""
+    of one more RAW file beside its codes; in how many parts they may be shown; and the radius that
+    far light comes from beyond, None where none is asked for."""
 
     codes: int
     family: FamilyName
     coded_s: float
     file_s: float
     tried: tuple[int, ...] = PARTS
+    radius: int | None = None
 
     def parts(self, codes: int) -> int:
         """Most parts that so many codes can be shown in at little cost, each with enough of them;
@@ -217,7 +223,21 @@ def _costs(
         coded_s=codes * fields * rows / config.row_hz,
         file_s=readout_s(config, camera) + more_s,
         tried=(FEWEST_PARTS,) if request.goal in RANGES else PARTS,
+        radius=request.radius if request.goal in RANGES else None,
     )
+
+
+def _far_enough(codes: int, parts: int, radius: int) -> bool:
+    """Whether codes in so many parts keep nearly as much far light as in one exposure."""
+    return _far_weight(codes // parts, radius) >= FAR_LEFT * _far_weight(codes, radius)
+
+
+def _far_weight(codes: int, radius: int) -> float:
+    """Weight of far light in a photo of so many codes (`pdcd.recipes.programs.Far`), with cells lit
+    in the share of codes that comes nearest to the best (`pdcd.planning.pairs`)."""
+    p = Far(radius).p
+    lit = max(1, round(p * codes)) / codes
+    return float(lit * (1.0 - lit) ** round(1.0 / p - 1.0))
 
 
 def _without_pilot(
@@ -233,17 +253,22 @@ def _without_pilot(
 
 def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts: bool) -> Settled:
     """A short pilot, and what is done instead when its scouts see nothing."""
-    share = pilot_share(costs.codes, by_map=True)
+    named = request.parts if isinstance(request.parts, int) else 1
+    share = pilot_share(costs.codes, by_map=True, parts=named)
     left = costs.codes - SCOUTS
-    counts = [n for n in range(left, costs.codes - share, -1) if hadamard_fits(n, 0.5)]
-    first, reason = 1, "one exposure"
+    counts = [
+        n
+        for n in range(left, costs.codes - share, -1)
+        if not n % named and hadamard_fits(n // named, 0.5)
+    ]
+    first, reason = named, "one exposure" if named == 1 else f"{named} exposures, as asked for"
     if parts:
         first, reason = _parts(costs.codes - share, config, costs)
         split = [n for n in range(left, costs.codes - share, -1) if costs.parts(n) > 1]
         counts = split if split and first > 1 else counts
     if not counts:
         counts = [costs.codes - share]
-    second = costs.parts(counts[0]) if first > 1 else 1
+    second = costs.parts(counts[0]) if parts and first > 1 else first
     told = (
         f"pilot: {SCOUTS} photos of single codes look for mirrors, {SCOUTS * costs.file_s:.2g} s "
         f"for their files; where they see sharp light {share - SCOUTS} more map it",
@@ -263,8 +288,10 @@ def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], co
     look_s = SCOUTS * costs.file_s
     if request.goal not in GOALS or costs.family != "hadamard" or request.prior is not None:
         return "as it guides hadamard codes for indirect and direct light without a prior"
-    if costs.codes < FEWEST or not pilot_share(costs.codes, by_map=True):
-        return f"as {costs.codes} codes are too few to spend some on a look"
+    named = request.parts if isinstance(request.parts, int) else 1
+    if costs.codes < FEWEST or not pilot_share(costs.codes, by_map=True, parts=named):
+        within = f" in {named} parts" * (named > 1)
+        return f"as {costs.codes} codes{within} are too few to spend some on a look"
     if cells > MOST_CELLS:
         return f"as it maps at most {MOST_CELLS} cells and there are {cells}"
     if look_s > LOOK * costs.coded_s:
@@ -282,6 +309,11 @@ def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, str]:
     fitting = [parts for parts in costs.tried if _fits(codes, parts, costs.family)]
     if not fitting:
         return 1, f"one exposure, as {codes} {costs.family} codes cannot be split into four or more"
+    if costs.radius is not None and not _far_enough(codes, fitting[-1], costs.radius):
+        return 1, (
+            f"one exposure, as each of {fitting[-1]} with {codes // fitting[-1]} codes would keep "
+            f"too little light from beyond {costs.radius} cells; the error bars are modelled"
+        )
     parts = costs.parts(codes)
     if parts == 1:
         return 1, (

@@ -161,6 +161,11 @@ def _check_numbers(target: Target) -> None:
             f"no cell is further than {goal.radius} cells from another",
             hint="take a smaller radius",
         )
+    if goal.name == "short-range" and goal.radius is not None and goal.radius >= max(grid) - 1:
+        raise RequestError(
+            f"all indirect light comes from within {goal.radius} cells",
+            hint="take the goal indirect, or a smaller radius",
+        )
     if goal.name == "descattered" and goal.shift == (0, 0):
         raise RequestError("descattered needs a shift other than 0 0", hint="such as 0 -1")
     if goal.period is not None and (goal.period % 4 or goal.period < 4):

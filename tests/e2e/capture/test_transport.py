@@ -137,3 +137,15 @@ def test_the_command_takes_one_row_or_two(
     assert "15 of 1 codes" in capsys.readouterr().out
     assert main(["transport", "--rows", "1", "2", "3", *rig]) == 2
     assert "one row of cells, or two" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("columns", [1, 3])
+def test_a_slice_of_few_cells_is_good_with_its_dark_photos(tmp_path: Path, columns: int) -> None:
+    """Light of none of them comes up in one of seven photos, or in three of a single cell."""
+    rig = bench_rig.config(tmp_path, grid=(4, columns), camera=CameraConfig(noise="full"))
+    result = take(rig, rows=[1, 2])
+    t = bench_rig.transport((4, columns))
+    wanted = t[2 * columns : 3 * columns, columns : 2 * columns]
+    assert off(slice_of(result), wanted) < 0.05
+    verdict: Any = result.summary["quality"]
+    assert verdict.verdict == "good", verdict

@@ -253,3 +253,35 @@ def test_what_is_said_of_the_truth_takes_the_place_of_what_is_believed() -> None
     true = Truth(scene=scene, projector=TruePanel(rise_s=0.5)).of(believed)
     assert (true.mask.blur_px, true.scene.ambient, true.projector.rise_s) == (2.0, 0.25, 0.5)
     assert true.mask.lut == (0.0, 1.0) and true.trigger == believed.trigger
+
+
+@pytest.mark.parametrize("table", ["projector", "mask", "trigger"])
+@pytest.mark.parametrize("value", [60.0, 60.1, 1e300])
+def test_times_in_another_unit_are_told(table: str, value: float) -> None:
+    """Milliseconds in the place of seconds; and no number that arithmetic cannot bear."""
+    name = "lag_s" if table == "trigger" else "fall_s"
+    old = getattr(Config(), table)
+    config = msgspec.structs.replace(
+        Config(), **{table: msgspec.structs.replace(old, **{name: value})}
+    )
+    told = [(f"{table}.{name}",)] if value > 60.0 else []
+    assert keys(config) == told
+    assert all("more than 60 seconds" in text for text in check(config))
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "sound", "wrong"),
+    [
+        ("projector", "refresh_hz", (1e-3, 1e6), (1e-4, 1.1e6, 1e300)),
+        ("mask", "refresh_hz", (1e-3, 1e6), (1e-4, 1.1e6, 1e300)),
+        ("camera", "f_number", (1e-2, 1e4), (1e-300, 0.009, 1e300)),
+    ],
+)
+def test_rates_and_apertures_that_no_device_has_are_told(
+    table: str, key: str, sound: tuple[float, ...], wrong: tuple[float, ...]
+) -> None:
+    old = getattr(Config(), table)
+    for value in (*sound, *wrong):
+        changed = {table: msgspec.structs.replace(old, **{key: value})}
+        found = keys(msgspec.structs.replace(Config(), **changed))
+        assert found == ([(f"{table}.{key}",)] if value in wrong else [])

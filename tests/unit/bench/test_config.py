@@ -72,7 +72,7 @@ def configs(draw: st.DrawFn) -> Config:
             size_px=(draw(st.integers(300, 4000)), draw(st.integers(300, 4000))),
             refresh_hz=rate_hz,
             phase_s=draw(st.floats(-5e-4, 5e-4)),
-            skew_s=draw(numbers),
+            skew_s=draw(st.floats(-60.0, 60.0)),
             rise_s=draw(small),
             contrast=draw(st.none() | st.floats(1.5, 1e6)),
             offset_px=offset,

@@ -247,3 +247,14 @@ def test_signs_see_the_rows_of_the_transport() -> None:
         ((signs(codes) @ transport().T) * signs(codes)).mean(axis=0),
         atol=1e-12,
     )
+
+
+@pytest.mark.parametrize("light", [0.0, 1.0])
+def test_a_pilot_of_more_codes_than_cells_needs_no_guide(light: float) -> None:
+    """No two cells share a code in either of its sets, so that these tell nothing of others."""
+    grid, count = (3, 4), 64
+    codes = pilot_codes(grid, count, seed=0)
+    rng = np.random.default_rng(1)
+    photos = codes @ (light * rng.random((12, 12)))
+    found = worth(codes, photos, scipy.sparse.csr_array((12, 12)), 128, sigma=1e-3)
+    assert found == Worth(0.0, 0.0, 0.0) and not found.pays

@@ -50,12 +50,14 @@ def setting(config: Config) -> Setting:
         ({"seconds": 9.0, "exposure_s": 2.0}, "exposure_s"),
         ({"seconds": 9.0, "method": "nayar"}, "coded"),
         ({"error": 0.1, "family": "isolation"}, "coded"),
+        ({"goal": "transport", "error": 0.1}, "its entries"),
+        ({"goal": "transport", "seconds": 9.0}, "its entries"),
         ({"confidence": 0.9}, "confidence"),
     ],
 )
 def test_contradictions_are_refused(fields: dict[str, Any], what: str) -> None:
     with pytest.raises(RequestError, match=what) as caught:
-        wants_choice(CaptureRequest(goal="indirect", **fields))
+        wants_choice(CaptureRequest(**{"goal": "indirect", **fields}))
     assert caught.value.hint
 
 

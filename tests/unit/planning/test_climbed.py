@@ -12,9 +12,10 @@ from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.errors import RequestError
 from pdcd.planning import choose as module
-from pdcd.planning.choose import LADDER, Choice, choose
+from pdcd.planning.choose import Choice, choose
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Plan
+from pdcd.planning.rungs import LADDER
 from pdcd.request import CaptureRequest
 from tests.unit.planning.test_measured import config
 

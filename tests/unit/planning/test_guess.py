@@ -117,3 +117,13 @@ def test_only_photos_without_direct_light_are_spoilt_by_some(
     request = CaptureRequest(goal=goal, codes=64, guards=False, **fields)  # type: ignore[arg-type]
     found = guess(make_plan(request, rig.config, GRID), rig, Prior())
     assert found.leak > 0.05 if leaks else found.leak == 0.0
+
+
+def test_black_exposures_take_a_leak_off_what_is_guessed(tmp_path: Path) -> None:
+    rig = setting(tmp_path, mask=PanelConfig(size_px=(1600, 1200), contrast=100.0))
+    leaks = {}
+    for level in ("none", "ambient", "mask", "both"):
+        request = CaptureRequest(goal="indirect", codes=16, black_level=level)
+        leaks[level] = guess(make_plan(request, rig.config, (6, 8)), rig, Prior()).leak
+    assert leaks["none"] > 0.05 and leaks["ambient"] == leaks["none"]
+    assert leaks["mask"] < 1e-9 and leaks["both"] < 1e-9

@@ -37,6 +37,8 @@ def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
         ({"pilot": 32, "codes": 64, "family": "balanced"}, "cannot guide balanced", "hadamard"),
         ({"family": "isolation", "method": "multi-image"}, "does not isolate", "hadamard"),
         ({"family": "confocal", "method": "multi-image"}, "does not isolate", "hadamard"),
+        ({"goal": "transport", "family": "isolation"}, "its own patterns, not by iso", "family"),
+        ({"goal": "transport", "family": "confocal"}, "own patterns, not by conf", "family"),
         ({"family": "isolation", "parts": 2, "codes": 16}, "no codes to split", "parts"),
         ({"repeat": 2, "parts": 2, "codes": 16}, "one piece can be repeated", "repeat"),
         ({"repeat": 2, "method": "multi-image"}, "one piece can be repeated", "repeat"),

@@ -184,3 +184,13 @@ def test_an_outline_keeps_the_shots_and_nothing_that_is_made_of_them() -> None:
         "decay 3 cells", ("so",), None, None,
     )  # fmt: skip
     assert bare.recipe.target.goal == plan.recipe.target.goal
+
+
+@pytest.mark.parametrize("repeat", [1, 3])
+def test_photos_of_a_slice_count_as_often_as_each_is_taken(repeat: int) -> None:
+    plan = plan_of(goal="transport", rows=(2, 2), repeat=repeat)
+    told = plan.summary()
+    (shot,) = told.shots
+    assert shot.exposures == told.raw_files == len(plan.recipe.shots) == 15 * repeat
+    assert told.seconds == pytest.approx(sum(map(plan.exposure_s, plan.recipe.shots)))
+    assert told.refreshes == sum(map(plan.refreshes, plan.recipe.shots))

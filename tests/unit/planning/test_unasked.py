@@ -83,6 +83,22 @@ def test_light_by_range_is_measured_in_four_parts_without_a_look(goal: str) -> N
 
 
 @pytest.mark.parametrize(
+    ("codes", "radius", "parts"),
+    [(128, 1, 4), (128, 2, 4), (128, 3, 4), (128, 4, 1), (128, 8, 1), (256, 5, 4), (96, 3, 1)],
+)
+def test_light_from_far_off_is_not_parted_into_codes_too_dense_for_it(
+    codes: int, radius: int, parts: int
+) -> None:
+    """32 codes light a cell in 1/32 of them at the least; beyond 8 cells the best share is 1/290,
+    and 250 times less light would be left."""
+    for goal in ("long-range", "short-range"):
+        rig = Config(schedule=ScheduleConfig(codes=codes))
+        found = settled_of(rig, goal=goal, radius=radius)
+        assert found.request.parts == parts
+        assert (f"from beyond {radius} cells" in found.reasons[0]) == (parts == 1)
+
+
+@pytest.mark.parametrize(
     "named",
     [
         {"codes": 128},
@@ -178,3 +194,19 @@ def test_a_pilot_may_be_left_to_the_program_beside_codes() -> None:
     assert (found.request.codes, found.request.pilot, found.request.parts) == (256, 16, 1)
     assert found.otherwise is not None
     assert (found.otherwise.codes, found.otherwise.pilot, found.otherwise.parts) == (256, 4, 1)
+
+
+@pytest.mark.parametrize(
+    ("codes", "parts", "pilot", "left"), [(128, 4, 16, 112), (128, 3, 8, 120), (64, 8, 0, 0)]
+)
+def test_parts_that_are_named_stay_beside_a_pilot_that_is_left_open(
+    codes: int, parts: int, pilot: int, left: int
+) -> None:
+    """Each of them keeps a number of Hadamard codes, or there is no pilot."""
+    found = settled_of(pilot="auto", codes=codes, parts=parts)
+    assert (found.request.codes, found.request.pilot, found.request.parts) == (codes, pilot, parts)
+    assert (found.otherwise is None) == (pilot == 0)
+    if found.otherwise is not None:
+        other = found.otherwise
+        assert (other.codes, other.pilot, other.parts) == (left + 4, 4, parts)
+        assert f"parts: {parts} exposures, as asked for" in found.reasons[1]

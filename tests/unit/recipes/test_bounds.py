@@ -47,7 +47,7 @@ def test_what_the_grid_cannot_mean_is_refused_at_once(fields: dict[str, Any], li
 @pytest.mark.parametrize(
     "fields",
     [
-        {"goal": "short-range", "radius": 64},
+        {"goal": "short-range", "radius": 62},
         {"goal": "long-range", "radius": 62},
         {"goal": "off-diagonal", "shift": [47, -63]},
         {"goal": "split", "period": 64},
