@@ -103,7 +103,8 @@ def read_bar(
     """How bright the cells are, over a photo in which all of the field was white.
 
     photo, white : of one size, that of the camera's map. bands : of the camera's rows, equally high
-    between the first and the last that see the bar.
+    between the first and the last that see the bar; one where not all cells are seen in each of
+    them, as by a camera that is turned by a quarter.
 
     Raises CalibrationError: no light, clipped, cells that are not seen.
     """
@@ -120,6 +121,9 @@ def read_bar(
     band = np.clip((row - first) * bands // (end - first), 0, bands - 1)
     cell = np.where(seen, band[:, None] * cells + np.nan_to_num(x).astype(np.int64), -1)
     size, used = bands * cells, seen
+    quads = np.bincount(cell[used], minlength=size)
+    if bands > 1 and (quads < FEWEST_QUADS).any():
+        return read_bar(photo, white, camera, cells=cells, border=border)
     clipped = max(taken.saturated_share(used) for taken in (photo, white))
     if clipped > CLIPPED:
         raise CalibrationError(
@@ -133,7 +137,6 @@ def read_bar(
         for values, weights in ((taken.light, COLOURS), (taken.variance, COLOURS**2)):
             sums.append(np.bincount(where, values[used] @ weights, minlength=size))
     light, var, full, full_var = (np.asarray(one, dtype=np.float64) for one in sums)
-    quads = np.bincount(where, minlength=size)
     if (quads < FEWEST_QUADS).any():
         raise _unseen(f"{np.count_nonzero(quads < FEWEST_QUADS)} cells of the bar are not seen")
     if (full < FAINTEST_SIGMAS * np.sqrt(np.maximum(full_var, 0.0))).any():

@@ -26,6 +26,11 @@ projector pixels: its map is refitted, and no cell depends on it."""
 GOOD_S, REFIT_S = 0.1e-3, 0.5e-3
 GOOD_LAMP, REFIT_LAMP = 0.03, 0.15
 GOOD_CLOSED, REFIT_CLOSED = 0.10, 0.50
+DARKEST = 2e-4
+"""Light through the closed mask over that through the open one, below which it is black: a smaller
+share is hidden by noise, and changes are told over this one."""
+TOLD_SIGMAS = 3.0
+"""Standard deviations by which a change that is not known to its limit must differ from none."""
 FEWEST_DOTS, LEAST_DOTS = 30, 0.6
 """Dots, and share of the reference's dots, that must be found again."""
 LEAST_WHITE = 0.05
@@ -125,9 +130,7 @@ def check(
         now.skew_s[0] - then.skew_s[0],
         float(np.hypot(now.skew_s[1], then.skew_s[1])),
     )
-    closed = now.closed[0] / then.closed[0] - 1.0
-    closed_sigma = float(np.hypot(now.closed[1] / then.closed[0],
-                                  (1.0 + closed) * then.closed[1] / then.closed[0]))  # fmt: skip
+    closed, closed_sigma = _closed(now, then)
     findings = (
         _place("mask.place", apart, apart_sigma, guard_px / 3.0, mask.left, culprit),
         _place("camera.place", bumped, bumped_sigma, CAMERA_PX, moved.left * px_by_quad, culprit),
@@ -218,6 +221,14 @@ def _lamp(now: Look, then: Look) -> tuple[float, float, float]:
     return lamp, spread, 1.2533 * spread * lamp / float(np.sqrt(ratio.size))
 
 
+def _closed(now: Look, then: Look) -> tuple[float, float]:
+    """Relative change of the light through the closed mask, and its standard deviation."""
+    least = max(then.closed[0], DARKEST)
+    change = (now.closed[0] - then.closed[0]) / least
+    times = now.closed[0] / then.closed[0] if least > DARKEST else 1.0
+    return change, float(np.hypot(now.closed[1], times * then.closed[1])) / least
+
+
 def _culprit(bumped: float, apart: float, mask_in_photo: float) -> str:
     """Who moved, from how far projector and mask moved in the photo and against each other."""
     if apart < GOOD_PX:
@@ -298,7 +309,7 @@ def _graded(
     verdict = Verdict.GOOD if size < good else Verdict.DOUBTFUL if size < refit else Verdict.BAD
     if not np.isfinite([value, sigma]).all():
         verdict, advice = Verdict.BAD, "it could not be measured: take the photos again"
-    elif verdict is Verdict.GOOD and sigma > good:
+    elif sigma > good and size < max(good, TOLD_SIGMAS * sigma):
         verdict, advice = Verdict.DOUBTFUL, "too noisy to be told: expose longer"
     said = "" if verdict is Verdict.GOOD else advice
     if verdict is Verdict.DOUBTFUL:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.shown import Bits, Shown, still
+from pdcd.errors import CalibrationError
 from pdcd.frames.frames import BLACK, WHITE
 
 Floats = NDArray[np.float64]
@@ -25,6 +26,8 @@ PanelName = Literal["projector", "mask"]
 USUAL_PITCH_PX: dict[PanelName, int] = {"projector": 32, "mask": 40}
 LEAST_COLUMNS = 16
 """Dots in a row that a small panel still has."""
+LEAST_ROWS, LEAST_PITCH_PX = 4, 8
+"""Rows of dots on any panel, and pixels from one dot to the next."""
 PER_RADIUS = 5
 """Pitch over radius: neighbours' blurred edges stay apart, and holes fit between."""
 
@@ -43,14 +46,24 @@ class DotGrid:
 
     @classmethod
     def usual(cls, panel: PanelName, size_px: tuple[int, int]) -> DotGrid:
-        """Pitch 32 on the projector, 40 on the mask; closer on small panels."""
+        """Pitch 32 on the projector, 40 on the mask; closer on small panels.
+
+        Raises CalibrationError for a panel that has too few pixels for dots.
+        """
         pitch = min(USUAL_PITCH_PX[panel], 2 * (size_px[0] // (2 * LEAST_COLUMNS)))
+        if pitch < LEAST_PITCH_PX or size_px[1] < LEAST_ROWS * pitch:
+            width, height = LEAST_COLUMNS * LEAST_PITCH_PX, LEAST_ROWS * max(pitch, LEAST_PITCH_PX)
+            raise CalibrationError(
+                f"{size_px[0]} x {size_px[1]} pixels of the {panel} are too few for its dots",
+                device=panel,
+                hint=f"{width} x {height} are needed; of a mock bench, set {panel}.size_px",
+            )
         return cls(panel, size_px, pitch, float(round(pitch / PER_RADIUS)))
 
     def __post_init__(self) -> None:
         if self.pitch_px < 4 * self.radius_px or self.radius_px < 2.0:
             raise ValueError("dots need a radius of 2 pixels and a pitch of 4 radii")
-        if min(self.shape) < 4:
+        if min(self.shape) < LEAST_ROWS:
             raise ValueError("a panel needs 4 x 4 dots at least")
 
     @property

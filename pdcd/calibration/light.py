@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.light_plan import Edges, LightPlan
-from pdcd.calibration.light_series import MOVES, Series, Sums, series_of
+from pdcd.calibration.light_series import Series, Sums, series_of
 from pdcd.calibration.photo import Blocks, Photo
 from pdcd.errors import CalibrationError
 
@@ -102,7 +102,7 @@ class Light:
                 self.lamp,
                 self.lamp_sigma,
                 "",
-                f"within {MOVES:g}",
+                f"within {LAMP_GOOD:g}",
                 Verdict.GOOD if abs(self.lamp) <= LAMP_GOOD else Verdict.DOUBTFUL,
             ),
         ]

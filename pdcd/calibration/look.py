@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.check import Dots, Look, closed_share, parts_of
 from pdcd.calibration.correction import bent_to, nodes_of
+from pdcd.calibration.delayed import ran_as
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.finding import find_again
 from pdcd.calibration.photo import Photo
@@ -90,14 +91,16 @@ def look(session: Session, exposure: Exposure, expected: Mapping[str, Dots]) -> 
     """
     camera = session.found("camera")
     refreshes = exposure.refreshes
-    taken = yield from _photo(exposure, still("white", refreshes, WHITE, WHITE))
+    shown = session.in_step(still("white", refreshes, WHITE, WHITE))
+    taken = yield from _photo(exposure, shown)
     white, said = session.photo(taken), taken.seen
     found: dict[str, Dots] = {}
     closed = (0.0, 0.0)
     for panel, grid in grids(session).items():
         picture = grid.dots()
         sides = (picture, WHITE) if panel == "projector" else (WHITE, picture)
-        taken = yield from _photo(exposure, still(f"dots-{panel}", refreshes, *sides))
+        shown = session.in_step(still(f"dots-{panel}", refreshes, *sides))
+        taken = yield from _photo(exposure, shown)
         photo = session.photo(taken)
         before = expected[panel]
         found[panel] = Dots(*_again(white, photo, grid, before))
@@ -259,7 +262,8 @@ def _strips(
     period = strips.programmes[0].of
     periods = exposure.refreshes // period
     shown = strip_photo("strips", strips, projector, mask, white=False, periods=periods)
-    taken = yield from _photo(exposure, shown)
+    taken = yield from _photo(exposure, session.in_step(shown))
+    ran = ran_as(taken.ran, session.behind_rows, shown.refreshes)
     read = read_strips(session.photo(taken), white, camera, strips, bands=lags.size, gaps=False)
     share = exposure.refreshes / (periods * period)
     value, sigma = share * read.value, np.hypot(share * read.sigma, STRIPS_FLOOR)
@@ -268,7 +272,7 @@ def _strips(
     across_s = float(session.arrays.get("timing.across_s", 0.0))
     taus_s, leaks = session.arrays["timing.taus_s"], session.arrays["timing.leaks"]
     times = Times(taus_s, leaks, lags, tail, across_s)
-    model = Model([read], [taken.ran], session.refresh_s)
+    model = Model([read], [ran], session.refresh_s)
     model.slope_s = float(np.polyfit(read.bands, lags, 1)[0]) if lags.size > 1 else 0.0
     return value.ravel(), sigma.ravel(), Lagged(model, times)
 

@@ -305,7 +305,8 @@ def _refuse(by_level: Floats, noise: Floats) -> None:
         )
     if float(mean[:, -1].mean()) < float(mean[:, 0].mean()):
         raise _inverted()
-    scale = float(np.median(mean[1][mean[0] > 0.3] / mean[0][mean[0] > 0.3]))
+    bright = mean[0] > 0.3 * mean[0].max()
+    scale = float(np.median(mean[1][bright] / mean[0][bright]))
     apart = np.abs(mean[1] / scale - mean[0])
     noisy = FALLS_SIGMAS * np.sqrt(2.0) * float(noise.mean())
     if float(np.median(apart)) > AGREE or np.mean(apart > AGREE + noisy) > 0.2:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pdcd.bench.devices import CameraInfo, WhileShown
 from pdcd.bench.measured import with_values
 from pdcd.bench.tables import Config
+from pdcd.calibration.delayed import delayed
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import Photo, Seen, photo_of
 from pdcd.calibration.shown import Shown
@@ -134,6 +135,8 @@ class Session:
         saturation; 0 before it was metered.
     arrays : of steps so far, and of the calibration before.
     helped : whether what is asked of a person (`Ask`) is done.
+    behind_rows : rows by which the mask is to be sent its pictures later than the display does: it
+        takes what was measured from its next start on.
     """
 
     config: Config
@@ -145,6 +148,7 @@ class Session:
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     done: list[str] = field(default_factory=list)
     helped: bool = False
+    behind_rows: int = 0
 
     @property
     def refresh_s(self) -> float:
@@ -174,11 +178,18 @@ class Session:
             )
         return map_
 
+    def in_step(self, shown: Shown) -> Shown:
+        """A photo that shows what it is meant to, although the display does not know yet how late
+        the mask is."""
+        return delayed(shown, self.behind_rows) if self.behind_rows else shown
+
     def learn(self, step: str, outcome: Outcome) -> None:
         """Go on by what a step found."""
         values = {key: found.value for key, found in outcome.words.items()}
         values.pop("camera.profile", None)
+        before_rows = self.config.mask_delay_rows
         self.config = with_values(self.config, values, outcome.maps)
+        self.behind_rows += self.config.mask_delay_rows - before_rows
         self.arrays.update(outcome.arrays)
         if outcome.profile is not None:
             self.profile = outcome.profile

@@ -8,11 +8,22 @@ from pathlib import Path
 
 import msgspec
 
-from pdcd.bench.calibration import ARRAYS, MAPS, PROFILE, Calibration, StepRecord, read_calibration
+from pdcd.bench.calibration import (
+    ARRAYS,
+    MAPS,
+    PROFILE,
+    RECORD,
+    Calibration,
+    StepRecord,
+    read_calibration,
+)
 from pdcd.bench.tables import Config
 from pdcd.errors import CalibrationError, ConfigError, disk_errors
 from pdcd.offload.calibrating import HELPED, Begin, Found, NextAsk, Study
 from pdcd.sensor.profile import SensorProfile
+
+LOOK, FIRST = "check.", "check.dots"
+"""How arrays of a look are called that is kept for checks, and a figure of the first look alone."""
 
 
 class Item(msgspec.Struct, frozen=True):
@@ -43,6 +54,9 @@ def again(folder: Path) -> Again:
         for name in ("raw", "frames.csv"):
             (work / name).symlink_to((folder / name).resolve())
         study = Study.begun(_begin(record, folder), work)
+        if _looked_first(record):
+            for name in [name for name in study.session.arrays if name.startswith(LOOK)]:
+                del study.session.arrays[name]
         items = [
             Item(f"step {step.name}", _same(step, _computed(study, step))) for step in record.steps
         ]
@@ -67,10 +81,31 @@ def _begin(record: Calibration, folder: Path) -> Begin:
         profile = msgspec.convert(record.profile, SensorProfile, strict=False)
     except msgspec.ValidationError as err:
         raise ConfigError(f"the calibration in {folder} cannot be computed again: {err}") from err
-    # Its own arrays hold those of the calibration before it as well.
-    before = folder if record.before else None
+    before = _before(record, folder)
     helped = any(step.settings.get(HELPED) for step in record.steps)
     return Begin(config, profile, record.camera.info, before, helped)
+
+
+def _before(record: Calibration, folder: Path) -> Path | None:
+    """Folder of the calibration before, by its digest: beside this one, or where values were taken
+    over from. Where it is gone, the folder itself: its arrays hold those of the one before, but for
+    what its own steps found anew."""
+    if record.before is None:
+        return None
+    named = {Path(entry.folder) for entry in record.measured.values() if entry.folder}
+    for candidate in sorted(named | set(folder.resolve().parent.iterdir())):
+        try:
+            found = _digest(candidate / RECORD)
+        except OSError:
+            continue
+        if found == record.before:
+            return candidate
+    return folder
+
+
+def _looked_first(record: Calibration) -> bool:
+    """Whether a check found no look to compare with: one that is kept now is its own."""
+    return any(figure.name == FIRST for step in record.steps for figure in step.figures)
 
 
 def _computed(study: Study, step: StepRecord) -> StepRecord:

@@ -42,6 +42,8 @@ HELPED = "helped"
 """Of the settings of a step: 1 where what it asked of a person was done."""
 MAX_ARRAY_VALUES = 2**24
 """Most numbers of one array that is kept for later steps."""
+NO_ARRAYS = b"PK\5\6" + bytes(18)
+"""What `numpy.savez` makes of no arrays."""
 VERDICTS: Mapping[Verdict, VerdictName] = {
     Verdict.GOOD: "good",
     Verdict.DOUBTFUL: "doubtful",
@@ -220,7 +222,8 @@ class Study:
         with disk_errors(str(self.folder)):
             if maps := self._all_maps():
                 save_maps(self.folder / MAPS, maps)
-            write_arrays(self.folder / ARRAYS, self.session.arrays)
+            if self.session.arrays:  # the focus keeps none
+                write_arrays(self.folder / ARRAYS, self.session.arrays)
             if self.profile_text is not None:
                 (self.folder / PROFILE).write_text(self.profile_text)
         return self.entries
@@ -245,13 +248,16 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an earlier calibration; none where it kept none. Raises CalibrationError."""
+    """The arrays of an earlier calibration; none where it kept none, in no file or, as pdcd once
+    wrote it, in an empty one. Raises CalibrationError."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
         return {}
     except OSError as err:
         raise CalibrationError(f"{path} cannot be read: {err.strerror}") from err
+    if data == NO_ARRAYS:
+        return {}
     try:
         return dict(read_npz(data, dict.fromkeys(members(data), Limits(MAX_ARRAY_VALUES))))
     except Unsound as err:

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 from pdcd.calibration.arrows import arrows
 from pdcd.calibration.cell_size import HALF, guard_px
 from pdcd.calibration.charts import sheet, write
-from pdcd.calibration.check import GOOD_CLOSED, GOOD_LAMP, GOOD_PX, GOOD_S, Checked, Look, check
+from pdcd.calibration.check import (
+    DARKEST,
+    GOOD_CLOSED,
+    GOOD_LAMP,
+    GOOD_PX,
+    GOOD_S,
+    Checked,
+    Look,
+    check,
+)
 from pdcd.calibration.correction import bent_to, nodes_of
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.look import (
@@ -191,7 +200,8 @@ def _refitted(
         words["mask.skew_s"] = Measured(config.mask.skew_s + lag.value, lag.sigma)
         arrays["timing.lag_s"] = session.arrays["timing.lag_s"] + lag.value
         later_s, strips = lag.value, None
-    if (closed := changed.get("mask.contrast")) and config.mask.contrast is not None:
+    seen_black = then.closed[0] > DARKEST
+    if (closed := changed.get("mask.contrast")) and seen_black and config.mask.contrast is not None:
         words["mask.contrast"] = Measured(config.mask.contrast / (1.0 + closed.value))
         kept_now = replace(kept_now, closed=now.closed)
     light = config.camera.responsivity_e

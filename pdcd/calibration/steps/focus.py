@@ -73,14 +73,13 @@ def focus(session: Session) -> Script:
 
 def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | None, list[Depth]]:
     """Depths of one panel's stripes, until it is enough."""
-    period_px, period_quads, known = _period(session, panel)
+    period_px, period_quads, axis = _period(session, panel)
     bits = _stripes(session, panel, period_px)
     best, seen = Best(), []
     for number in range(1, PHOTOS + 1):
         sides = (bits, WHITE) if panel == "projector" else (WHITE, bits)
         taken = yield from take(Wanted(still(f"{panel}-{number}", session.full, *sides)))
-        found, period_quads = _measured(session.photo(taken), period_quads, known)
-        known = True
+        found, period_quads, axis = _measured(session.photo(taken), period_quads, axis)
         seen.append(found)
         best = best.then(found.number)
         recent = [each.number for each in seen[-STILL:]]
@@ -95,43 +94,48 @@ def _rounds(session: Session, panel: str) -> Generator[Wanted | Ask, Taken | Non
     return seen
 
 
-def _measured(photo: Photo, period_quads: float, known: bool) -> tuple[Depth, float]:
-    """Depth of the stripes, and their period in quads as it was found."""
-    best: tuple[Depth, float] | None = None
+def _measured(photo: Photo, period_quads: float, axis: int | None) -> tuple[Depth, float, int]:
+    """Depth of the stripes, their period in quads and their axis in the photo as they were found.
+
+    axis : as `depth`; None where neither it nor the period is known.
+    """
+    best: tuple[Depth, float, int] | None = None
     failed = CalibrationError(
         "the photo has too few quads for stripes that the camera can tell apart", device="camera"
     )
-    most = photo.frame[1] // PARTS[1] / LEAST_PERIODS
-    for scale in GUESSES[: 1 if known else None]:
-        if scale * period_quads > most:
-            continue
-        try:
-            found = depth(photo, 0, scale * period_quads)
-        except CalibrationError as err:
-            failed = err
-            continue
-        if best is None or found.number > best[0].number:
-            best = found, scale * period_quads
+    for way in (0, 1) if axis is None else (axis,):  # a camera may be turned by a quarter
+        most = photo.frame[1 - way] // PARTS[1 - way] / LEAST_PERIODS
+        for scale in GUESSES if axis is None else (1.0,):
+            if scale * period_quads > most:
+                continue
+            try:
+                found = depth(photo, way, scale * period_quads)
+            except CalibrationError as err:
+                failed = err
+                continue
+            if best is None or found.number > best[0].number:
+                best = found, scale * period_quads, way
     if best is None:
         raise failed
     return best
 
 
-def _period(session: Session, panel: str) -> tuple[int, float, bool]:
-    """Period of the stripes in pixels of the panel, and in quads; whether the latter is known."""
+def _period(session: Session, panel: str) -> tuple[int, float, int | None]:
+    """Period of the stripes in pixels of the panel, and in quads; the axis in the photo along which
+    they follow each other, None where a map tells neither."""
     camera, map_ = session.config.camera.place.map, getattr(session.config, panel).place.map
     width, _ = getattr(session.config, panel).size_px
-    known = False
+    axis = None
     if isinstance(camera, Map) and isinstance(map_, Map):
-        known = True
         middle = 0.5 * np.array([map_.size_px], dtype=np.float64)
         ends = [between(map_, camera, middle + np.array([step, 0.0])) for step in (-0.5, 0.5)]
-        quads = float(np.hypot(*(ends[1] - ends[0])[0]))
+        right, down = (ends[1] - ends[0])[0].tolist()
+        quads, axis = float(np.hypot(right, down)), int(abs(down) > abs(right))
     else:
         frame = session.camera.frame_quads
         quads = (frame[0] if frame is not None else 2.0 * width) / width
     half = max(2, int(np.ceil(0.5 * LEAST_QUADS / quads)))
-    return 2 * half, 2 * half * quads, known
+    return 2 * half, 2 * half * quads, axis
 
 
 def _stripes(session: Session, panel: str, period_px: int) -> NDArray[np.bool_]:

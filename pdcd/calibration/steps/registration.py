@@ -61,7 +61,7 @@ def registration(session: Session) -> Script:
     map is measured, taken out, and measured again; then what is left is taken out, too."""
     camera, projector, mask = (session.found(name) for name in ("camera", "projector", "mask"))
     lit = max(MOVES, session.full // MOVES * MOVES)
-    taken = yield from take(Wanted(still("white", lit, WHITE, WHITE)))
+    taken = yield from take(Wanted(session.in_step(still("white", lit, WHITE, WHITE))))
     white = session.photo(taken)
     coarse = yield from _both(session, RULER, white, camera, projector, mask, lit)
     before = offsets(*coarse, camera, mask)
@@ -119,7 +119,7 @@ def _both(
     for stripes in pair:
         gathering = Gathering(stripes, white, camera, projector)
         for shown in patterns(stripes, projector, mask, lit):
-            taken = yield from take(Wanted(shown))
+            taken = yield from take(Wanted(session.in_step(shown)))
             gathering.add(session.photo(taken))
         found.append(gathering.series())
     return found[0], found[1]

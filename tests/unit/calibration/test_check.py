@@ -340,3 +340,25 @@ def test_light_through_the_closed_mask_is_measured_away_from_dots() -> None:
     with pytest.raises(CalibrationError, match="closed"):
         closed_share(noisy, variance, white, places, 200.0)
     assert parts_of(white, (3, 4)).shape == (3, 4)
+
+
+@pytest.mark.parametrize(
+    ("then", "now", "verdict"),
+    [
+        ((0.0, 0.0), (0.0, 0.0), Verdict.GOOD),
+        ((7e-6, 3e-6), (-6e-7, 3e-6), Verdict.GOOD),
+        ((-7e-6, 3e-6), (6e-6, 3e-6), Verdict.GOOD),
+        ((7e-6, 3e-6), (2e-3, 3e-6), Verdict.BAD),
+        ((2e-3, 7e-4), (3.5e-3, 7e-4), Verdict.DOUBTFUL),
+        ((2e-3, 2e-5), (3.5e-3, 2e-5), Verdict.BAD),
+    ],
+)
+def test_a_black_that_cannot_be_seen_is_not_taken_for_another(
+    then: tuple[float, float], now: tuple[float, float], verdict: Verdict
+) -> None:
+    """Its noise is no change, however large it is over the share that was seen."""
+    found = check(
+        replace(BENCH.look(2, STRIPS)[0], closed=now), replace(THEN, closed=then),
+        BENCH.camera, Map.filling(PROJECTOR_PX), GUARD_PX, T_S,
+    )  # fmt: skip
+    assert verdicts(found).get("mask.contrast", Verdict.GOOD) == verdict

@@ -8,6 +8,7 @@ from scipy.ndimage import binary_dilation, center_of_mass, label
 
 from pdcd.calibration.dots import DotGrid, PanelName
 from pdcd.calibration.lattice import SYMMETRIES, placed
+from pdcd.errors import CalibrationError
 from pdcd.frames.frames import BLACK, WHITE
 
 PROJECTOR = DotGrid.usual("projector", (1024, 768))
@@ -92,3 +93,14 @@ def test_dots_that_cannot_be_told_apart_are_refused(
     panel: PanelName = "projector"
     with pytest.raises(ValueError, match="dots"):
         DotGrid(panel, size_px, pitch_px, radius_px)
+
+
+@pytest.mark.parametrize("size_px", [(96, 72), (127, 96), (1280, 100), (128, 31), (20, 20)])
+def test_a_panel_too_small_for_dots_is_refused_by_name(size_px: tuple[int, int]) -> None:
+    with pytest.raises(CalibrationError, match="too few for its dots") as caught:
+        DotGrid.usual("mask", size_px)
+    assert caught.value.device == "mask" and "mask.size_px" in str(caught.value.hint)
+
+
+def test_the_smallest_panel_that_is_not_refused_has_dots() -> None:
+    assert DotGrid.usual("mask", (128, 32)).shape == (4, 16)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -135,6 +136,27 @@ def test_the_period_is_guessed_where_no_map_tells(scale: float) -> None:
     session.full = 240
     found = run(focus(session))
     assert found.outcome is not None
+    assert found.outcome.figures[0].value == pytest.approx(0.9, abs=0.05)
+
+
+def lying(photo: Photo) -> Photo:
+    """The same by a camera that is turned by a quarter."""
+    return Photo(photo.light.swapaxes(0, 1), photo.variance.swapaxes(0, 1))
+
+
+@pytest.mark.parametrize("placed", [True, False])
+def test_a_camera_turned_by_a_quarter_sees_the_stripes(placed: bool) -> None:
+    bench_config = bench(placed)
+    period = 8.0
+    if placed:
+        turned = (0.0, 1.0 / FRAME[1], 0.0, 1.0 / FRAME[0], 0.0, 0.0, 0.0, 0.0, 1.0)
+        place = Placing(map=Map(size_px=FRAME, homography=turned))
+        camera = msgspec.structs.replace(bench_config.camera, place=place)
+        bench_config, period = msgspec.structs.replace(bench_config, camera=camera), 6.0
+    session = session_of(bench_config, lambda wanted: lying(stripes(0.9, period)))
+    session.full = 240
+    found = run(focus(session))
+    assert found.outcome is not None and found.outcome.verdict is Verdict.GOOD
     assert found.outcome.figures[0].value == pytest.approx(0.9, abs=0.05)
 
 

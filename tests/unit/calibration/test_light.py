@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -79,6 +80,13 @@ def test_finds_contrasts_and_room() -> None:
     assert light.mask.channels == pytest.approx((0.002,) * 3, rel=0.02)
     assert np.nanmedian(light.mask_map) == pytest.approx(0.002, rel=0.01)
     assert max(f.verdict for f in light.figures()) == Verdict.GOOD
+
+
+@pytest.mark.parametrize(("lamp", "verdict"), [(0.009, Verdict.GOOD), (0.02, Verdict.DOUBTFUL)])
+def test_a_lamp_beyond_its_limit_is_doubtful(lamp: float, verdict: Verdict) -> None:
+    light = replace(measured(series(1)), lamp=lamp)
+    figure = next(f for f in light.figures() if f.name == "light.lamp_change")
+    assert figure.verdict == verdict and (lamp <= float(figure.limit.split()[-1])) == (not verdict)
 
 
 def test_errors_are_those_it_tells() -> None:

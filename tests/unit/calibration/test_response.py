@@ -153,6 +153,7 @@ def test_a_curve_that_is_no_power_has_a_table() -> None:
         ({"covered": 70}, "is dark in the white photo.*covers"),
         ({"flip": True}, "orders of strips disagree.*mirrored"),
         ({"lamp": (1.0, 1.0, 0.9)}, "lamp changed"),
+        ({"lamp": (1.0, 0.27, 0.2)}, "lamp changed"),
         ({"law": lambda grey: np.ones_like(grey)}, "equally bright"),
         ({"law": lambda grey: 1.0 - grey**2.2}, "inverted"),
         ({"law": lambda grey: (grey > 0.5).astype(float)}, "black and white only"),

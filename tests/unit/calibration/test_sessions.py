@@ -45,6 +45,18 @@ def test_a_session_goes_on_by_what_a_step_found() -> None:
     assert set(session.arrays) == {"a", "b"}
 
 
+def test_what_the_display_does_not_know_yet_is_sent_by_the_photo() -> None:
+    """A delay that was measured holds from the display's next start on."""
+    session = session_of()
+    shown = still("white", 5, WHITE, WHITE)
+    assert session.in_step(shown) is shown
+    words = {"display.mask_delay_refreshes": Measured(session.config.mask_delay_rows - 2)}
+    session.learn("timing", Outcome(words=words))
+    sent = session.in_step(shown)
+    assert sent.mask_index.tolist() == [WHITE] * 5 + [BLACK] * 2
+    assert sent.projector_index.tolist() == [BLACK] * 2 + [WHITE] * 5
+
+
 @pytest.mark.parametrize("device", ["projector", "mask", "camera"])
 def test_where_a_device_lies_must_have_been_measured(device: str) -> None:
     with pytest.raises(CalibrationError, match=f"where the {device} lies was not") as caught:

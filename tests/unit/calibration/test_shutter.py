@@ -254,6 +254,21 @@ def test_a_card_that_covers_half_the_field_is_refused() -> None:
         read_bar(camera.photo(BAR), camera.white(), half)
 
 
+def test_a_camera_turned_by_a_quarter_sees_the_bar_in_one_band() -> None:
+    camera = Camera(5.26187, 5.68321)
+    width, height = CAMERA.size_px
+    turned = (0.0, 1.0 / width, 0.0, 1.0 / height, 0.0, 0.0, 0.0, 0.0, 1.0)
+    photo, white = (
+        Photo(one.light.swapaxes(0, 1), one.variance.swapaxes(0, 1))
+        for one in (camera.photo(BAR), camera.white())
+    )
+    light = read_bar(photo, white, Map(size_px=(height, width), homography=turned), bands=3)
+    assert light.value.shape == (1, 32)
+    got = fit_shutter(light, log(BAR.refreshes), (5.2, 5.7), TAUS)
+    assert got.opened_s == pytest.approx(camera.opened_s, abs=0.2e-3)
+    assert got.closed_s == pytest.approx(camera.closed_s, abs=0.2e-3)
+
+
 def test_an_always_white_projector_has_no_bar() -> None:
     shown = replace(still("white", 90, WHITE, WHITE), projector=BAR.projector)
     camera = Camera(5.26, 5.84, electrons=5000.0)

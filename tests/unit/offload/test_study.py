@@ -155,6 +155,24 @@ def test_arrays_come_back_as_they_were_written(tmp_path: Path) -> None:
     assert read_arrays(tmp_path / "none.npz") == {}
 
 
+def test_a_calibration_that_keeps_no_arrays_is_one_to_go_on_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As that of the focus alone, with which a bench is set up."""
+
+    def script() -> Script:
+        yield Ask("turn the ring")
+        return Outcome()
+
+    one = study(tmp_path, monkeypatch, script())
+    one.begin("focus", UTC)
+    assert isinstance(one.answered(), Found)
+    one.write()
+    assert not (tmp_path / ARRAYS).exists() and read_arrays(tmp_path / ARRAYS) == {}
+    np.savez(tmp_path / "once.npz")  # as calibrations of earlier versions have it
+    assert read_arrays(tmp_path / "once.npz") == {}
+
+
 def test_arrays_that_are_none_are_refused(tmp_path: Path) -> None:
     for wrong in (np.nan, np.inf):
         with pytest.raises(ValueError, match="array a"):
