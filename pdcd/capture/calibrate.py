@@ -84,7 +84,8 @@ class CalibrationRun:
         self._notify(events.Archived(job=self.job))
         record = msgspec.structs.replace(record, files=self._files())
         data = kept.encoded(record)
-        sha256 = self.folder.finish_with(data, kept.RECORD, kept.digest_line(data), kept.DIGEST)
+        line = kept.digest_line(data)
+        sha256 = self.folder.finish_with(data, kept.RECORD, line, kept.DIGEST, self.rig.pulse)
         return CaptureResult(
             job=self.job,
             state="done",
@@ -268,7 +269,7 @@ class CalibrationRun:
     def _files(self) -> dict[str, kept.FileRecord]:
         return {
             name: kept.FileRecord(found.sha256, found.size_bytes or 0)
-            for name, found in self.folder.hashes().items()
+            for name, found in self.folder.hashes(self._look_for_cancel).items()
         }
 
     def _watch(self) -> Watch:

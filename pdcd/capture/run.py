@@ -125,10 +125,10 @@ class Run:
             summary=summary,
             warnings=self.warnings,
             meter=self._taker.meter,
-            files=folder.hashes(),
+            files=folder.hashes(job.look_for_cancel),
         )
         files = (*folder.files(), DIGEST, MANIFEST)
-        digest = folder.finish(manifest)
+        digest = folder.finish(manifest, self._rig.pulse)
         return CaptureResult(
             job=job.name,
             state="done",

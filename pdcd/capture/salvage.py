@@ -274,7 +274,7 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
         summary=summary,
         warnings=warnings,
         meter=sound.meter,
-        files=made.hashes(),
+        files=made.hashes(watch),
         missing=sound.missing,
     )
     digest = made.finish(manifest)
