@@ -291,7 +291,7 @@ class Engine:
 
         rig = self._with_card()
         rig.pulse.heard_by = cancelled
-        safe, folder = False, None
+        safe, folder, failure = False, None, None
         with ExitStack() as held:
             try:
                 place = held.enter_context(Place.at(state_dir(self._config) / FOLDER))
@@ -303,16 +303,17 @@ class Engine:
                 result = run.execute()
             except Exception as err:
                 failure = _failure(err, "calibration", job)
-            else:
-                if result.summary["verdict"] != "bad":
-                    self._adopt(result.folder)
-                return result
             finally:
                 safe = rig.make_safe()
                 if rig is not self._rig:
                     rig.disconnect()
                     self._rig.connect()
-            return failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+            if failure is not None:
+                return failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+        # Only now: it is another rig that goes on.
+        if result.summary["verdict"] != "bad":
+            self._adopt(result.folder)
+        return result
 
     def _with_card(self) -> Rig:
         """The rig before a white card: a mock bench has its scene taken away for the while."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from pdcd.bench.tables import SceneConfig
+from pdcd.bench.tables import CalibrationConfig, SceneConfig
+from pdcd.capture.calibrate import CalibrationRun
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.errors import DeviceLost
+from pdcd.request import CalibrateRequest, CaptureResult
 from tests import bench_rig
 
 
@@ -89,4 +91,38 @@ def test_a_scene_that_is_a_card_already_is_calibrated_as_it_stands(tmp_path: Pat
     )
     engine.start()
     assert engine._with_card() is engine._rig
+    engine.stop()
+
+
+def test_the_rig_that_goes_on_after_a_calibration_is_opened_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And that which took the photos is left alone by then: both hold the same devices."""
+    engine = Engine.from_config(
+        bench_rig.config(
+            tmp_path,
+            scene=SceneConfig(kind="card", grid=(3, 4)),
+            calibration=CalibrationConfig(use="latest"),
+        )
+    )
+    engine.start()
+    before = engine._rig
+    calls: list[tuple[str, bool]] = []
+
+    def noted(name: str, real: Callable[[Rig], Any]) -> Callable[[Rig], Any]:
+        return lambda rig: (calls.append((name, rig is before)), real(rig))[1]
+
+    for name in ("connect", "disconnect", "make_safe"):
+        monkeypatch.setattr(Rig, name, noted(name, getattr(Rig, name)))
+    found = CaptureResult(
+        job="job", state="done", folder=str(tmp_path), summary={"verdict": "good"}
+    )
+    monkeypatch.setattr(CalibrationRun, "execute", lambda run: found)
+    result = engine.calibrate(
+        CalibrateRequest(), job="job", emit=lambda event: None, cancelled=lambda: False
+    )
+    assert result is found and engine._rig is not before
+    made = [name for name, old in calls if not old]
+    assert made == ["connect"] and calls[-1] == ("connect", False)
+    assert engine._rig.camera_info is not None
     engine.stop()
