@@ -75,10 +75,10 @@ class Engine:
 
     def _set_up(self, config: Config) -> None:
         """Make the rig of a configuration, closed, and who works for it."""
-        self._config = config = with_grid(config)
-        self._rig = Rig(config)
-        self._profile = load_profile(config.camera.profile)
-        self._hands = self._make_hands(Facts(config, self._profile, self.grid, self._rig.scene))
+        config = with_grid(config)
+        rig, profile = Rig(config), load_profile(config.camera.profile)
+        self._hands = self._make_hands(Facts(config, profile, rig.grid, rig.scene))
+        self._config, self._rig, self._profile = config, rig, profile
 
     @classmethod
     def from_config(cls, config: Config) -> Engine:
@@ -286,6 +286,7 @@ class Engine:
         When it returns, panels are black and the shutter is closed, and a calibration that is not
         bad is in use from then on. `proceed(text)` returns once somebody has done what the text
         asks; `emit` and `cancelled` are those of `capture`. A mock bench puts up its own card.
+        Raises ConfigError where the rig cannot be as it was measured, which goes on as it was.
         """
         from pdcd.capture.calibrate import FOLDERS, CalibrationRun  # no start waits for the steps
 
@@ -336,9 +337,11 @@ class Engine:
             return
         was_open = self._rig.camera_info is not None
         self.stop()
-        self._set_up(calibrated(self._asked))
-        if was_open:
-            self.start()
+        try:
+            self._set_up(calibrated(self._asked))
+        finally:  # where what was measured cannot be, by the configuration as it was
+            if was_open:
+                self.start()
 
     def _out(self, request: CaptureRequest) -> Path:
         """The folder that runs go to when nobody holds one open."""

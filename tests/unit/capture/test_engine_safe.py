@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from pdcd.bench.tables import CalibrationConfig, SceneConfig
+from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig
 from pdcd.capture.calibrate import CalibrationRun
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
-from pdcd.errors import DeviceLost
-from pdcd.request import CalibrateRequest, CaptureResult
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult
 from tests import bench_rig
 
 
@@ -126,3 +126,21 @@ def test_the_rig_that_goes_on_after_a_calibration_is_opened_once(
     assert made == ["connect"] and calls[-1] == ("connect", False)
     assert engine._rig.camera_info is not None
     engine.stop()
+
+
+def test_a_rig_that_cannot_be_as_it_was_measured_goes_on_as_it_was(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(config: Config) -> Config:
+        raise ConfigError("mask.rise_s cannot be so long")
+
+    monkeypatch.setattr("pdcd.capture.engine.calibrated", refuse)
+    before = engine._rig
+    monkeypatch.setattr(engine, "_asked", Config(calibration=CalibrationConfig(use="latest")))
+    connects: list[Rig] = []
+    real = Rig.connect
+    monkeypatch.setattr(Rig, "connect", lambda rig: (connects.append(rig), real(rig)))
+    with pytest.raises(ConfigError):
+        engine._adopt("somewhere")
+    assert connects == [before] and engine._rig is before
+    assert bench_rig.capture(engine, CaptureRequest(goal="white", codes=4)).state == "done"
