@@ -28,7 +28,7 @@ REMOVED = ".removed"
 
 _RUN = re.compile(
     r"(\d{8}T\d{6}Z-[0-9a-f]{4})"
-    r"(|-partial|(?:-partial)?(?:-decoded-\d{1,4})?\.partial|(?:-partial|\.partial)?\.removed)"
+    r"((?:-partial)?(?:(?:-decoded-\d{1,4})?\.partial)?(?:\.removed)?)"
 )
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
