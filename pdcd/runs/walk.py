@@ -117,7 +117,10 @@ def _walked(top: int, owners: frozenset[int]) -> Walk:
                     if not _is_folder(entry) or not _is_text(path) or path == CALIBRATIONS:
                         continue
                     run = _RUN.fullmatch(entry.name)
-                    foreign = entry.stat(follow_symlinks=False).st_uid not in owners
+                    try:
+                        foreign = entry.stat(follow_symlinks=False).st_uid not in owners
+                    except FileNotFoundError:  # it was renamed or removed just now
+                        continue
                     if run is not None:
                         spots.append(Spot(run[1], path, run[2], foreign))
                     elif foreign:
