@@ -26,7 +26,7 @@ from pdcd.pictures.decode import record_errors, write_pictures
 from pdcd.pictures.watch import Watch
 from pdcd.printable import one_line
 from pdcd.recipes.possible import possible
-from pdcd.recipes.recipe import Recipe
+from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.request import PlanSummary
 from pdcd.runs.folder import LOG, RunFolder
 from pdcd.runs.frame_table import NAME as FRAMES
@@ -66,7 +66,7 @@ class _Sound:
 
     kept: Kept
     run: RunRecord
-    planned: tuple[str, ...]
+    planned: tuple[Shot, ...]
     """All shots of the recipe, in order."""
     meter: tuple[MeterRecord, ...]
     lost: tuple[str, ...]
@@ -76,11 +76,16 @@ class _Sound:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Planned shots that are not there, as far as they are wanted."""
-        if self.kept.enough and not self.lost:
-            return ()
+        """Planned shots that are not there, as far as they are wanted: of a run that was good
+        enough, no parts beyond those that it took."""
         there = {shot.name for shot in self.run.shots}
-        return tuple(name for name in self.planned if name not in there)
+        taken = {entry.shot.name for entry in self.kept.taken}
+        parts = {0, *(shot.part for shot in self.planned if shot.name in taken)}
+        return tuple(
+            shot.name
+            for shot in self.planned
+            if shot.name not in there and (shot.part in parts or not self.kept.enough)
+        )
 
 
 def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Salvaged:
@@ -166,7 +171,7 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
     return _Sound(
         kept=kept,
         run=run,
-        planned=tuple(shot.name for shot in recipe.shots),
+        planned=recipe.shots,
         meter=tuple(meter),
         lost=tuple(lost),
         frames_bytes=frames_bytes,

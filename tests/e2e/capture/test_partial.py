@@ -22,7 +22,7 @@ from pdcd.errors import BusyError, DecodeError, RequestError
 from pdcd.pictures.decode import decode_folder
 from pdcd.pilot.codes import SCOUTS
 from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Armed, Event
+from pdcd.runs.events import Armed, Decoding, Event
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.inside import opened
 from pdcd.runs.ledger import read_ledger
@@ -34,16 +34,16 @@ BLACKS = {"goal": "indirect", "codes": 8, "black_level": "both"}
 
 
 def run(folder: Path, after: int, **fields: Any) -> CaptureResult:
-    """A run that is cancelled when its shot after so many is armed; more than it has: not at
-    all."""
+    """A run that is cancelled when its shot after so many is armed, or after them all, when they
+    are to be decoded; with more than that not at all."""
     folder.mkdir(exist_ok=True)
     config = bench_rig.config(folder, camera=CameraConfig(noise="none", f_number=8.0))
     engine = Engine.from_config(config)
     armed = []
 
     def emit(event: Event) -> None:
-        if isinstance(event, Armed):
-            armed.append(event.shot)
+        if isinstance(event, Armed | Decoding):
+            armed.append(event)
 
     request = msgspec.convert({**BLACKS, "out": str(folder), **fields}, CaptureRequest)
     engine.start()
@@ -202,6 +202,23 @@ def test_a_pilot_that_was_cut_is_no_coded_photo(tmp_path: Path) -> None:
     )
     with pytest.raises(DecodeError, match="no picture can be made of what is there: 0 of"):
         decode_partial(left(tmp_path / "none", 0))
+
+
+ENOUGH = {"codes": 64, "parts": 8, "until_error": 0.9, "white": False}
+
+
+def test_parts_beyond_what_was_good_enough_are_not_missing(tmp_path: Path) -> None:
+    partial = left(tmp_path / "cut", 5, black_level="auto", **ENOUGH)
+    names = taken(partial)
+    assert names == ["coded-1", "coded-2", "coded-3", "coded-4"]
+    (partial / "raw" / "look-dark.dng").unlink()
+    found = decode_partial(partial, tmp_path / "whole")
+    assert found.state == "done" and not found.missing and len(found.lost) == 1
+    assert verify(Path(found.folder)).whole
+    (partial / "raw" / "coded-2.dng").unlink()
+    found = decode_partial(partial, tmp_path / "partial")
+    assert found.state == "partial" and found.missing == ("coded-2",)
+    assert read_manifest(Path(found.folder)).summary["parts"] == 3
 
 
 def flip(path: Path, at: int = -1) -> None:
