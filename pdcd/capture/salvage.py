@@ -95,8 +95,8 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
     `watch` is told how far it is.
 
     Raises BusyError while the run still goes on, RequestError for a folder that is no unfinished
-    run, DecodeError when its ledger, codes or frame log are damaged or no picture can be made of
-    what is there, NoSpaceError and DiskError.
+    run or a name that is taken, DecodeError when its ledger, codes or frame log are damaged or no
+    picture can be made of what is there, NoSpaceError and DiskError.
     """
     watch = watch or Watch()
     if not folder.resolve().name.endswith(UNFINISHED):
@@ -227,7 +227,13 @@ def _digest(descriptor: int, size: int, watch: Callable[[], None]) -> str:
 
 @contextmanager
 def _new(place: Place, name: str, sound: _Sound) -> Iterator[RunFolder]:
-    """The folder to be filled, under a name that nobody takes for a run's."""
+    """The folder to be filled, under a name that nobody takes for a run's. Raises RequestError
+    where that which it is to have in the end is taken."""
+    if os.path.lexists(place.path / name):
+        raise RequestError(
+            f"{place.real / name} is there already",
+            hint="an earlier decoding may have made it; --out puts another one elsewhere",
+        )
     for number in range(1, TRIES):
         unfinished = f"{name}-decoded-{number}{UNFINISHED}"
         if not (place.path / unfinished).exists():

@@ -284,6 +284,16 @@ def test_a_line_that_was_half_written_is_left_out(tmp_path: Path) -> None:
         decode_partial(partial)
 
 
+def test_what_was_decoded_already_is_said_before_it_is_decoded_again(tmp_path: Path) -> None:
+    partial = left(tmp_path / "cut", 3)
+    made = Path(decode_partial(partial).folder)
+    before = contents(tmp_path)
+    with pytest.raises(RequestError, match=rf"{made} is there already \(.*--out"):
+        decode_partial(partial)
+    assert contents(tmp_path) == before
+    assert decode_partial(partial, tmp_path / "out").state == "partial"
+
+
 def test_a_run_that_goes_on_is_left_alone(tmp_path: Path) -> None:
     with Place.at(tmp_path) as place, RunFolder(place, "job") as folder:
         folder.create(min_free_bytes=0)
