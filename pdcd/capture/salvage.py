@@ -125,6 +125,8 @@ def _held(folder: Path) -> Iterator[int]:
                     f"{one_line(str(folder))} is still being filled",
                     hint="wait for the end of the run, or cancel it",
                 ) from None
+            except OSError:  # a disk without locks: nobody can tell whether the run goes on
+                pass
             yield descriptor
     except (FileNotFoundError, NotADirectoryError, PermissionError) as err:
         raise RequestError(f"cannot open {one_line(str(folder))}: {err.strerror}") from err

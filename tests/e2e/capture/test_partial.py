@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import os
 import re
@@ -282,6 +284,18 @@ def test_a_line_that_was_half_written_is_left_out(tmp_path: Path) -> None:
     ledger.write_bytes(b"\n".join([*lines[:2], *lines[3:], b""]))
     with pytest.raises(DecodeError, match="does not follow"):
         decode_partial(partial)
+
+
+def test_a_disk_without_locks_is_no_hindrance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    partial = left(tmp_path / "cut", 3)
+
+    def refuse(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    assert decode_partial(partial).state == "partial"
 
 
 def test_what_was_decoded_already_is_said_before_it_is_decoded_again(tmp_path: Path) -> None:
