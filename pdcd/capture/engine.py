@@ -66,6 +66,12 @@ def _failure(err: Exception, what: str, job: str) -> PdcdError:
     return PdcdError(f"internal error: {type(err).__name__}: {err}")
 
 
+def _unsafe(result: CaptureResult) -> CaptureResult:
+    """The result of a job after which the rig could not be made safe."""
+    text = "the panels may still be lit, or the shutter open: see the log"
+    return msgspec.structs.replace(result, warnings=(*result.warnings, text))
+
+
 class Engine:
     """One rig and all that can be done with it. Not for use from two threads at once."""
 
@@ -246,7 +252,8 @@ class Engine:
     ) -> CaptureResult:
         """Run one job to its end; never raises for what goes wrong in it.
 
-        When it returns, panels are black and the shutter is closed, whatever the result says.
+        When it returns, panels are black and the shutter is closed, whatever the result says; where
+        a device refuses that, its last warning says so.
         `given` holds the arrays of the request: no file that a request names is opened here.
         `emit(event)` is told of every step; `cancelled()` is asked at every one of them. The run
         goes into `parent`, which stays open; without, to where request and configuration say.
@@ -254,23 +261,25 @@ class Engine:
         """
         ordered = Job(job, request, owner, emit, cancelled, given, report)
         self._rig.pulse.heard_by = cancelled
-        safe, folder, run = False, None, None
+        safe, folder, run, failure = False, None, None, None
         with ExitStack() as held:
             try:
                 place = parent or held.enter_context(Place.at(self._out(request)))
                 folder = held.enter_context(RunFolder(place, job))
                 run = Run(self._config, self._rig, self._profile, self._hands, folder, ordered)
-                return run.execute(self.describe())
+                result = run.execute(self.describe())
             except Exception as err:
                 failure = _failure(err, "capture", job)
             finally:
                 safe = self._rig.make_safe()
-            taken = None if run is None else run.taken
-            warnings = () if run is None else run.warnings
-            now_ns = self._rig.clock.now_ns()
-            return failure_of(
-                job, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
-            )
+            if failure is not None:
+                taken = None if run is None else run.taken
+                warnings = () if run is None else run.warnings
+                now_ns = self._rig.clock.now_ns()
+                result = failure_of(
+                    job, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
+                )
+        return result if safe else _unsafe(result)
 
     def calibrate(
         self,
@@ -310,9 +319,10 @@ class Engine:
                     rig.disconnect()
                     self._rig.connect()
             if failure is not None:
-                return failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+                result = failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+        result = result if safe else _unsafe(result)
         # Only now: it is another rig that goes on.
-        if result.summary["verdict"] != "bad":
+        if failure is None and result.summary["verdict"] != "bad":
             self._adopt(result.folder)
         return result
 

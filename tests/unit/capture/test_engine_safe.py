@@ -14,6 +14,7 @@ from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult
+from pdcd.runs.events import Archived, Event
 from tests import bench_rig
 
 
@@ -40,6 +41,34 @@ def test_black_that_did_not_come_is_not_told_as_done(
     monkeypatch.undo()
     engine.show("black")
     assert bench_rig.bench_of(engine).panels_black
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+@pytest.mark.parametrize(("device", "method"), [("display", "black"), ("shutter", "close")])
+def test_a_job_after_which_the_rig_is_not_safe_says_so(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch, device: str, method: str, wanted: bool
+) -> None:
+    def fail() -> None:
+        raise DeviceLost("gone", device=device)
+
+    broken = []
+
+    def hear(event: Event) -> None:
+        if isinstance(event, Archived):  # from here on
+            broken.append(event)
+            monkeypatch.setattr(getattr(engine._rig, device), method, fail)
+
+    request = CaptureRequest(goal="white", codes=4)
+    result = engine.capture(
+        request, job="job", emit=hear, cancelled=lambda: bool(broken) and not wanted
+    )
+    assert result.state == ("done" if wanted else "cancelled")
+    assert result.warnings[-1].startswith("the panels may still be lit, or the shutter open")
+    monkeypatch.undo()
+    again = engine.capture(
+        request, job="job-2", emit=lambda event: None, cancelled=lambda: not wanted
+    )
+    assert not any("shutter open" in text for text in again.warnings)
 
 
 @pytest.mark.parametrize("pattern", ["white", "checker", "grid", "code"])
