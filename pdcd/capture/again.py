@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -67,10 +68,23 @@ def _begin(record: Calibration, folder: Path) -> Begin:
         profile = msgspec.convert(record.profile, SensorProfile, strict=False)
     except msgspec.ValidationError as err:
         raise ConfigError(f"the calibration in {folder} cannot be computed again: {err}") from err
-    # Its own arrays hold those of the calibration before it as well.
-    before = folder if record.before else None
+    before = _before(record, config, folder) if record.before else None
     helped = any(step.settings.get(HELPED) for step in record.steps)
     return Begin(config, profile, record.camera.info, before, helped)
+
+
+def _before(record: Calibration, config: Config, folder: Path) -> Path:
+    """Folder of the calibration that was in use then, where it was or beside this one.
+
+    Where it is gone it is this one's: its own arrays hold those before, but for what its steps made
+    of them.
+    """
+    then = Path(config.calibration.use)
+    for place in (then, folder.resolve().parent / then.name):
+        with suppress(ConfigError):
+            if read_calibration(place)[1] == record.before:
+                return place
+    return folder
 
 
 def _computed(study: Study, step: StepRecord) -> StepRecord:
