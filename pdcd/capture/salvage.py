@@ -18,7 +18,8 @@ from pathlib import Path
 
 import msgspec
 
-from pdcd.capture.account import manifest_of, summary_of, taken_words
+from pdcd.bench.tables import Config
+from pdcd.capture.account import manifest_of, summary_of, taken_words, warnings_of
 from pdcd.errors import BusyError, DecodeError, RequestError, disk_errors
 from pdcd.offload.answers import developed_of
 from pdcd.pictures.darkroom import Darkroom
@@ -275,9 +276,11 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
         developed = developed_of(darkroom.record, decoded, None, told, watch)
         plan = kept.planned.plan if kept.planned else {}
         summary = summary_of(msgspec.convert(plan, PlanSummary), developed)
+        config = msgspec.convert(kept.begun.config, Config, strict=False)
+    known = warnings_of(developed, config, sound.run.profile, mock=kept.begun.mock)
     taken = taken_words(len(sound.run.shots), len(sound.planned), sound.missing)
     summary["taken"] = taken
-    warnings = [*dict.fromkeys((*kept.warnings, *told)), f"decoded after an interruption: {taken}"]
+    warnings = [*dict.fromkeys((*kept.warnings, *known)), f"decoded after an interruption: {taken}"]
     warnings += [f"left out: {text}" for text in sound.lost]
     warnings += _lacks(darkroom.recipe, decoded.recipe)
     manifest = manifest_of(

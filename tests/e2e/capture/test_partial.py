@@ -148,7 +148,7 @@ def test_after_a_kill_the_run_is_finished_as_if_nothing_had_been(tmp_path: Path)
     with np.load(Path(wanted.folder) / "probe.npz") as a, np.load(made / "probe.npz") as b:
         np.testing.assert_array_equal(a["image"], b["image"])
     assert main(["decode", str(made)]) == 0
-    with pytest.raises(Exception, match="name is taken"):
+    with pytest.raises(Exception, match="is there already"):
         decode_partial(partial)
 
 
@@ -175,6 +175,16 @@ def test_pictures_of_what_is_there_go_into_a_folder_that_says_so(
     assert any("white is made of 1 of 4 shots" in text for text in manifest.warnings)
     with pytest.raises(DecodeError, match="not all shots"):
         decode_folder(made)
+
+
+def test_a_run_of_which_only_the_pictures_were_missing_warns_as_any_other(tmp_path: Path) -> None:
+    fields = {"black_level": "none", "white": False, "exposure_s": 20.0}
+    whole = run(tmp_path / "whole", 99, **fields)
+    assert whole.state == "done" and any("saturated" in text for text in whole.warnings)
+    found = decode_partial(left(tmp_path / "cut", 1, **fields))
+    assert found.state == "done"
+    *warnings, last = read_manifest(Path(found.folder)).warnings
+    assert tuple(warnings) == whole.warnings and last.startswith("decoded after")
 
 
 def test_complete_parts_and_repetitions_make_the_answer(tmp_path: Path) -> None:
