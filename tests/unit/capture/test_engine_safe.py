@@ -139,7 +139,11 @@ def test_the_rig_that_goes_on_after_a_calibration_is_opened_once(
     calls: list[tuple[str, bool]] = []
 
     def noted(name: str, real: Callable[[Rig], Any]) -> Callable[[Rig], Any]:
-        return lambda rig: (calls.append((name, rig is before)), real(rig))[1]
+        def call(rig: Rig) -> Any:
+            calls.append((name, rig is before))
+            return real(rig)
+
+        return call
 
     for name in ("connect", "disconnect", "make_safe"):
         monkeypatch.setattr(Rig, name, noted(name, getattr(Rig, name)))
@@ -168,7 +172,12 @@ def test_a_rig_that_cannot_be_as_it_was_measured_goes_on_as_it_was(
     monkeypatch.setattr(engine, "_asked", Config(calibration=CalibrationConfig(use="latest")))
     connects: list[Rig] = []
     real = Rig.connect
-    monkeypatch.setattr(Rig, "connect", lambda rig: (connects.append(rig), real(rig)))
+
+    def connect(rig: Rig) -> None:
+        connects.append(rig)
+        real(rig)
+
+    monkeypatch.setattr(Rig, "connect", connect)
     with pytest.raises(ConfigError):
         engine._adopt("somewhere")
     assert connects == [before] and engine._rig is before

@@ -303,6 +303,6 @@ def test_a_run_that_goes_while_names_are_looked_at_hides_no_other(
             (tmp_path / below / job(2)).rename(tmp_path / f"{job(2)}-away")
         return entry
 
-    monkeypatch.setattr(walk.os, "scandir", gone)
+    monkeypatch.setattr(os, "scandir", gone)
     page = search(tmp_path, RunQuery())
     assert [run.job for run in page.runs] == [job(3), job(1), job(0)] and not page.closed
