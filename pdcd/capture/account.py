@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+import os
+import re
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -174,6 +177,13 @@ def taken_words(taken: int, planned: int, missing: Sequence[str]) -> str:
     return words
 
 
+def _shown(text: str, path: Path, where: Path) -> str:
+    """A text with what people call a folder in the place of its path by our descriptor, which the
+    work process knows by our number."""
+    ours = rf"/proc/(?:self|{os.getpid()})/fd/{path.name}(?!\d)"
+    return re.sub(ours, lambda _: str(where), text)
+
+
 def failure_of(
     job: str,
     folder: RunFolder | None,
@@ -196,7 +206,7 @@ def failure_of(
         # Nobody else could follow the path through our descriptor.
         for key in ("message", "device"):
             text = fields[key]
-            fields[key] = None if text is None else text.replace(str(folder.path), str(where))
+            fields[key] = None if text is None else _shown(text, folder.path, where)
         try:
             event = "cancelled" if cancelled else "failed"
             shots = {} if taken is None else {"taken": taken}

@@ -17,7 +17,7 @@ from pdcd.bench.tables import Config
 from pdcd.calibration.script import Ask
 from pdcd.calibration.steps.all import METER, ordered
 from pdcd.capture.rig import Exposure, Rig
-from pdcd.errors import Cancelled, ConfigError, DeviceLost, SyncError
+from pdcd.errors import Cancelled, ConfigError, DeviceLost, SyncError, disk_errors
 from pdcd.offload.calibrating import Begin, Found, NextAsk, NextPhoto
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
@@ -84,7 +84,8 @@ class CalibrationRun:
         self._notify(events.Archived(job=self.job))
         record = msgspec.structs.replace(record, files=self._files())
         data = kept.encoded(record)
-        sha256 = self.folder.finish_with(data, kept.RECORD, kept.digest_line(data), kept.DIGEST)
+        line = kept.digest_line(data)
+        sha256 = self.folder.finish_with(data, kept.RECORD, line, kept.DIGEST, self.rig.pulse)
         return CaptureResult(
             job=self.job,
             state="done",
@@ -218,7 +219,8 @@ class CalibrationRun:
         self._look_for_cancel()
 
     def _carry_over(self, before: Path, measured: dict[str, Entry]) -> None:
-        """Take over what this calibration did not measure from the one before."""
+        """Take over what this calibration did not measure from the one before. Raises NoSpaceError
+        and DiskError."""
         record, _ = kept.read_calibration(before)
         for key, entry in record.measured.items():
             if key in measured:
@@ -227,7 +229,8 @@ class CalibrationRun:
             measured[key] = msgspec.structs.replace(entry, folder=source)
         own, old = self.folder.path / kept.PROFILE, before / kept.PROFILE
         if "camera.profile" in measured and not own.exists() and old.exists():
-            own.write_bytes(old.read_bytes())
+            with disk_errors(str(self.folder.where)):
+                own.write_bytes(old.read_bytes())
 
     def _record(
         self, started: str, measured: dict[str, Entry], camera: CameraInfo, before: str | None
@@ -268,7 +271,7 @@ class CalibrationRun:
     def _files(self) -> dict[str, kept.FileRecord]:
         return {
             name: kept.FileRecord(found.sha256, found.size_bytes or 0)
-            for name, found in self.folder.hashes().items()
+            for name, found in self.folder.hashes(self._look_for_cancel).items()
         }
 
     def _watch(self) -> Watch:

@@ -25,8 +25,9 @@ class Convergence:
 
     def after(self, recipe: Recipe, shot: Shot) -> bool:
         """Whether a shot completes a part, so that there is something new to look at."""
-        last = next(s for s in reversed(recipe.shots) if s.part == shot.part)
-        return shot.part > 0 and shot is last
+        # A shot beside another one comes with that.
+        own = [s for s in recipe.shots if s.part == shot.part and not s.beside]
+        return shot.part > 0 and shot is own[-1]
 
     def see(self, seen: Seen) -> Converging:
         """Take note of the pictures so far; returns the event that tells of them."""

@@ -66,6 +66,12 @@ def _failure(err: Exception, what: str, job: str) -> PdcdError:
     return PdcdError(f"internal error: {type(err).__name__}: {err}")
 
 
+def _unsafe(result: CaptureResult) -> CaptureResult:
+    """The result of a job after which the rig could not be made safe."""
+    text = "the panels may still be lit, or the shutter open: see the log"
+    return msgspec.structs.replace(result, warnings=(*result.warnings, text))
+
+
 class Engine:
     """One rig and all that can be done with it. Not for use from two threads at once."""
 
@@ -75,10 +81,10 @@ class Engine:
 
     def _set_up(self, config: Config) -> None:
         """Make the rig of a configuration, closed, and who works for it."""
-        self._config = config = with_grid(config)
-        self._rig = Rig(config)
-        self._profile = load_profile(config.camera.profile)
-        self._hands = self._make_hands(Facts(config, self._profile, self.grid, self._rig.scene))
+        config = with_grid(config)
+        rig, profile = Rig(config), load_profile(config.camera.profile)
+        self._hands = self._make_hands(Facts(config, profile, rig.grid, rig.scene))
+        self._config, self._rig, self._profile = config, rig, profile
 
     @classmethod
     def from_config(cls, config: Config) -> Engine:
@@ -246,7 +252,8 @@ class Engine:
     ) -> CaptureResult:
         """Run one job to its end; never raises for what goes wrong in it.
 
-        When it returns, panels are black and the shutter is closed, whatever the result says.
+        When it returns, panels are black and the shutter is closed, whatever the result says; where
+        a device refuses that, its last warning says so.
         `given` holds the arrays of the request: no file that a request names is opened here.
         `emit(event)` is told of every step; `cancelled()` is asked at every one of them. The run
         goes into `parent`, which stays open; without, to where request and configuration say.
@@ -254,23 +261,25 @@ class Engine:
         """
         ordered = Job(job, request, owner, emit, cancelled, given, report)
         self._rig.pulse.heard_by = cancelled
-        safe, folder, run = False, None, None
+        safe, folder, run, failure = False, None, None, None
         with ExitStack() as held:
             try:
                 place = parent or held.enter_context(Place.at(self._out(request)))
                 folder = held.enter_context(RunFolder(place, job))
                 run = Run(self._config, self._rig, self._profile, self._hands, folder, ordered)
-                return run.execute(self.describe())
+                result = run.execute(self.describe())
             except Exception as err:
                 failure = _failure(err, "capture", job)
             finally:
                 safe = self._rig.make_safe()
-            taken = None if run is None else run.taken
-            warnings = () if run is None else run.warnings
-            now_ns = self._rig.clock.now_ns()
-            return failure_of(
-                job, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
-            )
+            if failure is not None:
+                taken = None if run is None else run.taken
+                warnings = () if run is None else run.warnings
+                now_ns = self._rig.clock.now_ns()
+                result = failure_of(
+                    job, folder, now_ns, failure, safe=safe, taken=taken, warnings=warnings
+                )
+        return result if safe else _unsafe(result)
 
     def calibrate(
         self,
@@ -286,12 +295,13 @@ class Engine:
         When it returns, panels are black and the shutter is closed, and a calibration that is not
         bad is in use from then on. `proceed(text)` returns once somebody has done what the text
         asks; `emit` and `cancelled` are those of `capture`. A mock bench puts up its own card.
+        Raises ConfigError where the rig cannot be as it was measured, which goes on as it was.
         """
         from pdcd.capture.calibrate import FOLDERS, CalibrationRun  # no start waits for the steps
 
         rig = self._with_card()
         rig.pulse.heard_by = cancelled
-        safe, folder = False, None
+        safe, folder, failure = False, None, None
         with ExitStack() as held:
             try:
                 place = held.enter_context(Place.at(state_dir(self._config) / FOLDER))
@@ -303,16 +313,18 @@ class Engine:
                 result = run.execute()
             except Exception as err:
                 failure = _failure(err, "calibration", job)
-            else:
-                if result.summary["verdict"] != "bad":
-                    self._adopt(result.folder)
-                return result
             finally:
                 safe = rig.make_safe()
                 if rig is not self._rig:
                     rig.disconnect()
                     self._rig.connect()
-            return failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+            if failure is not None:
+                result = failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+        result = result if safe else _unsafe(result)
+        # Only now: it is another rig that goes on.
+        if failure is None and result.summary["verdict"] != "bad":
+            self._adopt(result.folder)
+        return result
 
     def _with_card(self) -> Rig:
         """The rig before a white card: a mock bench has its scene taken away for the while."""
@@ -335,9 +347,11 @@ class Engine:
             return
         was_open = self._rig.camera_info is not None
         self.stop()
-        self._set_up(calibrated(self._asked))
-        if was_open:
-            self.start()
+        try:
+            self._set_up(calibrated(self._asked))
+        finally:  # where what was measured cannot be, by the configuration as it was
+            if was_open:
+                self.start()
 
     def _out(self, request: CaptureRequest) -> Path:
         """The folder that runs go to when nobody holds one open."""

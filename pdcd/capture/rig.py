@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -27,7 +26,7 @@ from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import DEFAULT_GRID, Config
 from pdcd.capture.moving import MovingShutter
-from pdcd.errors import Cancelled, ConfigError, PdcdError, SyncError, disk_errors
+from pdcd.errors import Cancelled, ConfigError, SyncError, disk_errors
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.runs.events import Armed, Emit, ShutterClosed, ShutterOpen
 from pdcd.scene.scene import Scene
@@ -186,8 +185,10 @@ class Rig:
         """Make safe, then release all devices; goes on past a device that fails."""
         self.make_safe()
         for device in (self.readout, self.shutter, self.display):
-            with suppress(PdcdError, OSError):
+            try:
                 device.disconnect()
+            except Exception as err:
+                logger.warning("not released device=%s error=%s", type(device).__name__, err)
 
     def make_safe(self) -> bool:
         """Both panels black and the shutter closed, whatever state the devices are in.

@@ -32,6 +32,7 @@ from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import SCOUTS
 from pdcd.planning.grey import grey_warnings
 from pdcd.planning.guided import piloted, scouted
+from pdcd.planning.look import last_exposed
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
 from pdcd.request import CaptureResult
@@ -125,10 +126,10 @@ class Run:
             summary=summary,
             warnings=self.warnings,
             meter=self._taker.meter,
-            files=folder.hashes(),
+            files=folder.hashes(job.look_for_cancel),
         )
         files = (*folder.files(), DIGEST, MANIFEST)
-        digest = folder.finish(manifest)
+        digest = folder.finish(manifest, self._rig.pulse)
         return CaptureResult(
             job=job.name,
             state="done",
@@ -236,8 +237,9 @@ class Run:
             return False
         seen = self._hands.do(self._job.watch(), Desk.see, self._shots)
         self._journal.notify(convergence.see(seen))
-        if convergence.met and shot is not plan.recipe.shots[-1]:
+        last = shot is last_exposed(plan)
+        if convergence.met and not last:
             self._ledger.enough()
-        if not convergence.met and shot is plan.recipe.shots[-1]:
+        if not convergence.met and last:
             self._journal.warn(convergence.warning)
         return convergence.met

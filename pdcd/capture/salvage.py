@@ -18,7 +18,8 @@ from pathlib import Path
 
 import msgspec
 
-from pdcd.capture.account import manifest_of, summary_of, taken_words
+from pdcd.bench.tables import Config
+from pdcd.capture.account import manifest_of, summary_of, taken_words, warnings_of
 from pdcd.errors import BusyError, DecodeError, RequestError, disk_errors
 from pdcd.offload.answers import developed_of
 from pdcd.pictures.darkroom import Darkroom
@@ -26,7 +27,7 @@ from pdcd.pictures.decode import record_errors, write_pictures
 from pdcd.pictures.watch import Watch
 from pdcd.printable import one_line
 from pdcd.recipes.possible import possible
-from pdcd.recipes.recipe import Recipe
+from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.request import PlanSummary
 from pdcd.runs.folder import LOG, RunFolder
 from pdcd.runs.frame_table import NAME as FRAMES
@@ -66,7 +67,7 @@ class _Sound:
 
     kept: Kept
     run: RunRecord
-    planned: tuple[str, ...]
+    planned: tuple[Shot, ...]
     """All shots of the recipe, in order."""
     meter: tuple[MeterRecord, ...]
     lost: tuple[str, ...]
@@ -76,11 +77,16 @@ class _Sound:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Planned shots that are not there, as far as they are wanted."""
-        if self.kept.enough and not self.lost:
-            return ()
+        """Planned shots that are not there, as far as they are wanted: of a run that was good
+        enough, no parts beyond those that it took."""
         there = {shot.name for shot in self.run.shots}
-        return tuple(name for name in self.planned if name not in there)
+        taken = {entry.shot.name for entry in self.kept.taken}
+        parts = {0, *(shot.part for shot in self.planned if shot.name in taken)}
+        return tuple(
+            shot.name
+            for shot in self.planned
+            if shot.name not in there and (shot.part in parts or not self.kept.enough)
+        )
 
 
 def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = None) -> Salvaged:
@@ -90,8 +96,8 @@ def decode_partial(folder: Path, out: Path | None = None, watch: Watch | None = 
     `watch` is told how far it is.
 
     Raises BusyError while the run still goes on, RequestError for a folder that is no unfinished
-    run, DecodeError when its ledger, codes or frame log are damaged or no picture can be made of
-    what is there, NoSpaceError and DiskError.
+    run or a name that is taken, DecodeError when its ledger, codes or frame log are damaged or no
+    picture can be made of what is there, NoSpaceError and DiskError.
     """
     watch = watch or Watch()
     if not folder.resolve().name.endswith(UNFINISHED):
@@ -120,6 +126,8 @@ def _held(folder: Path) -> Iterator[int]:
                     f"{one_line(str(folder))} is still being filled",
                     hint="wait for the end of the run, or cancel it",
                 ) from None
+            except OSError:  # a disk without locks: nobody can tell whether the run goes on
+                pass
             yield descriptor
     except (FileNotFoundError, NotADirectoryError, PermissionError) as err:
         raise RequestError(f"cannot open {one_line(str(folder))}: {err.strerror}") from err
@@ -166,7 +174,7 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
     return _Sound(
         kept=kept,
         run=run,
-        planned=tuple(shot.name for shot in recipe.shots),
+        planned=recipe.shots,
         meter=tuple(meter),
         lost=tuple(lost),
         frames_bytes=frames_bytes,
@@ -222,7 +230,13 @@ def _digest(descriptor: int, size: int, watch: Callable[[], None]) -> str:
 
 @contextmanager
 def _new(place: Place, name: str, sound: _Sound) -> Iterator[RunFolder]:
-    """The folder to be filled, under a name that nobody takes for a run's."""
+    """The folder to be filled, under a name that nobody takes for a run's. Raises RequestError
+    where that which it is to have in the end is taken."""
+    if os.path.lexists(place.path / name):
+        raise RequestError(
+            f"{place.real / name} is there already",
+            hint="an earlier decoding may have made it; --out puts another one elsewhere",
+        )
     for number in range(1, TRIES):
         unfinished = f"{name}-decoded-{number}{UNFINISHED}"
         if not (place.path / unfinished).exists():
@@ -262,9 +276,11 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
         developed = developed_of(darkroom.record, decoded, None, told, watch)
         plan = kept.planned.plan if kept.planned else {}
         summary = summary_of(msgspec.convert(plan, PlanSummary), developed)
+        config = msgspec.convert(kept.begun.config, Config, strict=False)
+    known = warnings_of(developed, config, sound.run.profile, mock=kept.begun.mock)
     taken = taken_words(len(sound.run.shots), len(sound.planned), sound.missing)
     summary["taken"] = taken
-    warnings = [*dict.fromkeys((*kept.warnings, *told)), f"decoded after an interruption: {taken}"]
+    warnings = [*dict.fromkeys((*kept.warnings, *known)), f"decoded after an interruption: {taken}"]
     warnings += [f"left out: {text}" for text in sound.lost]
     warnings += _lacks(darkroom.recipe, decoded.recipe)
     manifest = manifest_of(
@@ -274,7 +290,7 @@ def _decoded(made: RunFolder, sound: _Sound, watch: Watch) -> Salvaged:
         summary=summary,
         warnings=warnings,
         meter=sound.meter,
-        files=made.hashes(),
+        files=made.hashes(watch),
         missing=sound.missing,
     )
     digest = made.finish(manifest)

@@ -111,7 +111,7 @@ class ShotTaker:
         settings = CameraSettings(
             self._iso(plan), self._aperture(plan, coded) if self.camera.f_numbers else None
         )
-        done = self._expose(dark_frames(plan, lit=lit), name, settings)
+        done = self._tested(dark_frames(plan, lit=lit), name, settings)
         file = self._file(done.raw)
         found = DarkPhoto(
             raw=file,
@@ -183,6 +183,21 @@ class ShotTaker:
         words = f"codes were lit {shares.min():.3g} to {shares.max():.3g} times as long as planned"
         return weights.level or None, words
 
+    def _tested(self, frames: Frames, name: str, settings: CameraSettings) -> Exposure:
+        """Take a test exposure or a dark photo, again where the display gave up, as often as the
+        rig allows. Raises SyncError."""
+        rig = self.config.rig
+        for number in range(1, rig.retries + 1):
+            try:
+                return self._expose(frames, name, settings)
+            except SyncError as err:
+                if rig.on_miss == "flag":
+                    raise
+                cause = err.message
+            aside = self.journal.folder.set_aside(name, number)
+            self.journal.notify(events.Discarded(shot=name, name=aside, cause=cause))
+        return self._expose(frames, name, settings)
+
     def _expose(self, frames: Frames, name: str, settings: CameraSettings) -> Exposure:
         def progress(frame: int, of: int, missed: int) -> None:
             told = events.Progress(shot=name, frame=frame, frames=of, missed=missed)
@@ -241,7 +256,7 @@ class ShotTaker:
         for test in range(1, MAX_TESTS + 1):
             name = f"meter-{shot.name}-{test}"
             settings = CameraSettings(iso, f_number)
-            done = self._expose(plan.frames(shot, pairs=pairs), name, settings)
+            done = self._tested(plan.frames(shot, pairs=pairs), name, settings)
             file = self._file(done.raw)
             planes = [done.raw] if done.raw.second is None else [done.raw, done.raw.second]
             seen = [

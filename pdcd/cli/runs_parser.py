@@ -51,7 +51,7 @@ def runs_options(parser: argparse.ArgumentParser, add: Make) -> None:
     _filters(pruned)
     pruned.add_argument("--older-than", metavar="T", help=f"started before that: {WHEN}")
     pruned.add_argument(
-        "--keep", type=int, metavar="N", help="spare the newest N of those that would go"
+        "--keep", type=int, metavar="N", help="not the newest N of those chosen, of any age"
     )
     pruned.add_argument("--dry-run", action="store_true", help="only say what would be removed")
     pruned.add_argument("--yes", action="store_true", help="do not ask")

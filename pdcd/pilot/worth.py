@@ -48,7 +48,8 @@ def worth(
     so their difference shows the error of that many codes. Photos without the light of the paths
     found show in the same way the error of codes that avoid these paths. Errors are carried over
     to other numbers of codes by the share of pairs of cells that have a code in common: right for
-    unrelated paths, too much for smooth light, and this for both ways alike.
+    unrelated paths, too much for smooth light, and this for both ways alike. Where each set keeps
+    all cells apart, or there is no indirect light, nothing can be told, and nothing pays: all 0.
 
     Parameters
     ----------
@@ -65,27 +66,27 @@ def worth(
         The pilot leaves no codes, or the arrays do not fit each other.
     """
     check_photos(codes, photos, paths.shape[0])
-    pilot = codes.shape[0]
+    pilot, quarter = codes.shape[0], codes.shape[0] // 4
     if count <= pilot:
         raise ConfigError(
             f"a pilot of {pilot} leaves nothing of {count} codes", hint="take more codes"
         )
-    quarter = pilot // 4
     first = slice(SCOUTS, SCOUTS + quarter)
     second = slice(SCOUTS + quarter, SCOUTS + 2 * quarter)
     cleared = photos - (paths @ codes.T.astype(np.float64)).T
     noise = np.broadcast_to(sigma, photos.shape)[first.start : second.stop]
     blur = 8.0 / quarter * np.mean(noise**2)  # variance of a difference of two direct images
     indirect = 2.0 * photos.mean(axis=0) - direct_light(codes, photos)
+    light, shared = float(np.mean(indirect**2)), _shared(quarter, codes.shape[1])
+    if light == 0.0 or shared == 0.0:
+        return Worth(alone=0.0, piloted=0.0, unguided=0.0)
     spread = []
     for series in (photos, cleared):
         differ = direct_light(codes[first], series[first]) - direct_light(
             codes[second], series[second]
         )
         square = max(float(np.mean(differ**2) - blur), 0.0) / 2.0
-        # More codes than cells share none: they err nowhere, and tell nothing of fewer.
-        scale = float(np.mean(indirect**2)) * _shared(quarter, codes.shape[1])
-        spread.append(square / scale if scale > 0.0 else 0.0)
+        spread.append(square / light / shared)
     alone, left = _shared(count, codes.shape[1]), _shared(count - pilot, codes.shape[1])
     return Worth(
         alone=float(np.sqrt(spread[0] * alone)),

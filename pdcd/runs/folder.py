@@ -25,7 +25,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -173,16 +173,23 @@ class RunFolder:
                 raw.rename(raw.with_name(f"{name}{raw.suffix}"))
         return name
 
-    def finish(self, manifest: Manifest) -> str:
+    def finish(self, manifest: Manifest, alive: Callable[[], object] = lambda: None) -> str:
         """Write the manifest, make everything durable, give the folder its final name.
 
-        Returns the SHA-256 of the manifest. Raises what `create` raises; the folder then has no
-        manifest.
+        `alive` is called for each file: a disk may take long. Returns the SHA-256 of the manifest.
+        Raises what `create` raises; the folder then has no manifest.
         """
         data = written(manifest)
-        return self.finish_with(data, MANIFEST, digest_line(data, MANIFEST), DIGEST)
+        return self.finish_with(data, MANIFEST, digest_line(data, MANIFEST), DIGEST, alive)
 
-    def finish_with(self, data: bytes, record: str, line: bytes, digest: str) -> str:
+    def finish_with(
+        self,
+        data: bytes,
+        record: str,
+        line: bytes,
+        digest: str,
+        alive: Callable[[], object] = lambda: None,
+    ) -> str:
         """The same with these bytes as what makes the folder whole: the file `record`, and the file
         `digest` that vouches for it by `line`."""
         with disk_errors(self._shown):
@@ -191,6 +198,7 @@ class RunFolder:
                 if name.startswith("raw/"):
                     (self.path / name).chmod(0o440)
                 _sync(self.path / name)
+                alive()
             temporary = self.path / f"{record}.new"
             temporary.write_bytes(data)
             _sync(temporary)
@@ -242,12 +250,15 @@ class RunFolder:
     def _shown(self) -> str:
         return str(self.where or self._job)
 
-    def hashes(self) -> dict[str, FileRecord]:
-        """SHA-256 and size of every file so far."""
+    def hashes(self, alive: Callable[[], object] = lambda: None) -> dict[str, FileRecord]:
+        """SHA-256 and size of every file so far.
+
+        `alive` is called now and then, and may raise to end the work.
+        """
         found: dict[str, FileRecord] = {}
         for name in self.files():
             with opened_file(self.fd, name) as descriptor:
-                found[name] = FileRecord(*hashed(descriptor))
+                found[name] = FileRecord(*hashed(descriptor, alive))
         return found
 
 

@@ -91,7 +91,7 @@ def entry_of(folder: int, spot: Spot, path: str) -> tuple[RunEntry, int]:
     `path` is what people call the folder. Raises nothing for what is wrong with it.
     """
     bare = bare_entry(spot, path)
-    if spot.ending == REMOVED or spot.ending.endswith(UNFINISHED + REMOVED):
+    if spot.ending.endswith(REMOVED):
         return _with(bare, state="unfinished", reason="its removal was not finished"), 0
     if spot.ending.endswith(UNFINISHED):
         return _unfinished(folder, bare, decoding="decoded" in spot.ending)

@@ -28,7 +28,7 @@ REMOVED = ".removed"
 
 _RUN = re.compile(
     r"(\d{8}T\d{6}Z-[0-9a-f]{4})"
-    r"(|-partial|(?:-partial)?(?:-decoded-\d{1,4})?\.partial|(?:-partial|\.partial)?\.removed)"
+    r"((?:-partial)?(?:(?:-decoded-\d{1,4})?\.partial)?(?:\.removed)?)"
 )
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
@@ -117,7 +117,10 @@ def _walked(top: int, owners: frozenset[int]) -> Walk:
                     if not _is_folder(entry) or not _is_text(path) or path == CALIBRATIONS:
                         continue
                     run = _RUN.fullmatch(entry.name)
-                    foreign = entry.stat(follow_symlinks=False).st_uid not in owners
+                    try:
+                        foreign = entry.stat(follow_symlinks=False).st_uid not in owners
+                    except FileNotFoundError:  # it was renamed or removed just now
+                        continue
                     if run is not None:
                         spots.append(Spot(run[1], path, run[2], foreign))
                     elif foreign:

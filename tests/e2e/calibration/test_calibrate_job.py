@@ -167,6 +167,25 @@ def test_it_is_computed_again_bit_for_bit(
         again(copy)
 
 
+def test_a_check_is_computed_again_by_what_was_known_before_it(tmp_path: Path) -> None:
+    """It leaves a reference for later ones, which it did not have itself."""
+    engine = Engine.from_config(load(bench(tmp_path, scene="open-book")))
+    engine.start()
+    taken = [
+        calibrate(engine, step, job=f"20260101T000000Z-000{number}")
+        for number, step in enumerate(("geometry", "check"))
+    ]
+    engine.stop()
+    geometry, check = (Path(str(result.folder)) for result in taken)
+    assert not read_calibration(geometry)[0].before and read_calibration(check)[0].before
+    assert again(check).identical
+    moved = tmp_path / "elsewhere"
+    moved.mkdir()
+    for folder in (geometry, check):
+        folder.rename(moved / folder.name)
+    assert again(moved / check.name).identical
+
+
 def copied(folder: Path, copy: Path) -> None:
     """A copy that may be written."""
     shutil.copytree(folder, copy)

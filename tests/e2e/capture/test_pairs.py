@@ -95,3 +95,14 @@ def test_black_exposures_and_parts_of_pairs(buckets: int, tmp_path: Path) -> Non
 def test_a_sensor_that_is_its_own_mask_switches_at_once() -> None:
     slow = Config(camera=CameraConfig(buckets=2), mask=PanelConfig(size_px=(8, 8), rise_s=0.001))
     assert any("camera.buckets" in fault.keys for fault in cross_faults(slow))
+
+
+@pytest.mark.parametrize("buckets", [1, 2])
+@pytest.mark.parametrize(("until", "parts"), [(0.9, 4), (1e-6, 5)])
+def test_pairs_in_parts_end_when_they_are_good_enough(
+    buckets: int, until: float, parts: int, tmp_path: Path
+) -> None:
+    result = take(tmp_path, buckets=buckets, codes=40, parts=5, until_error=until)
+    assert result.state == "done" and result.summary["parts"] == parts
+    short = [text for text in result.warnings if text.startswith("sigma came down to")]
+    assert len(short) == (until < 0.5)

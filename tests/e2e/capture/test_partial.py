@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import os
 import re
@@ -22,7 +24,7 @@ from pdcd.errors import BusyError, DecodeError, RequestError
 from pdcd.pictures.decode import decode_folder
 from pdcd.pilot.codes import SCOUTS
 from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Armed, Event
+from pdcd.runs.events import Armed, Decoding, Event
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.inside import opened
 from pdcd.runs.ledger import read_ledger
@@ -34,16 +36,16 @@ BLACKS = {"goal": "indirect", "codes": 8, "black_level": "both"}
 
 
 def run(folder: Path, after: int, **fields: Any) -> CaptureResult:
-    """A run that is cancelled when its shot after so many is armed; more than it has: not at
-    all."""
+    """A run that is cancelled when its shot after so many is armed, or after them all, when they
+    are to be decoded; with more than that not at all."""
     folder.mkdir(exist_ok=True)
     config = bench_rig.config(folder, camera=CameraConfig(noise="none", f_number=8.0))
     engine = Engine.from_config(config)
     armed = []
 
     def emit(event: Event) -> None:
-        if isinstance(event, Armed):
-            armed.append(event.shot)
+        if isinstance(event, Armed | Decoding):
+            armed.append(event)
 
     request = msgspec.convert({**BLACKS, "out": str(folder), **fields}, CaptureRequest)
     engine.start()
@@ -146,7 +148,7 @@ def test_after_a_kill_the_run_is_finished_as_if_nothing_had_been(tmp_path: Path)
     with np.load(Path(wanted.folder) / "probe.npz") as a, np.load(made / "probe.npz") as b:
         np.testing.assert_array_equal(a["image"], b["image"])
     assert main(["decode", str(made)]) == 0
-    with pytest.raises(Exception, match="name is taken"):
+    with pytest.raises(Exception, match="is there already"):
         decode_partial(partial)
 
 
@@ -173,6 +175,16 @@ def test_pictures_of_what_is_there_go_into_a_folder_that_says_so(
     assert any("white is made of 1 of 4 shots" in text for text in manifest.warnings)
     with pytest.raises(DecodeError, match="not all shots"):
         decode_folder(made)
+
+
+def test_a_run_of_which_only_the_pictures_were_missing_warns_as_any_other(tmp_path: Path) -> None:
+    fields = {"black_level": "none", "white": False, "exposure_s": 20.0}
+    whole = run(tmp_path / "whole", 99, **fields)
+    assert whole.state == "done" and any("saturated" in text for text in whole.warnings)
+    found = decode_partial(left(tmp_path / "cut", 1, **fields))
+    assert found.state == "done"
+    *warnings, last = read_manifest(Path(found.folder)).warnings
+    assert tuple(warnings) == whole.warnings and last.startswith("decoded after")
 
 
 def test_complete_parts_and_repetitions_make_the_answer(tmp_path: Path) -> None:
@@ -202,6 +214,23 @@ def test_a_pilot_that_was_cut_is_no_coded_photo(tmp_path: Path) -> None:
     )
     with pytest.raises(DecodeError, match="no picture can be made of what is there: 0 of"):
         decode_partial(left(tmp_path / "none", 0))
+
+
+ENOUGH = {"codes": 64, "parts": 8, "until_error": 0.9, "white": False}
+
+
+def test_parts_beyond_what_was_good_enough_are_not_missing(tmp_path: Path) -> None:
+    partial = left(tmp_path / "cut", 5, black_level="auto", **ENOUGH)
+    names = taken(partial)
+    assert names == ["coded-1", "coded-2", "coded-3", "coded-4"]
+    (partial / "raw" / "look-dark.dng").unlink()
+    found = decode_partial(partial, tmp_path / "whole")
+    assert found.state == "done" and not found.missing and len(found.lost) == 1
+    assert verify(Path(found.folder)).whole
+    (partial / "raw" / "coded-2.dng").unlink()
+    found = decode_partial(partial, tmp_path / "partial")
+    assert found.state == "partial" and found.missing == ("coded-2",)
+    assert read_manifest(Path(found.folder)).summary["parts"] == 3
 
 
 def flip(path: Path, at: int = -1) -> None:
@@ -265,6 +294,28 @@ def test_a_line_that_was_half_written_is_left_out(tmp_path: Path) -> None:
     ledger.write_bytes(b"\n".join([*lines[:2], *lines[3:], b""]))
     with pytest.raises(DecodeError, match="does not follow"):
         decode_partial(partial)
+
+
+def test_a_disk_without_locks_is_no_hindrance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    partial = left(tmp_path / "cut", 3)
+
+    def refuse(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    assert decode_partial(partial).state == "partial"
+
+
+def test_what_was_decoded_already_is_said_before_it_is_decoded_again(tmp_path: Path) -> None:
+    partial = left(tmp_path / "cut", 3)
+    made = Path(decode_partial(partial).folder)
+    before = contents(tmp_path)
+    with pytest.raises(RequestError, match=rf"{made} is there already \(.*--out"):
+        decode_partial(partial)
+    assert contents(tmp_path) == before
+    assert decode_partial(partial, tmp_path / "out").state == "partial"
 
 
 def test_a_run_that_goes_on_is_left_alone(tmp_path: Path) -> None:

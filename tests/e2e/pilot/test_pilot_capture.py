@@ -150,6 +150,26 @@ def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("grid", "pilot", "codes"), [((1, 7), 32, 48), ((5, 6), 128, 192)])
+def test_a_long_pilot_of_few_cells_finds_nothing_to_keep_apart(
+    grid: tuple[int, int], pilot: int, codes: int, tmp_path: Path
+) -> None:
+    """Its own Hadamard sets share no code, so that they cannot differ by one."""
+    cells = grid[0] * grid[1]
+    path = tmp_path / "mirror.npz"
+    mirror = 0.3 * np.eye(cells) + 0.5 * np.roll(np.eye(cells), cells // 2, axis=1)
+    np.savez(path, transport=mirror, grid=np.array(grid))
+    request = CaptureRequest(goal="indirect", codes=codes, pilot=pilot)
+    result = run(
+        tmp_path / "run",
+        request,
+        CameraConfig(noise="none"),
+        SceneConfig(kind="matrix", path=str(path)),
+    )
+    assert result.state == "done" and result.summary["pilot"] == pilot
+    assert float(str(result.summary["rms_error"])) < 0.02
+
+
 def test_noise_in_the_pilot_does_no_harm(tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", codes=128, pilot=64, white=False)
     noisy = CameraConfig(noise="full")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -203,6 +204,16 @@ def test_a_job_that_failed_says_why_and_what_it_has() -> None:
     assert found.error == fields and found.files == ("log.jsonl",)
     assert found.summary == {"taken": "1 of 3 shots"}
     assert found.warnings == ("w (and so of 1 more)",)
+
+
+def test_no_error_names_the_folder_by_a_descriptor_of_this_process() -> None:
+    """Also where the work process had it, which knows this one by its number."""
+    folder = Folder(Path("/runs/job.partial"))
+    own = f"/proc/{os.getpid()}/fd/7"
+    error = DiskError(f"no room in {own}, {own}1 and /proc/1/fd/7", device=f"{own}/linear/a.tif")
+    found = failed(folder, error)
+    assert found.error["device"] == "/runs/job.partial/linear/a.tif"
+    assert found.error["message"] == f"no room in /runs/job.partial, {own}1 and /proc/1/fd/7"
 
 
 def test_a_job_that_was_cancelled_and_one_without_a_folder() -> None:

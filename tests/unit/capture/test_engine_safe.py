@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from pdcd.bench.tables import SceneConfig
+from pdcd.bench.tables import CalibrationConfig, Config, SceneConfig
+from pdcd.capture.calibrate import CalibrationRun
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
-from pdcd.errors import DeviceLost
+from pdcd.errors import ConfigError, DeviceLost
+from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult
+from pdcd.runs.events import Archived, Event
 from tests import bench_rig
 
 
@@ -38,6 +41,34 @@ def test_black_that_did_not_come_is_not_told_as_done(
     monkeypatch.undo()
     engine.show("black")
     assert bench_rig.bench_of(engine).panels_black
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+@pytest.mark.parametrize(("device", "method"), [("display", "black"), ("shutter", "close")])
+def test_a_job_after_which_the_rig_is_not_safe_says_so(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch, device: str, method: str, wanted: bool
+) -> None:
+    def fail() -> None:
+        raise DeviceLost("gone", device=device)
+
+    broken = []
+
+    def hear(event: Event) -> None:
+        if isinstance(event, Archived):  # from here on
+            broken.append(event)
+            monkeypatch.setattr(getattr(engine._rig, device), method, fail)
+
+    request = CaptureRequest(goal="white", codes=4)
+    result = engine.capture(
+        request, job="job", emit=hear, cancelled=lambda: bool(broken) and not wanted
+    )
+    assert result.state == ("done" if wanted else "cancelled")
+    assert result.warnings[-1].startswith("the panels may still be lit, or the shutter open")
+    monkeypatch.undo()
+    again = engine.capture(
+        request, job="job-2", emit=lambda event: None, cancelled=lambda: not wanted
+    )
+    assert not any("shutter open" in text for text in again.warnings)
 
 
 @pytest.mark.parametrize("pattern", ["white", "checker", "grid", "code"])
@@ -90,3 +121,64 @@ def test_a_scene_that_is_a_card_already_is_calibrated_as_it_stands(tmp_path: Pat
     engine.start()
     assert engine._with_card() is engine._rig
     engine.stop()
+
+
+def test_the_rig_that_goes_on_after_a_calibration_is_opened_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And that which took the photos is left alone by then: both hold the same devices."""
+    engine = Engine.from_config(
+        bench_rig.config(
+            tmp_path,
+            scene=SceneConfig(kind="card", grid=(3, 4)),
+            calibration=CalibrationConfig(use="latest"),
+        )
+    )
+    engine.start()
+    before = engine._rig
+    calls: list[tuple[str, bool]] = []
+
+    def noted(name: str, real: Callable[[Rig], Any]) -> Callable[[Rig], Any]:
+        def call(rig: Rig) -> Any:
+            calls.append((name, rig is before))
+            return real(rig)
+
+        return call
+
+    for name in ("connect", "disconnect", "make_safe"):
+        monkeypatch.setattr(Rig, name, noted(name, getattr(Rig, name)))
+    found = CaptureResult(
+        job="job", state="done", folder=str(tmp_path), summary={"verdict": "good"}
+    )
+    monkeypatch.setattr(CalibrationRun, "execute", lambda run: found)
+    result = engine.calibrate(
+        CalibrateRequest(), job="job", emit=lambda event: None, cancelled=lambda: False
+    )
+    assert result is found and engine._rig is not before
+    made = [name for name, old in calls if not old]
+    assert made == ["connect"] and calls[-1] == ("connect", False)
+    assert engine._rig.camera_info is not None
+    engine.stop()
+
+
+def test_a_rig_that_cannot_be_as_it_was_measured_goes_on_as_it_was(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(config: Config) -> Config:
+        raise ConfigError("mask.rise_s cannot be so long")
+
+    monkeypatch.setattr("pdcd.capture.engine.calibrated", refuse)
+    before = engine._rig
+    monkeypatch.setattr(engine, "_asked", Config(calibration=CalibrationConfig(use="latest")))
+    connects: list[Rig] = []
+    real = Rig.connect
+
+    def connect(rig: Rig) -> None:
+        connects.append(rig)
+        real(rig)
+
+    monkeypatch.setattr(Rig, "connect", connect)
+    with pytest.raises(ConfigError):
+        engine._adopt("somewhere")
+    assert connects == [before] and engine._rig is before
+    assert bench_rig.capture(engine, CaptureRequest(goal="white", codes=4)).state == "done"

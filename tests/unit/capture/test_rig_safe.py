@@ -111,7 +111,9 @@ def test_panels_go_black_before_the_shutter_closes(
     monkeypatch.undo()
 
 
-@pytest.mark.parametrize("error", [DeviceLost("gone", device="camera"), OSError(5, "unplugged")])
+@pytest.mark.parametrize(
+    "error", [DeviceLost("gone", device="camera"), OSError(5, "unplugged"), RuntimeError("a fault")]
+)
 @pytest.mark.parametrize("broken", ["readout", "shutter", "display"])
 def test_a_device_that_is_not_released_does_not_keep_the_others(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, broken: str, error: Exception

@@ -293,6 +293,27 @@ def test_an_aperture_is_metered_once_for_each_program(monkeypatch: pytest.Monkey
     assert len(asked) == 2
 
 
+@pytest.mark.parametrize(("spoilt", "taken"), [(2, True), (3, False)])
+def test_a_test_exposure_that_is_given_up_is_taken_again(
+    spoilt: int, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shots, "next_aperture", lambda *_: (4.0, True))
+    bench = Bench(*(SyncError("gave up") for _ in range(spoilt)))
+    bench.metering = [(0.1, 0.1)]
+    made = taker(bench, f_number="auto", retries=2)
+    if not taken:
+        with pytest.raises(SyncError, match="gave up"):
+            made.take(Plan(shot("a")), shot("a"))
+        return
+    (record,) = made.take(Plan(shot("a")), shot("a"))
+    assert [step[3] for step in bench.heard("expose")] == [*["meter-a-1"] * 3, "a"]
+    assert bench.heard("aside", "discarded") == [
+        ("aside", "meter-a-1", 1), ("discarded", "meter-a-1-discarded-1", "gave up"),
+        ("aside", "meter-a-1", 2), ("discarded", "meter-a-1-discarded-2", "gave up"),
+    ]  # fmt: skip
+    assert made.meter[0].raw == "raw/meter-a-1.dng" and record.f_number == 4.0
+
+
 def test_metering_that_does_not_settle_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shots, "next_aperture", lambda *_: (4.0, False))
     bench = Bench()

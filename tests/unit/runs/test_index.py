@@ -282,3 +282,27 @@ def test_no_more_runs_are_told_than_were_asked_for(
     for newest in (1, 2, 3, 4):
         found = runs(tmp_path, newest=newest)
         assert [run.job for run in found] == [job(4), job(3), job(2), job(1)][:newest]
+
+
+@pytest.mark.parametrize("below", ["captures", ""])
+def test_a_run_that_goes_while_names_are_looked_at_hides_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, below: str
+) -> None:
+    """As every run does when it ends: its folder gets another name."""
+    for number in range(4):
+        finished(tmp_path / below, job(number))
+    scandir = os.scandir
+
+    @contextlib.contextmanager
+    def gone(folder: int) -> Iterator[Iterator[os.DirEntry[str]]]:
+        with scandir(folder) as entries:
+            yield (_gone(entry) for entry in entries)
+
+    def _gone(entry: os.DirEntry[str]) -> os.DirEntry[str]:
+        if entry.name == job(2):
+            (tmp_path / below / job(2)).rename(tmp_path / f"{job(2)}-away")
+        return entry
+
+    monkeypatch.setattr(os, "scandir", gone)
+    page = search(tmp_path, RunQuery())
+    assert [run.job for run in page.runs] == [job(3), job(1), job(0)] and not page.closed

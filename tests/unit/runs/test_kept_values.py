@@ -116,6 +116,7 @@ def test_a_job_is_named_by_its_time_and_four_digits(text: str, job: bool) -> Non
     [
         "", ".partial", "-partial", "-decoded-1.partial", "-partial-decoded-1234.partial",
         "-partial.partial", ".removed", "-partial.removed", ".partial.removed",
+        "-decoded-3.partial.removed", "-partial-decoded-3.partial.removed",
     ],
 )  # fmt: skip
 def test_how_a_run_stands_is_told_by_the_ending_of_its_name(ending: str) -> None:

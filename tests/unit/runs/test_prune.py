@@ -118,16 +118,19 @@ def test_a_folder_that_takes_the_name_meanwhile_stays(
     assert (place / "capture.json").exists() and (tmp_path / "moved" / "capture.json").exists()
 
 
+@pytest.mark.parametrize(
+    "ending", ["", "-partial", ".partial", "-decoded-1.partial", "-partial-decoded-12.partial"]
+)
 def test_an_interrupted_removal_leaves_nothing_that_looks_like_a_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
-    finished(tmp_path, job(1))
+    finished(tmp_path, job(1), ending, state="partial" if ending == "-partial" else "done")
     with monkeypatch.context() as patch:
         patch.setattr(shutil, "rmtree", lambda *a, **k: (_ for _ in ()).throw(OSError(5, "broken")))
         kept = remove(tmp_path, first(tmp_path))
     assert not kept.removed and "broken" in (kept.why or "")
     (left,) = runs(tmp_path)
-    assert left.state == "unfinished" and left.folder.endswith(f"{job(1)}.removed")
+    assert left.state == "unfinished" and left.folder.endswith(f"{job(1)}{ending}.removed")
     assert remove(tmp_path, first(tmp_path, leftovers=True)).removed
     assert not list(tmp_path.iterdir())
 

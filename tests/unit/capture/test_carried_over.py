@@ -1,0 +1,48 @@
+"""What a calibration takes over from the one before it."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pdcd.bench import calibration as kept
+from pdcd.bench.calibration import Entry
+from pdcd.capture.calibrate import CalibrationRun
+from pdcd.errors import NoSpaceError
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_a_profile_is_taken_over_or_the_disk_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, full: bool
+) -> None:
+    own, before = tmp_path / "own.partial", tmp_path / "before"
+    own.mkdir()
+    before.mkdir()
+    (before / kept.PROFILE).write_text("full_well_e = 1.0\n")
+    entry = Entry(value="sensor.toml", step="body", made_utc="2026-01-01T00:00:00+00:00")
+    record = SimpleNamespace(measured={"camera.profile": entry})
+    monkeypatch.setattr(kept, "read_calibration", lambda folder: (record, "0" * 64))
+    given: Any = dict.fromkeys(
+        ("config", "rig", "profile", "hands", "job", "request", "emit", "cancelled", "proceed")
+    )
+    folder: Any = SimpleNamespace(path=own, where=own)
+    run = CalibrationRun(folder=folder, **given)
+    measured: dict[str, Entry] = {}
+    if full:
+
+        def refuse(path: Path, data: bytes) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr(Path, "write_bytes", refuse)
+        with pytest.raises(NoSpaceError) as told:
+            run._carry_over(before, measured)
+        assert told.value.device == str(own)
+        return
+    run._carry_over(before, measured)
+    assert measured["camera.profile"].folder == str(before)
+    assert (own / kept.PROFILE).read_bytes() == (before / kept.PROFILE).read_bytes()
