@@ -22,6 +22,7 @@ ALLOWED = {
     "pdcd/capture/check.py::_Check._try": "a stranger's driver: the check tells what it found",
     "pdcd/capture/engine.py::Engine.capture": "a job ends, the daemon stays",
     "pdcd/capture/engine.py::Engine.calibrate": "a job ends, the daemon stays",
+    "pdcd/capture/rig.py::Rig.disconnect": "one device must not keep the others held",
     "pdcd/capture/rig.py::Rig.make_safe": "one device must not keep the others from being safe",
     "pdcd/capture/run.py::Run._report": "the run is there; its report can be made again",
     "pdcd/offload/process.py::_answer": "the answer of the work process, raised in the daemon",
