@@ -61,7 +61,7 @@ def processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Process]]:
     monkeypatch.setattr(Process, "started", [], raising=False)
     monkeypatch.setattr(Process, "answers", (b"ok",) * 3)
     monkeypatch.setattr(subprocess, "Popen", Process)
-    monkeypatch.setattr(guard_module, "LOOK_S", 3600.0)  # nobody looks by himself
+    monkeypatch.setattr(guard_module, "_look_after", lambda *_: None)  # nobody looks by himself
     yield Process.started
     for process in Process.started:
         process.talk.close()
