@@ -143,7 +143,7 @@ def believed_map(camera: Map, panel: Map) -> Map:
 def accepted(fitted: Fitted, panel: str) -> Fitted:
     """The map itself. Raises CalibrationError for one that is far beyond the limits."""
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
-    inliers = float(fitted.inlier.mean())
+    inliers = _share_of_inliers(fitted, left, 1.0)
     worst = float(np.percentile(left, 95.0))
     if 1.0 - inliers > REFUSED * (1.0 - INLIERS) or np.median(left) > REFUSED * MAD_PX:
         raise CalibrationError(
@@ -156,6 +156,12 @@ def accepted(fitted: Fitted, panel: str) -> Fitted:
     return fitted
 
 
+def _share_of_inliers(fitted: Fitted, left_px: Floats, scale: float) -> float:
+    """Share of the points that the map leaves about as much of as of most, or no more than the
+    worst may have: among points that fit far better these are no strangers."""
+    return float(np.mean(fitted.inlier | (left_px <= scale * WORST_PX)))
+
+
 def figures(fitted: Fitted, panel: str, scale: float = 1.0) -> list[Figure]:
     """How good a map is, each with its limit.
 
@@ -165,7 +171,7 @@ def figures(fitted: Fitted, panel: str, scale: float = 1.0) -> list[Figure]:
     scale = max(1.0, scale)
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
     count = len(left)
-    inliers, middle = float(fitted.inlier.mean()), mad_px(fitted.residual_px)
+    inliers, middle = _share_of_inliers(fitted, left, scale), mad_px(fitted.residual_px)
     worst = float(np.percentile(left, 95.0))
     places = _on_panel(fitted)
     moved = float(

@@ -145,10 +145,23 @@ def test_what_no_smooth_map_fits_is_refused() -> None:
 
 def test_outliers_beyond_measure_are_refused() -> None:
     found = fit_dots(dots_of(), FRAME)
-    inlier = found.inlier.copy()
+    inlier, left_px = found.inlier.copy(), found.residual_px.copy()
     inlier[: len(inlier) // 4] = False
-    with pytest.raises(CalibrationError, match="lie elsewhere"):
-        accepted(replace(found, inlier=inlier), "projector")
+    left_px[~inlier] = 0.31, 0.0
+    with pytest.raises(CalibrationError, match="25% of the points lie elsewhere"):
+        accepted(replace(found, inlier=inlier, residual_px=left_px), "projector")
+
+
+def test_points_that_fit_worse_than_most_but_well_are_no_outliers() -> None:
+    found = fit_dots(dots_of(), FRAME)
+    inlier, left_px = found.inlier.copy(), found.residual_px.copy()
+    inlier[: len(inlier) // 4] = False
+    left_px[~inlier] = 0.12, 0.0
+    fine = replace(found, inlier=inlier, residual_px=left_px)
+    assert accepted(fine, "projector") is fine
+    told = {figure.name: figure for figure in figures(fine, "projector")}
+    assert told["projector.inliers"].value == 1.0
+    assert all(figure.verdict == Verdict.GOOD for figure in told.values())
 
 
 FOUND = Map(size_px=(480, 320), homography=(1 / 400, 0, -0.1, 0, 1 / 300, -0.03, 0, 0, 1))
