@@ -193,7 +193,8 @@ def faded(rate: Floats, t: float) -> Floats:
 @dataclass(frozen=True)
 class DenseBench:
     """The whole bench. transport (3, N, N) without direct light, direct (N, 3); `texture` (H, W, 3)
-    of both, or None; blur in taps: offsets on the field and shares."""
+    of both, or None; blur in taps: offsets on the field and shares; scattered : whether
+    samples lie off their raster."""
 
     projector: DensePanel
     mask: DensePanel
@@ -208,6 +209,7 @@ class DenseBench:
     taps: list[tuple[tuple[float, float], float]] = field(default_factory=lambda: [((0, 0), 1.0)])
     blur_quads: float = 0.0
     vignetting: float = 0.0
+    scattered: bool = False
 
     def photo(self, frames: Frames, log: FrameLog, open_ns: int, close_ns: int) -> Floats:
         edges = edges_ns(self.projector, log.primal_ns, int(log.end_ns[0]), open_ns)
@@ -245,7 +247,14 @@ class DenseBench:
         inner = (np.arange(self.samples) + 0.5) / self.samples
         rows, cols = (np.add.outer(np.arange(n), inner).ravel() for n in (height, width))
         # All places in one go: a map takes as long for one point as for a thousand.
-        places = self.camera.to_field(np.stack(np.meshgrid(cols, rows), axis=-1).reshape(-1, 2))
+        seen = np.stack(np.meshgrid(cols, rows), axis=-1)
+        if self.scattered:
+            # Each elsewhere in its share of the quad, by steps of the plastic number.
+            one = float(np.roots([1.0, 0.0, -1.0, -1.0])[0].real)
+            down, right = np.indices(seen.shape[:2])
+            seen[..., 0] += ((down / one**2 + right / one) % 1.0 - 0.5) / self.samples
+            seen[..., 1] += ((down / one + right / one**2) % 1.0 - 0.5) / self.samples
+        places = self.camera.to_field(seen.reshape(-1, 2))
         offsets = np.array([offset for offset, _ in self.taps])
         points = places[:, None] + offsets
         masks = self.mask.at(places + np.array(self.mask_seen_at))

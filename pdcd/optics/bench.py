@@ -29,7 +29,7 @@ from pdcd.optics.lookup import MOST_PAIRS, Whole, every, rendered
 from pdcd.optics.products import Exposure, Products, Tables, distinct
 from pdcd.optics.render import Detail, Picture, Renderer
 from pdcd.optics.setting import Setting, falloff
-from pdcd.optics.sights import Away, CellGrid, Looks, look
+from pdcd.optics.sights import Away, CellGrid, Looks, Scattered, look
 from pdcd.optics.sites import Kind, PanelSites
 from pdcd.optics.spread import CellLight
 from pdcd.scene.displaced import Displaced
@@ -110,7 +110,8 @@ class OpticalBench:
             if whole is not None:
                 ambience = () if self._ambient is None else (self._ambient,)
                 grid, scene = self._scene.grid, (self._direct, *ambience)
-                return self._through_lens(rendered(self._setting, self._looks, grid, whole, scene))
+                light = rendered(self._setting, self._scattered, grid, whole, scene)
+                return self._through_lens(light)
         driven = self._driven(lit, opened)
         tables = self._tables(driven, exposure)
         ambient = None if self._ambient is None else (tables.open_s, self._ambient)
@@ -232,8 +233,16 @@ class OpticalBench:
 
     @cached_property
     def _looks(self) -> Looks:
+        return Looks(self._setting, self._away)
+
+    @cached_property
+    def _scattered(self) -> Looks:
+        return Scattered(self._setting, self._away)
+
+    @property
+    def _away(self) -> Away | None:
         moved = self._scene.displacement
-        return Looks(self._setting, None if moved is None else Away(self._scene.grid, moved))
+        return None if moved is None else Away(self._scene.grid, moved)
 
     @cached_property
     def _uneven(self) -> Floats | None:

@@ -48,13 +48,23 @@ class Raster:
         """Whether every point is computed by the map itself."""
         return self._fit is None
 
-    def rows(self, start: int, stop: int) -> tuple[Floats, Floats]:
-        """Where the points of some rows go: across and down, (stop - start, w) float64 each."""
+    def rows(
+        self, start: int, stop: int, aside: tuple[Floats, Floats] | None = None
+    ) -> tuple[Floats, Floats]:
+        """Where the points of some rows go: across and down, (stop - start, w) float64 each.
+
+        aside : by how much, in steps of the raster up to a half, points lie to the right of their
+            place and below it, (stop - start, w) each, of two rows and columns at least.
+        """
         if self._fit is None:
             points = np.stack(np.meshgrid(self._x, self._y[start:stop]), axis=-1)
+            if aside is not None:
+                step = self._x[1] - self._x[0], self._y[1] - self._y[0]
+                points += np.stack(aside, axis=-1) * step
             places = self._place(points)
             return places[..., 0], places[..., 1]
-        return self._fit.rows(start, stop)
+        found = self._fit.rows(start, stop)
+        return found if aside is None else (_moved(found[0], aside), _moved(found[1], aside))
 
 
 @dataclass(frozen=True)
@@ -73,6 +83,13 @@ class _Fit:
         down = self.down[start:stop, near]
         first, second = (down @ part[near] for part in self.across)
         return first, second
+
+
+def _moved(places: Floats, aside: tuple[Floats, Floats]) -> Floats:
+    """One coordinate at points beside those of a raster: a map that polynomials follow goes on for
+    half of a step as it does from point to point."""
+    down, across = np.gradient(places)
+    return np.asarray(places + aside[0] * across + aside[1] * down)
 
 
 def _fitted(place: Place, x: Floats, y: Floats, nodes: int) -> _Fit | None:

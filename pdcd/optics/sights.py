@@ -29,6 +29,8 @@ one side of it on both panels, whatever is rounded; far less than what any detai
 CHUNK_SAMPLES = 1 << 16
 """Samples that are looked at together: few enough that their numbers stay in the processor's cache.
 """
+SCATTER = 0.5698402909980532, 0.7548776662466927
+"""Steps that fill a plane evenly: powers, below 1, of the root of x^3 = x + 1."""
 NOWHERE = -1
 """No site, or no cell: beside the panel, or beside the field."""
 
@@ -190,6 +192,27 @@ class Looks:
     def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
         first, end = (row * self._setting.samples for row in chunk)
         across, down = raster.rows(first, end)
+        return across.ravel(), down.ravel()
+
+
+class Scattered(Looks):
+    """The same samples, each by up to half of a step beside its place, as evenly as can be.
+
+    On a raster they may fall into step with the panels' pixels: of a camera that looks straight on
+    they then see every fourth pixel twice, say, in all of the picture. Stripes of single pixels
+    look bent by that, where a real camera, whose quads are areas, sees them as they are.
+    """
+
+    def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        per_quad, cols = self._setting.samples, self._setting.frame[1]
+        first, end = (row * per_quad for row in chunk)
+        if per_quad == 1:
+            return super()._flat(raster, chunk)
+        row, column = np.arange(first, end)[:, None], np.arange(cols * per_quad)
+        aside = tuple(
+            (row * one + column * other) % 1.0 - 0.5 for one, other in (SCATTER, SCATTER[::-1])
+        )
+        across, down = raster.rows(first, end, (aside[0], aside[1]))
         return across.ravel(), down.ravel()
 
 

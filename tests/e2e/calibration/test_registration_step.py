@@ -88,6 +88,27 @@ def apart_px(one: Hands, mask: Map) -> np.ndarray:
     return np.asarray(np.hypot(*(found - where)[inside].T))
 
 
+@pytest.mark.parametrize("quads", [(160, 120), (192, 144)])
+def test_a_camera_that_looks_straight_on_is_not_called_one_that_moved(
+    quads: tuple[int, int], tmp_path: Path
+) -> None:
+    """All three devices on one raster, where quads and pixels may fall into step."""
+    (tmp_path / "truth.toml").write_text("")
+    size = (256, 192)
+    config = Config(
+        projector=PanelConfig(size_px=size),
+        mask=PanelConfig(size_px=size),
+        camera=CameraConfig(profile="450d", frame_quads=quads, seed=5),
+        scene=SceneConfig(kind="card", grid=(12, 16)),
+        bench=BenchConfig(truth=str(tmp_path / "truth.toml")),
+        server=ServerConfig(state_dir=str(tmp_path / "state")),
+    )
+    one = Hands(config, tmp_path, full=80, f_number=22.0)
+    one.knows_maps()
+    told = {f.name: f for f in one.run("registration", registration(one.session)).figures}
+    assert told["mask.offset_px"].value < 0.1
+
+
 @pytest.mark.long
 def test_the_mask_is_found_where_it_is(tmp_path: Path) -> None:
     one = hands(tmp_path)

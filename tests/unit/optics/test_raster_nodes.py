@@ -107,3 +107,18 @@ def test_nodes_on_either_side_of_a_point_take_part() -> None:
         return np.asarray(np.sin(2.0 * np.pi * points / 9.52) * np.exp(-(far**2)))
 
     assert not Raster(ripple, X, Y).exact
+
+
+@pytest.mark.parametrize("rows", [199, 200])
+def test_points_beside_a_raster_go_where_the_map_has_them(rows: int) -> None:
+    """Exactly where the map is asked; else to the second order of half a step."""
+    rng = np.random.default_rng(1)
+    right, below = rng.uniform(-0.5, 0.5, (2, 40, 300))
+    raster = Raster(curved, X, Y[:rows])
+    found = np.stack(raster.rows(100, 140, (right, below)), axis=-1)
+    points = np.stack(np.meshgrid(X, Y[100:140]), axis=-1)
+    points += np.stack([right * (X[1] - X[0]), below * (Y[1] - Y[0])], axis=-1)
+    close = 1e-12 if raster.exact else 1e-3
+    np.testing.assert_allclose(found, curved(points), atol=close)
+    plain = np.stack(raster.rows(100, 140), axis=-1)
+    assert np.abs(found - plain).max() > 0.005

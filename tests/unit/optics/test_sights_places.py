@@ -9,11 +9,21 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
-from pdcd.bench.truth import Truth
+from pdcd.bench.truth import TrueCamera, Truth
 from pdcd.maps.placing import Placing
 from pdcd.optics import sights as sights_module
 from pdcd.optics.setting import Setting
-from pdcd.optics.sights import NOWHERE, Away, CellGrid, Looks, Runs, changes, look, pixels
+from pdcd.optics.sights import (
+    NOWHERE,
+    Away,
+    CellGrid,
+    Looks,
+    Runs,
+    Scattered,
+    changes,
+    look,
+    pixels,
+)
 from pdcd.optics.sites import Kind, PanelSites
 
 IMAGE = np.arange(12, dtype=np.int32).reshape(3, 4)
@@ -146,6 +156,30 @@ def test_samples_lie_evenly_in_every_quad() -> None:
     np.testing.assert_allclose(y.reshape(2 * count, -1)[:, 0], down, atol=1e-8)
     mask_x, mask_y = Looks(setting).on_mask((1, 3))
     np.testing.assert_allclose([mask_x, mask_y], [12 * x, 9 * y], atol=1e-7)
+
+
+def test_scattered_samples_lie_evenly_and_each_in_its_share_of_a_quad() -> None:
+    setting = Setting(setting_of().believed, Truth(), (40, 50))
+    count = setting.samples
+    raster, scattered = (
+        np.stack(looks.on_field((0, 40))) * [[50.0 * count], [40.0 * count]]
+        for looks in (Looks(setting), Scattered(setting))
+    )
+    aside = scattered - raster
+    assert np.abs(aside).max() <= 0.5 + 1e-6
+    # As evenly beside their places as 8 x 8 parts of a share can be filled.
+    part = np.clip((8 * (aside + 0.5)).astype(int), 0, 7)
+    filled = np.bincount(part[0] * 8 + part[1], minlength=64)
+    assert filled.max() < 1.2 * filled.min()
+    parts = [Scattered(setting).on_field((row, row + 8)) for row in range(0, 40, 8)]
+    whole = np.stack(Scattered(setting).on_field((0, 40)))
+    np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
+
+
+def test_of_a_camera_with_one_sample_a_quad_none_is_scattered() -> None:
+    setting = Setting(setting_of().believed, Truth(camera=TrueCamera(samples=1)), (1, 1))
+    for read in ("on_field", "on_mask"):
+        assert getattr(Scattered(setting), read)((0, 1)) == getattr(Looks(setting), read)((0, 1))
 
 
 @pytest.mark.parametrize("blur", [0.0, 1.5])
