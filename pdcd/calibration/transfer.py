@@ -279,6 +279,15 @@ def _refuse(
     plane: str, dark: Pair, lit: tuple[Pair, ...], used: NDArray[np.bool_], highest_dn: float
 ) -> None:
     """Raise CalibrationError where pairs cannot tell a gain."""
+    parts = sum(pair.samples.size for pair in lit)
+    if parts < LEAST_BLOCKS:
+        raise CalibrationError(
+            f"the frame is too small to tell a gain: {len(lit)} flat photos have {parts} parts to "
+            f"look at, and {LEAST_BLOCKS} are needed",
+            device="camera",
+            hint="read out the whole sensor; a mock camera gets a finer frame by "
+            "[camera] frame_quads",
+        )
     many = sum(int((pair.samples > 0).sum()) for pair in lit)
     if many < LEAST_BLOCKS:
         raise CalibrationError(

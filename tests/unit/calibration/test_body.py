@@ -118,6 +118,13 @@ def test_a_picture_that_is_uneven_everywhere_tells_no_gain() -> None:
         measured(series(4, before=lambda _, electrons: electrons * stripes))
 
 
+def test_a_frame_too_small_to_tell_a_gain_is_called_that() -> None:
+    """Two pairs of photos of 64 x 48 quads a plane: two parts each."""
+    with pytest.raises(CalibrationError, match=r"frame is too small .* have 4 parts") as caught:
+        measured(series(2, shape=(48, 64)))
+    assert "frame_quads" in str(caught.value)
+
+
 def test_light_that_panels_leak_is_no_read_noise() -> None:
     """12 e- in every photo: their photon noise would make the read noise 2 % higher."""
     photos = series(3, shape=(192, 192), before=lambda _, electrons: electrons + 12.0)
