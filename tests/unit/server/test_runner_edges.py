@@ -258,3 +258,27 @@ def test_a_picture_that_ends_for_the_next_job_of_its_owner_is_done_and_black_fir
         assert picture.given_up and picture.state == "done"
 
     play(scene)
+
+
+def test_a_job_that_comes_in_the_turn_in_which_another_ends_is_run_once() -> None:
+    """It is the one to run before it has been announced."""
+
+    async def scene(desk: Desk) -> None:
+        late: list[Any] = []
+        call = desk.worker.call
+
+        async def and_one_more(*args: Any) -> Any:
+            result = await call(*args)
+            if not late:
+                late.append(desk.start(queue=True))
+            return result
+
+        desk.worker.call = and_one_more  # type: ignore[method-assign]
+        first = desk.start()
+        await desk.runner.wait(first.name)
+        assert (await desk.runner.wait(late[0].name)).state == "done"
+        await desk.runner.drain()
+        assert [asked["job"] for asked in desk.engine.asked] == [first.name, late[0].name]
+        assert desk.of(late[0]).count("done") == 1
+
+    play(scene)
