@@ -99,14 +99,16 @@ def test_a_quick_photo_and_a_calibration_get_what_they_need() -> None:
 
 
 class Hurried:
-    """A loop whose timers come at once, and a clock that moves by half their time each."""
+    """A loop whose timers come at once, once all is emitted, and a clock that moves by half their
+    time each."""
 
-    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+    def __init__(self, patch: pytest.MonkeyPatch, emitted: threading.Event) -> None:
         self.delays: list[float] = []
         self.now_ns = 10**9
         loop = asyncio.get_running_loop()
 
         def call_later(delay: float, call: Callable[[], object]) -> object:
+            assert emitted.wait(LONG_S)
             self.delays.append(delay)
 
             def due() -> None:
@@ -122,13 +124,14 @@ class Hurried:
 def test_what_is_held_back_is_told_in_time_though_nothing_follows(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    told = threading.Event()
+    emitted, told = threading.Event(), threading.Event()
     kept: list[Hurried] = []
 
     def tell(*, job: str, emit: Callable[[Event], None], **_: Any) -> CaptureResult:
         emit(progress(1))
         emit(progress(2))
         emit(progress(3))
+        emitted.set()
         assert told.wait(LONG_S)
         return CaptureResult(job=job, state="done")
 
@@ -142,7 +145,7 @@ def test_what_is_held_back_is_told_in_time_though_nothing_follows(
 
         monkeypatch.setattr(desk.runner, "_publish", heard)
         with monkeypatch.context() as patch:
-            kept.append(Hurried(patch))
+            kept.append(Hurried(patch, emitted))
             desk.engine.act = tell
             await desk.runner.wait(desk.start().name)
         assert [getattr(e, "frame", e.type) for e in desk.events] == ["queued", 1, 3, "done"]
@@ -156,16 +159,18 @@ def test_no_timer_runs_on_after_what_it_was_for_has_been_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     kept: list[Hurried] = []
+    emitted = threading.Event()
 
     async def scene(desk: Desk) -> None:
         def tell(*, job: str, emit: Callable[[Event], None], **_: Any) -> CaptureResult:
             emit(progress(1))
             emit(progress(2))
             emit(Armed(shot="next", frames=9))
+            emitted.set()
             return CaptureResult(job=job, state="done")
 
         with monkeypatch.context() as patch:
-            kept.append(Hurried(patch))
+            kept.append(Hurried(patch, emitted))
             desk.engine.act = tell
             await desk.runner.wait(desk.start().name)
             for _ in range(10):
