@@ -154,6 +154,7 @@ def record_of(
         scouted=plan.unasked,
         unmixed=True,
         parts_by_cell=True,
+        pilot_apart=True,
     )
 
 

@@ -157,7 +157,8 @@ class Darkroom:
         key = sum(name in shots for name in self._recipe.stack), how.codes
         if self._learned is None or self._learned[0] != key:
             bits = self._bits("pilot")
-            found = learn(self._recipe, shots, bits, how.codes, self._cells())
+            apart = self._record.pilot_apart
+            found = learn(self._recipe, shots, bits, how.codes, self._cells(), apart=apart)
             self._learned = key, found
         return self._learned[1]
 

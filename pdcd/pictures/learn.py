@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.pictures.cell_light import light_of_cells
 from pdcd.pictures.exposed import Exposed
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
@@ -55,32 +56,47 @@ class Learned:
 
 
 def stack_photos(
-    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, cells: CellMap
+    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, cells: CellMap, *, apart: bool = True
 ) -> tuple[Floats, Floats]:
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
 
     Those not taken yet are left out; `bits` are of those that were. Each is divided by its
-    own time of open mask and lit projector; quads of a cell are averaged.
+    own time of open mask and lit projector; quads of a cell are averaged. With `apart` light of
+    cells is told from that of their neighbours where quads see both: else direct light of a
+    neighbour looks like a sharp path from there.
     """
-    photos, sigmas = [], []
     taken = [shots[name] for name in recipe.stack if name in shots]
-    times = times_s([shot.realised for shot in taken], bits)
-    for shot, weight in zip(taken, times, strict=True):
-        photos.append(cells.mean(shot.light) / weight)
-        sigmas.append(cells.error_of_mean(shot.variance) / weight)
-    return np.array(photos), np.array(sigmas)
+    weights = times_s([shot.realised for shot in taken], bits)[:, None, None]
+    if not apart or cells.blocks is not None:  # then no quad sees two
+        photos = np.array([cells.mean(shot.light) for shot in taken])
+        return photos / weights, np.array(
+            [cells.error_of_mean(shot.variance) for shot in taken]
+        ) / weights
+    seen = np.flatnonzero(cells.seen())
+    photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
+    photos[:, seen], sigmas[:, seen] = light_of_cells(
+        taken, np.ones(cells.frame, np.bool_), cells, seen
+    )
+    return photos / weights, sigmas / weights
 
 
 def learn(
-    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, total: int, cells: CellMap
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    bits: Bools,
+    total: int,
+    cells: CellMap,
+    *,
+    apart: bool = True,
 ) -> Learned:
     """Find the strong far paths in the pilot photos, `total` codes being spent in all.
 
-    With the scouts alone among `shots`, only look whether there may be any.
+    apart : as in `stack_photos`. With the scouts alone among `shots`, only look whether there may
+    be any.
     """
     taken = sum(name in shots for name in recipe.stack)
     bits = bits[:taken]
-    photos, sigma = stack_photos(recipe, shots, bits, cells)
+    photos, sigma = stack_photos(recipe, shots, bits, cells, apart=apart)
     grid = recipe.target.grid
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
     first = slice(0, SCOUTS)

@@ -224,11 +224,18 @@ def outside_field(
 def placed(
     shares: Floats, fits: Iterable[Fit], stack: Iterable[Fit], limits: Limits = LIMITS
 ) -> Iterator[Finding]:
-    """Whether panels are where they are believed to be (`pdcd.pictures.placement`)."""
+    """Whether panels are where they are believed to be (`pdcd.pictures.placement`).
+
+    Two pages of a book send each other light from mirrored places. So a photo whose direct light
+    comes from where it should, and more of it than by the codes of a panel that lies in another
+    way, speaks of the scene.
+    """
     todo = "look at [projector.place], [mask.place] and [camera.place]"
     least, chance = limits.fingerprint
+    in_place = float(np.median(shares)) if shares.size else 0.0
+    strange = [f for f in fits if abs(f.share) > in_place]
     sure = [
-        f for f in (*fits, *stack) if min(abs(f.share) / least, abs(f.over_chance) / chance) > 1
+        f for f in (*strange, *stack) if min(abs(f.share) / least, abs(f.over_chance) / chance) > 1
     ]
     wrong = [f for f in sure if f.name != "as believed" or f.share < 0.0]
     if wrong:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.pictures.captions import strip
+from pdcd.pictures.cell_light import light_of_cells
 from pdcd.pictures.exposed import Exposed
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.transport import Slice, s_matrix
@@ -28,10 +29,6 @@ from pdcd.sensor.cells import CellMap
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-LEAST_PURE = 0.2
-"""Share of a cell's area that quads must see which see nothing else."""
-STEPS = 12
-"""After so many, a mixture of half a cell with its neighbours is parted to a thousandth."""
 LEAST_PX = 640
 """Width of the picture of a slice, at least."""
 BRIGHT_PERCENT = 99.8
@@ -86,7 +83,7 @@ def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Slic
     known = ~np.logical_or.reduce([shot.saturated for shot in taken])
     sure = cells.seen(known)[part.seen] & (gathered > 0.0).all(axis=0)
     scale = np.divide(1.0, gathered, out=np.zeros_like(gathered), where=gathered > 0.0)
-    light, error = _of_cells(taken, known, cells, part)
+    light, error = light_of_cells(taken, known, cells, part.seen)
     light *= scale[..., None]
     error *= scale[..., None]
     system = np.concatenate([shown, opened[:, None]], axis=1)
@@ -100,38 +97,6 @@ def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Slic
     sigma = np.sqrt(np.einsum("jk,kcx->cjx", solved**2, error**2))
     sigma[~sure] = np.inf
     return Sliced(entries, sigma, part.seen, part.lit, len(taken), uneven)
-
-
-def _of_cells(
-    taken: list[Exposed], known: Bools, cells: CellMap, part: Slice
-) -> tuple[Floats, Floats]:
-    """Light of the camera cells of a slice and its standard deviation, (K, C, 3) each.
-
-    Of quads that see one cell alone, where each cell has enough of them. Else all quads count, and
-    what they mix is parted again, as if cells were of one value each.
-    """
-    alone = known & cells.single
-    share = cells.mean(alone[..., None].astype(np.float64))[part.seen]
-    pure = bool(share.min() >= LEAST_PURE)
-    used = alone if pure else known
-    light = [cells.mean(shot.light, used) for shot in taken]
-    error = [cells.error_of_mean(shot.variance, used)[part.seen] for shot in taken]
-    if not pure:
-        light = [_parted(mean, cells, known) for mean in light]
-        one = np.zeros((cells.grid[0] * cells.grid[1], 1))
-        one[part.seen[part.seen.size // 2]] = 1.0
-        more = float(np.sqrt(np.sum(_parted(one, cells, known) ** 2)))
-        error = [more * sigma for sigma in error]
-    return np.stack([mean[part.seen] for mean in light]), np.stack(error)
-
-
-def _parted(means: Floats, cells: CellMap, known: Bools) -> Floats:
-    """Means over cells (N, C) of quads that mix cells -> values of cells, by Van Cittert's steps:
-    what cells of these values would look like is subtracted from what was seen."""
-    values = means.copy()
-    for _ in range(STEPS):
-        values += means - cells.mean(cells.spread(values), known)
-    return values
 
 
 def _sides(

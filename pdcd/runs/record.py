@@ -101,6 +101,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     parts_by_cell: bool = False
     """Whether the parts of a photo, which tell its error, are worked out on means of cells
     (`pdcd.pictures.parted`). False in runs from before that was done."""
+    pilot_apart: bool = False
+    """Whether light of cells in the photos of a pilot was told from that of their neighbours
+    (`pdcd.pictures.cell_light`). False in runs from before that was done."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

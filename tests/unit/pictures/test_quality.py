@@ -130,10 +130,15 @@ def test_light_beside_the_field() -> None:
 
 def test_misplaced_panels_are_named() -> None:
     good = np.full(1000, 0.9)
-    chance = Fit("mirrored left to right", 0.9, 3.0)
+    chance = Fit("mirrored left to right", 0.95, 3.0)
     weak = Fit("mirrored left to right", 0.1, 30.0)
+    of_a_book = Fit("mirrored left to right", 0.35, 30.0)
+    assert grades(quality.placed(good, [of_a_book], [])) == []
+    assert grades(quality.placed(good[:0], [of_a_book], [])) == [BAD]
+    assert grades(quality.placed(0.3 * good, [of_a_book], [])) == [BAD]
     assert grades(quality.placed(good, [chance, weak], [Fit("as believed", 0.9, 90.0)])) == []
-    (found,) = quality.placed(good, [Fit("turned by 180 degrees", -0.9, -40.0)], [])
+    elsewhere = 0.02 * good
+    (found,) = quality.placed(elsewhere, [Fit("turned by 180 degrees", -0.9, -40.0)], [])
     assert found.grade == BAD and "turned by 180 degrees and inverted: 90 %" in found.text
     (found,) = quality.placed(good, [], [Fit("as believed", -0.9, -90.0)])
     assert found.grade == BAD and "a panel is inverted" in found.text

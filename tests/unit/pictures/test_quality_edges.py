@@ -155,14 +155,23 @@ def test_light_outside_the_field_goes_by_medians() -> None:
 
 
 def test_a_fingerprint_needs_more_than_its_share_and_more_than_chance() -> None:
-    good = np.full(100, 0.9)
+    untold = np.zeros(0)
     for share, chance, sure in (
         (0.3, 60.0, False), (0.9, 6.0, False), (0.301, 6.01, True), (-0.301, -6.01, True),
         (0.29, 60.0, False), (0.9, 5.9, False),
     ):  # fmt: skip
-        found = grades(quality.placed(good, [Fit("mirrored", share, chance)], []))
+        found = grades(quality.placed(untold, [Fit("mirrored", share, chance)], []))
         assert found == [BAD] * sure
-        assert grades(quality.placed(good, [], [Fit("mirrored", share, chance)])) == found
+        assert grades(quality.placed(untold, [], [Fit("mirrored", share, chance)])) == found
+
+
+def test_a_photo_with_more_direct_light_in_place_speaks_of_the_scene() -> None:
+    for middle, grade in ((0.34, [BAD]), (0.35, []), (0.9, [])):
+        shares = np.array([0.0, middle, 1.0])
+        for share in (0.35, -0.35):
+            fit = Fit("mirrored", share, 9.0 * np.sign(share))
+            assert grades(quality.placed(shares, [fit], [])) == grade
+            assert grades(quality.placed(shares, [], [fit])) == [BAD]
 
 
 def test_the_surest_of_wrong_places_is_named() -> None:

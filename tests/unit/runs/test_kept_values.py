@@ -83,7 +83,8 @@ def test_what_a_run_says_of_itself_unless_it_is_told_otherwise() -> None:
         record.RunRecord.__struct_defaults__, strict=True,
     )) | fields  # fmt: skip
     assert defaults["blur_quads"] == 0.0
-    assert (defaults["scouted"], defaults["unmixed"], defaults["parts_by_cell"]) == (False,) * 3
+    later = ("scouted", "unmixed", "parts_by_cell", "pilot_apart")
+    assert [defaults[name] for name in later] == [False] * 4
 
 
 def test_files_that_are_made_later_have_these_names_only() -> None:
