@@ -14,7 +14,6 @@ from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smalles
 from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.errors import ConfigError
 from pdcd.frames.windows import ATOMS, GUARDS, whole_pixels, windows
-from pdcd.maps.placing import Placing
 from pdcd.maps.scale import fewest_pixels
 from pdcd.planning.guards import (
     WHOLE_CELL_LIMIT,
@@ -70,9 +69,8 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
     misregistration, blur = shares_of_cell(config, cell_px)
     panels = panels_of(config)
     if asked == "auto":
-        if _placed(config):
-            apart_px = drawn_apart_px(panels.projector, panels.mask, grid, config.projector.size_px)
-            misregistration = max(misregistration, apart_px / cell_px)
+        apart_px = drawn_apart_px(panels.projector, panels.mask, grid, config.projector.size_px)
+        misregistration = max(misregistration, apart_px / cell_px)
     elif not whole_pixels(asked, panels.mask, grid):
         raise ConfigError(
             f"the edges of {asked} windows do not lie on those of the mask's pixels in {grid[0]} x "
@@ -82,12 +80,6 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
             f"{ATOMS // math.gcd(GUARDS[asked], ATOMS)} of its pixels",
         )
     return choose_window(asked, misregistration, blur)
-
-
-def _placed(config: Config) -> bool:
-    """Whether a panel was said to lie otherwise than upright over the whole field. All others are
-    taken by what is typed of their misregistration, which whoever aligned them by hand knows."""
-    return any(panel.place != Placing() for panel in (config.projector, config.mask))
 
 
 def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
@@ -164,7 +156,7 @@ def reasons_for(
             told.append(
                 f"--window {larger} has {gain:.3g} times the light, and fits how the panels meet"
             )
-    if window == "whole" and _placed(config):
+    if window == "whole":
         panels = panels_of(config)
         apart = drawn_apart_share(panels.projector, panels.mask, grid)
         if apart > WHOLE_CELL_LIMIT:

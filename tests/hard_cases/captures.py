@@ -114,7 +114,7 @@ def odd_grid(grid: tuple[int, int]) -> Outcome:
     }
     errors = []
     for goal, truth in want.items():
-        got = Captured(transport, grid, _ideal(), goal=goal, codes=128)
+        got = Captured(transport, grid, _ideal(), goal=goal, codes=128, window="whole")
         errors.append(float(np.abs(got.image - truth).max() / got.half_dn))
     return Outcome(max(errors))
 

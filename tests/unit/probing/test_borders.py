@@ -53,6 +53,8 @@ def test_panels_whose_pixels_meet_take_whole_cells(rig: Config) -> None:
 @pytest.mark.parametrize(
     "rig",
     [
+        config((512, 384), (500, 375)),  # which nobody placed
+        config((512, 384), (801, 600)),
         config((512, 384), (800, 600), turn_deg=2.0, scale=1.05),
         config((512, 384), (500, 375), turn_deg=180.0),
         config((512, 384), (801, 600), flip="vertical"),
@@ -80,10 +82,3 @@ def test_all_others_take_quarter_windows_which_bear_what_is_drawn(rig: Config) -
     assert apart_share(rig) == pytest.approx(differ.mean(), rel=0.1)
     within = np.abs(opened % 1.0 - 0.5).max(axis=1) <= 0.5 - found.guard  # the window of its cell
     assert not (differ & within).any()
-
-
-@pytest.mark.parametrize("mask", [(500, 375), (801, 600)])
-def test_panels_that_nobody_placed_go_by_what_is_typed(mask: tuple[int, int]) -> None:
-    rig = config((512, 384), mask)
-    assert apart_px(rig) > 0.0
-    assert window_for("auto", rig, GRID) == "whole"
