@@ -12,7 +12,7 @@ from pdcd.probing.realised import Factors
 from pdcd.sensor.cells import CellMap
 
 GRID = (6, 8)
-NOTHING = Factors(*np.zeros((2, 1, 48)), np.zeros(48), np.zeros(48), 0.0)
+NOTHING = Factors(np.zeros((1, 48)), np.zeros((1, 48)), np.zeros(48), np.zeros(48))
 
 
 def cells_of(frame: tuple[int, int], turn_deg: float = 0.0, scale: float = 1.0) -> CellMap:

@@ -265,7 +265,9 @@ def test_a_picture_that_ends_for_the_next_job_of_its_owner_is_done_and_black_fir
     play(scene)
 
 
-def test_a_job_that_comes_in_the_turn_in_which_another_ends_is_run_once() -> None:
+def test_a_job_that_comes_in_the_turn_in_which_another_ends_is_run_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """It is the one to run before it has been announced."""
 
     async def scene(desk: Desk) -> None:
@@ -278,7 +280,7 @@ def test_a_job_that_comes_in_the_turn_in_which_another_ends_is_run_once() -> Non
                 late.append(desk.start(queue=True))
             return result
 
-        desk.worker.call = and_one_more  # type: ignore[method-assign]
+        monkeypatch.setattr(desk.worker, "call", and_one_more)
         first = desk.start()
         await desk.runner.wait(first.name)
         assert (await desk.runner.wait(late[0].name)).state == "done"
