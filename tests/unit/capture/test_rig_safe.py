@@ -6,7 +6,8 @@ import logging
 from collections.abc import Callable, Iterator
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -242,3 +243,24 @@ def test_a_spoilt_exposure_goes_black_and_shut_before_its_file_is_fetched(
         expose(rig, tmp_path)
     assert watched.names == ["black", "arm", "open", "play", "black", "close", "fetch"]
     assert watched.of("close")[1] and watched.fetched[0][2] == 12.5
+
+
+@pytest.mark.parametrize("open_ns", [None, 0, 5])
+def test_of_a_moving_exposure_that_was_given_up_a_file_is_fetched_if_there_is_one(
+    open_ns: int | None, tmp_path: Path
+) -> None:
+    """One that was never open has none; left in the camera, it would pass for the next one."""
+    spoilt: list[tuple[object, ...]] = []
+
+    def play(*_: object) -> None:
+        raise SyncError("refreshes were missed")
+
+    rig = SimpleNamespace(
+        display=SimpleNamespace(play=play),
+        _context=SimpleNamespace(shared=SimpleNamespace()),
+        _take_spoilt=lambda *given: spoilt.append(given),
+    )
+    mover = SimpleNamespace(open_ns=open_ns, over=None, failure=None, shot="bar", notify=print)
+    with pytest.raises(SyncError):
+        Rig._moved(cast(Any, rig), cast(Any, mover), cast(Any, None), tmp_path)
+    assert spoilt == ([] if open_ns is None else [(open_ns, tmp_path, "bar", print)])
