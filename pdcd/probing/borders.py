@@ -9,6 +9,8 @@ What comes straight back from there is direct light with the weight of a path be
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +32,8 @@ PLASTIC = 0.7548776662466927
 """The same of places all over the field: steps along x, its square along y (Roberts' R2)."""
 PLACES = 2**14
 """Places all over the field."""
+PIECE = 2**11
+"""Places that are looked at together."""
 
 
 def drawn_apart_px(
@@ -46,15 +50,14 @@ def drawn_apart_px(
     for axis in (0, 1):  # borders across x, then across y
         points, off_px = _beside(axis, grid, size)
         reach_px = float(np.hypot(*np.max([_half_px(v.map, size) for v in (projector, mask)], 0)))
-        places = points.copy()
-        places[:, axis] += off_px * 2.0 * reach_px / size[axis]
-        first, second = (_cells(view.map, places, grid) for view in (projector, mask))
-        shown = (first >= 0) & (second >= 0)
-        # Across this border alone: near a corner they may differ across the other one, too.
-        one, other = (c % grid[1] if axis == 0 else c // grid[1] for c in (first, second))
-        apart = shown & (one != other)
-        if apart.any():
-            worst = max(worst, float(np.abs(off_px[apart]).max()) * 2.0 * reach_px)
+        points[:, axis] += off_px * 2.0 * reach_px / size[axis]
+        for part in _pieces(len(points)):
+            first, second = (_cells(view.map, points[part], grid) for view in (projector, mask))
+            shown = (first >= 0) & (second >= 0)
+            # Across this border alone: near a corner they may differ across the other one, too.
+            one, other = (c % grid[1] if axis == 0 else c // grid[1] for c in (first, second))
+            away = np.abs(off_px[part][shown & (one != other)])
+            worst = max(worst, float(away.max(initial=0.0)) * 2.0 * reach_px)
     return worst
 
 
@@ -64,9 +67,18 @@ def drawn_apart_share(projector: PanelView, mask: PanelView, grid: Grid) -> floa
 
     projector, mask : as they are believed to lie. grid : rows and columns of cells.
     """
-    points = np.outer(np.arange(PLACES), (PLASTIC, PLASTIC**2)) % 1.0
-    first, second = (_cells(view.map, points, grid) for view in (projector, mask))
-    return float(np.mean((first >= 0) & (second >= 0) & (first != second)))
+    apart = 0
+    for part in _pieces(PLACES):
+        points = np.outer(np.arange(part.start, part.stop), (PLASTIC, PLASTIC**2)) % 1.0
+        first, second = (_cells(view.map, points, grid) for view in (projector, mask))
+        apart += int(np.count_nonzero((first >= 0) & (second >= 0) & (first != second)))
+    return apart / PLACES
+
+
+def _pieces(count: int) -> Iterator[slice]:
+    """So many places, a few at a time: a plan of a small grid takes no more memory than this."""
+    for start in range(0, count, PIECE):
+        yield slice(start, min(start + PIECE, count))
 
 
 def _beside(axis: int, grid: Grid, size: Floats) -> tuple[Floats, Floats]:
