@@ -245,6 +245,23 @@ def test_a_spoilt_exposure_goes_black_and_shut_before_its_file_is_fetched(
     assert watched.of("close")[1] and watched.fetched[0][2] == 12.5
 
 
+@pytest.mark.parametrize("last", [0, 1])
+def test_the_shutter_waits_for_the_panel_that_ends_last(
+    last: int, rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    play = rig.display.play
+
+    def ends_apart(*given: Any) -> Any:
+        log = play(*given)
+        log.end_ns[last] += 40_000_000
+        return log
+
+    monkeypatch.setattr(rig.display, "play", ends_apart)
+    done = expose(rig, tmp_path)
+    assert done.log.end_ns[last] > done.log.end_ns[1 - last] + 20_000_000
+    assert done.close_ns >= int(done.log.end_ns[last]) + round(SETTLE_S * 1e9)
+
+
 @pytest.mark.parametrize("open_ns", [None, 0, 5])
 def test_of_a_moving_exposure_that_was_given_up_a_file_is_fetched_if_there_is_one(
     open_ns: int | None, tmp_path: Path
