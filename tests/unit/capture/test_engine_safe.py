@@ -104,14 +104,16 @@ def test_a_calibration_that_cannot_have_its_card_leaves_the_rig_connected(
     def refuse(rig: Rig) -> None:
         if rig is not engine._rig:
             raise DeviceLost("no bench with a card", device="camera")
+        connects.append(len(disconnects))
         connect(rig)
 
     monkeypatch.setattr(Rig, "connect", refuse)
+    connects: list[int] = []
     disconnects: list[Any] = []
     monkeypatch.setattr(engine._rig, "disconnect", lambda: disconnects.append(1))
     with pytest.raises(DeviceLost):
         engine._with_card()
-    assert disconnects == [1] and engine._rig.camera_info is not None
+    assert disconnects == connects == [1] and engine._rig.camera_info is not None
 
 
 def test_a_scene_that_is_a_card_already_is_calibrated_as_it_stands(tmp_path: Path) -> None:
