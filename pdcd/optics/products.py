@@ -8,6 +8,7 @@ Only such pairs are computed, tile by tile, as products of small matrices.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,6 +119,7 @@ class Products:
         cells = _blocks(indirect, self._d_sites, None) if self._effects else {}
         kept = self._kept_tracks()
         for p_band in range(self._p_sites.delay_ns.size):
+            tracks: Sequence[tuple[Times, Trajectory | Kept]] = kept or self._mask_tracks()
             masks = [
                 _Mask(
                     self._d_sites.in_band(band),
@@ -126,7 +128,7 @@ class Products:
                     pairs.get((p_band, band), []),
                     cells.get((0, band), []),
                 )
-                for band, (starts, track) in enumerate(kept or self._mask_tracks())
+                for band, (starts, track) in enumerate(tracks)
             ]
             self._add_band(out, p_band, masks)
         if self._exposure.covered:
@@ -195,20 +197,18 @@ class Products:
     def _exposed_ns(self) -> int:
         return self._exposure.close_ns - self._exposure.open_ns
 
-    def _mask_tracks(self) -> list[tuple[Times, Trajectory | Kept]]:
+    def _mask_tracks(self) -> list[tuple[Times, Trajectory]]:
         """Starts and levels of the spans of each band of the mask."""
         return [self._track(band, mask=True)[1:] for band in range(self._d_sites.delay_ns.size)]
 
-    def _kept_tracks(self) -> list[tuple[Times, Trajectory | Kept]] | None:
+    def _kept_tracks(self) -> list[tuple[Times, Kept]] | None:
         """The same, to be taken for one band of the projector after the other; None where that
         would take too much memory."""
         spans = self._exposure.log.dual_ns.size + 2
         needed = 8 * spans * self._dual.rates.size * len(self._d_sites)
         if self._p_sites.delay_ns.size == 1 or needed > KEPT_BYTES:
             return None
-        bands = range(self._d_sites.delay_ns.size)
-        tracks = (self._track(band, mask=True)[1:] for band in bands)
-        return [(starts, Kept(track)) for starts, track in tracks]
+        return [(starts, Kept(track)) for starts, track in self._mask_tracks()]
 
     def _track(self, band: int, *, mask: bool) -> tuple[list[int], Times, Trajectory]:
         """Rows, starts and levels of the spans of one band of a panel."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pdcd.optics.raster import Raster
 from pdcd.optics.setting import Setting
 from pdcd.optics.sites import PanelSites
+from pdcd.probing.borders import PLASTIC
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -29,7 +30,7 @@ one side of it on both panels, whatever is rounded; far less than what any detai
 CHUNK_SAMPLES = 1 << 16
 """Samples that are looked at together: few enough that their numbers stay in the processor's cache.
 """
-SCATTER = 0.5698402909980532, 0.7548776662466927
+SCATTER = PLASTIC**2, PLASTIC
 """Steps that fill a plane evenly: powers, below 1, of the root of x^3 = x + 1."""
 NOWHERE = -1
 """No site, or no cell: beside the panel, or beside the field."""
