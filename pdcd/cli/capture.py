@@ -144,13 +144,13 @@ def daemon_socket(args: argparse.Namespace) -> Path:
     return given if given is not None else socket_path(load(args.config))
 
 
-def daemon_if_any(args: argparse.Namespace) -> Client | None:
+def daemon_if_any(args: argparse.Namespace, *, needed: bool = False) -> Client | None:
     """A connection to the daemon, None where none answers. Raises Unreachable where its socket was
-    named."""
+    named, or nothing else will do."""
     try:
         return Client(daemon_socket(args))
     except Unreachable:
-        if args.socket is not None:
+        if needed or args.socket is not None:
             raise
     return None
 

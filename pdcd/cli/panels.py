@@ -13,7 +13,7 @@ import msgspec
 from pdcd.api.progress import tell
 from pdcd.api.signals import signals_to
 from pdcd.bench.config import load
-from pdcd.cli.capture import daemon_socket
+from pdcd.cli.capture import daemon_if_any
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_json, say_table
 from pdcd.client import Client, Unreachable
@@ -41,11 +41,8 @@ def show(args: argparse.Namespace) -> int:
     are its own, else in this process."""
     if args.seconds is not None and not 0.0 <= args.seconds <= MOST_S:
         raise ConfigError(f"--seconds {args.seconds:g} is not between 0 and {MOST_S:g}")
-    try:
-        client = Client(daemon_socket(args))
-    except Unreachable:
-        if args.socket is not None or args.detach:
-            raise
+    client = daemon_if_any(args, needed=args.detach)
+    if client is None:
         return _show_here(args)
     with client:
         return _show_there(args, client)

@@ -15,6 +15,7 @@ import pytest
 
 from pdcd.bench.findings import Finding
 from pdcd.bench.tables import Config
+from pdcd.cli import capture as capture_cli
 from pdcd.cli import doctor as doctor_cli
 from pdcd.cli import panels as panels_cli
 from pdcd.cli import virtual as virtual_cli
@@ -166,7 +167,7 @@ class Shown(msgspec.Struct):
 @pytest.fixture
 def shower(monkeypatch: pytest.MonkeyPatch) -> Shower:
     made = Shower(Path())
-    monkeypatch.setattr(panels_cli, "Client", lambda path: made)
+    monkeypatch.setattr(capture_cli, "Client", lambda path: made)
     return made
 
 
@@ -261,7 +262,7 @@ def test_a_daemon_that_must_be_there_and_is_not_is_no_reason_to_show_it_here(
     def nobody(path: Path) -> Any:
         raise Unreachable("nobody")
 
-    monkeypatch.setattr(panels_cli, "Client", nobody)
+    monkeypatch.setattr(capture_cli, "Client", nobody)
     monkeypatch.setattr(panels_cli, "_show_here", lambda args: 77)
     assert main(["show", "grid", *words]) == 3
     assert main(["show", "grid"]) == 77

@@ -1,9 +1,8 @@
-"""Lists of runs and jobs, what is said of one, which runs go; and sensors' tables."""
+"""Lists of runs and jobs, what is said of one, which runs go."""
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,14 +15,12 @@ import pytest
 from pdcd.cli import capture as capture_cli
 from pdcd.cli import runs as runs_cli
 from pdcd.cli import runs_prune as prune_cli
-from pdcd.cli import snr as snr_cli
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DecodeError, RequestError
 from pdcd.request import Quality
 from pdcd.runs.entry import Page, RunEntry, RunQuery
 from pdcd.runs.prune import Unwanted
-from pdcd.sensor.appendix import PrintedRow
 from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, no_configuration, stub_daemon
 
 
@@ -403,55 +400,3 @@ def test_up_to_a_thousand_runs_are_listed(
     assert [what for what in daemon.asked if isinstance(what, tuple)] == (
         [("runs", newest)] * (fits and newest > 0)
     )
-
-
-# --- sensors --------------------------------------------------------------------------------------
-
-
-def test_the_appendix_is_printed_with_two_digits_more_than_the_paper_has(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rows = (PrintedRow("gain", "3.9", 3.8764), PrintedRow("codes", "64", 64.4, 3.6),
-            PrintedRow("loss", "1.25", 1.251234, 1.5, note="so it is"))  # fmt: skip
-    monkeypatch.setattr(snr_cli, "appendix_rows", lambda: rows)
-    assert main(["snr"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[:7] == [
-        "appendix of the paper (profile mark2)",
-        "quantity  printed  ours    dark shot noise",
-        "gain      3.9      3.876",
-        "codes     64       64      4",
-        "loss      1.25     1.2512  1.5000",
-        "loss: so it is",
-        "",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("read_noise_e", "kept", "words"),
-    [(0.0, None, "never"), (math.inf, None, "at any read noise"), (2.3456, 2.3456,
-     "below 2.35 e-")],
-)  # fmt: skip
-def test_where_a_mask_stops_paying_is_said_for_every_light_mask_goal_and_convention(
-    monkeypatch: pytest.MonkeyPatch, read_noise_e: float, kept: float | None, words: str
-) -> None:
-    asked: list[Any] = []
-
-    def answer(of: Any, goal: str, thermal: str, mask: float) -> float:
-        asked.append((of, goal, thermal, mask))
-        return read_noise_e
-
-    monkeypatch.setattr("pdcd.sensor.snr.break_even_read_noise_e", answer)
-    pixel: Any = SimpleNamespace(dimmed=lambda: "dim")
-    found = snr_cli.break_even_rows(pixel, 0.8)
-    lights = [(row.light, row.transmission, row.goal, row.thermal) for row in found]
-    assert lights == [
-        (light, mask, goal, thermal) for light in (1.0, 0.1) for mask in (1.0, 0.8, 0.5)
-        for goal in ("masked", "signed") for thermal in ("paper", "shot")
-    ]  # fmt: skip
-    assert asked == [
-        (pixel if light == 1.0 else "dim", goal, thermal, mask)
-        for light, mask, goal, thermal in lights
-    ]
-    assert {(row.read_noise_e, row.verdict) for row in found} == {(kept, words)}
-    assert len(snr_cli.break_even_rows(pixel, 0.5)) == 2 * 2 * 4

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import math
 import re
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from pdcd.cli import snr as snr_cli
 from pdcd.cli.main import main
-from pdcd.sensor.appendix import appendix_rows
+from pdcd.sensor.appendix import PrintedRow, appendix_rows
 
 
 def test_command_prints_all_three_tables(capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,3 +78,52 @@ def test_wrong_options_exit_2(line: str, message: str, capsys: pytest.CaptureFix
     out, err = capsys.readouterr()
     assert message in err
     assert json.loads(out)["error"]["kind"] == "config"
+
+
+def test_the_appendix_is_printed_with_two_digits_more_than_the_paper_has(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = (PrintedRow("gain", "3.9", 3.8764), PrintedRow("codes", "64", 64.4, 3.6),
+            PrintedRow("loss", "1.25", 1.251234, 1.5, note="so it is"))  # fmt: skip
+    monkeypatch.setattr(snr_cli, "appendix_rows", lambda: rows)
+    assert main(["snr"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:7] == [
+        "appendix of the paper (profile mark2)",
+        "quantity  printed  ours    dark shot noise",
+        "gain      3.9      3.876",
+        "codes     64       64      4",
+        "loss      1.25     1.2512  1.5000",
+        "loss: so it is",
+        "",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("read_noise_e", "kept", "words"),
+    [(0.0, None, "never"), (math.inf, None, "at any read noise"), (2.3456, 2.3456,
+     "below 2.35 e-")],
+)  # fmt: skip
+def test_where_a_mask_stops_paying_is_said_for_every_light_mask_goal_and_convention(
+    monkeypatch: pytest.MonkeyPatch, read_noise_e: float, kept: float | None, words: str
+) -> None:
+    asked: list[Any] = []
+
+    def answer(of: Any, goal: str, thermal: str, mask: float) -> float:
+        asked.append((of, goal, thermal, mask))
+        return read_noise_e
+
+    monkeypatch.setattr("pdcd.sensor.snr.break_even_read_noise_e", answer)
+    pixel: Any = SimpleNamespace(dimmed=lambda: "dim")
+    found = snr_cli.break_even_rows(pixel, 0.8)
+    lights = [(row.light, row.transmission, row.goal, row.thermal) for row in found]
+    assert lights == [
+        (light, mask, goal, thermal) for light in (1.0, 0.1) for mask in (1.0, 0.8, 0.5)
+        for goal in ("masked", "signed") for thermal in ("paper", "shot")
+    ]  # fmt: skip
+    assert asked == [
+        (pixel if light == 1.0 else "dim", goal, thermal, mask)
+        for light, mask, goal, thermal in lights
+    ]
+    assert {(row.read_noise_e, row.verdict) for row in found} == {(kept, words)}
+    assert len(snr_cli.break_even_rows(pixel, 0.5)) == 2 * 2 * 4
