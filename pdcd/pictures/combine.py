@@ -118,7 +118,7 @@ def scaled_photos(
         taken = [(sign, shots[name]) for sign, name in photo.shots]
         more = None if added is None else added.get(photo.name)
         scaled[photo.name] = _scaled(taken, weights, more, outside)
-        if unmix and white and photo.wanted.uniform == (0.0, 1.0):
+        if unmix and _unmixes(photo, white):
             share = direct_share(realised, weights, cells)
             if share is not None:
                 direct[photo.name] = share
@@ -138,12 +138,17 @@ def share_taken_out(
 ) -> Floats | None:
     """The share of the direct light that `scaled_photos` takes out of a photo, (h, w); None where
     it takes out none."""
-    if photo.wanted.uniform != (0.0, 1.0) or not _white_of(recipe):
+    if not _unmixes(photo, _white_of(recipe)):
         return None
     realised = realised_photo(photo.shots, shots)
     by_row = divided_by_row(photo, shots, normalise)
     weights = quad_weights_s(photo, realised, shots, cells, by_row=by_row)
     return direct_share(realised, weights, cells)
+
+
+def _unmixes(photo: Photo, white: list[str]) -> bool:
+    """Whether direct light is taken out of a photo: of indirect light, beside one of all light."""
+    return bool(white) and photo.wanted.uniform == (0.0, 1.0)
 
 
 def _white_of(recipe: Recipe) -> list[str]:

@@ -69,14 +69,11 @@ def stack_photos(
     weights = times_s([shot.realised for shot in taken], bits)[:, None, None]
     if not apart or cells.blocks is not None:  # then no quad sees two
         photos = np.array([cells.mean(shot.light) for shot in taken])
-        return photos / weights, np.array(
-            [cells.error_of_mean(shot.variance) for shot in taken]
-        ) / weights
-    seen = np.flatnonzero(cells.seen())
-    photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
-    photos[:, seen], sigmas[:, seen] = light_of_cells(
-        taken, np.ones(cells.frame, np.bool_), cells, seen
-    )
+        sigmas = np.array([cells.error_of_mean(shot.variance) for shot in taken])
+    else:
+        seen, all_known = np.flatnonzero(cells.seen()), np.ones(cells.frame, np.bool_)
+        photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
+        photos[:, seen], sigmas[:, seen] = light_of_cells(taken, all_known, cells, seen)
     return photos / weights, sigmas / weights
 
 
