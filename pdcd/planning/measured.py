@@ -4,12 +4,13 @@ and why, in a line each."""
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import msgspec
 import numpy as np
 
-from pdcd.bench.placed import panels_of
-from pdcd.bench.tables import Config
+from pdcd.bench.placed import panels_from, panels_of
+from pdcd.bench.tables import Config, PanelConfig
 from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
 from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.errors import ConfigError
@@ -69,7 +70,7 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
     misregistration, blur = shares_of_cell(config, cell_px)
     panels = panels_of(config)
     if asked == "auto":
-        apart_px = drawn_apart_px(panels.projector, panels.mask, grid, config.projector.size_px)
+        apart_px = _apart_px(config.projector, config.mask, grid)
         misregistration = max(misregistration, apart_px / cell_px)
     elif not whole_pixels(asked, panels.mask, grid):
         raise ConfigError(
@@ -80,6 +81,13 @@ def window_for(asked: str, config: Config, grid: tuple[int, int]) -> str:
             f"{ATOMS // math.gcd(GUARDS[asked], ATOMS)} of its pixels",
         )
     return choose_window(asked, misregistration, blur)
+
+
+@lru_cache(maxsize=8)
+def _apart_px(projector: PanelConfig, mask: PanelConfig, grid: tuple[int, int]) -> float:
+    """`drawn_apart_px` of the panels of a bench; a search for a plan asks for it at every step."""
+    panels = panels_from(projector, mask)
+    return drawn_apart_px(panels.projector, panels.mask, grid, projector.size_px)
 
 
 def larger_window(config: Config, grid: tuple[int, int]) -> str | None:
