@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.pictures import quality
 from pdcd.pictures.answer_error import error_of, negative_light
+from pdcd.pictures.blocked_left import blocked_weight
 from pdcd.pictures.combine import divided_by_row, realised_photo, share_taken_out
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.exposed import Exposed
@@ -24,7 +25,7 @@ from pdcd.pictures.quality import Finding
 from pdcd.probing.deviation import Deviation, weight_s
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.recipes.pairs import FLOODLIT
-from pdcd.recipes.recipe import Extremes, Photo, Shot
+from pdcd.recipes.recipe import Combination, Extremes, Photo, Shot
 from pdcd.request import Quality
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.cells import CellMap
@@ -137,6 +138,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
             quality.direct_weights(_direct_weights(record, photos, decoded)),
             _direct_left(record, photos, decoded, deviations, thin),
+            _blocked_left(photos, decoded, thin),
             # Entries of T have no parts that could measure anything.
             quality.sigma_of("" if decoded.transport is not None else answer.kind),
             _pair_sum(decoded, thin),
@@ -241,6 +243,30 @@ def _direct_left(
     if found and record.unmixed and drawn == 0.0 and _taken_out(record, photo, decoded):
         found = list(quality.direct_left(weight, there, left, taken_out=True))
     yield from found
+
+
+def _blocked_left(photos: list[Photo], decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
+    """What is left of light that was to be blocked by its depth, or by its row."""
+    white, rule = decoded.pictures.get("white"), decoded.recipe.answer
+    if white is None or isinstance(rule, Extremes) or "white" in dict(_turned(rule)):
+        return
+    shots, shares = {**decoded.shots, **decoded.sums}, dict(_turned(rule))
+    weight = 0.0
+    for photo in photos:
+        realised = realised_photo(photo.shots, shots)
+        whole_s = weight_s(realised, photo.wanted)
+        weight += shares[photo.name] * blocked_weight(realised, photo.wanted, whole_s)
+    weight = abs(weight)
+    there, left = (thin.inside(thin.pick(p.image)) for p in (white, decoded.answer))
+    # What is left of it in this picture is missing in the difference.
+    whole = (there - left) / max(1.0 - weight, LEAST_SHOWN)
+    light = "light that was to be blocked"
+    yield from quality.direct_left(weight, whole, left, taken_out=False, light=light)
+
+
+def _turned(rule: Combination) -> Iterator[tuple[str, float]]:
+    """Photos of a sum, each with its share."""
+    return ((name, share) for share, name in rule)
 
 
 def _taken_out(record: RunRecord, photo: Photo, decoded: Decoded) -> bool:

@@ -334,11 +334,18 @@ def direct_weights(found: dict[str, float], limits: Limits = LIMITS) -> Iterator
 
 
 def direct_left(
-    weight: float, direct: Floats, answer: Floats, *, taken_out: bool, limits: Limits = LIMITS
+    weight: float,
+    direct: Floats,
+    answer: Floats,
+    *,
+    taken_out: bool,
+    light: str = "direct light",
+    limits: Limits = LIMITS,
 ) -> Iterator[Finding]:
     """An answer without direct light: how much of it is some all the same.
 
     weight : of direct light in the photo, on average. direct, answer : (n, 3) both pictures.
+    light : what it is called, where it is that of some depths or rows.
     taken_out : it was, by what is known of the panels (`pdcd.pictures.unmixed`); then `UNSURE` of
     it counts.
     """
@@ -359,8 +366,8 @@ def direct_left(
         )
     else:
         text = (
-            f"{percent(share)} of the picture is direct light (limit {limit}), which has a weight "
-            f"of {percent(weight)} in it"
+            f"{percent(share)} of the picture is {light} (limit {limit}), which has a weight of "
+            f"{percent(weight)} in it"
         )
     yield Finding(grade, f"{text}; {advice}")
 

@@ -14,7 +14,7 @@ from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, SceneConfig,
 from pdcd.capture.engine import Engine
 from pdcd.maps.placing import Placing
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest
+from pdcd.request import CaptureRequest, Quality
 from pdcd.runs.folder import read_manifest
 from pdcd.scene.effects import Array
 from pdcd.scene.scene import Scene
@@ -182,6 +182,21 @@ def test_fig11_holds_where_no_two_devices_share_a_grid(tmp_path: Path) -> None:
     truth = (direct + indirect)[wall]
     assert np.sqrt(np.mean((image[wall] - truth) ** 2) / np.mean(truth**2)) < 0.03
     assert decode_folder(folder).identical
+
+
+def test_light_that_slow_panels_do_not_block_is_told(tmp_path: Path) -> None:
+    """Each shot of rows is followed by its inverse: a panel that is slow shows both at once."""
+    slow = PanelConfig(size_px=(1024, 768), rise_s=0.006, fall_s=0.008)
+    engine = engine_of(tmp_path, "off-axis-box", {}, projector=slow, mask=slow)
+    request = CaptureRequest(goal="epipolar", keep="out", codes=32)
+    result = bench_rig.capture(engine, request, "job")
+    error = result.summary["rms_error"]
+    assert isinstance(error, float) and error > 1.0
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality) and quality.verdict == "bad"
+    said = next(reason for reason in quality.reasons if "was to be blocked" in reason)
+    # Of the picture, leak included: as much as the error says.
+    assert float(said.split(" %")[0]) == pytest.approx(100.0 * error / (1.0 + error), abs=15.0)
 
 
 def inner(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
