@@ -124,8 +124,11 @@ class Gathering:
         noise = self._averaging.over_white(photo.variance[..., self._channel], power=2)
         self._noise += noise / self._stripes.steps
 
-    def series(self) -> Series:
+    def series(self, *, placed: bool = False) -> Series:
         """What all S photos say.
+
+        placed : a longer period has already told where the mask's stripes are. Then the camera need
+            not tell these apart; they are averaged anyway.
 
         Raises CalibrationError for photos without light or modulation, a mirrored mask, a bench
         that moved or whose light changed, and where less than 60 % of the field could be measured.
@@ -143,9 +146,10 @@ class Gathering:
         sigma = np.sqrt(variance / (2.0 * steps)) * averaging.noise
         found = Series(stripes, places, share, share @ turns, sigma)
         series_faults.refuse_flat(share, found.first, sigma)
-        turning = np.tensordot(turns, np.stack(stack), 1)
-        carrier = _carrier(stripes, self._camera, self._projector, averaging)
-        series_faults.refuse_mirrored(turning, carrier, found.first, averaging, places)
+        if not placed:
+            turning = np.tensordot(turns, np.stack(stack), 1)
+            carrier = _carrier(stripes, self._camera, self._projector, averaging)
+            series_faults.refuse_mirrored(turning, carrier, found.first, averaging, places)
         series_faults.refuse_changed(share, found.first, sigma)
         return found
 
@@ -158,12 +162,13 @@ def measure(
     projector: Map,
     *,
     channel: int = GREEN,
+    placed: bool = False,
 ) -> Series:
     """What the S photos of a series say; one at a time is held. See `Gathering`."""
     gathering = Gathering(stripes, white, camera, projector, channel=channel)
     for photo in photos:
         gathering.add(photo)
-    return gathering.series()
+    return gathering.series(placed=placed)
 
 
 def offsets(

@@ -66,7 +66,7 @@ def registration(session: Session) -> Script:
     coarse = yield from _both(session, RULER, white, camera, projector, mask, lit)
     before = offsets(*coarse, camera, mask)
     near = corrected(mask, projector, fitted(before, mask))
-    fine = yield from _both(session, FINE, white, camera, projector, near, lit)
+    fine = yield from _both(session, FINE, white, camera, projector, near, lit, placed=True)
     after = offsets(*fine, camera, near, np.zeros_like)
     correction = fitted(after, near)
     found = corrected(near, projector, correction)
@@ -113,15 +113,17 @@ def _both(
     projector: Map,
     mask: Map,
     lit: int,
+    *,
+    placed: bool = False,
 ) -> Generator[Wanted | Ask, Taken | None, tuple[Series, Series]]:
-    """Series of upright and of lying stripes."""
+    """Series of upright and of lying stripes. placed : see `Gathering.series`."""
     found = []
     for stripes in pair:
         gathering = Gathering(stripes, white, camera, projector)
         for shown in patterns(stripes, projector, mask, lit):
             taken = yield from take(Wanted(session.in_step(shown)))
             gathering.add(session.photo(taken))
-        found.append(gathering.series())
+        found.append(gathering.series(placed=placed))
     return found[0], found[1]
 
 

@@ -247,6 +247,17 @@ def test_what_is_wrong_is_named(spoil: Callable[[Session], None], said: str) -> 
     assert failed.value.hint
 
 
+def test_stripes_finer_than_the_camera_sees_are_measured_once_longer_ones_told_where() -> None:
+    found = session(10, relay_quads=2.6)
+    bench, kind = found.bench, FINE[0]
+    photos = [bench.photo(each) for each in shown(kind, bench.projector, bench.mask)]
+    known = (found.white, bench.camera, bench.projector)
+    with pytest.raises(CalibrationError, match="not where the maps have them"):
+        measure(kind, photos, *known)
+    series = measure(kind, photos, *known, placed=True)
+    assert np.median(np.abs(series.offset_px)) < 0.03
+
+
 def test_the_next_stripe_is_not_taken_for_the_right_one() -> None:
     it = deepcopy(some())
     wrong = np.eye(3)
