@@ -204,17 +204,27 @@ class Scattered(Looks):
     look bent by that, where a real camera, whose quads are areas, sees them as they are.
     """
 
+    def __init__(self, setting: Setting, away: Away | None = None) -> None:
+        super().__init__(setting, away)
+        self._last: tuple[tuple[int, int], tuple[Floats, Floats]] | None = None
+
     def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
-        per_quad, cols = self._setting.samples, self._setting.frame[1]
-        first, end = (row * per_quad for row in chunk)
+        per_quad = self._setting.samples
         if per_quad == 1:
             return super()._flat(raster, chunk)
-        row, column = np.arange(first, end)[:, None], np.arange(cols * per_quad)
-        aside = tuple(
-            (row * one + column * other) % 1.0 - 0.5 for one, other in (SCATTER, SCATTER[::-1])
-        )
-        across, down = raster.rows(first, end, (aside[0], aside[1]))
+        if self._last is None or self._last[0] != chunk:  # each chunk is asked for several rasters
+            self._last = chunk, self._aside(chunk)
+        across, down = raster.rows(chunk[0] * per_quad, chunk[1] * per_quad, self._last[1])
         return across.ravel(), down.ravel()
+
+    def _aside(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        """By how much a chunk's samples lie to the right and below, in steps, -1/2 to 1/2."""
+        per_quad, cols = self._setting.samples, self._setting.frame[1]
+        row = np.arange(chunk[0] * per_quad, chunk[1] * per_quad, dtype=np.float64)[:, None]
+        column = np.arange(cols * per_quad, dtype=np.float64)
+        one, other = SCATTER
+        right, down = row * one + column * other, row * other + column * one
+        return _fraction(right) - 0.5, _fraction(down) - 0.5
 
 
 def _behind(setting: Setting, offset: tuple[float, float], points: Floats) -> Floats:
