@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,21 +33,23 @@ UNSURE = 0.3
 """Relative error of rise and fall of the projector where they were not measured."""
 LAG_LIMIT_S = 0.3e-3
 APART = 3.0
-"""Standard errors by which opening and closing differ, or they are one."""
+"""Standard errors by which opening and closing differ, or they are one; and by which rows do."""
 
 
 @dataclass
 class _Times:
     """What was found of all exposures, on the clock of the log, in s: (opened, closed) each.
 
-    told : when the shutter was told to.
+    told : when the shutter was told to. rows : first and last row of the field, 0 to 1 over the
+        camera's.
     """
 
+    rows: tuple[float, float]
     told: list[tuple[float, float]] = field(default_factory=list)
     found: list[Opened] = field(default_factory=list)
 
     def lag(self, sides: tuple[int, ...]) -> ShutterLag:
-        """Lag of opening (0), of closing (1), or of both."""
+        """Lag of opening (0), of closing (1), or of both, in the row that has it last."""
         rows = [
             (when[side], told[side], sigma[side])
             for told, one in zip(self.told, self.found, strict=True)
@@ -56,7 +58,23 @@ class _Times:
             for side in sides
         ]
         found, told, sigmas = zip(*rows, strict=True)
-        return lag_of(found, told, sigmas)
+        lag = lag_of(found, told, sigmas)
+        return replace(lag, lag_s=lag.lag_s + self._last_row_s)
+
+    @property
+    def _last_row_s(self) -> float:
+        """How much longer the lag of the last row is than that of the middle one.
+
+        Of a projector that is set row by row the first row has all of the shutter's lag, for its
+        light comes when the log says; the others' light comes later, so that they seem to have
+        less. Of blades that travel it is the row that they reach last.
+        """
+        travels = np.array([one.travel_s for one in self.found]).ravel()
+        travel_s = float(travels.mean())
+        sigma_s = float(travels.std(ddof=1)) / travels.size**0.5
+        if abs(travel_s) < APART * sigma_s:
+            return 0.0
+        return max(travel_s * (row - 0.5) for row in self.rows)
 
     def check(self, cells: list[int], refresh_s: float) -> None:
         """Refuse lags that depend on the bar's cycle: they are off by one. cells : of each."""
@@ -79,7 +97,8 @@ class _Times:
 def shutter(session: Session) -> Script:
     """White, and five exposures that begin and end while a bar runs: six photos.
 
-    The lag counts from when the driver says that it gave its order, as ``trigger.lag_s`` does.
+    The lag counts from when the driver says that it gave its order, as ``trigger.lag_s`` does, to
+    the row that follows it last.
     Raises CalibrationError as `read_bar` and `fit_shutter` do, and for a lag that is not at all as
     configured.
     """
@@ -95,7 +114,8 @@ def shutter(session: Session) -> Script:
     white = session.photo(taken)
     bands = int(np.clip(camera.size_px[1] // QUADS_A_BAND, *BANDS))
     panel = session.config.projector
-    times, light = _Times(), None
+    ends = camera.from_field(np.array([[0.5, 0.0], [0.5, 1.0]]))[:, 1] / camera.size_px[1]
+    times, light = _Times((float(ends[0]), float(ends[1]))), None
     for number in range(PHOTOS):
         shown = bar_photo(f"bar-{number + 1}", projector, count, cells=cells[number])
         taken = yield from take(Wanted(shown, moving=WhileShown(before, open_s)))

@@ -15,7 +15,7 @@ from pdcd.frames.schedule import SLOTS
 from tests.e2e.calibration.timing_rig import bench, calibrated, record_of
 
 REFRESH_S = 1.0 / 60.0
-STRIPS = tuple(f"strips-{number}" for number in (1, 2, 3, 4))
+STRIPS = tuple(f"rhythms-{number}" for number in (1, 2, 3, 4))
 TAUS = """
 [projector]
 contrast = 900.0
@@ -154,6 +154,16 @@ def test_lag_and_jitter_of_the_shutter(tmp_path: Path) -> None:
     # Rise and fall of the projector were typed in: nobody knows how well.
     assert record.steps[-1].verdict == "doubtful"
     assert any("run timing" in text for text in record.steps[-1].advice)
+
+
+def test_the_lag_of_the_shutter_is_that_of_the_projectors_first_row(tmp_path: Path) -> None:
+    """The others have their light later, which looks as if the shutter were earlier."""
+    truth = "[projector]\nscan_s = 0.0155\nscan_bands = 32\n" + TRIGGER.format(0.0863, 0.0)
+    believed = bench(tmp_path, truth, rise_s=0.0031, fall_s=0.0022)
+    result, found = calibrated(believed, "shutter")
+    travel_s = {figure.name: figure.value for figure in record_of(result).steps[-1].figures}
+    assert travel_s["shutter.travel_opening_s"] == pytest.approx(-0.0155, abs=0.5e-3)
+    assert found.trigger.lag_s == pytest.approx(0.0863, abs=0.4e-3)
 
 
 @pytest.mark.long
