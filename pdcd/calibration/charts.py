@@ -52,11 +52,16 @@ class Chart:
     x: tuple[float, float]
     y: tuple[float, float]
 
-    def frame(self, title: str, x_name: str, y_name: str, *, ticks: int = 5) -> None:
-        """Draw the box, its ticks and names."""
+    def frame(
+        self, title: str, x_name: str, y_name: str, *, ticks: int = 5, columns: Sequence[str] = ()
+    ) -> None:
+        """Draw the box, its ticks and names. columns : what 1, 2, 3 along x are called."""
         left, top, right, bottom = self._box
         cv2.rectangle(self.on, (left, top), (right, bottom), INK, 1)
-        for value in np.linspace(*self.x, ticks):
+        for number, name in enumerate(columns):
+            at = self.pixel(number + 1.0, self.y[0])
+            self.words(name, (at[0] - 4 * len(name), bottom + 16))
+        for value in () if columns else np.linspace(*self.x, ticks):
             at = self.pixel(value, self.y[0])
             self.words(f"{value:.3g}", (at[0] - 14, bottom + 16))
         for value in np.linspace(*self.y, ticks):

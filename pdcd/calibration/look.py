@@ -19,7 +19,7 @@ from pdcd.calibration.delayed import ran_as
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.finding import find_again
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.programmes import PULSES, WHITES, Programme, strip_photo, strips_on
+from pdcd.calibration.programmes import BLACKS, PULSES, WHITES, Programme, strip_photo, strips_on
 from pdcd.calibration.script import Ask, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
 from pdcd.calibration.similarity import Similarity, similarity
@@ -33,7 +33,7 @@ Arrays = Mapping[str, NDArray[Any]]
 Photos = Generator[Wanted | Ask, Taken | None, "Seen"]
 
 GREEN = 1
-PROGRAMMES: tuple[Programme, ...] = (*PULSES, WHITES, Programme(0, 0))
+PROGRAMMES: tuple[Programme, ...] = (*PULSES, WHITES, BLACKS)
 """Of the strips."""
 STRIPS_FLOOR = 1e-4
 """Error of a strip over white, besides noise: edges, and light from beside."""

@@ -1,7 +1,7 @@
 """What both panels show so that one photo holds all their times: pulses side by side.
 
-A *programme* lets both panels pulse once every few refreshes, the mask some refreshes off. The card
-is divided into vertical strips, each with a programme of its own, and some that stay white, black,
+A *programme* lets both panels pulse in a rhythm of a few refreshes, each in its own. The card is
+divided into vertical strips, each with a programme of its own, and some that stay white, black,
 lit or open. On a scene without a card each programme is shown on the whole field, a photo each.
 """
 
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.pulses import Pulse
 from pdcd.calibration.shown import Bits, Shown
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import BLACK, WHITE
@@ -31,58 +30,80 @@ FEWEST_PX = 5
 
 @dataclass(frozen=True)
 class Programme:
-    """What both panels are asked for, again and again every `of` refreshes.
+    """What both panels are asked for, again and again.
 
-    lit, opened : refreshes for which projector and mask are white. delay : refreshes by which the
-        mask's pulse begins later than the projector's; negative: earlier.
+    lit, opened : of projector and mask, a "1" for each refresh of white and a "0" for each of
+        black, equally many.
     """
 
-    lit: int
-    opened: int
-    delay: int = 0
-    of: int = 6
+    lit: str
+    opened: str
+
+    @property
+    def of(self) -> int:
+        """Refreshes after which it begins anew."""
+        return len(self.lit)
 
     @property
     def on(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Whether projector and mask are white, (of,) bool each."""
-        middle, at = self.of // 2, np.arange(self.of)
-        return (at - middle) % self.of < self.lit, (
-            at - middle - self.delay
-        ) % self.of < self.opened
+        lit, opened = (np.array([c == "1" for c in side]) for side in (self.lit, self.opened))
+        return lit, opened
 
     @property
     def still(self) -> bool:
         """Whether neither panel pulses."""
-        return {self.lit, self.opened} <= {0, self.of}
+        return len(set(self.lit)) == len(set(self.opened)) == 1
 
 
-WHITES = Programme(6, 6)
-BLACKS = Programme(0, 0)
-LIT = Programme(6, 0)
-OPENED = Programme(0, 6)
+def pulse(lit: int, opened: int, delay: int = 0, of: int = 6) -> Programme:
+    """One pulse of either panel, `lit` and `opened` refreshes long.
+
+    delay : refreshes by which the mask's begins later than the projector's; negative: earlier.
+    """
+    at = np.arange(of) - of // 2
+    sides = (at % of < lit, (at - delay) % of < opened)
+    return Programme(*("".join("01"[int(on)] for on in side) for side in sides))
+
+
+WHITES = pulse(6, 6)
+BLACKS = pulse(0, 0)
+LIT = pulse(6, 0)
+OPENED = pulse(0, 6)
 PULSES = tuple(
-    Programme(lit, opened, delay)
-    for lit, opened in ((1, 1), (2, 1), (1, 2))
-    for delay in range(-3, 3)
+    pulse(lit, opened, delay) for lit, opened in ((1, 1), (2, 1), (1, 2)) for delay in range(-3, 3)
 )
-"""The 18 programmes that tell rise, fall and lag of both panels apart."""
-ALL = (*PULSES, WHITES, BLACKS, WHITES, BLACKS, LIT, OPENED)
-"""What the strips show, references included."""
-COARSE = tuple(Programme(2, 2, delay, 24) for delay in range(-12, 12))
-"""For a mask that may be many refreshes late: where light gets through, the delay is made good."""
+"""Short pulses: the mask finds the projector's at any delay of up to three refreshes."""
+TRAINS = tuple(
+    Programme(lit, opened)
+    for lit, masks in (
+        ("100100", (*4 * ("001001",), *4 * ("010010",), "011011", "101101")),
+        ("101010", 2 * ("101010",)),
+        ("110110", ("010010",)),
+        ("111000", 3 * ("001100",)),
+        ("111100", ("001100",)),
+        ("111010", ("100010",)),
+    )
+    for opened in masks
+)
+"""Trains of pulses, between which panels hardly settle: chosen from all of six refreshes, one by
+one, so that photon noise leaves least of rise, fall and lag of 40 random benches open once `PULSES`
+were shown. Of others it leaves two thirds of what as many `PULSES` do. Those that count most come
+several times, and so meet several places of the card. Of a panel that is not quite exponential
+pulses say more, after which it is long dark."""
+REFERENCES = (WHITES, BLACKS, WHITES, BLACKS, LIT, OPENED)
+SETS = ((*PULSES, *REFERENCES), (*TRAINS, *REFERENCES))
+"""What the strips show, in one photo and in the next, in turn."""
+COARSE = {pulse(2, 2, delay, 24): delay for delay in range(-12, 12)}
+"""For a mask that may be many refreshes late, by the delay of the mask: where light gets through,
+the delay is made good."""
 
 
-def pulses(programmes: Sequence[Programme], refresh_s: float) -> tuple[Pulse, Pulse]:
-    """What projector and mask are asked for, arrays (K,) of programmes of equal length."""
-    period = programmes[0].of
-    lit, opened, late = (
-        np.array([getattr(p, name) for p in programmes], dtype=np.float64) * refresh_s
-        for name in ("lit", "opened", "delay")
-    )
-    return (
-        Pulse(np.zeros(len(programmes)), lit, period * refresh_s),
-        Pulse(late, opened, period * refresh_s),
-    )
+def asked(programmes: Sequence[Programme]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether projector and mask are asked for white, (K, refreshes) of programmes of equal
+    length."""
+    lit, opened = (np.stack([p.on[side] for p in programmes]) for side in (0, 1))
+    return lit, opened
 
 
 @dataclass(frozen=True)
@@ -110,11 +131,16 @@ class Strips:
         return np.where(inside, np.where(inside, place, 0.0), -1).astype(np.int32)
 
 
-def strips_on(projector: Map, photo: int = 0, programmes: tuple[Programme, ...] = ALL) -> Strips:
+def strips_on(
+    projector: Map, photo: int = 0, programmes: tuple[Programme, ...] | None = None
+) -> Strips:
     """Strips of one photo; every photo has the programmes in another order.
+
+    programmes : for None those of `SETS` whose turn it is.
 
     Raises CalibrationError when the projector has too few pixels for them.
     """
+    programmes = programmes or SETS[photo % len(SETS)]
     count = len(programmes)
     width_px = projector.size_px[0] / count
     if width_px < FEWEST_PX:
@@ -154,7 +180,7 @@ def strip_photo(
     return Shown(name, found[0], found[1], index, index.copy())
 
 
-def whole_photos(programmes: Sequence[Programme] = ALL, *, every: int = 6) -> list[Shown]:
+def whole_photos(programmes: Sequence[Programme] = SETS[0], *, every: int = 6) -> list[Shown]:
     """The programmes on the whole field, a photo each, and white before each `every` and after all.
 
     White photos are named ``white-0``, ``white-1``, ..., the others ``pulse-K`` by the programme.
@@ -168,7 +194,7 @@ def whole_photos(programmes: Sequence[Programme] = ALL, *, every: int = 6) -> li
         return Shown(name, none, none, rows[0], rows[1])
 
     period = programmes[0].of
-    white = Programme(period, period, 0, period)
+    white = pulse(period, period, 0, period)
     photos, whites = [], 0
     for number, programme in enumerate(programmes):
         if number % every == 0:

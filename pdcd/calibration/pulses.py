@@ -1,10 +1,10 @@
 """Two panels that pulse in step: how much light gets through both, in closed form.
 
-A panel that is asked for white during ``A`` of every period ``P`` rises by ``r`` and falls by
-``f``. With ``E_r = exp(-A/r)`` and ``E_f = exp(-(P-A)/f)`` it starts a pulse at
-``x0 = E_f (1-E_r)/(1 - E_r E_f)``, ends it at ``x1 = (1-E_r)/(1 - E_r E_f)``, and is in between
-``1 - (1-x0) exp(-t/r)``, after it ``x1 exp(-t/f)``. The product of two such panels falls into at
-most four stretches a period, each an integral of two exponentials.
+Panels are asked for black or white refresh by refresh, again and again. One that is asked for white
+goes up by ``1 - (1-x) exp(-t/r)``, otherwise down by ``x exp(-t/f)``: over a refresh its light is a
+constant and an exponential, and what it begins the first one with is where it is again after the
+last. The mask's refreshes begin some time after the projector's; so each refresh falls into two
+stretches, and the product of both panels over a stretch is an integral of two exponentials.
 
 `pdcd.probing.realised` says the same of any exposure; this is it for pulses without beginning or
 end, some thousand times faster, as a fit needs it.
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pdcd.frames.schedule import SLOTS
 from pdcd.words import ScheduleName
 
+Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 SHORTEST_S = 1e-7
@@ -53,114 +54,97 @@ class Answer:
         ]
 
 
-@dataclass(frozen=True)
-class Pulse:
-    """What a panel is asked for: white from `start_s` on for `on_s`, every `period_s`; arrays that
-    fit each other, or numbers."""
-
-    start_s: ArrayLike
-    on_s: ArrayLike
-    period_s: float
-
-
-def mean_light(answer: Answer, pulse: Pulse) -> Floats:
-    """Mean light of one panel, 0..1:
-    ``[A + (f-r)(1-E_r)(1-E_f)/(1-E_r E_f)]/P``."""
-    on, period = np.asarray(pulse.on_s, dtype=np.float64), pulse.period_s
+def mean_light(answer: Answer, on: Bools, refresh_s: float) -> Floats:
+    """Mean light of one panel, 0..1. on : (..., n) whether it is asked for white, by refresh."""
     found = np.zeros(())
     for share, rise, fall in answer.parts:
-        r, f = _safe(rise), _safe(fall)
-        e_r, e_f = np.exp(-on / r), np.exp(-(period - on) / f)
-        settled = on + (f - r) * (1.0 - e_r) * (1.0 - e_f) / (1.0 - e_r * e_f)
-        found = found + share * settled / period
+        course = _Course.of(on, rise, fall, refresh_s)
+        light = course.level * refresh_s + course.above * _faded(course.rate, refresh_s)
+        found = found + share * light.mean(axis=-1) / refresh_s
     return np.asarray(found)
 
 
 def mean_product(
-    projector: Answer, mask: Answer, light: Pulse, opening: Pulse, late_s: ArrayLike
+    projector: Answer, mask: Answer, lit: Bools, opened: Bools, late_s: ArrayLike, refresh_s: float
 ) -> Floats:
     """Mean of the product of both panels, 0..1, the mask's light `late_s` after the projector's.
 
-    light, opening : what projector and mask are asked for, of one period. All arrays broadcast.
+    lit, opened : (..., n) whether projector and mask are asked for white, by refresh. late_s and
+        times of the answers go with what stands before the refreshes.
     """
-    apart = np.asarray(opening.start_s) - np.asarray(light.start_s) + np.asarray(late_s)
-    p_on, m_on = np.asarray(light.on_s, np.float64), np.asarray(opening.on_s, np.float64)
-    shape = np.broadcast_shapes(apart.shape, p_on.shape, m_on.shape)
-    p_on, m_on, apart = (np.broadcast_to(v, shape) for v in (p_on, m_on, apart))
-    stretches = _Stretches.of(p_on, m_on, apart, light.period_s)
+    late = np.asarray(late_s, dtype=np.float64)
+    whole = np.floor(late / refresh_s)
+    before_s = (late - whole * refresh_s)[..., None]
+    refresh = np.arange(lit.shape[-1])
+    behind = (refresh - whole[..., None].astype(np.int64)) % lit.shape[-1]
     found = np.zeros(())
     for p_share, p_rise, p_fall in projector.parts:
-        p = _spans(stretches.p_lit, stretches.p_age_s, p_on, light.period_s, p_rise, p_fall)
+        p = _Course.of(lit, p_rise, p_fall, refresh_s)
         for m_share, m_rise, m_fall in mask.parts:
-            m = _spans(stretches.m_lit, stretches.m_age_s, m_on, light.period_s, m_rise, m_fall)
-            through = _integral(p, m, stretches.length_s) / light.period_s
-            found = found + p_share * m_share * through
+            m = _Course.of(opened, m_rise, m_fall, refresh_s)
+            last = m.taken(behind - 1).aged(refresh_s - before_s)
+            light = _integral(p, last, before_s)
+            light = light + _integral(p.aged(before_s), m.taken(behind), refresh_s - before_s)
+            found = found + p_share * m_share * light.mean(axis=-1) / refresh_s
     return np.asarray(found)
 
 
 @dataclass(frozen=True)
-class _Stretches:
-    """A period cut where either panel is asked for something else: (4, ...) each.
+class _Course:
+    """Light of one panel in each refresh, (..., n): ``level + above exp(-rate t)``, in 1/s."""
 
-    p_lit, m_lit : whether it is asked for white. p_age_s, m_age_s : for how long it has been when
-        the stretch begins.
-    """
-
-    length_s: Floats
-    p_lit: NDArray[np.bool_]
-    p_age_s: Floats
-    m_lit: NDArray[np.bool_]
-    m_age_s: Floats
+    level: Floats
+    above: Floats
+    rate: Floats
 
     @classmethod
-    def of(cls, p_on: Floats, m_on: Floats, apart: Floats, period: float) -> _Stretches:
-        zero = np.zeros(p_on.shape)
-        starts = np.mod(apart, period)
-        ends = np.mod(apart + m_on, period)
-        cuts = np.sort(np.stack([zero, p_on, starts, ends, zero + period]), axis=0)
-        low, length = cuts[:-1], np.diff(cuts, axis=0)
-        middle = low + 0.5 * length
-        # Which phase a stretch lies in is asked in its middle: at its edges rounding decides.
-        p_lit = middle < p_on
-        p_age = low - np.where(p_lit, 0.0, p_on)
-        since = np.mod(middle - starts, period)
-        m_lit = since < m_on
-        m_age = np.maximum(since - np.where(m_lit, 0.0, m_on) - 0.5 * length, 0.0)
-        return cls(length, p_lit, p_age, m_lit, m_age)
+    def of(
+        cls, on: Bools, rise_s: float | Floats, fall_s: float | Floats, refresh_s: float
+    ) -> _Course:
+        rise, fall = (np.maximum(tau, SHORTEST_S)[..., None] for tau in (rise_s, fall_s))
+        rate = np.where(on, 1.0 / rise, 1.0 / fall)
+        kept, level = np.exp(-rate * refresh_s), on.astype(np.float64)
+        # Over all refreshes what it begins with is multiplied and added to: there is one beginning
+        # that comes out as it went in.
+        light, share = np.zeros(rate.shape[:-1]), np.ones(rate.shape[:-1])
+        for k in range(on.shape[-1]):
+            light = level[..., k] + (light - level[..., k]) * kept[..., k]
+            share = share * kept[..., k]
+        light = light / (1.0 - share)
+        above = np.empty(rate.shape)
+        for k in range(on.shape[-1]):
+            above[..., k] = light - level[..., k]
+            light = level[..., k] + above[..., k] * kept[..., k]
+        return cls(level, above, rate)
+
+    def taken(self, refresh: NDArray[np.int64]) -> _Course:
+        """In other refreshes, numbers (..., n)."""
+        shape = np.broadcast_shapes(self.above.shape, refresh.shape)
+        at = np.broadcast_to(refresh % shape[-1], shape)
+        level, above, rate = (
+            np.take_along_axis(np.broadcast_to(part, shape), at, axis=-1)
+            for part in (self.level, self.above, self.rate)
+        )
+        return _Course(level, above, rate)
+
+    def aged(self, by_s: Floats) -> _Course:
+        """The same later in each refresh."""
+        return _Course(self.level, self.above * np.exp(-self.rate * by_s), self.rate)
 
 
-def _spans(
-    lit: NDArray[np.bool_],
-    age: Floats,
-    on: Floats,
-    period: float,
-    rise: float | Floats,
-    fall: float | Floats,
-) -> tuple[Floats, Floats, Floats]:
-    """Level, deviation from it when a stretch begins, and rate in 1/s of one answer."""
-    r, f = _safe(rise), _safe(fall)
-    e_r, e_f = np.exp(-on / r), np.exp(-(period - on) / f)
-    peak = (1.0 - e_r) / (1.0 - e_r * e_f)
-    deviation = np.where(lit, e_f * peak - 1.0, peak)
-    rate = np.where(lit, 1.0 / r, 1.0 / f)
-    return lit.astype(np.float64), deviation * np.exp(-rate * age), rate
+def _integral(p: _Course, m: _Course, length_s: Floats) -> Floats:
+    """Light through both over a stretch of each refresh, in s."""
+    return np.asarray(
+        p.level * m.level * length_s
+        + p.level * m.above * _faded(m.rate, length_s)
+        + p.above * m.level * _faded(p.rate, length_s)
+        + p.above * m.above * _faded(p.rate + m.rate, length_s)
+    )
 
 
-def _integral(
-    p: tuple[Floats, Floats, Floats], m: tuple[Floats, Floats, Floats], length: Floats
-) -> Floats:
-    """Sum over stretches of the integral of (c1 + k1 e^-q1 t)(c2 + k2 e^-q2 t)."""
-    (c1, k1, q1), (c2, k2, q2) = p, m
-
-    def faded(rate: Floats) -> Floats:
-        return np.asarray(-np.expm1(-rate * length) / rate)
-
-    whole = c1 * c2 * length + c1 * k2 * faded(q2) + k1 * c2 * faded(q1) + k1 * k2 * faded(q1 + q2)
-    return np.asarray(whole.sum(axis=0))
-
-
-def _safe(tau_s: float | Floats) -> Floats:
-    return np.maximum(tau_s, SHORTEST_S)
+def _faded(rate: Floats, length_s: float | Floats) -> Floats:
+    """Integral of exp(-rate t), in s."""
+    return np.asarray(-np.expm1(-rate * length_s) / rate)
 
 
 @dataclass(frozen=True)
@@ -179,15 +163,14 @@ def kept_apart(
     schedule: ScheduleName, projector: Answer, mask: Answer, late_s: float, refresh_s: float
 ) -> Kept:
     """How a schedule keeps a code apart from codes that share no cell with it; perfect blacks."""
-    lit, opened = (np.flatnonzero(side) for side in SLOTS[schedule])
-    slot = len(SLOTS[schedule][0])
-    period_s = CODES * slot * refresh_s
-    light = Pulse(lit[0] * refresh_s, lit.size * refresh_s, period_s)
-    starts = (opened[0] + slot * np.arange(CODES)) * refresh_s
-    opening = Pulse(starts, opened.size * refresh_s, period_s)
-    through = mean_product(projector, mask, light, opening, late_s)
+    lit, opened = (np.asarray(side, dtype=np.bool_) for side in SLOTS[schedule])
+    codes = np.arange(CODES)
+    light, opening = np.zeros((2, CODES, CODES, lit.size), dtype=np.bool_)
+    light[:, 0], opening[codes, codes] = lit, opened  # the first code's light, each code's mask
+    asked = light.reshape(CODES, -1), opening.reshape(CODES, -1)
+    through = mean_product(projector, mask, asked[0], asked[1], late_s, refresh_s)
     own = float(through[0])
     return Kept(
         leak=float(through[1:].sum()) / own if own > 0.0 else float("inf"),
-        light=own * period_s / refresh_s,
+        light=own * CODES * lit.size,
     )

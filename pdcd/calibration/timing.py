@@ -189,9 +189,9 @@ def coarse_delay(reading: Readings) -> int:
 
     Raises CalibrationError where light gets through at no delay, or at all.
     """
-    delays = np.array([p.delay for p in reading.mask])
-    if set(delays.tolist()) != {p.delay for p in COARSE}:
+    if set(reading.mask) != set(COARSE):
         raise ValueError("not the coarse programmes")
+    delays = np.array([COARSE[p] for p in reading.mask])
     level = np.median(reading.value, axis=0)
     floor = float(np.median(level))
     net = np.maximum(level - floor, 0.0)
@@ -280,8 +280,8 @@ def _check_mirrored(
 def _check_references(readings: Sequence[Readings]) -> None:
     """Refuse strips that should be black or white and are not."""
     for reading in readings:
-        black = [not p.lit and not m.opened for p, m in _pairs(reading)]
-        white = [p.lit == p.of and m.opened == m.of for p, m in _pairs(reading)]
+        black = ["1" not in p.lit + m.opened for p, m in _pairs(reading)]
+        white = ["0" not in p.lit + m.opened for p, m in _pairs(reading)]
         if not any(black) or not any(white):
             raise ValueError("programmes without a black and a white one")
         dark = float(np.median(reading.value[:, black]))
@@ -301,12 +301,16 @@ def _check_references(readings: Sequence[Readings]) -> None:
 def _delays_matter(reading: Readings, pulsing: NDArray[np.bool_], least: float) -> bool:
     """Whether strips that differ by nothing but the mask's delay differ in their light."""
     level = np.median(reading.value, axis=0)
-    kinds = np.array([(p.lit, p.opened) for p in reading.projector])
+    kinds = np.array([p.lit + _rhythm(p.opened) for p in reading.projector])
     spreads = [
-        float(np.ptp(level[pulsing & (kinds == kind).all(axis=1)]))
-        for kind in np.unique(kinds[pulsing], axis=0)
+        float(np.ptp(level[pulsing & (kinds == kind)])) for kind in np.unique(kinds[pulsing])
     ]
     return max(spreads) > least
+
+
+def _rhythm(opened: str) -> str:
+    """The same of programmes that differ by nothing but a delay."""
+    return min(opened[k:] + opened[:k] for k in range(len(opened)))
 
 
 def _pairs(reading: Readings) -> list[tuple[Programme, Programme]]:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.calibration.programmes import Programme, pulses
-from pdcd.calibration.pulses import Answer, Pulse, mean_light, mean_product
+from pdcd.calibration.programmes import asked, pulse
+from pdcd.calibration.pulses import Answer, mean_light, mean_product
 from pdcd.calibration.strips import Readings
 from pdcd.frames.frames import FrameLog, Frames
 from pdcd.probing.panel import Panel
@@ -101,9 +101,7 @@ class Model:
         self.readings, self.ran, self.refresh_s = readings, ran, refresh_s
         self.slope_s = 0.0
         self.correction = np.zeros((len(readings), 1, 1))
-        self._pulses = [
-            (pulses(r.projector, refresh_s)[0], pulses(r.mask, refresh_s)[1]) for r in readings
-        ]
+        self._asked = [(asked(r.projector)[0], asked(r.mask)[1]) for r in readings]
         self._apart_s = [r.apart_s for r in ran]
 
     @property
@@ -130,8 +128,9 @@ class Model:
         across = np.array([times.across_s for times in variants])[:, None, None, None]
         answers, leaks = _stacked(variants)
         parts = []
-        for reading, pair, apart in zip(self.readings, self._pulses, self._apart_s, strict=True):
-            found = _over_white(answers, leaks, *pair, late + across * reading.x + apart)
+        for reading, pair, apart in zip(self.readings, self._asked, self._apart_s, strict=True):
+            late_s = late + across * reading.x + apart
+            found = _over_white(answers, leaks, pair, late_s, self.refresh_s)
             parts.append(np.tensordot(found, shares, (2, 0)))
         return np.stack(parts, axis=1) + self.correction
 
@@ -173,14 +172,15 @@ def _stacked(variants: Sequence[Times]) -> tuple[tuple[Answer, Answer], tuple[Fl
 def _over_white(
     answers: tuple[Answer, Answer],
     leaks: tuple[Floats, Floats],
-    light: Pulse,
-    opening: Pulse,
+    pair: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     late_s: Floats,
+    refresh_s: float,
 ) -> Floats:
     """Light of strips over that of white, leaks included."""
-    (projector, mask), (a, b) = answers, leaks
-    product = mean_product(projector, mask, light, opening, late_s)
-    alone = a * mean_light(mask, opening) + b * mean_light(projector, light) + a * b
+    (projector, mask), (a, b), (lit, opened) = answers, leaks, pair
+    product = mean_product(projector, mask, lit, opened, late_s, refresh_s)
+    alone = a * mean_light(mask, opened, refresh_s) + b * mean_light(projector, lit, refresh_s)
+    alone = alone + a * b
     return np.asarray((product + alone) / ((1.0 + a) * (1.0 + b)))
 
 
@@ -195,7 +195,7 @@ def through_s(reading: Readings, ran: Ran, times: Times, lag_s: float) -> Floats
     is always white."""
     count = len(reading.projector)
     programmes = [
-        (*side, Programme(side[0].of, side[0].of, 0, side[0].of))
+        (*side, pulse(side[0].of, side[0].of, 0, side[0].of))
         for side in (reading.projector, reading.mask)
     ]
     period, rows = programmes[0][0].of, int(ran.log.primal_shown.max(initial=-1)) + 1

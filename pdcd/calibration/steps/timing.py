@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.delayed import delayed, ran_as
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.programmes import ALL, COARSE, Strips, strip_photo, strips_on
+from pdcd.calibration.programmes import COARSE, Strips, strip_photo, strips_on
 from pdcd.calibration.script import (
     Ask,
     Measured,
@@ -46,6 +46,9 @@ NEAR = 1
 """Refreshes by which a second coarse search may still be off."""
 FLAT_S = 1e-4
 """A lag that differs by less from top to bottom, and by less than three sigmas, does not."""
+NO_SCAN_S = 1e-5
+"""A lag that grows by less from top to bottom counts as the same everywhere: strips are not read
+that well."""
 STEP_S = 2.5e-4
 """Lag from one band of rows to the next, in the words of the configuration."""
 MOST_BANDS = 128
@@ -96,8 +99,8 @@ def timing(session: Session) -> Script:
     ran: list[Ran] = []
     rows_delay = 0
     for number in range(PERMUTATIONS):
-        strips = strips_on(rig.projector, number, ALL)
-        taken = yield from take(rig.wanted(f"strips-{number + 1}", strips, delay))
+        strips = strips_on(rig.projector, number)
+        taken = yield from take(rig.wanted(f"rhythms-{number + 1}", strips, delay))
         readings.append(rig.read(session.photo(taken), white, strips))
         ran.append(ran_as(taken.ran, delay, rig.refreshes))
         rows_delay = taken.log.mask_delay
@@ -110,7 +113,7 @@ def _coarse(
 ) -> Generator[Wanted | Ask, Taken | None, tuple[int, Photo]]:
     """By how many more refreshes the mask should be sent its pictures later, and the white photo
     of strips under that delay."""
-    strips, delay = strips_on(rig.projector, 0, COARSE), 0
+    strips, delay = strips_on(rig.projector, 0, tuple(COARSE)), 0
     for number in ("", "-again"):
         taken = yield from take(rig.wanted(f"white{number}", strips, delay, white=True))
         white = session.photo(taken)
@@ -194,7 +197,7 @@ def _row_words(found: Timing, mask: Map) -> dict[str, Measured]:
     at = np.array([1.0, 0.5])
     sigma_s = float(np.sqrt(at @ found.line_covariance @ at))
     slope_s = abs(found.line_s[1])
-    if slope_s < FLAT_S and slope_s < 3.0 * scan_sigma_s:
+    if slope_s < max(min(3.0 * scan_sigma_s, FLAT_S), NO_SCAN_S):
         skew_s, scan_s, bands = float(at @ found.line_s), 0.0, 1
     else:
         sigma_s = float(np.hypot(sigma_s, 0.5 * scan_sigma_s))

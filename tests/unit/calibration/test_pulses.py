@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.calibration.programmes import ALL, pulses
-from pdcd.calibration.pulses import Answer, Pulse, kept_apart, mean_light, mean_product
+from pdcd.calibration.programmes import SETS, asked
+from pdcd.calibration.pulses import Answer, kept_apart, mean_light, mean_product
 from pdcd.calibration.strips import Readings
 from pdcd.calibration.timing_model import Ran, Times, through_s
 from pdcd.frames.frames import FrameLog
@@ -34,12 +34,12 @@ def ran(count: int) -> Ran:
 def test_the_closed_form_is_the_realised_matrix(lag_s: float, taus_s: tuple[float, ...]) -> None:
     """Two exposures, one ten periods longer: the difference has no beginning and no end."""
     times = Times(np.array(taus_s), np.zeros(2), np.array([lag_s]))
-    none = np.zeros((1, len(ALL)))
-    reading = Readings(none, none, np.array([0.5]), 1.0, ALL, ALL)
+    programmes = (*SETS[0], *SETS[1])
+    none = np.zeros((1, len(programmes)))
+    reading = Readings(none, none, np.array([0.5]), 1.0, programmes, programmes)
     short, long = (through_s(reading, ran(count), times, lag_s)[:-1] for count in (60, 120))
     refresh = round(T * 1e9) * 1e-9
-    light, opening = pulses(ALL, refresh)
-    want = mean_product(*times.answers, light, opening, lag_s) * 60 * refresh
+    want = mean_product(*times.answers, *asked(programmes), lag_s, refresh) * 60 * refresh
     np.testing.assert_allclose(long - short, want, rtol=0, atol=1e-8)
     assert want.max() > 0.9  # seconds
 
@@ -47,10 +47,9 @@ def test_the_closed_form_is_the_realised_matrix(lag_s: float, taus_s: tuple[floa
 @pytest.mark.parametrize("slower", [1.0, 4.0])
 def test_a_panel_alone_shows_fall_minus_rise(slower: float) -> None:
     answer = Answer(0.002, 0.007, 0.1 if slower > 1.0 else 0.0, slower)
-    pulse = Pulse(0.0, 2 * T, 6 * T)
-    always = Pulse(0.0, 6 * T, 6 * T)
-    through = mean_product(answer, Answer(0.001, 0.001), pulse, always, 0.003)
-    assert float(mean_light(answer, pulse)) == pytest.approx(float(through), rel=1e-12)
+    pulse, always = np.arange(6) < 2, np.ones(6, dtype=np.bool_)
+    through = mean_product(answer, Answer(0.001, 0.001), pulse, always, 0.003, T)
+    assert float(mean_light(answer, pulse, T)) == pytest.approx(float(through), rel=1e-12)
     plain = 2 / 6 + (0.007 - 0.002) / (6 * T)  # panels that settle between their pulses
     if slower == 1.0:
         assert float(through) == pytest.approx(plain, rel=2e-3)

@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
-from pdcd.calibration.programmes import ALL, COARSE, Strips, strip_photo, strips_on, whole_photos
+from pdcd.calibration.programmes import COARSE, SETS, Strips, strip_photo, strips_on, whole_photos
 from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.strips import Readings, read_strips, read_whole
@@ -146,7 +146,7 @@ def test_whole_refreshes_are_told(lag: float, delay: int) -> None:
 @pytest.mark.parametrize("lag", [0.3, 7.2, -10.7])
 def test_a_mask_that_is_many_refreshes_late(lag: float) -> None:
     on = bench(skew_s=lag * REFRESH_S)
-    strips = strips_on(PROJECTOR, programmes=COARSE)
+    strips = strips_on(PROJECTOR, programmes=tuple(COARSE))
     reading = read_strips(*photos(on, strips, periods=2), CAMERA, strips, bands=2)
     assert abs(coarse_delay(reading) + lag) < 0.8  # the rest is found by the finer strips
 
@@ -167,7 +167,7 @@ def test_two_photos_with_strips_in_another_order_agree() -> None:
 def test_programmes_on_the_whole_field() -> None:
     """On a scene: albedo, and light that has gone from wall to wall; the lamp drifts meanwhile."""
     on = bench(scan_s=0.001)
-    shown = [_shorter(photo) for photo in whole_photos(ALL)]
+    shown = [_shorter(photo) for photo in whole_photos(SETS[0])]
     for panel, side in ((on.projector, "projector_index"), (on.mask, "mask_index")):
         prepare(panel, [tuple((getattr(p, side) == WHITE).astype(float)) for p in shown])
     albedo = np.random.default_rng(3).uniform(0.1, 0.9, (128, 192, 1))
@@ -180,7 +180,7 @@ def test_programmes_on_the_whole_field() -> None:
         (whites if photo.name.startswith("white") else pulses).append(
             Photo(light, taken.variance, taken.saturated)
         )
-    reading = read_whole(pulses, whites, CAMERA, ALL, bands=2)
+    reading = read_whole(pulses, whites, CAMERA, SETS[0], bands=2)
     ran = on.log(shown[1])
     timing = fit_timing([reading], [ran], REFRESH_S)
     np.testing.assert_allclose(timing.lag_s, 0.004 + 0.001 * timing.bands, rtol=0, atol=0.15e-3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.programmes import ALL, strip_photo, strips_on
+from pdcd.calibration.programmes import SETS, strip_photo, strips_on
 from pdcd.calibration.strips import Readings
 from pdcd.calibration.timing_fit import FLAT, FLOOR, LEAST_FLOORS, Fit, Fitted
 from pdcd.calibration.timing_model import Model, Times
@@ -33,8 +33,8 @@ def model_of(beside: float, seed: int) -> tuple[Model, Times]:
     on = Bench(maps[0], maps[1], Map.filling((192, 128)), *panels)
     log = on.log(strip_photo("strips", strips_on(maps[0]), *maps, white=False, periods=3))
     bands = (np.arange(BANDS) + 0.5) / BANDS
-    none = np.zeros((BANDS, len(ALL)))
-    blank = Readings(none, none, bands, 1.0 / BANDS, ALL, ALL)
+    none = np.zeros((BANDS, len(SETS[0])))
+    blank = Readings(none, none, bands, 1.0 / BANDS, SETS[0], SETS[0])
     model = Model([blank] * 4, [log] * 4, REFRESH_S)
     true = Times(TAUS_S, np.array([2e-3, 3e-3]), LAGS_S - model.apart_s)
     light = model.shape(true)
