@@ -40,8 +40,6 @@ MOST_CHI2 = 20.0
 fitted to them, come between. A tail of a tenth gives 90."""
 MENDS = 0.7
 """Share of chi^2 that a second answer must leave at most, to be one."""
-KNOWN_S = 1e-6
-"""Floor of what is known of the lag of a band."""
 STRAY = 0.1
 """Most light beside the panels' own, over white."""
 STEEP_S = 2e-4
@@ -63,7 +61,6 @@ class Timing:
         not say; positive: the mask comes later. In the middle of the rows.
     across_s : what is added to it from x = 0 to x = 1.
     line_s : lag at y = 0, and what is added until y = 1. line_covariance : (2, 2).
-    line_chi2 : reduced, of the bands against that line.
     taus_s, taus_sigma_s : (4,) rise and fall of the projector, then of the mask.
     leaks : (2,) what falls on the mask beside the projector's white (leak and ambient light), and
         what the mask's black lets through, over white.
@@ -81,7 +78,6 @@ class Timing:
     across_s: float
     line_s: tuple[float, float]
     line_covariance: Floats
-    line_chi2: float
     taus_s: Floats
     taus_sigma_s: Floats
     leaks: Floats
@@ -93,6 +89,12 @@ class Timing:
     apart_s: float
     refresh_s: float
     answers: tuple[Answer, Answer]
+
+    @property
+    def beside_s(self) -> float:
+        """How far the lag of a band lies from the line through all, the worst."""
+        line = self.line_s[0] + self.line_s[1] * self.bands
+        return float(np.abs(self.lag_s - line).max())
 
     @property
     def delay_refreshes(self) -> int:
@@ -142,7 +144,8 @@ class Timing:
             ),
             Figure(
                 "mask.scan_s", self.line_s[1], float(np.sqrt(self.line_covariance[1, 1])), "s",
-                "", Verdict.GOOD if self.line_chi2 < 3.0 * CHI2 else Verdict.DOUBTFUL,
+                "each band within 0.15 ms of a line",
+                Verdict.GOOD if self.beside_s < LAG_LIMIT_S else Verdict.DOUBTFUL,
             ),
             Figure(
                 "timing.chi2", self.chi2, 0.0, "", f"below {CHI2:g}, without a second answer",
@@ -325,7 +328,7 @@ def _room_light(share: float) -> CalibrationError:
     )
 
 
-def _line(model: Model, found: Fitted) -> tuple[tuple[float, float], Floats, float]:
+def _line(model: Model, found: Fitted) -> tuple[tuple[float, float], Floats]:
     """`straight`, of a fit."""
     bands = model.readings[0].bands
     part = slice(COMMON, COMMON + bands.size)
@@ -335,28 +338,23 @@ def _line(model: Model, found: Fitted) -> tuple[tuple[float, float], Floats, flo
 
 def straight(
     bands: Floats, lags_s: Floats, covariance: Floats
-) -> tuple[tuple[float, float], Floats, float]:
-    """Lag over y as a straight line: value at 0 and slope, their covariance, reduced chi^2.
+) -> tuple[tuple[float, float], Floats]:
+    """Lag over y as a straight line: value at 0 and slope, and their covariance.
 
     bands, lags_s : (B,). covariance : (B, B), of the lags.
     """
     if bands.size == 1:
-        return (float(lags_s[0]), 0.0), np.diag([float(covariance[0, 0]), 0.0]), 0.0
+        return (float(lags_s[0]), 0.0), np.diag([float(covariance[0, 0]), 0.0])
     # All bands count alike. Weights by the covariance would put the line outside of all lags where
     # these share most of their error (times that trade with the lag) and lie on no straight line.
     design = np.stack([np.ones(bands.size), bands], axis=1)
     solve = np.linalg.pinv(design)
     line, spread = solve @ lags_s, solve @ covariance @ solve.T
-    rest = np.eye(bands.size) - design @ solve
-    # A floor keeps bands apart that are known too well to be true.
-    inverse = np.linalg.pinv(rest @ covariance @ rest.T + KNOWN_S**2 * rest, hermitian=True)
-    left = rest @ lags_s
-    chi2 = float(left @ inverse @ left) / max(bands.size - 2, 1)
-    return (float(line[0]), float(line[1])), spread, chi2
+    return (float(line[0]), float(line[1])), spread
 
 
 def _timing(model: Model, found: Fitted) -> Timing:
-    line, spread, line_chi2 = _line(model, found)
+    line, spread = _line(model, found)
     bands = model.readings[0].bands
     covariance = found.covariance.copy()
     part = slice(COMMON, COMMON + bands.size)
@@ -372,7 +370,6 @@ def _timing(model: Model, found: Fitted) -> Timing:
         across_s=times.across_s,
         line_s=line,
         line_covariance=spread,
-        line_chi2=line_chi2,
         taus_s=times.taus_s,
         taus_sigma_s=times.taus_s * sigma[:4],
         leaks=times.leaks,

@@ -53,7 +53,10 @@ STEP_S = 2.5e-4
 """Lag from one band of rows to the next, in the words of the configuration."""
 MOST_BANDS = 128
 AGAINST = 0.3
-"""Lag from top to bottom, in refreshes, from which the panels run against each other."""
+"""Lag from top to bottom, in refreshes, from which it matters how the panels hang."""
+ONE_PANEL = 1.05
+"""The same from which both panels are set row by row, and against each other: one alone takes a
+refresh at most."""
 SETTLED = 5.0
 """Time constants after which a panel is black."""
 LEAKS = 0.12, 1.0
@@ -246,11 +249,15 @@ def _advice(found: Timing, refresh_s: float) -> list[str]:
     advice = []
     slope_s = found.line_s[1]
     if abs(slope_s) > AGAINST * refresh_s:
+        sure = abs(slope_s) > ONE_PANEL * refresh_s
         advice.append(
             f"the mask's rows come {1e3 * abs(slope_s):.1f} ms apart from the projector's between "
-            "top and bottom: the panels are set in opposite directions. Mount one of them turned "
-            "by 180 degrees (turning its picture by software changes nothing), then calibrate "
-            "again from the geometry on"
+            "top and bottom: "
+            + ("" if sure else "only one of the panels is set row by row, or ")
+            + "the panels are set in opposite directions. "
+            + ("Mount" if sure else "Where both are, mount")
+            + " one of them turned by 180 degrees (turning its picture by software changes "
+            "nothing), then calibrate again from the geometry on"
         )
     if found.tail is not None:
         panel = "mask" if found.tail.mask else "projector"

@@ -104,7 +104,19 @@ def test_panels_that_scan_against_each_other(tmp_path: Path) -> None:
     assert found.display.mask_delay_refreshes == -1  # for the middle of the field
     assert found.mask.scan_bands > 100
     assert found.rig.settle_s > abs(found.mask.scan_s) + abs(found.mask.skew_s)
-    assert any("turned by 180 degrees" in text for text in step.advice)
+    assert any("top and bottom: the panels are set in oppos" in text for text in step.advice)
+    assert any("Mount one of them turned by 180 degrees" in text for text in step.advice)
+
+
+@pytest.mark.long
+def test_a_projector_that_is_set_at_once_is_not_said_to_run_against_the_mask(
+    tmp_path: Path,
+) -> None:
+    scan = "skew_s = 0.002\nscan_s = 0.0158\nscan_bands = 24"
+    result, _ = calibrated(bench(tmp_path, TAUS.format(projector="", mask=scan)), "timing")
+    (said,) = (text for text in record_of(result).steps[-1].advice if "top and bottom" in text)
+    assert "only one of the panels is set row by row, or" in said
+    assert "Where both are, mount one of them turned" in said
 
 
 @pytest.mark.long
