@@ -33,6 +33,7 @@ LIMITS = {
     "mask to projector px": 0.06,
     "blur share": 0.1,
     "lag ms": 0.15,
+    "leak": 0.001,
     "projector.rise_s share": 0.06,
     "projector.fall_s share": 0.06,
     "mask.rise_s share": 0.06,

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from pdcd.bench.calibration import MAPS, Calibration
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import Config, PanelConfig
+from pdcd.calibration.pulses import Answer, kept_apart
+from pdcd.frames.schedule import SLOTS
 from pdcd.maps.file import load_maps
 from pdcd.maps.map import Map, between
 from pdcd.sensor.profile import IsoRow
@@ -45,7 +47,9 @@ def compared(
                 found["gain share"] = _share(figure.value, sensor.gain_e_per_dn)
             if figure.name == "sensor.read_noise_e":
                 found["read noise share"] = _share(figure.value, sensor.read_noise_e)
-    found["lag ms"] = _lag_ms(values, maps, true)
+    said_s, real_s = _lags_s(values, maps, true)
+    found["lag ms"] = float(1e3 * np.abs(said_s - real_s).max())
+    found["leak"] = _leak_off(values, said_s, real_s, true)
     return found
 
 
@@ -95,9 +99,9 @@ def _q95(found: Floats, points: Floats) -> float:
     return float(np.percentile(np.hypot(*(found - points).T), 95.0))
 
 
-def _lag_ms(values: dict[str, object], maps: dict[str, Map], true: Config) -> float:
-    """The largest error of the mask's lag behind the projector, over bands of rows of the
-    projector; each is the mean over what lies in it."""
+def _lags_s(values: dict[str, object], maps: dict[str, Map], true: Config) -> tuple[Floats, Floats]:
+    """The mask's lag behind the projector, as said and as it is, (BANDS,) each: over bands of rows
+    of the projector, the mean of what lies in it. What the display is told to delay is in it."""
     panels = panels_of(true)
     width, height = true.projector.size_px
     across = np.linspace(MARGIN_PX, width - MARGIN_PX, POINTS)
@@ -117,8 +121,35 @@ def _lag_ms(values: dict[str, object], maps: dict[str, Map], true: Config) -> fl
     ]
     said = _late(found[1], between(maps["projector"], maps["mask"], points))
     said = said - _late(found[0], points)
-    off = np.where(seen, said - real, np.nan).reshape(BANDS, -1)
-    return float(1e3 * np.abs(np.nanmean(off, axis=1)).max())
+    delay = round(_number(values.get("display.mask_delay_refreshes", 0)))
+    of_bands = (
+        np.nanmean(np.where(seen, late, np.nan).reshape(BANDS, -1), axis=1)
+        + delay / true.projector.refresh_hz
+        for late in (said, real)
+    )
+    one, other = of_bands
+    return one, other
+
+
+def _leak_off(values: dict[str, object], said_s: Floats, real_s: Floats, true: Config) -> float:
+    """Light of a code in all others, over that of a refresh: the largest error of any schedule, of
+    the mean over all bands."""
+    refresh_s = 1.0 / true.projector.refresh_hz
+    names = ("projector", "mask")
+    found = [
+        Answer(*(_number(values.get(f"{panel}.{key}")) for key in ("rise_s", "fall_s")))
+        for panel in names
+    ]
+    real = [Answer(panel.rise_s, panel.fall_s) for panel in (true.projector, true.mask)]
+    worst = 0.0
+    for schedule in SLOTS:
+        leaks = []
+        for answers, lags_s in ((found, said_s), (real, real_s)):
+            light, opening = answers
+            kept = [kept_apart(schedule, light, opening, float(lag), refresh_s) for lag in lags_s]
+            leaks.append(float(np.mean([one.leak * one.light for one in kept])))
+        worst = max(worst, abs(leaks[0] - leaks[1]))
+    return worst
 
 
 def _late(panel: PanelConfig, points: Floats) -> Floats:
