@@ -139,11 +139,18 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.direct_weights(_direct_weights(record, photos, decoded)),
             _direct_left(record, photos, decoded, deviations, thin),
             _blocked_left(photos, decoded, thin),
-            # Entries of T have no parts that could measure anything.
-            quality.sigma_of("" if decoded.transport is not None else answer.kind),
+            *_of_kind(decoded),
             _pair_sum(decoded, thin),
         )
     )
+
+
+def _of_kind(decoded: Decoded) -> Iterator[Iterator[Finding]]:
+    """What counts for slices of T, and what for pictures alone."""
+    if decoded.transport is not None:
+        yield quality.common_light(decoded.transport.common)
+    else:  # entries of T have no parts that could measure anything
+        yield quality.sigma_of(decoded.answer.kind)
 
 
 def _errors(

@@ -372,6 +372,19 @@ def direct_left(
     yield Finding(grade, f"{text}; {advice}")
 
 
+def common_light(share: float, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Share of the light of a slice's photos that comes whatever is shown: it is in the picture of
+    the scene under all patterns, and not in the entries of T."""
+    if share < 1.0 and share / (1.0 - share) < limits.stray[0]:
+        return
+    yield Finding(
+        Grade.DOUBTFUL,
+        f"{percent(share)} of the light comes whatever is shown (limit "
+        f"{percent(limits.stray[0])} of the rest): entries of T are without it, the picture is "
+        "not; darken the room",
+    )
+
+
 def pair_sum(
     sums: Floats, floodlit: Floats, variance: Floats, limits: Limits = LIMITS
 ) -> Iterator[Finding]:

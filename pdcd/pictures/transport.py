@@ -46,6 +46,8 @@ class Sliced:
     seen, lit : (C,) and (J,), numbers of the camera and projector cells.
     photos : of how many.
     uneven : largest difference of P_k from a product of both sides, over its largest entry.
+    common : share of the light of all photos that comes whatever is shown. Entries are without it;
+        the picture of the scene under all patterns is not.
     """
 
     entries: Floats
@@ -54,6 +56,7 @@ class Sliced:
     lit: NDArray[np.int64]
     photos: int
     uneven: float
+    common: float
 
     @property
     def rms_sigma(self) -> float:
@@ -92,11 +95,15 @@ def sliced(recipe: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> Slic
             "the photos do not tell the cells of the slice apart",
             hint="look at frames.csv: did the projector show every pattern",
         )
-    solved = np.linalg.pinv(system)[:-1]
+    inverse: Floats = np.linalg.pinv(system)
+    solved, whatever = inverse[:-1], inverse[-1]
+    total = float(light[:, sure].sum())
+    common = float(opened.sum() * np.einsum("k,kcx->", whatever, light[:, sure]))
     entries = np.einsum("jk,kcx->cjx", solved, light)
     sigma = np.sqrt(np.einsum("jk,kcx->cjx", solved**2, error**2))
     sigma[~sure] = np.inf
-    return Sliced(entries, sigma, part.seen, part.lit, len(taken), uneven)
+    share = common / total if total > 0.0 else 0.0
+    return Sliced(entries, sigma, part.seen, part.lit, len(taken), uneven, share)
 
 
 def _sides(

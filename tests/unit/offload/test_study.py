@@ -58,7 +58,7 @@ def test_sigma_over_image_where_it_is_known(
 def sliced(sigma: float) -> Sliced:
     cells = np.array([0, 1])
     entries = np.full((2, 2, 3), 2.0)
-    return Sliced(entries, np.full(entries.shape, sigma), cells, cells, 7, 0.0)
+    return Sliced(entries, np.full(entries.shape, sigma), cells, cells, 7, 0.0, 0.0)
 
 
 def known_scene(truth: float, textures: object = None, grid: tuple[int, int] = (1, 2)) -> Any:

@@ -188,6 +188,18 @@ def test_direct_light_in_a_picture_without_any() -> None:
     assert grades(quality.direct_left(0.06, direct, 0.0 * direct, taken_out=False)) == []
 
 
+@pytest.mark.parametrize(
+    ("share", "told"), [(0.0, False), (0.19, False), (0.21, True), (0.5, True), (1.0, True)]
+)
+def test_light_that_comes_whatever_is_shown_of_a_slice(share: float, told: bool) -> None:
+    """A quarter of the light that patterns bring is a fifth of all."""
+    found = list(quality.common_light(share))
+    assert [f.grade for f in found] == [quality.Grade.DOUBTFUL] * told
+    if told:
+        assert f"{100.0 * share:.3g} % of the light" in found[0].text
+        assert "entries of T are without it" in found[0].text
+
+
 def test_a_modelled_sigma_is_a_remark() -> None:
     assert grades(quality.sigma_of("modelled")) == [Grade.REMARK]
     assert grades(quality.sigma_of("measured")) == []

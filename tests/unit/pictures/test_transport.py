@@ -65,6 +65,17 @@ def test_a_slice_is_that_of_the_matrix(name: str, masked: bool | None) -> None:
     assert found.rms_error(1.1 * truth) == pytest.approx(0.1 / 1.1)
 
 
+@pytest.mark.parametrize("ambient", [0.0, 0.3])
+def test_the_share_of_light_that_comes_whatever_is_shown(ambient: float) -> None:
+    """Against photos of the same patterns in the dark, over the row that is looked at."""
+    recipe, ideal = recipe_of(), PANELS["ideal"]
+    row = [shot.light[ROWS[1]].sum() for shot in photos(recipe, ideal, ambient).values()]
+    dark = [shot.light[ROWS[1]].sum() for shot in photos(recipe, ideal).values()]
+    found = sliced(recipe, photos(recipe, ideal, ambient), CellMap.block(GRID, GRID))
+    assert found.common == pytest.approx(1.0 - np.sum(dark) / np.sum(row), abs=1e-12)
+    assert (found.common > 0.05) == (ambient > 0.0)
+
+
 def test_all_of_a_matrix_on_a_small_grid() -> None:
     recipe = recipe_of(rows=None)
     found = sliced(recipe, photos(recipe, PANELS["ideal"]), CellMap.block(GRID, GRID))
