@@ -138,7 +138,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
             quality.direct_weights(_direct_weights(record, photos, decoded)),
             _direct_left(record, photos, decoded, deviations, thin),
-            _blocked_left(photos, decoded, thin),
+            _blocked_left(record, photos, decoded, thin),
             *_of_kind(decoded),
             _pair_sum(decoded, thin),
         )
@@ -252,9 +252,17 @@ def _direct_left(
     yield from found
 
 
-def _blocked_left(photos: list[Photo], decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
-    """What is left of light that was to be blocked by its depth, or by its row."""
+def _blocked_left(
+    record: RunRecord, photos: list[Photo], decoded: Decoded, thin: Thinned
+) -> Iterator[Finding]:
+    """What is left of light that was to be blocked by its depth, or by its row.
+
+    Where windows cut cells, what holds between cells says nothing of direct light, which goes from
+    point to point.
+    """
     white, rule = decoded.pictures.get("white"), decoded.recipe.answer
+    if any(shot.window != "whole" for shot in record.shots):
+        return
     if white is None or isinstance(rule, Extremes) or "white" in dict(_turned(rule)):
         return
     shots, shares = {**decoded.shots, **decoded.sums}, dict(_turned(rule))

@@ -73,6 +73,9 @@ class Limits:
     fingerprint: tuple[float, float] = (0.3, 6.0)
     """Share of the light that follows the codes of a panel in another place, and that over chance.
     Misplaced panels have 0.5 to 1, and 14 to 54; others up to 0.2, and 3."""
+    followed: float = 1.5
+    """The same share that is too much: no more light can follow codes than there is. It is found
+    where such codes hardly differ from cell to cell, as at the borders of matched ones."""
     diagonal: tuple[float, float] = (0.1, 0.5)
     """Mean error of the weight of direct light, where a wanted weight of 1 is 1."""
     direct_left: tuple[float, float] = (0.15, 0.5)
@@ -235,7 +238,10 @@ def placed(
     in_place = float(np.median(shares)) if shares.size else 0.0
     strange = [f for f in fits if abs(f.share) > in_place]
     sure = [
-        f for f in (*strange, *stack) if min(abs(f.share) / least, abs(f.over_chance) / chance) > 1
+        f
+        for f in (*strange, *stack)
+        if abs(f.share) <= limits.followed
+        and min(abs(f.share) / least, abs(f.over_chance) / chance) > 1
     ]
     wrong = [f for f in sure if f.name != "as believed" or f.share < 0.0]
     if wrong:
@@ -357,7 +363,9 @@ def direct_left(
     grade = graded(UNSURE * share if taken_out else share, limits.direct_left)
     if not grade:
         return
-    advice = "take quarter windows, and look at contrast, guards and places of the panels"
+    advice = "look at contrast, guards and places of the panels"
+    if light == "direct light":
+        advice = f"take quarter windows, and {advice}"
     limit = percent(limits.direct_left[0])
     if taken_out:
         text = (

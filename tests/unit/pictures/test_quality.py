@@ -136,6 +136,8 @@ def test_misplaced_panels_are_named() -> None:
     assert grades(quality.placed(good, [of_a_book], [])) == []
     assert grades(quality.placed(good[:0], [of_a_book], [])) == [BAD]
     assert grades(quality.placed(0.3 * good, [of_a_book], [])) == [BAD]
+    more_than_all = Fit("mirrored left to right", 4.9, 8.0)
+    assert grades(quality.placed(good[:0], [more_than_all], [])) == []
     assert grades(quality.placed(good, [chance, weak], [Fit("as believed", 0.9, 90.0)])) == []
     elsewhere = 0.02 * good
     (found,) = quality.placed(elsewhere, [Fit("turned by 180 degrees", -0.9, -40.0)], [])
