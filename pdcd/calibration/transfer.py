@@ -33,6 +33,9 @@ SIDE = 32
 LEAST_BLOCKS = 12
 PARTS, UNEVEN = 4, 0.5
 """Parts of a block's side, and the difference of their light over its mean that is borne."""
+UNLIT = 0.02
+"""Share of the brightest light below which a block of a lit photo is beside the card. What its rows
+have in common is mostly noise of brighter blocks, and it tells no more than a dark photo."""
 CLIP_SIGMAS = 6.0
 ROUNDING_DN2 = 1.0 / 12.0
 LEAST_DARK_DN2 = 0.24
@@ -101,7 +104,10 @@ def pair_of(first: Floats, second: Floats, dark: Floats | None = None, side: int
     beside = float((d[..., 1:] * d[..., :-1]).sum()) * side / (side - 1)
     both = 1.0 + ratio**2
     if dark is not None:
-        count = np.where(_even(a, np.sqrt(np.maximum(variance / both, 0.0)), side), count, 0.0)
+        even = _even(a, np.sqrt(np.maximum(variance / both, 0.0)), side)
+        light = means[0] - base
+        lit = light > UNLIT * np.quantile(light, 0.98)
+        count = np.where(even & lit, count, 0.0)
     return Pair(
         mean=((means[0] - base) * (1.0 + ratio) / both).ravel(),
         variance=(variance / both).ravel(),
@@ -233,7 +239,7 @@ def transfer_of(
     chi2 = float(np.mean(away[good] ** 2))
     if chi2 > 1.0 + max(EXCESS_CHI2, 5.0 * float(np.sqrt(2.0 / good.sum()))):
         raise _moved(plane, chi2)
-    level = max(float(np.median(pair.mean)) for pair in lit)
+    level = max(float(np.median(pair.mean[pair.samples > 0])) for pair in lit)
     if fit[1] * level < DIM * fit[0]:
         raise CalibrationError(
             f"plane {plane}: the flat photos are too dim: {level:.3g} DN, of whose noise half is "
