@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
+TELLING_QUADS = 5.0
+"""Dots that lie nearer to each other than this may be too small to be told from their holes."""
 LEAST_DOTS = 60
 """Dots below which neither their code nor a map is sure."""
 FLAT, EDGE, RING = 1.5, 2.1, 2.6
@@ -278,11 +280,15 @@ def _told_apart(
     place = placed(cells, grid.holes())
     if not place.sure:
         _check_swapped(cells, place, grid, other)
+        apart = float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))
+        hint = "hold a flat matt card there, wholly lit, and see that nothing scales the picture"
+        if apart < TELLING_QUADS:
+            hint = f"they lie {apart:.1f} quads apart: let the field fill the camera's frame"
         raise _untrusted(
             f"dots were found, but not which is which: they agree by {place.score:.0%} with the "
             f"{grid.panel}'s code",
             grid,
-            "hold a flat matt card there, wholly lit, and see that nothing scales the picture",
+            hint,
         )
     return points, place.index(count), place.score
 

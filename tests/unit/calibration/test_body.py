@@ -75,7 +75,7 @@ def measured(photos: dict[str, Planes], plan: BodyPlan = PLAN) -> Body:
 
 
 def test_a_card_that_fills_half_of_the_picture_is_no_bench_that_moved() -> None:
-    """Noise of bright samples in what a row has in common is much beside dark samples of the row."""
+    """Noise of bright samples in what a row has in common is much beside its dark ones."""
     gain, read_dn, shape = 2.0, 4.0, (416, 288)
     light = np.zeros(shape)
     light[:, 96:192] = 6000.0
@@ -88,9 +88,7 @@ def test_a_card_that_fills_half_of_the_picture_is_no_bench_that_moved() -> None:
     for seed in range(8):
         rng = np.random.default_rng(seed)
         first, second = (photo(0.0, rng) for _ in range(2))
-        pairs = [
-            pair_of(photo(level, rng), photo(level, rng), first) for level in (0.3, 0.6, 1.0)
-        ]
+        pairs = [pair_of(photo(level, rng), photo(level, rng), first) for level in (0.3, 0.6, 1.0)]
         found = transfer_of("R", pair_of(first, second), tuple(pairs), highest_dn=9000.0)
         assert found.gain_e_per_dn == pytest.approx(gain, rel=0.02)
         chi2.append(found.chi2)

@@ -151,6 +151,16 @@ def test_pictures_that_were_not_shown_are_named() -> None:
         find_dots(plain, black, dots, GRID)
 
 
+def test_dots_that_a_camera_sees_too_small_are_told_by_how_far_they_lie_apart() -> None:
+    grid = DotGrid.usual("projector", (2048, 1536))
+    way = small_way(size_px=grid.size_px, scale=0.14, keystone=(0.0, 0.0), radial=0.0)
+    white, black, dots = bench(way, blur_quads=0.3).photos(grid.shown(1), 2)
+    plain = replace(white, light=np.full_like(white.light, 20_000.0))
+    with pytest.raises(CalibrationError, match="not which is which") as caught:
+        find_dots(plain, black, dots, grid)
+    assert " quads apart: let the field fill" in str(caught.value)
+
+
 def test_dots_of_the_other_panel_are_recognised() -> None:
     asked = DotGrid.usual("mask", (256, 192))
     white, black, dots = photos()
