@@ -380,7 +380,7 @@ def _measured(ratio: _Ratio, points: Floats, radius: float, grid: DotGrid) -> _C
         raise _untrusted(
             f"the dots are out of focus: their edges are blurred over {blur:.0%} of their radius",
             grid,
-            "focus: first the camera on the mask, then the projector on the card",
+            "focus the camera on the mask, then the projector on the card; let them fill its frame",
         )
     return found
 
