@@ -43,7 +43,7 @@ def test_the_limits_are_those_of_the_manual() -> None:
         "error": (0.3, 1.0), "modelled": 0.5, "below": (0.15, 1.0), "unsure": (0.5, 0.9),
         "stray": (0.25, 1.0), "outside": 0.25, "direct": 0.15, "inverted": -0.2,
         "fingerprint": (0.3, 6.0), "diagonal": (0.1, 0.5), "direct_left": (0.15, 0.5),
-        "pair_sum": (0.02, 0.1), "off_rms": (1.0, 3.0),
+        "pair_sum": (0.02, 0.1), "off_rms": (1.0, 3.0), "followed": 1.5,
     }  # fmt: skip
 
 
