@@ -149,7 +149,8 @@ def test_nayar_loses_all_of_the_light_of_a_mirror(tmp_path: Path) -> None:
     engine = engine_on(tmp_path, t)
     errors = {}
     for method in ("coded", "multi-image", "nayar"):
-        image, result = take(engine, goal="indirect", method=method, codes=32)
+        # Windows that cut cells would lose light that goes from cell to cell.
+        image, result = take(engine, goal="indirect", method=method, codes=32, window="whole")
         errors[method] = relative(image, truth)
         assert result.summary["rms_error"] == pytest.approx(errors[method], rel=1e-6)
     assert errors["nayar"] == pytest.approx(1.0, abs=0.01)
