@@ -117,7 +117,7 @@ def test_48_codes_with_a_pilot_show_a_mirror_ball(tmp_path: Path) -> None:
     request = CaptureRequest(goal="indirect", codes=48, pilot=32, white=False)
     result = run(tmp_path, request, scene=DISCO)
     assert result.summary["pilot"] == 32
-    assert float(str(result.summary["rms_error"])) < 0.035
+    assert float(str(result.summary["rms_error"])) < 0.02
 
 
 def test_what_ends_early_is_what_the_plan_foresaw(tmp_path: Path) -> None:
@@ -174,7 +174,8 @@ def test_a_long_pilot_of_few_cells_finds_nothing_to_keep_apart(
     path = tmp_path / "mirror.npz"
     mirror = 0.3 * np.eye(cells) + 0.5 * np.roll(np.eye(cells), cells // 2, axis=1)
     np.savez(path, transport=mirror, grid=np.array(grid))
-    request = CaptureRequest(goal="indirect", codes=codes, pilot=pilot)
+    # Windows that cut cells would lose light that goes from cell to cell.
+    request = CaptureRequest(goal="indirect", codes=codes, pilot=pilot, window="whole")
     result = run(
         tmp_path / "run",
         request,
@@ -182,7 +183,7 @@ def test_a_long_pilot_of_few_cells_finds_nothing_to_keep_apart(
         SceneConfig(kind="matrix", path=str(path)),
     )
     assert result.state == "done" and result.summary["pilot"] == pilot
-    assert float(str(result.summary["rms_error"])) < 0.035
+    assert float(str(result.summary["rms_error"])) < 0.02
 
 
 def test_noise_in_the_pilot_does_no_harm(tmp_path: Path) -> None:
