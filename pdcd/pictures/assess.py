@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.pictures import quality
 from pdcd.pictures.answer_error import error_of, negative_light
-from pdcd.pictures.blocked_left import blocked_weight
+from pdcd.pictures.blocked_left import blocked_parts, blocked_weight
 from pdcd.pictures.combine import divided_by_row, realised_photo, share_taken_out
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.exposed import Exposed
@@ -25,7 +25,7 @@ from pdcd.pictures.quality import Finding
 from pdcd.probing.deviation import Deviation, weight_s
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.recipes.pairs import FLOODLIT
-from pdcd.recipes.recipe import Combination, Extremes, Photo, Shot
+from pdcd.recipes.recipe import Extremes, Photo, Shot
 from pdcd.request import Quality
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.cells import CellMap
@@ -138,19 +138,19 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.deviations({n: d for n, d in deviations.items() if n in used}),
             quality.direct_weights(_direct_weights(record, photos, decoded)),
             _direct_left(record, photos, decoded, deviations, thin),
-            _blocked_left(record, photos, decoded, thin),
-            *_of_kind(decoded),
+            _blocked_left(record, photos, decoded, deviations, thin),
+            _of_kind(decoded),
             _pair_sum(decoded, thin),
         )
     )
 
 
-def _of_kind(decoded: Decoded) -> Iterator[Iterator[Finding]]:
+def _of_kind(decoded: Decoded) -> Iterator[Finding]:
     """What counts for slices of T, and what for pictures alone."""
-    if decoded.transport is not None:
-        yield quality.common_light(decoded.transport.common)
-    else:  # entries of T have no parts that could measure anything
-        yield quality.sigma_of(decoded.answer.kind)
+    if decoded.transport is None:
+        return quality.sigma_of(decoded.answer.kind)
+    # Entries of T have no parts that could measure anything.
+    return quality.common_light(decoded.transport.common)
 
 
 def _errors(
@@ -253,7 +253,11 @@ def _direct_left(
 
 
 def _blocked_left(
-    record: RunRecord, photos: list[Photo], decoded: Decoded, thin: Thinned
+    record: RunRecord,
+    photos: list[Photo],
+    decoded: Decoded,
+    deviations: dict[str, Deviation],
+    thin: Thinned,
 ) -> Iterator[Finding]:
     """What is left of light that was to be blocked by its depth, or by its row.
 
@@ -261,27 +265,32 @@ def _blocked_left(
     point to point.
     """
     white, rule = decoded.pictures.get("white"), decoded.recipe.answer
+    if white is None or isinstance(rule, Extremes) or "white" in [name for _, name in rule]:
+        return
     if any(shot.window != "whole" for shot in record.shots):
         return
-    if white is None or isinstance(rule, Extremes) or "white" in dict(_turned(rule)):
+    if not any(blocked_parts(photo.wanted) for photo in photos):
         return
-    shots, shares = {**decoded.shots, **decoded.sums}, dict(_turned(rule))
-    weight = 0.0
-    for photo in photos:
-        realised = realised_photo(photo.shots, shots)
-        whole_s = weight_s(realised, photo.wanted)
-        weight += shares[photo.name] * blocked_weight(realised, photo.wanted, whole_s)
-    weight = abs(weight)
+    shots, shares = {**decoded.shots, **decoded.sums}, {name: share for share, name in rule}
+    through = [
+        shares[photo.name]
+        * blocked_weight(
+            realised_photo(photo.shots, shots), photo.wanted, deviations[photo.name].weight_s
+        )
+        for photo in photos
+    ]
+    weight = abs(sum(through))
     there, left = (thin.inside(thin.pick(p.image)) for p in (white, decoded.answer))
     # What is left of it in this picture is missing in the difference.
     whole = (there - left) / max(1.0 - weight, LEAST_SHOWN)
-    light = "light that was to be blocked"
-    yield from quality.direct_left(weight, whole, left, taken_out=False, light=light)
-
-
-def _turned(rule: Combination) -> Iterator[tuple[str, float]]:
-    """Photos of a sum, each with its share."""
-    return ((name, share) for share, name in rule)
+    yield from quality.direct_left(
+        weight,
+        whole,
+        left,
+        taken_out=False,
+        light="light that was to be blocked",
+        advice="look at contrast, guards and places of the panels",
+    )
 
 
 def _taken_out(record: RunRecord, photo: Photo, decoded: Decoded) -> bool:

@@ -6,19 +6,23 @@ import numpy as np
 
 from pdcd.probing.lines import SameRow
 from pdcd.probing.realised import Factors
-from pdcd.probing.wanted import Match, Wanted
+from pdcd.probing.wanted import Match, Part, Wanted
+
+
+def blocked_parts(wanted: Wanted) -> list[Part]:
+    """The paths that a photo is to block: of matched cells, or of rows. Direct light of an off-axis
+    bench takes one of these, and nobody knows which."""
+    return [p for w, p in wanted.parts if w < 0.0 and isinstance(p, Match | SameRow)]
 
 
 def blocked_weight(realised: Factors, wanted: Wanted, weight_s: float) -> float:
-    """Mean weight in a photo of the paths that it was to block: of matched cells, or of rows.
+    """Mean weight in a photo of its `blocked_parts`, 0 where it has none.
 
-    weight_s : of a path with a wanted weight of 1, in seconds. 0 for a photo that blocks neither.
-    Direct light of an off-axis bench takes one of these paths, and nobody knows which.
+    weight_s : of a path with a wanted weight of 1, in seconds.
     """
-    blocked = [p for w, p in wanted.parts if w < 0.0 and isinstance(p, Match | SameRow)]
     own = np.arange(wanted.cells)
     got = paths = 0.0
-    for part in blocked:
+    for part in blocked_parts(wanted):
         diagonal = part.entries(own)
         through = np.einsum("rn,rn->n", realised.left, part.others(realised.right))
         got += float(np.sum(through + diagonal * realised.coaxial))

@@ -346,12 +346,13 @@ def direct_left(
     *,
     taken_out: bool,
     light: str = "direct light",
+    advice: str = "take quarter windows, and look at contrast, guards and places of the panels",
     limits: Limits = LIMITS,
 ) -> Iterator[Finding]:
     """An answer without direct light: how much of it is some all the same.
 
     weight : of direct light in the photo, on average. direct, answer : (n, 3) both pictures.
-    light : what it is called, where it is that of some depths or rows.
+    light, advice : what it is called, and what to do, where it is that of some depths or rows.
     taken_out : it was, by what is known of the panels (`pdcd.pictures.unmixed`); then `UNSURE` of
     it counts.
     """
@@ -363,9 +364,6 @@ def direct_left(
     grade = graded(UNSURE * share if taken_out else share, limits.direct_left)
     if not grade:
         return
-    advice = "look at contrast, guards and places of the panels"
-    if light == "direct light":
-        advice = f"take quarter windows, and {advice}"
     limit = percent(limits.direct_left[0])
     if taken_out:
         text = (

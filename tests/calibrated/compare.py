@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from pdcd.bench.calibration import MAPS, Calibration
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.calibration.pulses import Answer, kept_apart
-from pdcd.frames.schedule import SLOTS
+from pdcd.calibration.pulses import Answer
 from pdcd.maps.file import load_maps
 from pdcd.maps.map import Map, between
 from pdcd.sensor.profile import IsoRow
+from tests.e2e.calibration.timing_rig import leaks_of
 
 Floats = NDArray[np.float64]
 
@@ -122,34 +122,23 @@ def _lags_s(values: dict[str, object], maps: dict[str, Map], true: Config) -> tu
     said = _late(found[1], between(maps["projector"], maps["mask"], points))
     said = said - _late(found[0], points)
     delay = round(_number(values.get("display.mask_delay_refreshes", 0)))
-    of_bands = (
-        np.nanmean(np.where(seen, late, np.nan).reshape(BANDS, -1), axis=1)
-        + delay / true.projector.refresh_hz
-        for late in (said, real)
-    )
-    one, other = of_bands
-    return one, other
+
+    def of_bands(late: Floats) -> Floats:
+        mean = np.nanmean(np.where(seen, late, np.nan).reshape(BANDS, -1), axis=1)
+        return np.asarray(mean + delay / true.projector.refresh_hz)
+
+    return of_bands(said), of_bands(real)
 
 
 def _leak_off(values: dict[str, object], said_s: Floats, real_s: Floats, true: Config) -> float:
-    """Light of a code in all others, over that of a refresh: the largest error of any schedule, of
-    the mean over all bands."""
-    refresh_s = 1.0 / true.projector.refresh_hz
-    names = ("projector", "mask")
-    found = [
+    """The largest error of the leak of any schedule, the mean over all bands."""
+    said = [
         Answer(*(_number(values.get(f"{panel}.{key}")) for key in ("rise_s", "fall_s")))
-        for panel in names
+        for panel in ("projector", "mask")
     ]
     real = [Answer(panel.rise_s, panel.fall_s) for panel in (true.projector, true.mask)]
-    worst = 0.0
-    for schedule in SLOTS:
-        leaks = []
-        for answers, lags_s in ((found, said_s), (real, real_s)):
-            light, opening = answers
-            kept = [kept_apart(schedule, light, opening, float(lag), refresh_s) for lag in lags_s]
-            leaks.append(float(np.mean([one.leak * one.light for one in kept])))
-        worst = max(worst, abs(leaks[0] - leaks[1]))
-    return worst
+    found, wanted = leaks_of(said[0], said[1], said_s), leaks_of(real[0], real[1], real_s)
+    return max(abs(found[name] - wanted[name]) for name in wanted)
 
 
 def _late(panel: PanelConfig, points: Floats) -> Floats:

@@ -10,11 +10,16 @@ import pytest
 
 from pdcd.bench.tables import Config, RigConfig
 from pdcd.bench.truth import truth_of
-from pdcd.calibration.pulses import Answer, kept_apart
+from pdcd.calibration.pulses import Answer
 from pdcd.frames.schedule import SLOTS
-from tests.e2e.calibration.timing_rig import bench, calibrated, record_of
+from tests.e2e.calibration.timing_rig import (
+    REFRESH_S,
+    bench,
+    calibrated,
+    leaks_of,
+    record_of,
+)
 
-REFRESH_S = 1.0 / 60.0
 STRIPS = tuple(f"rhythms-{number}" for number in (1, 2, 3, 4))
 TAUS = """
 [projector]
@@ -43,13 +48,9 @@ def lags_s(config: Config, rows: np.ndarray) -> np.ndarray:
 
 
 def leaks(config: Config, late_s: np.ndarray) -> dict[str, float]:
-    """Light of a code in all others, over that of a refresh, by schedule; the mean of all rows."""
+    """`leaks_of` a configuration, the mean of all rows."""
     light, opening = (Answer(p.rise_s, p.fall_s) for p in (config.projector, config.mask))
-    found: dict[str, float] = {}
-    for name in SLOTS:
-        kept = [kept_apart(name, light, opening, float(late), REFRESH_S) for late in late_s]
-        found[name] = float(np.mean([one.leak * one.light for one in kept]))
-    return found
+    return leaks_of(light, opening, late_s)
 
 
 def check_found(believed: Config, found: Config, *, rows: int = 40) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from pdcd.bench.calibration import Calibration, read_calibration
 from pdcd.bench.measured import calibrated as measured
 from pdcd.bench.tables import (
@@ -14,11 +16,14 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
+from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.capture.engine import Engine
+from pdcd.frames.schedule import SLOTS
 from pdcd.maps.map import Map
 from pdcd.maps.placing import Placing
 from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
 
+REFRESH_S = 1.0 / 60.0
 PROJECTOR_PX, MASK_PX, QUADS = (192, 96), (216, 120), (192, 120)
 F_NUMBER = 22.0
 """At which about a hundred refreshes of white light are right: short photos, quickly made."""
@@ -58,6 +63,15 @@ def calibrated(config: Config, step: str) -> tuple[CaptureResult, Config]:
         return result, measured(config)
     finally:
         engine.stop()
+
+
+def leaks_of(projector: Answer, mask: Answer, late_s: np.ndarray) -> dict[str, float]:
+    """Light of a code in all others, over that of a refresh, by schedule; the mean of some lags."""
+    found: dict[str, float] = {}
+    for name in SLOTS:
+        kept = [kept_apart(name, projector, mask, float(late), REFRESH_S) for late in late_s]
+        found[name] = float(np.mean([one.leak * one.light for one in kept]))
+    return found
 
 
 def record_of(result: CaptureResult) -> Calibration:
