@@ -70,10 +70,13 @@ WHITES = pulse(6, 6)
 BLACKS = pulse(0, 0)
 LIT = pulse(6, 0)
 OPENED = pulse(0, 6)
-PULSES = tuple(
-    pulse(lit, opened, delay) for lit, opened in ((1, 1), (2, 1), (1, 2)) for delay in range(-3, 3)
-)
-"""Short pulses: the mask finds the projector's at any delay of up to three refreshes."""
+PULSES = {
+    pulse(lit, opened, delay): ((lit, opened), delay)
+    for lit, opened in ((1, 1), (2, 1), (1, 2))
+    for delay in range(-3, 3)
+}
+"""Short pulses, by the refreshes that projector and mask are white and by the delay of the mask: it
+finds the projector's at any delay of up to three refreshes."""
 TRAINS = tuple(
     Programme(lit, opened)
     for lit, masks in (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.charts import BLUE, GREEN, GREY, RED, Chart, sheet
-from pdcd.calibration.programmes import TRAINS, Programme, pulse
+from pdcd.calibration.programmes import PULSES, TRAINS, Programme
 from pdcd.calibration.strips import Readings
 from pdcd.calibration.timing import Timing
 from pdcd.calibration.timing_model import Model, Ran, Times
@@ -17,8 +17,6 @@ Strip = tuple[Programme, float, float]
 """What it was asked for, its light over white, and what the times make of it."""
 KINDS = (((1, 1), BLUE), ((2, 1), RED), ((1, 2), GREEN))
 """Refreshes that projector and mask are white, and the colour of such pulses."""
-DELAYS = range(-3, 3)
-"""Of the pulses' masks, in refreshes."""
 
 
 def picture(found: Timing, readings: Sequence[Readings], ran: Sequence[Ran]) -> NDArray[np.uint8]:
@@ -36,18 +34,14 @@ def picture(found: Timing, readings: Sequence[Readings], ran: Sequence[Ran]) -> 
         for reading, fitted in zip(readings, shape, strict=True)
         for k, programme in enumerate(reading.projector)
     ]
-    _pulses(drawn, strips, found.chi2)
+    _pulses(drawn, [strip for strip in strips if strip[0] in PULSES], found.chi2)
     _lags(drawn, found)
     _trains(drawn, [strip for strip in strips if strip[0] in TRAINS])
     return drawn
 
 
 def _pulses(drawn: NDArray[np.uint8], strips: Sequence[Strip], chi2: float) -> None:
-    lines = {
-        kind: [strip for d in DELAYS for strip in strips if strip[0] == pulse(*kind, d)]
-        for kind, _ in KINDS
-    }
-    highest = max((light for line in lines.values() for _, light, _ in line), default=1.0)
+    highest = max((light for _, light, _ in strips), default=1.0)
     chart = Chart(drawn, (0, 0, 560, 500), (-3.5, 2.5), (0.0, 1.1 * highest))
     chart.frame(
         f"Single pulses in the middle of the field, reduced chi^2 of all {chi2:.2f}",
@@ -56,9 +50,11 @@ def _pulses(drawn: NDArray[np.uint8], strips: Sequence[Strip], chi2: float) -> N
         ticks=7,
     )
     for kind, colour in KINDS:
-        delay = [d for d in DELAYS for strip in lines[kind] if strip[0] == pulse(*kind, d)]
-        chart.line(delay, [fitted for _, _, fitted in lines[kind]], GREY)
-        chart.points(delay, [light for _, light, _ in lines[kind]], colour)
+        own = [strip for strip in strips if PULSES[strip[0]][0] == kind]
+        own.sort(key=lambda strip: PULSES[strip[0]][1])
+        delays = [PULSES[programme][1] for programme, _, _ in own]
+        chart.line(delays, [fitted for _, _, fitted in own], GREY)
+        chart.points(delays, [light for _, light, _ in own], colour)
     chart.legend([(f"lit {p}, open {m}", colour) for (p, m), colour in KINDS])
 
 
