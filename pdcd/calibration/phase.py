@@ -13,8 +13,9 @@ margin, or from a belief that is less than half a period wrong, for which eight 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -29,6 +30,8 @@ from pdcd.frames.frames import WHITE
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Placed = tuple[Floats, Floats, Bools]
+"""Pixels along an axis, (h, w), their standard deviations, and which are valid."""
 
 LEAST_MODULATION = 0.2
 """Depth of the stripes over their mean, below which a quad is left out."""
@@ -134,15 +137,14 @@ def decode(photos: Iterable[Photo], code: PhaseCode, channel: int = GREEN) -> De
     taken = iter(photos)
     axes = []
     for axis in (0, 1):
-        sine = _Sine.of(taken, code, channel)
-        number = np.zeros(sine.mean.shape, dtype=np.int64)
-        bit = np.zeros(sine.mean.shape, dtype=np.bool_)
-        for _ in range(code.bits(axis)):
-            bit ^= next(taken).light[..., channel] > sine.mean
-            number = 2 * number + bit
-        near_px = np.asarray((number + 0.5) * (0.5 * code.period_px), dtype=np.float64)
-        axes.append(sine.place(near_px))
-    return _joined(axes, code)
+        sines = Sines(code, channel)
+        for photo in islice(taken, code.steps):
+            sines.add(photo)
+        halves = HalfPeriods(code, sines)
+        for photo in islice(taken, code.bits(axis)):
+            halves.add(photo)
+        axes.append(sines.place(halves.near_px))
+    return joined(axes, code)
 
 
 def decode_by_prior(
@@ -159,84 +161,119 @@ def decode_by_prior(
     taken = iter(photos)
     axes = []
     for axis in (0, 1):
-        sine = _Sine.of(taken, code, channel)
-        axes.append(sine.place(prior_px[..., axis]))
-    found = _joined(axes, code)
-    away = np.abs(found.panel_px - prior_px)[found.valid].max(axis=-1) / code.period_px
+        sines = Sines(code, channel)
+        for photo in islice(taken, code.steps):
+            sines.add(photo)
+        axes.append(sines.place(prior_px[..., axis]))
+    found = joined(axes, code)
+    refuse_wrapped(found, prior_px, code)
+    return found
+
+
+def refuse_wrapped(found: Decoded, prior_px: Floats, code: PhaseCode) -> None:
+    """Raise CalibrationError where the belief that numbered the periods was too far off."""
+    away = _away(found, prior_px, code)
     far = float(np.mean(away > WRAPPED))
     if far > MOST_WRAPPED:
         raise CalibrationError(
             f"the {code.panel} lies {np.median(away) * code.period_px:.1f} pixels beside its "
             f"stored map, {far:.0%} of it about half a period of the stripes or more",
             device=code.panel,
-            hint="calibrate the geometry with dots on a card, or with numbered stripes",
+            hint="use patterns that need no map: --marks xor on a scene, dots on a card",
         )
-    return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Sine:
-    """Sums over the shifts of one axis."""
+def _away(found: Decoded, prior_px: Floats, code: PhaseCode) -> Floats:
+    """Distance of decoded quads from their belief, in periods."""
+    away: Floats = np.abs(found.panel_px - prior_px)[found.valid].max(axis=-1) / code.period_px
+    return away
 
-    z: NDArray[np.complex128]
-    mean: Floats
-    variance: Floats
-    """Sum of the variances."""
-    turned: NDArray[np.complex128]
-    """Sum of variances, each with the square of its photo's factor in z."""
-    saturated: Bools
-    code: PhaseCode
 
-    @classmethod
-    def of(cls, photos: Iterator[Photo], code: PhaseCode, channel: int) -> _Sine:
-        factors = np.exp(2j * np.pi * np.arange(code.steps) / code.steps)
-        first = next(photos)
-        frame = first.frame
-        z, turned = np.zeros(frame, np.complex128), np.zeros(frame, np.complex128)
-        mean, variance, saturated = np.zeros(frame), np.zeros(frame), np.zeros(frame, np.bool_)
-        for step, factor in enumerate(factors.tolist()):
-            photo = first if step == 0 else next(photos)
-            values, spread = photo.light[..., channel], photo.variance[..., channel]
-            z += values * factor
-            turned += spread * factor**2
-            mean += values / code.steps
-            variance += spread
-            if photo.saturated is not None:
-                saturated |= photo.saturated
-        return cls(z, mean, variance, turned, saturated, code)
+class Sines:
+    """The shifts of one axis in one colour, photo by photo, in the order of `PhaseCode.shown`."""
 
-    def place(self, near_px: Floats) -> tuple[Floats, Floats, Bools]:
+    def __init__(self, code: PhaseCode, channel: int = GREEN) -> None:
+        self.code, self.channel = code, channel
+        self._step = 0
+        self._z = np.zeros((0, 0), np.complex128)
+        # Sum of variances, each with the square of its photo's factor in z.
+        self._turned = np.zeros((0, 0), np.complex128)
+        self._variance = np.zeros((0, 0))
+        self._saturated = np.zeros((0, 0), np.bool_)
+        self.mean = np.zeros((0, 0))
+        """(h, w), of all shifts: half of the light."""
+
+    def add(self, photo: Photo) -> None:
+        """The next shift."""
+        if not self._step:
+            self._z, self._turned = (np.zeros(photo.frame, np.complex128) for _ in range(2))
+            self._variance, self.mean = np.zeros(photo.frame), np.zeros(photo.frame)
+            self._saturated = np.zeros(photo.frame, np.bool_)
+        factor = complex(np.exp(2j * np.pi * self._step / self.code.steps))
+        values, spread = photo.light[..., self.channel], photo.variance[..., self.channel]
+        self._z += values * factor
+        self._turned += spread * factor**2
+        self.mean += values / self.code.steps
+        self._variance += spread
+        if photo.saturated is not None:
+            self._saturated |= photo.saturated
+        self._step += 1
+
+    def beside(self, near_px: Floats) -> tuple[float, float]:
+        """By how much stripes lie beside a belief (h, w), half a period at most either way, as most
+        quads say, and how alike they say it: 1 is all the same."""
+        period = self.code.period_px
+        with np.errstate(invalid="ignore"):
+            known = np.isfinite(near_px) & ~self._saturated
+            turn = self._z * np.exp(-2j * np.pi * np.where(known, near_px, 0.0) / period)
+            turn = np.where(known & (self.mean > 0.0), turn / np.maximum(self.mean, 1e-12), 0.0)
+        together = complex(turn.sum())
+        alike = abs(together) / max(float(np.abs(turn).sum()), 1e-12)
+        return period * float(np.angle(together)) / (2.0 * np.pi), alike
+
+    def place(self, near_px: Floats) -> Placed:
         """Pixel nearest to the given ones, its standard deviation, and whether it is valid."""
         period = self.code.period_px
-        size = np.abs(self.z)
+        size = np.abs(self._z)
         with np.errstate(all="ignore"):
-            angle = np.angle(self.z)
+            angle = np.angle(self._z)
             at = period * angle / (2.0 * np.pi)
             at += period * np.round((near_px - at) / period)
             along = np.maximum(
-                0.5 * (self.variance - (self.turned * np.exp(-2j * angle)).real), 0.0
+                0.5 * (self._variance - (self._turned * np.exp(-2j * angle)).real), 0.0
             )
             sigma = period / (2.0 * np.pi) * np.sqrt(along) / size
             depth = 2.0 / self.code.steps * size
             valid = (depth > LEAST_MODULATION * self.mean) & (
-                size > SURE * np.sqrt(0.5 * self.variance)
+                size > SURE * np.sqrt(0.5 * self._variance)
             )
             valid &= np.isfinite(at)
-        return at, sigma, valid & ~self.saturated
+        return at, sigma, valid & ~self._saturated
 
 
-def _joined(axes: list[tuple[Floats, Floats, Bools]], code: PhaseCode) -> Decoded:
-    """Both axes, if they make sense."""
-    (x, sigma_x, valid_x), (y, sigma_y, valid_y) = axes
-    panel_px, valid = np.stack([x, y], axis=-1), valid_x & valid_y
-    share = cv2.blur(valid.astype(np.float32), (AROUND, AROUND), borderType=cv2.BORDER_REPLICATE)
-    valid &= share >= AROUND_SHARE
-    if valid.mean() < LEAST_VALID:
-        raise CalibrationError(
-            f"stripes are seen in {valid.mean():.1%} of the photo only",
-            device=code.panel,
-            hint="expose so that white is well lit and not saturated, focus, take off the lens cap",
-        )
+class HalfPeriods:
+    """The Gray code that follows the sines of an axis: which half period each quad sees."""
+
+    def __init__(self, code: PhaseCode, sines: Sines) -> None:
+        self._period_px, self._sines = code.period_px, sines
+        self._number = np.zeros(sines.mean.shape, np.int64)
+        self._bit = np.zeros(sines.mean.shape, np.bool_)
+
+    def add(self, photo: Photo) -> None:
+        """The next bit; the mean of the shifts is its threshold."""
+        self._bit ^= photo.light[..., self._sines.channel] > self._sines.mean
+        self._number = 2 * self._number + self._bit
+
+    @property
+    def near_px(self) -> Floats:
+        """(h, w), the middle of the half period."""
+        return np.asarray((self._number + 0.5) * (0.5 * self._period_px), dtype=np.float64)
+
+
+def joined(axes: Sequence[Placed], code: PhaseCode) -> Decoded:
+    """Both axes, if they make sense. Raises CalibrationError."""
+    found = both(axes, code)
+    panel_px, valid = found.panel_px, found.valid
     inside = ((panel_px >= 0.0) & (panel_px <= code.size_px)).all(axis=-1)
     # Half a period beyond is another one's number; a little is noise.
     near = ((panel_px > -1.0) & (panel_px < np.array(code.size_px) + 1.0)).all(axis=-1)
@@ -247,4 +284,19 @@ def _joined(axes: list[tuple[Floats, Floats, Bools]], code: PhaseCode) -> Decode
             device=code.panel,
             hint="the stored map is off by a period, or the patterns were not shown in order",
         )
-    return Decoded(panel_px, np.stack([sigma_x, sigma_y], axis=-1), valid & inside)
+    return Decoded(panel_px, found.sigma_px, valid & inside)
+
+
+def both(axes: Sequence[Placed], code: PhaseCode) -> Decoded:
+    """Both axes as they are, wherever they lie. Raises CalibrationError where few quads tell."""
+    (x, sigma_x, valid_x), (y, sigma_y, valid_y) = axes
+    valid = valid_x & valid_y
+    share = cv2.blur(valid.astype(np.float32), (AROUND, AROUND), borderType=cv2.BORDER_REPLICATE)
+    valid &= share >= AROUND_SHARE
+    if valid.mean() < LEAST_VALID:
+        raise CalibrationError(
+            f"stripes are seen in {valid.mean():.1%} of the photo only",
+            device=code.panel,
+            hint="expose so that white is well lit and not saturated, focus, take off the lens cap",
+        )
+    return Decoded(np.stack([x, y], axis=-1), np.stack([sigma_x, sigma_y], axis=-1), valid)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -37,12 +36,16 @@ class XorCode:
     """The patterns of one panel.
 
     size_px : (width, height). base_px : width of the base stripes, 2 (where nothing is blurred by
-    a pixel) or 4.
+    a pixel), 4, or a higher power of two before a camera that does not resolve them.
     """
 
     panel: PanelName
     size_px: tuple[int, int]
-    base_px: Literal[2, 4] = 4
+    base_px: int = 4
+
+    def __post_init__(self) -> None:
+        if self.base_px < 2 or self.base_px & (self.base_px - 1):
+            raise ValueError("a base stripe is a power of two pixels wide, 2 at least")
 
     def bits(self, axis: int) -> int:
         """Bits that number the pixels along an axis."""
@@ -51,7 +54,7 @@ class XorCode:
     @property
     def base_bit(self) -> int:
         """Which bit, counted from the finest one, is the base."""
-        return 0 if self.base_px == 2 else 1
+        return self.base_px.bit_length() - 2
 
     def lines(self, axis: int) -> Bools:
         """(bits, pixels) bool along an axis, the highest bit first. The base is as it is."""
@@ -87,34 +90,57 @@ def decode_xor(photos: Iterable[Photo], code: XorCode, channel: int = GREEN) -> 
 
     Raises CalibrationError where hardly any quad can be decoded.
     """
-    taken = iter(photos)
-    places, valid = [], None
-    for axis in (0, 1):
-        planes, sure = [], None
-        for _ in range(code.bits(axis)):
-            lit, unlit = next(taken), next(taken)
-            difference = lit.light[..., channel] - unlit.light[..., channel]
-            noise = np.sqrt(lit.variance[..., channel] + unlit.variance[..., channel])
-            clear = np.abs(difference) > SURE * noise
-            for photo in (lit, unlit):
-                clear &= True if photo.saturated is None else ~photo.saturated
-            sure = clear if sure is None else sure & clear
-            planes.append(difference > 0.0)
-        number = _number(planes, code)
-        places.append(cv2.medianBlur(number.astype(np.float32), MEDIAN).astype(np.float64) + 0.5)
-        valid = sure if valid is None or sure is None else valid & sure
-    panel_px = np.stack(places, axis=-1)
-    share = cv2.blur(np.asarray(valid, dtype=np.float32), (MEDIAN, MEDIAN))
-    good = (share >= LEAST_SURE) & (panel_px < code.size_px).all(axis=-1)
-    if good.mean() < LEAST_VALID:
-        raise CalibrationError(
-            f"the code is seen in {good.mean():.1%} of the photo only",
-            device=code.panel,
-            hint="expose so that white is well lit and not saturated, focus, take off the lens cap",
-        )
-    # A whole pixel is uniformly wrong by up to half of one.
-    sigma = np.full(panel_px.shape, 1.0 / np.sqrt(12.0))
-    return Decoded(panel_px, sigma, np.asarray(good, dtype=np.bool_))
+    planes = XorPlanes(code, channel)
+    for photo in photos:
+        planes.add(photo)
+    return planes.decoded()
+
+
+class XorPlanes:
+    """The photos of one panel as they come, two a bit, in the order of `XorCode.shown`."""
+
+    def __init__(self, code: XorCode, channel: int = GREEN) -> None:
+        self.code, self.channel = code, channel
+        self._planes: list[Bools] = []
+        self._sure: Bools | None = None
+        self._lit: Photo | None = None
+
+    def add(self, photo: Photo) -> None:
+        """The next photo: a bit, or the inverse of the one before."""
+        if self._lit is None:
+            self._lit = photo
+            return
+        lit, self._lit = self._lit, None
+        difference = lit.light[..., self.channel] - photo.light[..., self.channel]
+        noise = np.sqrt(lit.variance[..., self.channel] + photo.variance[..., self.channel])
+        clear = np.asarray(np.abs(difference) > SURE * noise)
+        for one in (lit, photo):
+            clear &= True if one.saturated is None else ~one.saturated
+        self._sure = clear if self._sure is None else self._sure & clear
+        self._planes.append(difference > 0.0)
+
+    def decoded(self) -> Decoded:
+        """What each quad sees, after the last photo. Raises CalibrationError where hardly any can
+        be decoded."""
+        code, places, first = self.code, [], 0
+        for axis in (0, 1):
+            number = _number(self._planes[first : first + code.bits(axis)], code)
+            first += code.bits(axis)
+            smooth = cv2.medianBlur(number.astype(np.float32), MEDIAN)
+            places.append(smooth.astype(np.float64) + 0.5)
+        panel_px = np.stack(places, axis=-1)
+        share = cv2.blur(np.asarray(self._sure, dtype=np.float32), (MEDIAN, MEDIAN))
+        good = (share >= LEAST_SURE) & (panel_px < code.size_px).all(axis=-1)
+        if good.mean() < LEAST_VALID:
+            raise CalibrationError(
+                f"the code is seen in {good.mean():.1%} of the photo only",
+                device=code.panel,
+                hint="expose so that white is well lit and not saturated, focus, take off the lens "
+                "cap",
+            )
+        # A whole pixel is uniformly wrong by up to half of one.
+        sigma = np.full(panel_px.shape, 1.0 / np.sqrt(12.0))
+        return Decoded(panel_px, sigma, np.asarray(good, dtype=np.bool_))
 
 
 def _number(planes: list[Bools], code: XorCode) -> NDArray[np.int32]:

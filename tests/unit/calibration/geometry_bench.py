@@ -176,7 +176,8 @@ def _looked_up(way: Way, picture: Floats, channel: int, samples: int) -> Floats:
         return np.zeros(way.frame)
     # Within a quad no lens bends: the map is looked up at corners of quads only.
     x, y = np.arange(cols + 1) + PLACES[channel][0], np.arange(rows + 1) + PLACES[channel][1]
-    corner = np.moveaxis(way.to_panel(np.stack(np.meshgrid(x, y), axis=-1)), -1, 0).copy()
+    corners = np.stack(np.meshgrid(x, y), axis=-1)
+    corner = np.moveaxis(way.to_panel(corners, channel), -1, 0).copy()
     flat = np.append(picture.ravel(), 0.0)  # beside the panel there is no light
     total = np.zeros(way.frame)
     for down in (np.arange(samples) + 0.5) / samples:
