@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import Annotated, Literal, TypeGuard, get_args
 
 import msgspec
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from pdcd.words import (
     NAME_WORDS,
@@ -25,9 +25,11 @@ from pdcd.words import (
     GuardsName,
     JobState,
     KeepName,
+    MarksName,
     MethodName,
     NormaliseName,
     StepName,
+    SubjectName,
     VerdictName,
     WindowName,
 )
@@ -408,18 +410,23 @@ class CaptureResult(msgspec.Struct, frozen=True, kw_only=True):
     `quality`, the verdict."""
     warnings: tuple[str, ...] = ()
     """What the user must know of the run, one line each; the manifest has all of them."""
+    passed: bool | UnsetType = UNSET
+    """Of a calibration: whether it came to its end and nothing is bad, so that it is in use."""
 
 
 class CalibrateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What a bench is to measure of itself.
 
     steps : none is all of a whole calibration. attended : whether somebody is there to put a card
-        before the camera and say so; else it begins at once.
+        before the camera and say so; else it begins at once. subject : what is before the camera.
+        marks : what the geometry shows; "auto" is dots on a card, and on a scene stripes.
     """
 
     # Everybody is told them for as long as the job is known, so they are no more than there are.
     steps: Annotated[tuple[StepName, ...], Meta(max_length=len(get_args(StepName)))] = ()
     attended: bool = False
+    subject: SubjectName = "card"
+    marks: MarksName = "auto"
 
 
 def new_job_id() -> str:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,7 +31,7 @@ from pdcd.bench.devices import CameraInfo
 from pdcd.errors import ConfigError
 from pdcd.inputs.limits import Unsound
 from pdcd.inputs.opening import open_own
-from pdcd.words import VerdictName
+from pdcd.words import MarksName, SubjectName, VerdictName
 
 RECORD, DIGEST = "calibration.json", "calibration.json.sha256"
 MAPS, ARRAYS, PROFILE = "maps.npz", "arrays.npz", "sensor.toml"
@@ -182,11 +183,28 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     """The sensor's profile when it began."""
     measured: dict[str, Entry]
     """By key of the configuration: "mask.skew_s"."""
+    config: dict[str, Any] = {}
+    """The values alone, in tables as a configuration file has them."""
     steps: tuple[StepRecord, ...]
     before: str | None
     """Digest of the calibration that was in use when it began, where there was one."""
+    subject: SubjectName = "card"
+    marks: MarksName = "auto"
+    """On what it was made, and what was asked of the geometry."""
     files: dict[str, FileRecord]
     """Every other file of the folder, but the digest."""
+
+
+def tables_of(measured: Mapping[str, Entry]) -> dict[str, Any]:
+    """What was measured as tables of a configuration file."""
+    found: dict[str, Any] = {}
+    for key, entry in sorted(measured.items()):
+        *tables, name = key.split(".")
+        table = found
+        for part in tables:
+            table = table.setdefault(part, {})
+        table[name] = entry.value
+    return found
 
 
 def encoded(record: Calibration) -> bytes:

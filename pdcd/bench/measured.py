@@ -16,7 +16,7 @@ import msgspec
 from pdcd.bench.calibration import MAPS, RECORD, Calibration, Entry, read_calibration
 from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import CalibrationConfig, Config
-from pdcd.errors import ConfigError
+from pdcd.errors import ConfigError, disk_errors
 from pdcd.maps.file import load_maps
 from pdcd.maps.map import Map
 from pdcd.maps.placing import Placing
@@ -81,8 +81,18 @@ def newest(folder: Path, config: Config, *, bad: bool = False) -> Path | None:
             continue
         same = record.identity.rig == config.rig.name and not other_bench(record, config)
         if same and (bad or record.verdict != "bad"):
-            return candidate
+            return candidate.resolve() if candidate.is_symlink() else candidate
     return None
+
+
+def name_among(folder: Path, calibrations: Path) -> None:
+    """Have a calibration that lies elsewhere found among those of the state folder, by a link.
+
+    Raises DiskError."""
+    with disk_errors(str(calibrations)):
+        calibrations.mkdir(parents=True, exist_ok=True)
+        if folder.resolve().parent != calibrations.resolve():
+            (calibrations / folder.name).symlink_to(folder.resolve())
 
 
 def other_bench(record: Calibration, config: Config) -> str:

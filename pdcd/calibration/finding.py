@@ -7,6 +7,7 @@ local maxima of a matched filter, and their places centroids of R in a disc with
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from pdcd.calibration.lit import BLUE, GREEN, OFFSETS_QUADS, RED, SURE, lit_by
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.series_faults import lit as lit_white
 from pdcd.errors import CalibrationError
+from pdcd.words import SubjectName
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -38,9 +40,8 @@ PEAK = 0.35
 MOST_BLUR = 0.5
 """Blur over the radius of dots from which they are out of focus."""
 TEXTURE = 0.25
-"""Deviation of the white light about a dot, over its mean, above which the dot is not trusted:
-blur then moves it."""
-MOST_TEXTURED = 0.4
+"""Deviation of the white light about a dot, over its mean, from which blur may move the dot."""
+MOST_TEXTURED = MappingProxyType({"card": 0.4, "scene": 0.9})
 """Share of dots that may lie on texture."""
 CHUNK = 2_000_000
 """Quads about dots that are worked on at a time."""
@@ -128,11 +129,12 @@ def find_dots(
     *,
     other: DotGrid | None = None,
     pattern: str = "RGGB",
+    subject: SubjectName = "card",
 ) -> tuple[Dots, Dots, Dots]:
     """The dots of a panel in photos of its three pictures, in red, green and blue.
 
     other : grid of the other panel, to tell swapped outputs.
-    pattern : of the camera's mosaic.
+    pattern : of the camera's mosaic. subject : a scene has more edges than a card may have.
 
     Raises CalibrationError, which names the cause, where they cannot be found or told apart.
     """
@@ -141,7 +143,7 @@ def find_dots(
     _check_shown(green.value, lit, grid)
     rough, radius = _rough(green.value, lit, grid)
     points, index, score = _told_apart(rough, radius, green, grid, other)
-    points, index = _trusted(points, index, radius, green, grid)
+    points, index = _trusted(points, index, radius, green, grid, MOST_TEXTURED[subject])
     found: list[Dots] = []
     offsets = OFFSETS_QUADS[pattern]
     for channel in (RED, GREEN, BLUE):
@@ -336,18 +338,18 @@ def _sampled(values: Floats, points: Floats) -> Floats:
 
 
 def _trusted(
-    points: Floats, index: Indices, radius: float, ratio: _Ratio, grid: DotGrid
+    points: Floats, index: Indices, radius: float, ratio: _Ratio, grid: DotGrid, most: float
 ) -> tuple[Floats, Indices]:
     """Dots of the panel that lie on even ground."""
     rows, cols = grid.shape
     inside = ((index >= 0) & (index < (cols, rows))).all(axis=-1)
     points, index = points[inside], index[inside]
     even = _unevenness(ratio.light, points, radius) < TEXTURE
-    if even.mean() < 1.0 - MOST_TEXTURED:
+    if even.mean() < 1.0 - most:
         raise _untrusted(
             f"the texture is too strong: {1.0 - even.mean():.0%} of the dots lie on edges of it",
             grid,
-            "put a flat matt card there, or use the patterns for scenes",
+            "put a flat matt card there, or calibrate on the scene: --scene",
         )
     points, index = points[even], index[even]
     if len(points) < LEAST_DOTS:

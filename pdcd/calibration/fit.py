@@ -77,7 +77,8 @@ class Fitted:
     parameters : (10 + 2 nodes,): H in half heights with its last number 1, k1, k2, then all nodes
         to the right and all nodes down, in half heights of the source.
     covariance : of these.
-    residual_px : (n, 2), what the fit leaves, in target pixels.
+    source_px, target_px, residual_px : (n, 2), where the points lie on either, and what the fit
+        leaves of each, in target pixels.
     inlier : (n,) bool.
     scatter : errors over what noise alone would leave; sigmas are enlarged by it where above 1.
     nodes : (rows, columns) of the residual.
@@ -87,6 +88,8 @@ class Fitted:
     target_size_px: tuple[int, int]
     parameters: Floats
     covariance: Floats
+    source_px: Floats
+    target_px: Floats
     residual_px: Floats
     inlier: Bools
     scatter: float
@@ -155,6 +158,8 @@ def fit_map(
         target_size_px=target_size_px,
         parameters=numbers,
         covariance=covariance,
+        source_px=pairs.source_px,
+        target_px=pairs.target_px,
         residual_px=residual_px,
         inlier=_inliers(residual_px),
         scatter=scatter,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from pdcd.calibration.phase import Decoded
 from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map, between
 from pdcd.maps.residual import residual_of
+from pdcd.words import SubjectName
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -27,8 +29,10 @@ FLOOR_QUADS = 0.01
 """Error of a dot's place without any noise: quads are coarse, and so are the panel's pixels."""
 NEIGHBOURS = 2
 """Dots to a side among which one must have been found for a place to count as seen."""
-LEAST_SEEN, LEAST_IN_FRAME = 0.9, 0.5
-"""Share of the dots in the frame that must be seen, and of all dots that must be in the frame."""
+LEAST_SEEN = MappingProxyType({"card": 0.9, "scene": 0.5})
+"""Share of the dots in the frame that must be seen; what a scene hides the model bridges."""
+LEAST_IN_FRAME = 0.5
+"""Share of all dots that must be in the frame."""
 BLOCK = 12
 """Quads a side whose decoded places are taken together."""
 LEAST_IN_BLOCK = 0.25
@@ -37,7 +41,8 @@ CLOSE_PX = 0.05
 
 SWAPPED = "the outputs are swapped: exchange the cables, or the outputs in the configuration"
 
-INLIERS, MAD_PX, WORST_PX, RESIDUAL_PX, SIGMA_PX = 0.95, 0.1, 0.3, 2.0, 0.05
+INLIERS = MappingProxyType({"card": 0.95, "scene": 0.8})
+MAD_PX, WORST_PX, RESIDUAL_PX, SIGMA_PX = 0.1, 0.3, 2.0, 0.05
 """Accepted: share of inliers at least; median and 95th percentile of what the fit leaves, the
 residual's largest displacement and the map's own 95th percentile error at most."""
 REFUSED = 3.0
@@ -46,10 +51,17 @@ APART_PX = 0.5
 """Colours of a panel that lie further apart are worth a look at its convergence."""
 
 
-def fit_dots(dots: Dots, frame: tuple[int, int], *, other: DotGrid | None = None) -> Fitted:
+def fit_dots(
+    dots: Dots,
+    frame: tuple[int, int],
+    *,
+    other: DotGrid | None = None,
+    subject: SubjectName = "card",
+) -> Fitted:
     """The map from quads to the panel's pixels, out of its dots in one colour.
 
     frame : rows and columns of the photo. other : dots of the other panel, to tell swapped outputs.
+    subject : dark parts of a scene hide some dots.
 
     A disc's centroid in a photo is not where its centre is seen, where the scale changes across it:
     that is worked out by the map itself, and taken off. Raises CalibrationError where the map
@@ -59,28 +71,37 @@ def fit_dots(dots: Dots, frame: tuple[int, int], *, other: DotGrid | None = None
     first = _fit_dots(dots, frame)
     seen = dots.camera_px - _disc_shift(first, dots.panel_px, grid.radius_px)
     found = _fit_dots(replace(dots, camera_px=seen), frame)
-    _check_seen(found, dots, frame, other)
-    return accepted(found, grid.panel)
+    _check_seen(found, dots, frame, other, LEAST_SEEN[subject])
+    return accepted(found, grid.panel, subject)
 
 
 def fit_decoded(
-    decoded: Decoded, size_px: tuple[int, int], panel: str, *, step: int = BLOCK
+    decoded: Decoded,
+    size_px: tuple[int, int],
+    panel: str,
+    *,
+    step: int = BLOCK,
+    offset_quads: tuple[float, float] = (0.0, 0.0),
+    subject: SubjectName = "card",
 ) -> Fitted:
     """The same out of stripes: means over blocks of what a first fit leaves are fitted again.
 
-    step : quads a side of a block. Raises CalibrationError where the map cannot be trusted.
+    step : quads a side of a block. offset_quads : of the colour's samples from the middle of their
+    quad. subject : on a scene light that comes round corners is decoded elsewhere, and left out.
+    Raises CalibrationError where the map cannot be trusted.
     """
     rows, cols = decoded.valid.shape
     row, col = np.nonzero(decoded.valid[step // 2 :: step, step // 2 :: step])
     row, col = row * step + step // 2, col * step + step // 2
     some = Pairs(
-        np.stack([col + 0.5, row + 0.5], axis=-1),
+        np.stack([col + 0.5, row + 0.5], axis=-1) + offset_quads,
         decoded.panel_px[row, col],
         decoded.sigma_px[row, col],
     )
     size = (cols, rows)
     first = fit_map(some, size, size_px, panel)
-    return accepted(fit_map(_blocks(decoded, first, step), size, size_px, panel), panel)
+    blocks = _blocks(decoded, first, step, np.array(offset_quads))
+    return accepted(fit_map(blocks, size, size_px, panel), panel, subject)
 
 
 def turned_against(found: Map, believed: Map) -> tuple[float, bool]:
@@ -140,12 +161,12 @@ def believed_map(camera: Map, panel: Map) -> Map:
     return Map(size_px=camera.size_px, homography=(a, b, c, d, e, f, g, h, 1.0))
 
 
-def accepted(fitted: Fitted, panel: str) -> Fitted:
+def accepted(fitted: Fitted, panel: str, subject: SubjectName = "card") -> Fitted:
     """The map itself. Raises CalibrationError for one that is far beyond the limits."""
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
     inliers = _share_of_inliers(fitted, left, 1.0)
     worst = float(np.percentile(left, 95.0))
-    if 1.0 - inliers > REFUSED * (1.0 - INLIERS) or np.median(left) > REFUSED * MAD_PX:
+    if 1.0 - inliers > REFUSED * (1.0 - INLIERS[subject]) or np.median(left) > REFUSED * MAD_PX:
         raise CalibrationError(
             f"no smooth map fits: {1.0 - inliers:.0%} of the points lie elsewhere, the others "
             f"{np.median(left):.2f} pixels beside it, 5 % more than {worst:.2f}",
@@ -162,7 +183,9 @@ def _share_of_inliers(fitted: Fitted, left_px: Floats, scale: float) -> float:
     return float(np.mean(fitted.inlier | (left_px <= scale * WORST_PX)))
 
 
-def figures(fitted: Fitted, panel: str, scale: float = 1.0) -> list[Figure]:
+def figures(
+    fitted: Fitted, panel: str, scale: float = 1.0, subject: SubjectName = "card"
+) -> list[Figure]:
     """How good a map is, each with its limit.
 
     scale : pixels of this panel to one of the projector. A finer panel's may be off by more of
@@ -170,16 +193,19 @@ def figures(fitted: Fitted, panel: str, scale: float = 1.0) -> list[Figure]:
     """
     scale = max(1.0, scale)
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
-    count = len(left)
+    count, least = len(left), INLIERS[subject]
     inliers, middle = _share_of_inliers(fitted, left, scale), mad_px(fitted.residual_px)
-    worst = float(np.percentile(left, 95.0))
+    # Of a scene, points that lie elsewhere are light that went another way.
+    worst = float(np.percentile(left if subject == "card" else left[fitted.inlier], 95.0))
     places = _on_panel(fitted)
     moved = float(
         np.hypot(*residual_of(fitted.map.residual, fitted.map.size_px).at(places).T).max()
     )
+    if subject == "scene":  # where it is dark no photo tells, and none will
+        places = fitted.source_px[fitted.inlier]
     own = float(np.percentile(fitted.sigma_px(places).max(axis=-1), 95.0))
     return [
-        _figure(f"{panel}.inliers", inliers, np.sqrt(inliers * (1.0 - inliers) / count), INLIERS),
+        _figure(f"{panel}.inliers", inliers, np.sqrt(inliers * (1.0 - inliers) / count), least),
         _figure(f"{panel}.fit_px", middle, middle / np.sqrt(count), scale * MAD_PX),
         _figure(f"{panel}.fit_worst_px", worst, 3.0 * middle / np.sqrt(count), scale * WORST_PX),
         _figure(f"{panel}.residual_px", moved, own, scale * RESIDUAL_PX),
@@ -278,13 +304,15 @@ def _disc_shift(fitted: Fitted, panel_px: Floats, radius_px: float) -> Floats:
     return np.asarray((seen * area).sum(axis=1) / area.sum(axis=1) - middle)
 
 
-def _check_seen(fitted: Fitted, dots: Dots, frame: tuple[int, int], other: DotGrid | None) -> None:
+def _check_seen(
+    fitted: Fitted, dots: Dots, frame: tuple[int, int], other: DotGrid | None, least: float
+) -> None:
     """Whether dots are seen all over the part of the panel that the camera sees."""
     grid = dots.grid
     rows, cols = grid.shape
     every = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
     places = fitted.map.from_field(grid.centres(every) / grid.size_px)
-    margin = RING * grid.radius_px * _quads_per_px(fitted) + 2.0
+    margin = RING * grid.radius_px * quads_per_px(fitted) + 2.0
     with np.errstate(invalid="ignore"):
         inside = ((places > margin) & (places < np.array(frame[::-1]) - margin)).all(axis=-1)
     found = np.zeros((rows, cols), dtype=np.bool_)
@@ -293,7 +321,7 @@ def _check_seen(fitted: Fitted, dots: Dots, frame: tuple[int, int], other: DotGr
     side = 2 * NEIGHBOURS + 1
     near = np.lib.stride_tricks.sliding_window_view(padded, (side, side)).mean(axis=(2, 3)) >= 0.2
     seen = float(near.ravel()[inside].mean()) if inside.any() else 0.0
-    if seen < LEAST_SEEN:
+    if seen < least:
         _check_cut(dots, other)
         raise CalibrationError(
             f"dots are seen on {seen:.0%} only of the part of the {grid.panel} that the camera "
@@ -328,12 +356,13 @@ def _check_cut(dots: Dots, other: DotGrid | None) -> None:
         )
 
 
-def _blocks(decoded: Decoded, first: Fitted, step: int) -> Pairs:
+def _blocks(decoded: Decoded, first: Fitted, step: int, offset_quads: Floats) -> Pairs:
     """Means over blocks of what a first fit leaves, without outliers, at the mean place."""
     rows, cols = (side // step for side in decoded.valid.shape)
     whole = np.s_[: rows * step, : cols * step]
-    centres = first.map.centres()[whole]
-    error = decoded.panel_px[whole] - centres * first.target_size_px
+    y, x = np.mgrid[: rows * step, : cols * step] + 0.5
+    x, y = x + offset_quads[0], y + offset_quads[1]
+    error = decoded.panel_px[whole] - first.to_target(np.stack([x, y], axis=-1))
     good = decoded.valid[whole] & np.isfinite(error).all(axis=-1)
     middle = np.median(error[good][:: max(1, step)], axis=0)
     spread = mad_px(error[good][:: max(1, step)] - middle)
@@ -346,7 +375,6 @@ def _blocks(decoded: Decoded, first: Fitted, step: int) -> Pairs:
     count = sums(np.ones(good.shape))
     enough = count >= LEAST_IN_BLOCK * step**2
     per = 1.0 / np.maximum(count, 1.0)
-    y, x = np.mgrid[: rows * step, : cols * step] + 0.5
     source = np.stack([sums(x) * per, sums(y) * per], axis=-1)[enough]
     moved = np.stack([sums(error[..., axis]) * per for axis in (0, 1)], axis=-1)[enough]
     variance = [sums(decoded.sigma_px[whole][..., axis] ** 2) * per**2 for axis in (0, 1)]
@@ -363,7 +391,8 @@ def _on_panel(fitted: Fitted) -> Floats:
     return np.asarray(places[inside])
 
 
-def _quads_per_px(fitted: Fitted) -> float:
+def quads_per_px(fitted: Fitted) -> float:
+    """Quads to a pixel of the panel, along a side, in the middle of the photo."""
     middle = 0.5 * np.array([fitted.map.size_px], dtype=np.float64)
     return float(1.0 / np.sqrt(abs(np.linalg.det(fitted.slope(middle)[0]))))
 

@@ -27,6 +27,7 @@ from pdcd.frames.frames import FrameLog
 from pdcd.maps.map import Map
 from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import RawFrame
+from pdcd.words import MarksName, SubjectName
 
 Floats = NDArray[np.float64]
 
@@ -135,6 +136,7 @@ class Session:
         saturation; 0 before it was metered.
     arrays : of steps so far, and of the calibration before.
     helped : whether what is asked of a person (`Ask`) is done.
+    subject : what is before the camera. marks : what the geometry is to show.
     behind_rows : rows by which the mask is to be sent its pictures later than the display does: it
         takes what was measured from its next start on.
     """
@@ -148,6 +150,8 @@ class Session:
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     done: list[str] = field(default_factory=list)
     helped: bool = False
+    subject: SubjectName = "card"
+    marks: MarksName = "auto"
     behind_rows: int = 0
 
     @property

@@ -83,7 +83,7 @@ def _begin(record: Calibration, folder: Path) -> Begin:
         raise ConfigError(f"the calibration in {folder} cannot be computed again: {err}") from err
     before = _before(record, folder)
     helped = any(step.settings.get(HELPED) for step in record.steps)
-    return Begin(config, profile, record.camera.info, before, helped)
+    return Begin(config, profile, record.camera.info, before, helped, record.subject, record.marks)
 
 
 def _before(record: Calibration, folder: Path) -> Path | None:

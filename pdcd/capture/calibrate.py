@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 import msgspec
 
@@ -29,16 +30,20 @@ from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import utc_now
 from pdcd.sensor.profile import SensorProfile
 from pdcd.version import __version__
-from pdcd.words import VerdictName
+from pdcd.words import SubjectName, VerdictName
 
 logger = logging.getLogger(__name__)
 
 FOLDERS = ("raw", "preview")
 """Below a calibration folder."""
-CARD = (
-    "put a flat, matt, white card where the scene will be, so that it fills the "
-    "projector's picture, and darken the room"
+SUBJECTS: Mapping[SubjectName, str] = MappingProxyType(
+    {
+        "card": "put a flat, matt, white card where the scene will be, so that it fills the "
+        "projector's picture, and darken the room",
+        "scene": "see that nothing in the scene moves, and darken the room",
+    }
 )
+"""What somebody has to do before it begins."""
 ORDER: tuple[VerdictName, ...] = ("good", "doubtful", "bad")
 
 
@@ -71,10 +76,11 @@ class CalibrationRun:
         names = ordered(self.request.steps)
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
         helped = self.request.attended or self.rig.mock
-        begin = Begin(self.config, self.profile, camera, before, helped)
+        subject, marks = self.request.subject, self.request.marks
+        begin = Begin(self.config, self.profile, camera, before, helped, subject, marks)
         self.hands.do(self._watch(), Desk.calibrate, begin, self.folder.path)
         if self.request.attended:
-            self._ask(Ask(CARD))
+            self._ask(Ask(SUBJECTS[subject]))
         for number, name in enumerate((METER, *names)):
             self._step(name, number, len(names))
         measured = self.hands.do(self._watch(), Desk.measured)
@@ -99,6 +105,7 @@ class CalibrationRun:
                 "computing_s": sum(step.seconds for step in self.steps),
             },
             warnings=tuple(f"{step.name}: {text}" for step in self.steps for text in step.advice),
+            passed=record.verdict != "bad",
         )
 
     def _camera(self) -> CameraInfo:
@@ -263,8 +270,11 @@ class CalibrationRun:
             camera=CameraRecord.of(camera),
             profile=msgspec.to_builtins(self.profile),
             measured=measured,
+            config=kept.tables_of(measured),
             steps=tuple(self.steps),
             before=before,
+            subject=self.request.subject,
+            marks=self.request.marks,
             files={},
         )
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.folders import state_dir
-from pdcd.bench.measured import FOLDER, calibrated
+from pdcd.bench.measured import FOLDER, calibrated, name_among
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.account import failure_of
 from pdcd.capture.job import Job, planning
@@ -289,28 +289,33 @@ class Engine:
         emit: Emit,
         cancelled: Asked,
         proceed: Callable[[str], None] = _at_once,
+        out: Path | None = None,
     ) -> CaptureResult:
         """Have the bench measure itself; never raises for what goes wrong in it.
 
         When it returns, panels are black and the shutter is closed, and a calibration that is not
         bad is in use from then on. `proceed(text)` returns once somebody has done what the text
-        asks; `emit` and `cancelled` are those of `capture`. A mock bench puts up its own card.
+        asks; `emit` and `cancelled` are those of `capture`. A mock bench puts up its own card, if
+        it shall be one. `out` : where its folder is made; None: in the state folder, where others
+        get a link, by which it is found.
         Raises ConfigError where the rig cannot be as it was measured, which goes on as it was.
         """
         from pdcd.capture.calibrate import FOLDERS, CalibrationRun  # no start waits for the steps
 
-        rig = self._with_card()
+        rig = self._rig if request.subject == "scene" else self._with_card()
         rig.pulse.heard_by = cancelled
         safe, folder, failure = False, None, None
         with ExitStack() as held:
             try:
-                place = held.enter_context(Place.at(state_dir(self._config) / FOLDER))
+                place = held.enter_context(Place.at(out or self._calibrations))
                 folder = held.enter_context(RunFolder(place, job, below=FOLDERS))
                 run = CalibrationRun(
                     self._config, rig, self._profile, self._hands, folder, job, request, emit,
                     cancelled, proceed,
                 )  # fmt: skip
                 result = run.execute()
+                if out is not None and result.folder is not None:
+                    name_among(Path(result.folder), self._calibrations)
             except Exception as err:
                 failure = _failure(err, "calibration", job)
             finally:
@@ -320,11 +325,16 @@ class Engine:
                     self._rig.connect()
             if failure is not None:
                 result = failure_of(job, folder, self._rig.clock.now_ns(), failure, safe=safe)
+                result = msgspec.structs.replace(result, passed=False)
         result = result if safe else _unsafe(result)
         # Only now: it is another rig that goes on.
-        if failure is None and result.summary["verdict"] != "bad":
-            self._adopt(result.folder)
+        if result.passed is True:
+            self._adopt()
         return result
+
+    @property
+    def _calibrations(self) -> Path:
+        return state_dir(self._config) / FOLDER
 
     def _with_card(self) -> Rig:
         """The rig before a white card: a mock bench has its scene taken away for the while."""
@@ -341,9 +351,9 @@ class Engine:
             raise
         return rig
 
-    def _adopt(self, folder: str | None) -> None:
-        """Go on by the calibration in a folder, where the configuration asks for the latest."""
-        if folder is None or self._asked.calibration.use != "latest":
+    def _adopt(self) -> None:
+        """Go on by the newest calibration, where the configuration asks for that."""
+        if self._asked.calibration.use != "latest":
             return
         was_open = self._rig.camera_info is not None
         self.stop()

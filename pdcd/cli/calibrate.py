@@ -36,8 +36,17 @@ def calibrate(args: argparse.Namespace) -> int:
             f"no step is called {unknown[0]!r}", hint=f"steps are {', '.join(get_args(StepName))}"
         )
     refuse_with_local(args, "socket", "queue")
+    if args.out is not None and not args.local:
+        raise ConfigError(
+            "--out goes with --local: the daemon keeps calibrations in its own state folder"
+        )
     attended = sys.stdin.isatty() and not args.yes and not args.json
-    request = CalibrateRequest(steps=tuple(args.step), attended=attended)
+    request = CalibrateRequest(
+        steps=tuple(args.step),
+        attended=attended,
+        subject="scene" if args.scene else "card",
+        marks=args.marks,
+    )
     ended: list[StepEnded] = []
     with bar() as show:
 
@@ -75,6 +84,7 @@ def _here(args: argparse.Namespace, request: CalibrateRequest, hear: OnEvent) ->
                 emit=hear,
                 cancelled=interrupted,
                 proceed=_asker(interrupted),
+                out=args.out,
             )
         finally:
             engine.stop()
@@ -135,7 +145,7 @@ def _again(args: argparse.Namespace) -> int:
     """Compute a calibration again; fails when a value differs from the one kept."""
     from pdcd.capture.again import again
 
-    if args.step or args.local or args.socket:
+    if args.step or args.local or args.socket or args.scene or args.marks != "auto":
         raise ConfigError("--again goes alone: it needs no rig and takes all steps of the folder")
     report = again(args.again)
     items = ((item.name, item.identical) for item in report.items)

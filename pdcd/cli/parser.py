@@ -19,7 +19,7 @@ from pdcd.cli.options import (
 )
 from pdcd.cli.runs_parser import runs_options
 from pdcd.version import __version__
-from pdcd.words import MovingName, PatternName, StepName
+from pdcd.words import MarksName, MovingName, PatternName, StepName
 
 EXIT_CODES = (
     "exit codes: 0 done, 2 usage or configuration, 3 daemon unreachable, 4 busy, 5 failed, "
@@ -165,7 +165,21 @@ def _bench_commands(add: Add) -> None:
         help=f"default: all that a bench needs; or of {', '.join(get_args(StepName))}",
     )
     measured.add_argument(
+        "--scene",
+        action="store_true",
+        help="on the scene that is before the camera, without a card",
+    )
+    measured.add_argument(
+        "--marks",
+        choices=get_args(MarksName),
+        default="auto",
+        help="what geometry shows: dots on a card, or stripes (docs/calibration.md)",
+    )
+    measured.add_argument(
         "--again", type=Path, metavar="FOLDER", help="compute a calibration again from its photos"
+    )
+    measured.add_argument(
+        "--out", type=Path, metavar="DIR", help="make the folder in DIR; goes with --local"
     )
     measured.add_argument(
         "--yes", action="store_true", help="wait for nobody: the card is where it has to be"

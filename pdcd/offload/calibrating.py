@@ -36,7 +36,7 @@ from pdcd.pictures.develop import write_png
 from pdcd.runs.frame_table import FrameTable
 from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import read_raw
-from pdcd.words import VerdictName
+from pdcd.words import MarksName, SubjectName, VerdictName
 
 HELPED = "helped"
 """Of the settings of a step: 1 where what it asked of a person was done."""
@@ -86,7 +86,8 @@ class Begin:
     """What a calibration starts from.
 
     before : folder of the calibration that is in use, for what its steps left for later ones.
-    helped : whether what is asked of a person is done.
+    helped : whether what is asked of a person is done. subject : what is before the camera. marks :
+        what the geometry is to show.
     """
 
     config: Config
@@ -94,6 +95,8 @@ class Begin:
     camera: CameraInfo
     before: Path | None = None
     helped: bool = False
+    subject: SubjectName = "card"
+    marks: MarksName = "auto"
 
 
 @dataclass
@@ -119,7 +122,16 @@ class Study:
         camera, config = begin.camera, begin.config
         iso = config.camera.iso if config.camera.iso is not None else min(camera.isos)
         arrays = {} if begin.before is None else read_arrays(begin.before / ARRAYS)
-        session = Session(config, begin.profile, camera, iso, arrays=arrays, helped=begin.helped)
+        session = Session(
+            config,
+            begin.profile,
+            camera,
+            iso,
+            arrays=arrays,
+            helped=begin.helped,
+            subject=begin.subject,
+            marks=begin.marks,
+        )
         return cls(folder, session, FrameTable(folder))
 
     def begin(self, step: str, now_utc: str) -> Next:

@@ -110,7 +110,7 @@ class CalibrateParams(CalibrateRequest, frozen=True, forbid_unknown_fields=True,
 
     def request(self) -> CalibrateRequest:
         """The request alone, as the engine takes it."""
-        return CalibrateRequest(steps=self.steps, attended=self.attended)
+        return CalibrateRequest(**{f: getattr(self, f) for f in CalibrateRequest.__struct_fields__})
 
 
 class JobParams(_Params, frozen=True):

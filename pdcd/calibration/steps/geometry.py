@@ -1,9 +1,9 @@
-"""Where projector, mask and camera lie on one field: dots of both panels on a card."""
+"""Where projector, mask and camera lie on one field: marks of both panels, on a card or a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from pdcd.bench.placed import camera_map, panels_of
 from pdcd.calibration.arrows import arrows
 from pdcd.calibration.charts import sheet
 from pdcd.calibration.compose import Composed, compose, one_field
-from pdcd.calibration.dots import DotGrid
+from pdcd.calibration.dots import DotGrid, PanelName
 from pdcd.calibration.finding import Dots, find_dots
 from pdcd.calibration.fit import Fitted
 from pdcd.calibration.panel_map import (
@@ -21,13 +21,18 @@ from pdcd.calibration.panel_map import (
     convergence,
     figures,
     fit_dots,
+    quads_per_px,
     turned_against,
 )
+from pdcd.calibration.phase import PhaseCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Ask, Measured, Outcome, Script, Session, Taken, Wanted, take
+from pdcd.calibration.steps.striped import base_px, by_gray, by_maps, by_xor
 from pdcd.calibration.stripes import slope_at
+from pdcd.calibration.xor import XorCode
 from pdcd.errors import CalibrationError, ConfigError
-from pdcd.maps.map import Map
+from pdcd.maps.map import Map, between
+from pdcd.words import MarksName
 
 Floats = NDArray[np.float64]
 
@@ -39,35 +44,135 @@ ALIKE_DEG = 20.0
 """Turns of both panels that differ by less are one turn of the camera."""
 
 
+@dataclass(frozen=True, eq=False)
+class Marked:
+    """A panel's maps in red, green and blue, and its dots in green, if it showed dots."""
+
+    panel: PanelName
+    fitted: Sequence[Fitted]
+    dots: Dots | None = None
+
+    @property
+    def green(self) -> Fitted:
+        """The map that cells go by."""
+        return self.fitted[GREEN]
+
+    def arrays(self) -> dict[str, NDArray[np.generic]]:
+        """What is kept of it."""
+        found: dict[str, NDArray[np.generic]] = {
+            f"{self.panel}.fit.covariance": self.green.covariance,
+            f"{self.panel}.fit.residual_px": self.green.residual_px,
+        }
+        if self.dots is not None:
+            found |= {
+                f"{self.panel}.dots.index": self.dots.index,
+                f"{self.panel}.dots.quads": self.dots.camera_px,
+                f"{self.panel}.dots.sigma": self.dots.sigma_px,
+                f"{self.panel}.blur_quads": np.array(self.dots.blur_quads),
+            }
+        return found
+
+
 def geometry(session: Session) -> Script:
-    """White, black and dots of each panel: six photos.
+    """White, black and dots of each panel on a card: six photos. On a scene dots of the mask, which
+    hangs before it, and stripes of the projector: eight by the maps in use, XOR codes without any.
 
     The maps that come out replace the places of all three devices.
     """
-    projector, mask = grids(session)
-    of_projector, first, _ = yield from panel_dots(session, projector, mask)
-    of_mask, second, _ = yield from panel_dots(session, mask, projector)
-    composed = compose(first[GREEN], second[GREEN])
+    projector, mask = yield from _marked(session)
+    composed = compose(projector.green, mask.green)
     _refuse_unlike(session, composed)
     field = one_field(composed)
     maps = {"projector": field.projector, "mask": field.mask, "camera": field.camera}
     words = {f"{name}.place.map": Measured("maps.npz") for name in maps}
     words["mask.offset_px"] = Measured((0.0, 0.0))
+    scale = finer(field.mask, field.projector)
     told = [
-        *figures(first[GREEN], "projector"),
-        *figures(second[GREEN], "mask", finer(field.mask, field.projector)),
-        *convergence(first, "projector", second)[1],
+        *figures(projector.green, "projector", subject=session.subject),
+        *figures(mask.green, "mask", scale, session.subject),
+        *convergence(projector.fitted, "projector", mask.fitted)[1],
     ]
     return Outcome(
         figures=tuple(told),
-        picture=_picture((of_projector[GREEN], first[GREEN]), (of_mask[GREEN], second[GREEN])),
+        picture=_picture(projector, mask),
         words=words,
         maps=maps,
-        arrays={
-            **_kept("projector", of_projector[GREEN], first[GREEN]),
-            **_kept("mask", of_mask[GREEN], second[GREEN]),
-        },
+        arrays={**projector.arrays(), **mask.arrays()},
     )
+
+
+def _marked(session: Session) -> Generator[Wanted | Ask, Taken | None, tuple[Marked, Marked]]:
+    """Both panels by what the session's marks are."""
+    marks, (of_projector, of_mask) = marks_of(session), grids(session)
+    if marks == "gray":
+        projector = yield from _by_gray(session, of_projector)
+        mask = yield from _by_gray(session, of_mask)
+    elif marks == "dots":
+        projector = yield from _by_dots(session, of_projector, of_mask)
+        mask = yield from _by_dots(session, of_mask, of_projector)
+    else:  # the mask first: it is sharp whatever the scene is, and says where the projector may be
+        mask = yield from _by_dots(session, of_mask, of_projector)
+        projector = yield from _by_stripes(session, of_projector, mask.green, marks)
+    return projector, mask
+
+
+def marks_of(session: Session) -> MarksName:
+    """What the panels are to show. Raises CalibrationError where maps are needed, and there are
+    none."""
+    if session.marks == "phase":
+        for device in ("projector", "mask", "camera"):
+            session.found(device)
+    if session.marks != "auto":
+        return session.marks
+    if session.subject == "card":
+        return "dots"
+    try:
+        return marks_of(replace(session, marks="phase"))
+    except CalibrationError:
+        return "xor"
+
+
+def _by_dots(
+    session: Session, grid: DotGrid, other: DotGrid
+) -> Generator[Wanted | Ask, Taken | None, Marked]:
+    dots, fitted, _ = yield from panel_dots(session, grid, other)
+    return Marked(grid.panel, fitted, dots[GREEN])
+
+
+def _by_gray(session: Session, grid: DotGrid) -> Generator[Wanted | Ask, Taken | None, Marked]:
+    code = _code(grid)
+    striped = yield from by_gray(session, code)
+    return Marked(grid.panel, striped.fitted(session, code))
+
+
+def _by_stripes(
+    session: Session, grid: DotGrid, mask_of: Fitted, marks: MarksName
+) -> Generator[Wanted | Ask, Taken | None, Marked]:
+    """The projector by stripes, whose periods are numbered by the maps in use or by XOR codes.
+
+    mask_of : from quads to the mask, as it was found just now.
+    """
+    code, (width, height) = _code(grid), mask_of.map.size_px
+    quads = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
+    if marks == "xor":
+        believed = panels_of(session.config)
+        fine = finer(believed.mask.map, believed.projector.map)
+        base = base_px(quads_per_px(mask_of) * fine)
+        rough = yield from by_xor(session, XorCode(grid.panel, grid.size_px, base))
+        near = [rough.to_target(quads)]
+    else:
+        camera, projector, mask = (session.found(d) for d in ("camera", "projector", "mask"))
+        # Where the camera was bumped, mask and projector still lie as they did to each other.
+        near = [between(mask, projector, mask_of.to_target(quads))]
+        if camera.size_px == mask_of.map.size_px:
+            near.append(between(camera, projector, quads))
+    striped = yield from by_maps(session, code, near)
+    return Marked(grid.panel, striped.fitted(session, code))
+
+
+def _code(grid: DotGrid) -> PhaseCode:
+    """Stripes as wide as the dots of a panel."""
+    return PhaseCode(grid.panel, grid.size_px, period_px=2 * (grid.pitch_px // 4))
 
 
 def finer(mask: Map, projector: Map) -> float:
@@ -89,15 +194,17 @@ def panel_dots(
     """Photos of one panel's pictures: its dots and maps in red, green and blue, and how bright the
     white one was in DN. prefix : of the photos' names."""
     photos: list[Photo] = []
-    pattern = "RGGB"
+    pattern, subject = "RGGB", session.subject
     for shown in grid.shown(session.full):
         taken = yield from take(Wanted(replace(shown, name=prefix + shown.name)))
         photos.append(session.photo(taken))
         _refuse_coarse(photos[0].frame, grid)
         pattern = taken.raw.pattern
-    dots = find_dots(photos[0], photos[1], photos[2], grid, other=other, pattern=pattern)
-    bright = float(np.percentile(photos[0].light[..., GREEN], 90.0))
-    return dots, [fit_dots(one, photos[0].frame, other=other) for one in dots], bright
+    dots = find_dots(
+        photos[0], photos[1], photos[2], grid, other=other, pattern=pattern, subject=subject
+    )
+    bright, frame = float(np.percentile(photos[0].light[..., GREEN], 90.0)), photos[0].frame
+    return dots, [fit_dots(one, frame, other=other, subject=subject) for one in dots], bright
 
 
 def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
@@ -131,25 +238,15 @@ def _refuse_unlike(session: Session, composed: Composed) -> None:
         check_believed(found[number], believed[number], panel, believed[1 - number])
 
 
-def _picture(*panels: tuple[Dots, Fitted]) -> NDArray[np.uint8]:
-    """What the maps of projector and mask leave of each dot."""
+def _picture(*panels: Marked) -> NDArray[np.uint8]:
+    """What the maps of projector and mask leave of each mark."""
     picture = sheet(900, 420)
-    for number, (dots, fitted) in enumerate(panels):
-        size = np.array(dots.grid.size_px, dtype=np.float64)
+    for number, marked in enumerate(panels):
+        fitted = marked.green
+        size = np.array(fitted.target_size_px, dtype=np.float64)
         height = round(420 * size[1] / size[0])
         box = (20 + 440 * number, 60, 420, min(height, 480))
-        title = f"{dots.grid.panel}: what the map leaves of {len(dots.index)} dots"
-        arrows(picture, box, dots.panel_px / size, fitted.residual_px, title)
+        what = "blocks of stripes" if marked.dots is None else "dots"
+        title = f"{marked.panel}: what the map leaves of {len(fitted.target_px)} {what}"
+        arrows(picture, box, fitted.target_px / size, fitted.residual_px, title)
     return picture
-
-
-def _kept(panel: str, dots: Dots, fitted: Fitted) -> dict[str, NDArray[np.generic]]:
-    """What checks and later steps need of a panel."""
-    return {
-        f"{panel}.dots.index": dots.index,
-        f"{panel}.dots.quads": dots.camera_px,
-        f"{panel}.dots.sigma": dots.sigma_px,
-        f"{panel}.blur_quads": np.array(dots.blur_quads),
-        f"{panel}.fit.covariance": fitted.covariance,
-        f"{panel}.fit.residual_px": fitted.residual_px,
-    }

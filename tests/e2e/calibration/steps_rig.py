@@ -27,12 +27,13 @@ PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)
 
 @dataclass
 class SmallBench:
-    """truth : text of the truth's file. card : options of the scene. placed : whether belief has
-    maps of all devices, as if the geometry had been measured; the truth then agrees. quads : width
-    and height of the photos."""
+    """truth : text of the truth's file. scene, card : kind and options of the scene. placed :
+    whether belief has maps of all devices, as if the geometry had been measured; the truth then
+    agrees. quads : width and height of the photos."""
 
     folder: Path
     truth: str = ""
+    scene: str = "card"
     card: dict[str, Any] = field(default_factory=dict)
     placed: bool = False
     quads: tuple[int, int] = QUADS
@@ -52,7 +53,7 @@ class SmallBench:
             camera=CameraConfig(
                 profile="450d", seed=5, frame_quads=self.quads, place=place(self.quads)
             ),
-            scene=SceneConfig(kind="card", options=self.card),
+            scene=SceneConfig(kind=self.scene, options=self.card),
             bench=BenchConfig(truth=str(truth)),
             server=ServerConfig(state_dir=str(self.folder / "state")),
         )
@@ -99,7 +100,7 @@ class Calibrated:
         return values[0]
 
 
-def calibrate(engine: Engine, *steps: Any) -> Calibrated:
+def calibrate(engine: Engine, *steps: Any, **request: Any) -> Calibrated:
     ended: list[StepEnded] = []
 
     def emit(event: Event) -> None:
@@ -107,6 +108,9 @@ def calibrate(engine: Engine, *steps: Any) -> Calibrated:
             ended.append(event)
 
     result = engine.calibrate(
-        CalibrateRequest(steps=steps), job=new_job_id(), emit=emit, cancelled=lambda: False
+        CalibrateRequest(steps=steps, **request),
+        job=new_job_id(),
+        emit=emit,
+        cancelled=lambda: False,
     )
     return Calibrated(result, ended)

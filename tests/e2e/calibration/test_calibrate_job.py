@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -184,6 +185,37 @@ def test_a_check_is_computed_again_by_what_was_known_before_it(tmp_path: Path) -
     for folder in (geometry, check):
         folder.rename(moved / folder.name)
     assert again(moved / check.name).identical
+
+
+def test_a_script_reads_what_it_needs_from_the_last_line_and_the_record(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = bench(tmp_path), tmp_path / "elsewhere"
+    words = ["--local", "--json", "--config", str(path)]
+    assert main(["calibrate", "geometry", *words, "--out", str(out)]) == 0
+    last = json.loads(capsys.readouterr().out.splitlines()[-1])
+    folder = Path(last["folder"])
+    assert (last["state"], last["passed"], folder.parent) == ("done", True, out)
+    config = json.loads((folder / kept.RECORD).read_text())["config"]
+    assert config["camera"] == {"place": {"map": "maps.npz"}}
+    assert config["mask"]["offset_px"] == [0.0, 0.0]
+    # The next one with the same state folder goes by it, wherever it lies.
+    assert calibrated(load(path)).calibration.use == str(folder)
+    assert main(["capture", "white", "--codes", "4", *words]) == 0
+    taken = json.loads(capsys.readouterr().out.splitlines()[-1])
+    manifest = read_manifest(Path(taken["folder"]))
+    assert manifest.config["calibration"]["sha256"] == last["manifest_sha256"]
+    shutil.rmtree(folder)
+    assert calibrated(load(path)).mask.place.map is None
+
+
+def test_one_that_failed_did_not_pass(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bench(tmp_path, options="options = {albedo = 1e-12}")
+    assert main(["calibrate", "geometry", "--local", "--json", "--config", str(path)]) == 5
+    last = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (last["state"], last["passed"]) == ("failed", False)
+    assert main(["calibrate", "geometry", "--out", str(tmp_path)]) == 2
+    assert "--local" in capsys.readouterr().err
 
 
 def copied(folder: Path, copy: Path) -> None:

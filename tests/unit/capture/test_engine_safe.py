@@ -149,9 +149,7 @@ def test_the_rig_that_goes_on_after_a_calibration_is_opened_once(
 
     for name in ("connect", "disconnect", "make_safe"):
         monkeypatch.setattr(Rig, name, noted(name, getattr(Rig, name)))
-    found = CaptureResult(
-        job="job", state="done", folder=str(tmp_path), summary={"verdict": "good"}
-    )
+    found = CaptureResult(job="job", state="done", folder=str(tmp_path), passed=True)
     monkeypatch.setattr(CalibrationRun, "execute", lambda run: found)
     result = engine.calibrate(
         CalibrateRequest(), job="job", emit=lambda event: None, cancelled=lambda: False
@@ -181,6 +179,6 @@ def test_a_rig_that_cannot_be_as_it_was_measured_goes_on_as_it_was(
 
     monkeypatch.setattr(Rig, "connect", connect)
     with pytest.raises(ConfigError):
-        engine._adopt("somewhere")
+        engine._adopt()
     assert connects == [before] and engine._rig is before
     assert bench_rig.capture(engine, CaptureRequest(goal="white", codes=4)).state == "done"

@@ -122,6 +122,12 @@ def test_somebody_is_asked_where_somebody_is_there(
     assert calibrator.asked[1] == (CalibrateRequest(steps=(), attended=attended), False)
 
 
+def test_a_scene_may_stand_in_the_place_of_the_card(calibrator: type[Calibrator]) -> None:
+    assert main(["calibrate", "geometry", "--scene", "--marks", "phase", "--yes"]) == 0
+    asked = CalibrateRequest(steps=("geometry",), subject="scene", marks="phase")
+    assert calibrator.asked[1] == (asked, False)
+
+
 def test_a_step_that_is_unknown_or_another_rig_is_refused(
     calibrator: type[Calibrator], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,7 +178,7 @@ def test_a_rig_of_this_process_is_stopped_whatever_comes_of_it(
     assert main(["calibrate", "timing", "--local"]) == (130 if fails else 0)
     _, start, asked, stop = engine.calls
     assert (start, stop) == ("start", "stop")
-    names = ["cancelled", "emit", "job", "proceed"]
+    names = ["cancelled", "emit", "job", "out", "proceed"]
     assert asked == (CalibrateRequest(steps=("timing",), attended=False), names, False, len(JOB))
     assert ("in use" in capsys.readouterr().out) == (not fails)
 

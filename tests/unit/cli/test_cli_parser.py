@@ -59,7 +59,10 @@ SYNOPSIS = {
     "doctor display": f"{DOCTOR}, --display :N",
     "doctor camera": f"{DOCTOR}, --raw FILE",
     "doctor trigger": f"{DOCTOR}, --click, --seconds S",
-    "calibrate": f"[STEP ...] | --again FOLDER, --yes, --queue, --local, {CLIENT}",
+    "calibrate": (
+        f"[STEP ...] | --scene, --marks MARKS, --again FOLDER, --out DIR, "
+        f"--yes, --queue, --local, {CLIENT}"
+    ),
     "show": f"[PATTERN] | --index N, --loop, --out PNG, --seconds S, --detach, {CLIENT}",
     "timing": "--frames N, --out PNG, --config FILE, --json",
     "config": "ACTION | --config FILE",
@@ -229,7 +232,8 @@ DEFAULTS: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "calibrate": (
         "calibrate:calibrate",
-        {**ANY_RIG, "step": [], "again": None, "yes": False, "queue": False, "local": False},
+        {**ANY_RIG, "step": [], "scene": False, "marks": "auto", "again": None, "out": None,
+         "yes": False, "queue": False, "local": False},
     ),
     "show": (
         "panels:show",
@@ -343,8 +347,9 @@ TYPED: dict[str, dict[str, Any]] = {
     },
     "doctor camera --raw r": {"raw": Path("r")},
     "doctor trigger --click --seconds 2": {"click": True, "seconds": 2.0},
-    "calibrate lag --again f --yes --queue --local": {
-        "step": ["lag"], "again": Path("f"), "yes": True, "queue": True, "local": True,
+    "calibrate lag --scene --marks xor --again f --out d --yes --queue --local": {
+        "step": ["lag"], "scene": True, "marks": "xor", "again": Path("f"), "out": Path("d"),
+        "yes": True, "queue": True, "local": True,
     },
     "show code --index 3 --loop --out p --seconds 2 --detach": {
         "pattern": "code", "index": 3, "loop": True, "out": Path("p"), "seconds": 2.0,

@@ -1,0 +1,81 @@
+"""`calibrate geometry` on the scene itself: nobody puts up a card."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdcd.bench.calibration import MAPS
+from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.truth import truth_of
+from pdcd.capture.again import again
+from pdcd.maps.file import load_maps
+from pdcd.maps.map import between
+from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
+
+TRUTH = """
+[mask.place]
+turn_deg = 1.0
+scale = 1.04
+offset_px = [1.0, -2.0]
+[camera.place]
+scale = 1.08
+turn_deg = {turn}
+"""
+QUADS = (480, 320)
+
+
+def bench(folder: Path, turn_deg: float = 0.0) -> SmallBench:
+    return SmallBench(folder, TRUTH.format(turn=turn_deg), scene="open-book", quads=QUADS)
+
+
+def off_px(found: Calibrated, made: SmallBench) -> float:
+    """95th percentile of how far the camera's map to the projector lies from the truth."""
+    maps = load_maps(found.folder / MAPS)
+    true = truth_of(made.config).of(made.config)
+    x, y = np.meshgrid(np.linspace(60, 420, 19), np.linspace(40, 280, 13))
+    quads = np.stack([x, y], axis=-1).reshape(-1, 2)
+    said = between(maps["camera"], maps["projector"], quads)
+    real = between(camera_map(true, QUADS[::-1]), panels_of(true).projector.map, quads)
+    return float(np.percentile(np.hypot(*(said - real).T), 95.0))
+
+
+@pytest.mark.timeout(300)
+def test_a_bumped_camera_is_found_on_the_scene_and_computed_again(tmp_path: Path) -> None:
+    made = bench(tmp_path)
+    engine = made.engine()
+    try:
+        before = calibrate(engine, "geometry")
+        assert off_px(before, made) < 0.1
+        assert engine._rig.scene is not None and engine._rig.scene.name == "open-book"
+    finally:
+        engine.stop()
+    bumped = bench(tmp_path, turn_deg=1.5)
+    engine = bumped.engine()
+    try:
+        found = calibrate(engine, "geometry", subject="scene")
+    finally:
+        engine.stop()
+    record = found.record
+    names = [photo.name for photo in found.step("geometry").photos]
+    assert len(names) == 3 + 9 and "geometry-blocks-projector" in names
+    assert (record.subject, record.marks) == ("scene", "auto")
+    assert off_px(before, bumped) > 2.0
+    assert off_px(found, bumped) < 0.1
+    assert again(found.folder).identical
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_a_bench_without_maps_is_found_on_the_scene(tmp_path: Path) -> None:
+    made = bench(tmp_path, turn_deg=2.0)
+    engine = made.engine()
+    try:
+        found = calibrate(engine, "geometry", subject="scene")
+    finally:
+        engine.stop()
+    assert len(found.step("geometry").photos) == 3 + 32 + 9
+    assert off_px(found, made) < 0.1
+    assert found.record.verdict != "bad"
