@@ -16,9 +16,9 @@ from pdcd.bench.devices import CameraInfo, CameraSettings
 from pdcd.bench.measured import chosen
 from pdcd.bench.tables import Config
 from pdcd.calibration.script import Ask
-from pdcd.calibration.steps.all import METER, ordered
+from pdcd.calibration.steps.all import BY_HAND, METER, ordered
 from pdcd.capture.rig import Exposure, Rig
-from pdcd.errors import Cancelled, ConfigError, DeviceLost, SyncError, disk_errors
+from pdcd.errors import CalibrationError, Cancelled, ConfigError, DeviceLost, SyncError, disk_errors
 from pdcd.offload.calibrating import Begin, Found, NextAsk, NextPhoto
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
@@ -73,7 +73,7 @@ class CalibrationRun:
         camera = self._camera()
         started = utc_now()
         before, digest = self._before()
-        names = ordered(self.request.steps)
+        names, left_out = self._steps()
         self.folder.create(min_free_bytes=self.config.limits.min_free_bytes)
         helped = self.request.attended or self.rig.mock
         subject, marks = self.request.subject, self.request.marks
@@ -104,9 +104,26 @@ class CalibrationRun:
                 "photos": sum(len(step.photos) for step in self.steps),
                 "computing_s": sum(step.seconds for step in self.steps),
             },
-            warnings=tuple(f"{step.name}: {text}" for step in self.steps for text in step.advice),
+            warnings=(
+                *(f"{name}: left out, for nobody is asked to lend a hand" for name in left_out),
+                *(f"{step.name}: {text}" for step in self.steps for text in step.advice),
+            ),
             passed=record.verdict != "bad",
         )
+
+    def _steps(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The steps to take, in their order, and those that nobody is there for. Raises
+        CalibrationError where there is nothing else to do."""
+        names = ordered(self.request.steps)
+        if self.request.attended:
+            return names, ()
+        alone = tuple(name for name in names if name not in BY_HAND)
+        if not alone:
+            raise CalibrationError(
+                f"{names[0]} needs somebody who does what it asks for",
+                hint="run it at a terminal, without --yes and --json",
+            )
+        return alone, tuple(name for name in names if name in BY_HAND)
 
     def _camera(self) -> CameraInfo:
         if self.rig.camera_info is None:

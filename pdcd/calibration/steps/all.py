@@ -32,6 +32,8 @@ STEPS: Mapping[str, str] = MappingProxyType(
 """Each step's script, "module:function" below this package; docs/calibration.md tells of them."""
 AT_WISH = frozenset({"response", "coaxial", "focus"})
 """Steps that are no part of a whole calibration."""
+BY_HAND = frozenset({"coaxial"})
+"""Steps that tell nothing unless somebody does what they ask."""
 METER = "meter"
 """What comes before all others."""
 
