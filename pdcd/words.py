@@ -44,7 +44,7 @@ BlackLevelName = Literal["auto", "none", "mask", "ambient", "both"]
 NormaliseName = Literal["auto", "scalar", "row"]
 StepName = Literal[
     "sensor", "light", "geometry", "timing", "shutter", "registration", "response",
-    "coaxial", "focus", "check",
+    "coaxial", "focus", "disparity", "check",
 ]  # fmt: skip
 """Steps of `pdcd calibrate` (docs/calibration.md)."""
 SubjectName = Literal["card", "scene"]

@@ -42,6 +42,8 @@ HELPED = "helped"
 """Of the settings of a step: 1 where what it asked of a person was done."""
 MAX_ARRAY_VALUES = 2**24
 """Most numbers of one array that is kept for later steps."""
+FILES = {"disparity.right": "disparities.npy"}
+"""Arrays that a request takes, which are files of their own, too."""
 NO_ARRAYS = b"PK\5\6" + bytes(18)
 """What `numpy.savez` makes of no arrays."""
 VERDICTS: Mapping[Verdict, VerdictName] = {
@@ -113,8 +115,9 @@ class Study:
     seconds: float = 0.0
     settings: dict[str, float] = field(default_factory=dict)
     entries: dict[str, Entry] = field(default_factory=dict)
-    maps: dict[str, Map] = field(default_factory=dict)
     profile_text: str | None = None
+    found: set[str] = field(default_factory=set)
+    """Names of the arrays of this calibration's own steps."""
 
     @classmethod
     def begun(cls, begin: Begin, folder: Path) -> Study:
@@ -206,7 +209,7 @@ class Study:
         """Keep what a step found."""
         step = self.step
         self.session.learn(step, outcome)
-        self.maps.update(outcome.maps)
+        self.found.update(outcome.arrays)
         for key, found in outcome.words.items():
             self.entries[key] = Entry(
                 value=found.value, sigma=found.sigma, step=step, made_utc=self.now_utc
@@ -236,6 +239,9 @@ class Study:
                 save_maps(self.folder / MAPS, maps)
             if self.session.arrays:  # the focus keeps none
                 write_arrays(self.folder / ARRAYS, self.session.arrays)
+            for name, file in FILES.items():
+                if name in self.found:
+                    np.save(self.folder / file, self.session.arrays[name], allow_pickle=False)
             if self.profile_text is not None:
                 (self.folder / PROFILE).write_text(self.profile_text)
         return self.entries

@@ -26,11 +26,12 @@ STEPS: Mapping[str, str] = MappingProxyType(
         "response": "response:response",
         "coaxial": "coaxial:coaxial",
         "focus": "focus:focus",
+        "disparity": "disparity:disparity",
         "check": "check:check_bench",
     }
 )
 """Each step's script, "module:function" below this package; docs/calibration.md tells of them."""
-AT_WISH = frozenset({"response", "coaxial", "focus"})
+AT_WISH = frozenset({"response", "coaxial", "focus", "disparity"})
 """Steps that are no part of a whole calibration."""
 BY_HAND = frozenset({"coaxial"})
 """Steps that tell nothing unless somebody does what they ask."""

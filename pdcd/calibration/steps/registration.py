@@ -98,9 +98,14 @@ def registration(session: Session) -> Script:
     )
 
 
+def cells_of(config: Config) -> tuple[int, int]:
+    """Rows and columns of cells."""
+    return config.schedule.cells or config.scene.grid or DEFAULT_GRID
+
+
 def cell_px(config: Config) -> float:
     """Side of the code's cells in projector pixels, along the side that has the smaller ones."""
-    rows, cols = config.schedule.cells or config.scene.grid or DEFAULT_GRID
+    rows, cols = cells_of(config)
     width, height = config.projector.size_px
     return min(width / cols, height / rows)
 

@@ -99,11 +99,17 @@ def by_maps(
 def by_xor(session: Session, code: XorCode) -> Generator[Wanted | Ask, Taken | None, Fitted]:
     """Whole pixels without any belief: a map that is near enough to number sines by. Raises
     CalibrationError."""
+    planes = yield from planes_of(session, code)
+    return fit_decoded(planes.decoded(), code.size_px, code.panel, subject=session.subject)
+
+
+def planes_of(session: Session, code: XorCode) -> Generator[Wanted | Ask, Taken | None, XorPlanes]:
+    """All photos of an XOR code."""
     planes = XorPlanes(code)
     for shown in code.shown(max(1, session.full)):
         taken = yield from take(Wanted(shown))
         planes.add(session.photo(taken))
-    return fit_decoded(planes.decoded(), code.size_px, code.panel, subject=session.subject)
+    return planes
 
 
 def base_px(quads_per_px: float) -> int:
