@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pdcd.calibration.dots import DotGrid
 from pdcd.calibration.figures import Figure, Verdict
@@ -45,6 +46,8 @@ INLIERS = MappingProxyType({"card": 0.95, "scene": 0.8})
 MAD_PX, WORST_PX, RESIDUAL_PX, SIGMA_PX = 0.1, 0.3, 2.0, 0.05
 """Accepted: share of inliers at least; median and 95th percentile of what the fit leaves, the
 residual's largest displacement and the map's own 95th percentile error at most."""
+SEEN, NEAR = 0.6, 0.05
+"""Share of the photo of a scene that has points near it, and how near, over its diagonal."""
 REFUSED = 3.0
 """Times the limit beyond which a map is not only doubtful."""
 APART_PX = 0.5
@@ -201,7 +204,10 @@ def figures(
     moved = float(
         np.hypot(*residual_of(fitted.map.residual, fitted.map.size_px).at(places).T).max()
     )
+    more = []
     if subject == "scene":  # where it is dark no photo tells, and none will
+        share = _near_points(fitted, places)
+        more.append(_figure(f"{panel}.seen", share, 0.0, SEEN))
         places = fitted.source_px[fitted.inlier]
     own = float(np.percentile(fitted.sigma_px(places).max(axis=-1), 95.0))
     return [
@@ -210,7 +216,15 @@ def figures(
         _figure(f"{panel}.fit_worst_px", worst, 3.0 * middle / np.sqrt(count), scale * WORST_PX),
         _figure(f"{panel}.residual_px", moved, own, scale * RESIDUAL_PX),
         _figure(f"{panel}.map_px", own, own / np.sqrt(2.0 * count), scale * SIGMA_PX),
+        *more,
     ]
+
+
+def _near_points(fitted: Fitted, places: Floats) -> float:
+    """Share of places of the photo that have points near them."""
+    reach = NEAR * np.hypot(*fitted.map.size_px)
+    away, _ = cKDTree(fitted.source_px[fitted.inlier]).query(places)
+    return float(np.mean(away < reach))
 
 
 def convergence(
@@ -271,7 +285,7 @@ def _times(slopes: NDArray[np.floating[Any]], vectors: Floats) -> Floats:
 
 def _figure(name: str, value: float, sigma: float, limit: float, unit: str = "px") -> Figure:
     """A figure that must not exceed its limit; inliers must not fall below theirs."""
-    if name.endswith("inliers"):
+    if name.endswith(("inliers", "seen")):
         good, bad = value >= limit, 1.0 - value > REFUSED * (1.0 - limit)
         text, unit = f"at least {limit:g}", ""
     else:

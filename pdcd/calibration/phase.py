@@ -140,6 +140,7 @@ def decode(photos: Iterable[Photo], code: PhaseCode, channel: int = GREEN) -> De
         sines = Sines(code, channel)
         for photo in islice(taken, code.steps):
             sines.add(photo)
+        sines.refuse_flat()
         halves = HalfPeriods(code, sines)
         for photo in islice(taken, code.bits(axis)):
             halves.add(photo)
@@ -164,6 +165,7 @@ def decode_by_prior(
         sines = Sines(code, channel)
         for photo in islice(taken, code.steps):
             sines.add(photo)
+        sines.refuse_flat()
         axes.append(sines.place(prior_px[..., axis]))
     found = joined(axes, code)
     refuse_wrapped(found, prior_px, code)
@@ -218,6 +220,22 @@ class Sines:
         if photo.saturated is not None:
             self._saturated |= photo.saturated
         self._step += 1
+
+    def refuse_flat(self) -> None:
+        """Raise CalibrationError where there is light, and most of it does not follow the
+        stripes."""
+        lit = (self.mean > 0.0) & (self.mean * self.code.steps > SURE * np.sqrt(self._variance))
+        if not lit.any():
+            return
+        depth = np.abs(self._z[lit]) * (2.0 / self.code.steps) / self.mean[lit]
+        if np.median(depth) < LEAST_MODULATION:
+            raise CalibrationError(
+                f"the light hardly follows the {self.code.panel}'s stripes: by "
+                f"{float(np.median(depth)):.0%} of it, at the median of the photo",
+                device=self.code.panel,
+                hint="darken the room, focus camera and projector, and see that the picture "
+                "changes: pdcd show pixels; of fog and milk, calibrate with a card",
+            )
 
     def beside(self, near_px: Floats) -> tuple[float, float]:
         """By how much stripes lie beside a belief (h, w), half a period at most either way, as most

@@ -136,6 +136,7 @@ def _sines(
         photo, pattern = session.photo(taken), taken.raw.pattern
         for of_colour in sums:
             of_colour.add(photo)
+    sums[GREEN].refuse_flat()
     return sums, pattern
 
 

@@ -3,6 +3,7 @@ light comes again mirrored, before a bench that knows none of the program's maps
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -165,6 +166,40 @@ def test_a_projector_that_was_turned_and_zoomed_is_refused() -> None:
     with pytest.raises(CalibrationError, match=r"beside its stored map|cannot be numbered") as told:
         seen_by(zoomed, before, subject="scene")
     assert told.value.hint is not None and "--marks xor" in told.value.hint
+
+
+BLACK_CORNER = np.ones(FRAME)
+BLACK_CORNER[:, 250:] = 0.0
+FAULTS: list[tuple[str, str, dict[str, Any]]] = [
+    ("a lens cap", "no light reaches", {"electrons": 0.0}),
+    ("too dim", "too dim", {"electrons": 20.0}),
+    ("saturated", "saturated", {"electrons": 90_000.0}),
+    ("room lights", "darken the room", {"ambient": 9.0, "electrons": 3_000.0}),
+    ("out of focus", "out of focus|dots", {"blur_quads": 5.0}),
+    ("a mirrored mask", "mask is seen mirrored", {"mask": replace(MASK, mirrored=True)}),
+    (
+        "a mirrored projector",
+        "beside its stored map|cannot be numbered|beyond|no smooth map",
+        {"projector": replace(PROJECTOR, mirrored=True)},
+    ),
+]
+
+
+@pytest.mark.parametrize(("fault", "cause", "changes"), FAULTS, ids=[f[0] for f in FAULTS])
+def test_what_is_wrong_with_a_scene_is_named(
+    fault: str, cause: str, changes: dict[str, Any]
+) -> None:
+    with pytest.raises(CalibrationError) as told:
+        seen_by(scene(**changes), known(scene()), subject="scene")
+    assert told.value.hint and re.search(cause, str(told.value)), fault
+
+
+def test_half_a_scene_is_doubtful_and_what_is_seen_of_it_right() -> None:
+    bench = scene(covered=BLACK_CORNER)
+    found, _ = seen_by(bench, known(scene()), subject="scene")
+    seen = {f.name: f for f in found.figures if f.name.endswith("seen")}
+    assert seen["projector.seen"].verdict is not Verdict.GOOD
+    assert seen["projector.seen"].value == pytest.approx(0.55, abs=0.15)
 
 
 @pytest.mark.long
