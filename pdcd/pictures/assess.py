@@ -41,6 +41,8 @@ PIXELS = 2**14
 """Pixels that are looked at, at most four times as many."""
 PER_CELL = 4
 """The same for each cell, where that is more: of those that see the field."""
+NO_WEIGHT = 1e-9
+"""Weight that is none."""
 LEAST_SHOWN = 0.05
 """Least share of the direct light that a picture of it is taken to show."""
 STACK = 24
@@ -139,6 +141,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.direct_weights(_direct_weights(record, photos, decoded)),
             _direct_left(record, photos, decoded, deviations, thin),
             _blocked_left(record, photos, decoded, deviations, thin),
+            _direct_unseen(photos, decoded, deviations),
             _of_kind(decoded),
             _pair_sum(decoded, thin),
         )
@@ -267,6 +270,8 @@ def _blocked_left(
     white, rule = decoded.pictures.get("white"), decoded.recipe.answer
     if white is None or isinstance(rule, Extremes) or "white" in [name for _, name in rule]:
         return
+    if "direct" in decoded.pictures:
+        return  # `_direct_left` says it, and knows what was taken out
     if any(shot.window != "whole" for shot in record.shots):
         return
     if not any(blocked_parts(photo.wanted) for photo in photos):
@@ -291,6 +296,25 @@ def _blocked_left(
         light="light that was to be blocked",
         advice="look at contrast, guards and places of the panels",
     )
+
+
+def _direct_unseen(
+    photos: list[Photo], decoded: Decoded, deviations: dict[str, Deviation]
+) -> Iterator[Finding]:
+    """Direct light in an answer that is to have none in some cells, where no photo shows how much
+    there is. Off the axis it comes another way."""
+    rule = decoded.recipe.answer
+    if not photos or isinstance(rule, Extremes) or {"white", "direct"} & decoded.pictures.keys():
+        return
+    shots, shares = {**decoded.shots, **decoded.sums}, {name: share for share, name in rule}
+    wanted, got = np.zeros((2, photos[0].wanted.cells))
+    for photo in photos:
+        realised = realised_photo(photo.shots, shots)
+        wanted += shares[photo.name] * photo.wanted.diagonal()
+        got += shares[photo.name] * realised.coaxial / deviations[photo.name].weight_s
+    none = np.abs(wanted) < NO_WEIGHT
+    if none.any():
+        yield from quality.direct_unseen(float(np.abs(got[none]).sum() / none.size))
 
 
 def _taken_out(record: RunRecord, photo: Photo, decoded: Decoded) -> bool:

@@ -94,6 +94,8 @@ LIMITS = Limits()
 UNSURE = 1.0 / 3.0
 """Share of direct light that was taken out which may be wrong: what leaks goes by the exponential
 of the panels' times, and these are known to some ten per cent where nobody measured them."""
+UNSEEN = 10.0
+"""Direct light over the rest of a scene, where no photo tells."""
 
 
 def verdict(findings: Iterable[Finding]) -> Quality:
@@ -376,6 +378,17 @@ def direct_left(
             f"{percent(weight)} in it"
         )
     yield Finding(grade, f"{text}; {advice}")
+
+
+def direct_unseen(weight: float, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Mean weight of direct light that was to be blocked, and that no photo shows."""
+    if grade := graded(UNSEEN * weight, limits.direct_left):
+        yield Finding(
+            grade,
+            f"direct light that was to be blocked has a weight of {percent(weight)} (limit "
+            f"{percent(limits.direct_left[0] / UNSEEN)}), and no photo tells how much there is; "
+            "look at contrast, guards and places of the panels, or take indirect, which shows it",
+        )
 
 
 def common_light(share: float, limits: Limits = LIMITS) -> Iterator[Finding]:

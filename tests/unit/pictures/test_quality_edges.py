@@ -256,6 +256,13 @@ def test_direct_light_left_counts_a_third_where_it_was_taken_out() -> None:
     assert "weight of 10 % in it" in text
 
 
+def test_direct_light_that_no_photo_shows_counts_ten_times() -> None:
+    for weight, grade in ((0.0149, []), (0.015, [DOUBTFUL]), (0.0499, [DOUBTFUL]), (0.05, [BAD])):
+        assert grades(quality.direct_unseen(weight)) == grade
+    ((_, text),) = told(quality.direct_unseen(0.02))
+    assert "a weight of 2 % (limit 1.5 %)" in text
+
+
 def test_a_pair_that_does_not_add_up() -> None:
     one, none = np.ones((8, 1)), np.zeros((8, 1))
     limits = Limits(pair_sum=(0.5, 1.0))
