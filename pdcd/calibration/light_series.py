@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +31,8 @@ LIT = 0.1
 LEAST_LIT = 0.1
 FIELD_LIT = 0.9
 """Shares of the photo, and of the field, that are lit."""
+LEAST_INNER = 0.25
+"""Share of the lit blocks that lie within them, so that these can stand for all."""
 LEAST_SEEN = 1.0 / 500.0
 """A mask of 500:1 must stand three standard deviations out of the error of black levels."""
 ROOM_MOST = 0.2
@@ -245,14 +248,23 @@ def series_of(
     white = _white(plan, edges, blocks).sum(axis=2)
     lit = white > LIT * float(np.quantile(white, 0.98))
     _refuse_unlit(lit, field)
-    series = Series(plan, edges, blocks, lit, black_sigma)
+    series = Series(plan, edges, blocks, _wholly(lit), black_sigma)
     series.refuse_changes()
     _refuse_dim(series)
     series.refuse_leaks()
     # Blocks with mirrors, dust or a hand in them are left out.
-    steady_ones = lit.copy()
-    steady_ones[lit] = steady(series.mask_map[lit])
+    steady_ones = series.lit.copy()
+    steady_ones[series.lit] = steady(series.mask_map[series.lit])
     return Series(plan, edges, blocks, steady_ones, black_sigma)
+
+
+def _wholly(lit: Marks) -> Marks:
+    """Blocks with light all about them: at the edge of the projector's picture the room's light
+    fills a block, and the projector's only a part of it."""
+    inner = np.asarray(
+        cv2.erode(lit.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
+    )
+    return inner if inner.sum() >= LEAST_INNER * lit.sum() else lit
 
 
 def _white(plan: LightPlan, edges: Edges, blocks: Mapping[str, Blocks]) -> Floats:

@@ -60,11 +60,13 @@ def fit_dots(
     *,
     other: DotGrid | None = None,
     subject: SubjectName = "card",
+    lit_by: Fitted | None = None,
 ) -> Fitted:
     """The map from quads to the panel's pixels, out of its dots in one colour.
 
     frame : rows and columns of the photo. other : dots of the other panel, to tell swapped outputs.
-    subject : dark parts of a scene hide some dots.
+    subject : dark parts of a scene hide some dots. lit_by : the projector's map, where it is known:
+    dots of the mask are to be seen only where its picture is, which may have other sides.
 
     A disc's centroid in a photo is not where its centre is seen, where the scale changes across it:
     that is worked out by the map itself, and taken off. Raises CalibrationError where the map
@@ -74,7 +76,7 @@ def fit_dots(
     first = _fit_dots(dots, frame)
     seen = dots.camera_px - _disc_shift(first, dots.panel_px, grid.radius_px)
     found = _fit_dots(replace(dots, camera_px=seen), frame)
-    _check_seen(found, dots, frame, other, LEAST_SEEN[subject])
+    _check_seen(found, dots, frame, other, LEAST_SEEN[subject], lit_by)
     return accepted(found, grid.panel, subject)
 
 
@@ -187,9 +189,15 @@ def _share_of_inliers(fitted: Fitted, left_px: Floats, scale: float) -> float:
 
 
 def figures(
-    fitted: Fitted, panel: str, scale: float = 1.0, subject: SubjectName = "card"
+    fitted: Fitted,
+    panel: str,
+    scale: float = 1.0,
+    subject: SubjectName = "card",
+    lit_by: Fitted | None = None,
 ) -> list[Figure]:
     """How good a map is, each with its limit.
+
+    lit_by : of a mask, the projector's map: only where its picture is can any light go.
 
     scale : pixels of this panel to one of the projector. A finer panel's may be off by more of
         them: what counts is the place on the projector.
@@ -201,6 +209,8 @@ def figures(
     # Of a scene, points that lie elsewhere are light that went another way.
     worst = float(np.percentile(left if subject == "card" else left[fitted.inlier], 95.0))
     places = _on_panel(fitted)
+    if lit_by is not None:
+        places = places[_within(lit_by.to_target(places), lit_by.target_size_px)]
     moved = float(
         np.hypot(*residual_of(fitted.map.residual, fitted.map.size_px).at(places).T).max()
     )
@@ -218,6 +228,13 @@ def figures(
         _figure(f"{panel}.map_px", own, own / np.sqrt(2.0 * count), scale * SIGMA_PX),
         *more,
     ]
+
+
+def _within(px: Floats, size_px: Sequence[int], margin: float = 0.0) -> NDArray[np.bool_]:
+    """Which places of a panel (n, 2) are on it, and so far from its edges."""
+    with np.errstate(invalid="ignore"):
+        inside = (px >= margin) & (px <= np.array(size_px, dtype=np.float64) - margin)
+    return np.asarray(inside.all(axis=-1))
 
 
 def _near_points(fitted: Fitted, places: Floats) -> float:
@@ -319,7 +336,12 @@ def _disc_shift(fitted: Fitted, panel_px: Floats, radius_px: float) -> Floats:
 
 
 def _check_seen(
-    fitted: Fitted, dots: Dots, frame: tuple[int, int], other: DotGrid | None, least: float
+    fitted: Fitted,
+    dots: Dots,
+    frame: tuple[int, int],
+    other: DotGrid | None,
+    least: float,
+    lit_by: Fitted | None,
 ) -> None:
     """Whether dots are seen all over the part of the panel that the camera sees."""
     grid = dots.grid
@@ -328,7 +350,11 @@ def _check_seen(
     places = fitted.map.from_field(grid.centres(every) / grid.size_px)
     margin = RING * grid.radius_px * quads_per_px(fitted) + 2.0
     with np.errstate(invalid="ignore"):
-        inside = ((places > margin) & (places < np.array(frame[::-1]) - margin)).all(axis=-1)
+        framed = _within(places, frame[::-1], margin)
+        inside = framed
+        if lit_by is not None:
+            there = lit_by.to_target(places)
+            inside = framed & _within(there, lit_by.target_size_px, margin)
     found = np.zeros((rows, cols), dtype=np.bool_)
     found[dots.index[:, 1], dots.index[:, 0]] = True
     padded = np.pad(found, NEIGHBOURS)
@@ -344,9 +370,9 @@ def _check_seen(
             hint="something covers the field, or the card is too small: clear the way, use a "
             "larger card",
         )
-    if inside.mean() < LEAST_IN_FRAME:
+    if framed.mean() < LEAST_IN_FRAME:
         raise CalibrationError(
-            f"only {inside.mean():.0%} of the {grid.panel} lies in the camera's frame",
+            f"only {framed.mean():.0%} of the {grid.panel} lies in the camera's frame",
             device=grid.panel,
             hint="move the camera back or zoom out until it sees the whole picture",
         )

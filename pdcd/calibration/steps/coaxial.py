@@ -81,7 +81,7 @@ def _card(
     bright the card was."""
     projector, mask = grids(session)
     _, first, bright = yield from panel_dots(session, projector, mask, prefix)
-    _, second, _ = yield from panel_dots(session, mask, projector, prefix)
+    _, second, _ = yield from panel_dots(session, mask, projector, prefix, first[GREEN])
     composed = compose(first[GREEN], second[GREEN])
     field = one_field(composed)
     width, height = field.mask.size_px

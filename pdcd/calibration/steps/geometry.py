@@ -89,7 +89,7 @@ def geometry(session: Session) -> Script:
     scale = finer(field.mask, field.projector)
     told = [
         *figures(projector.green, "projector", subject=session.subject),
-        *figures(mask.green, "mask", scale, session.subject),
+        *figures(mask.green, "mask", scale, session.subject, projector.green),
         *convergence(projector.fitted, "projector", mask.fitted)[1],
     ]
     return Outcome(
@@ -109,7 +109,7 @@ def _marked(session: Session) -> Generator[Wanted | Ask, Taken | None, tuple[Mar
         mask = yield from _by_gray(session, of_mask)
     elif marks == "dots":
         projector = yield from _by_dots(session, of_projector, of_mask)
-        mask = yield from _by_dots(session, of_mask, of_projector)
+        mask = yield from _by_dots(session, of_mask, of_projector, projector.green)
     else:  # the mask first: it is sharp whatever the scene is, and says where the projector may be
         mask = yield from _by_dots(session, of_mask, of_projector)
         projector = yield from _by_stripes(session, of_projector, mask.green, marks)
@@ -133,9 +133,9 @@ def marks_of(session: Session) -> MarksName:
 
 
 def _by_dots(
-    session: Session, grid: DotGrid, other: DotGrid
+    session: Session, grid: DotGrid, other: DotGrid, lit_by: Fitted | None = None
 ) -> Generator[Wanted | Ask, Taken | None, Marked]:
-    dots, fitted, _ = yield from panel_dots(session, grid, other)
+    dots, fitted, _ = yield from panel_dots(session, grid, other, lit_by=lit_by)
     return Marked(grid.panel, fitted, dots[GREEN])
 
 
@@ -189,10 +189,15 @@ def grids(session: Session) -> tuple[DotGrid, DotGrid]:
 
 
 def panel_dots(
-    session: Session, grid: DotGrid, other: DotGrid, prefix: str = ""
+    session: Session,
+    grid: DotGrid,
+    other: DotGrid,
+    prefix: str = "",
+    lit_by: Fitted | None = None,
 ) -> Generator[Wanted | Ask, Taken | None, tuple[Sequence[Dots], list[Fitted], float]]:
     """Photos of one panel's pictures: its dots and maps in red, green and blue, and how bright the
-    white one was in DN. prefix : of the photos' names."""
+    white one was in DN. prefix : of the photos' names. lit_by : the map of the projector, where
+    that is known and lights the mask."""
     photos: list[Photo] = []
     pattern, subject = "RGGB", session.subject
     for shown in grid.shown(session.full):
@@ -204,7 +209,8 @@ def panel_dots(
         photos[0], photos[1], photos[2], grid, other=other, pattern=pattern, subject=subject
     )
     bright, frame = float(np.percentile(photos[0].light[..., GREEN], 90.0)), photos[0].frame
-    return dots, [fit_dots(one, frame, other=other, subject=subject) for one in dots], bright
+    fitted = [fit_dots(one, frame, other=other, subject=subject, lit_by=lit_by) for one in dots]
+    return dots, fitted, bright
 
 
 def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:
