@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Bits, Levels, Shown
 from pdcd.calibration.strips import CLIPPED, COLOURS, FEWEST_QUADS
+from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import BLACK, WHITE
 from pdcd.maps.map import Map
@@ -42,10 +43,17 @@ class CellLight:
 
 
 def bar_photo(
-    name: str, projector: Map, refreshes: int, *, cells: int = CELLS, border: float = 1.0
+    name: str,
+    projector: Map,
+    refreshes: int,
+    *,
+    cells: int = CELLS,
+    border: float = 1.0,
+    window: Window = WHOLE,
 ) -> Shown:
-    """The bar alone, over the upper `border` of the field; the mask is open throughout."""
-    patterns = _bar(projector, cells, border)
+    """The bar alone, over the upper `border` of the field and the width of the `window`; the mask
+    is open throughout."""
+    patterns = _bar(projector, cells, border, window)
     index = (np.arange(refreshes) % cells).astype(np.int32)
     none: Bits = np.zeros((0, 0, 0), dtype=np.bool_)
     return Shown(name, patterns, none, index, np.full(refreshes, WHITE, dtype=np.int32))
@@ -99,6 +107,7 @@ def read_bar(
     cells: int = CELLS,
     bands: int = 1,
     border: float = 1.0,
+    window: Window = WHOLE,
 ) -> CellLight:
     """How bright the cells are, over a photo in which all of the field was white.
 
@@ -110,8 +119,9 @@ def read_bar(
     """
     centres = camera.centres()
     with np.errstate(invalid="ignore"):
-        x = centres[..., 0] * cells
-        seen = (centres[..., 1] >= 0.1 * border) & (centres[..., 1] < 0.9 * border)
+        x = window.across(centres[..., 0]) * cells
+        top, bottom = max(0.1 * border, window.top), min(0.9 * border, window.bottom)
+        seen = (centres[..., 1] >= top) & (centres[..., 1] < bottom)
         seen &= (x >= 0.0) & (x < cells) & (np.abs(x - np.floor(x) - 0.5) < 0.5 - CORE)
     rows = np.flatnonzero(seen.any(axis=1))
     if not rows.size:
@@ -123,7 +133,7 @@ def read_bar(
     size, used = bands * cells, seen
     quads = np.bincount(cell[used], minlength=size)
     if bands > 1 and (quads < FEWEST_QUADS).any():
-        return read_bar(photo, white, camera, cells=cells, border=border)
+        return read_bar(photo, white, camera, cells=cells, border=border, window=window)
     clipped = max(taken.saturated_share(used) for taken in (photo, white))
     if clipped > CLIPPED:
         raise CalibrationError(
@@ -160,9 +170,9 @@ def _unseen(what: str) -> CalibrationError:
     )
 
 
-def _bar(map_: Map, cells: int, border: float) -> Bits:
+def _bar(map_: Map, cells: int, border: float, window: Window = WHOLE) -> Bits:
     """(cells, height, width), the pixels of each cell."""
-    x = map_.centres()[..., 0]
+    x = window.across(map_.centres()[..., 0])
     with np.errstate(invalid="ignore"):
         cell = np.where(_border(map_, border), np.floor(np.nan_to_num(x) * cells), -1.0)
     return np.asarray(np.arange(cells)[:, None, None] == cell)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pdcd.bench.toml_text import emit
 from pdcd.calibration.dose import Brightest, Line, line_of
 from pdcd.calibration.figures import Figure, Verdict
-from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark
+from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark, within
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.transfer import SIDE, Pair, Transfer, pair_of, transfer_of
 from pdcd.errors import CalibrationError
@@ -39,6 +39,8 @@ TRANSFER_SHARE = 0.7
 ALIKE = 0.03
 """Blocks within 3 % of the median light stand for the plane in its series of doses."""
 BRIGHT = 0.98
+LIT = 0.3
+"""Light of a block, over the brightest, from which it is lit."""
 ROUNDING_DN = 0.29
 DARK_LIMIT_DN = 30.0
 """Of dark photos beside their black level; what the panels leak is a tenth of that."""
@@ -267,8 +269,10 @@ def _series(
     """Mean of quads of middling light, (4, doses), and the brightest ones of the largest dose."""
     floor = _levels(base)
     light = _levels(photos[plan.pairs[0][0]]) - floor
-    middle = np.median(light, axis=(1, 2), keepdims=True)
-    chosen = np.abs(light / np.where(middle > 0.0, middle, 1.0) - 1.0) <= ALIKE
+    inner = np.stack([_wholly_lit(plane) for plane in light])
+    middle = np.array([np.median(plane[i]) for plane, i in zip(light, inner, strict=True)])
+    middle = np.where(middle > 0.0, middle, 1.0)[:, None, None]
+    chosen = inner & (np.abs(light / middle - 1.0) <= ALIKE)
     if not chosen.any(axis=(1, 2)).all():
         chosen[:] = True  # there is no light: what follows says so
     signal = np.empty((4, len(plan.doses)))
@@ -287,6 +291,14 @@ def _series(
         )
         found.append(Brightest(signal_dn, noise_dn, base_dn, float(times)))
     return signal, tuple(found)
+
+
+def _wholly_lit(light: Floats) -> NDArray[np.bool_]:
+    """Blocks with light all about them: one at the edge of the light is half lit, and its lit half
+    saturates first. All of them where there is hardly any light."""
+    lit = light > LIT * float(np.quantile(light, BRIGHT))
+    inner = within(lit)
+    return inner if inner.any() else np.ones(lit.shape, np.bool_)
 
 
 def _levels(planes: Planes) -> Floats:

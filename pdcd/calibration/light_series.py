@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from pdcd.calibration.photo import (
     refuse_clipped,
     refuse_dark,
     steady,
+    within,
 )
 from pdcd.errors import CalibrationError
 
@@ -261,9 +261,7 @@ def series_of(
 def _wholly(lit: Marks) -> Marks:
     """Blocks with light all about them: at the edge of the projector's picture the room's light
     fills a block, and the projector's only a part of it."""
-    inner = np.asarray(
-        cv2.erode(lit.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
-    )
+    inner = within(lit)
     return inner if inner.sum() >= LEAST_INNER * lit.sum() else lit
 
 

@@ -25,6 +25,7 @@ from pdcd.calibration.shown import still
 from pdcd.calibration.similarity import Similarity, similarity
 from pdcd.calibration.strips import read_strips
 from pdcd.calibration.timing_model import Model, Tail, Times
+from pdcd.calibration.window import shared
 from pdcd.frames.frames import WHITE
 from pdcd.maps.map import Map, between
 
@@ -258,7 +259,7 @@ def _strips(
     """What strips say, their sigma, and the model of it."""
     projector, mask = session.found("projector"), session.found("mask")
     lags = session.arrays["timing.lag_s"]
-    strips = strips_on(projector, 0, PROGRAMMES)
+    strips = strips_on(projector, 0, PROGRAMMES, shared(mask, camera))
     period = strips.programmes[0].of
     periods = exposure.refreshes // period
     shown = strip_photo("strips", strips, projector, mask, white=False, periods=periods)

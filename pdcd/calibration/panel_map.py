@@ -54,30 +54,19 @@ APART_PX = 0.5
 """Colours of a panel that lie further apart are worth a look at its convergence."""
 
 
-def fit_dots(
-    dots: Dots,
-    frame: tuple[int, int],
-    *,
-    other: DotGrid | None = None,
-    subject: SubjectName = "card",
-    lit_by: Fitted | None = None,
-) -> Fitted:
+def fit_dots(dots: Dots, frame: tuple[int, int], subject: SubjectName = "card") -> Fitted:
     """The map from quads to the panel's pixels, out of its dots in one colour.
 
-    frame : rows and columns of the photo. other : dots of the other panel, to tell swapped outputs.
-    subject : dark parts of a scene hide some dots. lit_by : the projector's map, where it is known:
-    dots of the mask are to be seen only where its picture is, which may have other sides.
+    frame : rows and columns of the photo.
 
     A disc's centroid in a photo is not where its centre is seen, where the scale changes across it:
     that is worked out by the map itself, and taken off. Raises CalibrationError where the map
-    cannot be trusted, or much of the panel is not seen.
+    cannot be trusted; whether the panel is seen at all is for `check_seen` to say.
     """
     grid = dots.grid
     first = _fit_dots(dots, frame)
     seen = dots.camera_px - _disc_shift(first, dots.panel_px, grid.radius_px)
-    found = _fit_dots(replace(dots, camera_px=seen), frame)
-    _check_seen(found, dots, frame, other, LEAST_SEEN[subject], lit_by)
-    return accepted(found, grid.panel, subject)
+    return accepted(_fit_dots(replace(dots, camera_px=seen), frame), grid.panel, subject)
 
 
 def fit_decoded(
@@ -193,11 +182,11 @@ def figures(
     panel: str,
     scale: float = 1.0,
     subject: SubjectName = "card",
-    lit_by: Fitted | None = None,
+    beside: Fitted | None = None,
 ) -> list[Figure]:
     """How good a map is, each with its limit.
 
-    lit_by : of a mask, the projector's map: only where its picture is can any light go.
+    beside : the other panel's map: only where that lets light pass, too, a map is of any use.
 
     scale : pixels of this panel to one of the projector. A finer panel's may be off by more of
         them: what counts is the place on the projector.
@@ -209,8 +198,8 @@ def figures(
     # Of a scene, points that lie elsewhere are light that went another way.
     worst = float(np.percentile(left if subject == "card" else left[fitted.inlier], 95.0))
     places = _on_panel(fitted)
-    if lit_by is not None:
-        places = places[_within(lit_by.to_target(places), lit_by.target_size_px)]
+    if beside is not None:
+        places = places[_within(beside.to_target(places), beside.target_size_px)]
     moved = float(
         np.hypot(*residual_of(fitted.map.residual, fitted.map.size_px).at(places).T).max()
     )
@@ -335,33 +324,37 @@ def _disc_shift(fitted: Fitted, panel_px: Floats, radius_px: float) -> Floats:
     return np.asarray((seen * area).sum(axis=1) / area.sum(axis=1) - middle)
 
 
-def _check_seen(
+def check_seen(
     fitted: Fitted,
     dots: Dots,
-    frame: tuple[int, int],
-    other: DotGrid | None,
-    least: float,
-    lit_by: Fitted | None,
+    *,
+    other: DotGrid | None = None,
+    beside: Fitted | None = None,
+    subject: SubjectName = "card",
 ) -> None:
-    """Whether dots are seen all over the part of the panel that the camera sees."""
-    grid = dots.grid
+    """Raise CalibrationError where dots are not seen all over the part of a panel that the camera
+    sees, or that is too small a part.
+
+    other : dots of the other panel, to tell swapped outputs. beside : its map: light that it lets
+    pass falls on a part only of a panel that has other sides. subject : a scene hides some dots.
+    """
+    grid, frame = dots.grid, fitted.map.size_px
     rows, cols = grid.shape
     every = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
     places = fitted.map.from_field(grid.centres(every) / grid.size_px)
     margin = RING * grid.radius_px * quads_per_px(fitted) + 2.0
-    with np.errstate(invalid="ignore"):
-        framed = _within(places, frame[::-1], margin)
-        inside = framed
-        if lit_by is not None:
-            there = lit_by.to_target(places)
-            inside = framed & _within(there, lit_by.target_size_px, margin)
+    framed = inside = _within(places, frame, margin)
+    if beside is not None:
+        # So far from its edges as a dot and its ring reach, in its own pixels.
+        reach = margin / quads_per_px(beside)
+        inside = framed & _within(beside.to_target(places), beside.target_size_px, reach)
     found = np.zeros((rows, cols), dtype=np.bool_)
     found[dots.index[:, 1], dots.index[:, 0]] = True
     padded = np.pad(found, NEIGHBOURS)
     side = 2 * NEIGHBOURS + 1
     near = np.lib.stride_tricks.sliding_window_view(padded, (side, side)).mean(axis=(2, 3)) >= 0.2
     seen = float(near.ravel()[inside].mean()) if inside.any() else 0.0
-    if seen < least:
+    if seen < LEAST_SEEN[subject]:
         _check_cut(dots, other)
         raise CalibrationError(
             f"dots are seen on {seen:.0%} only of the part of the {grid.panel} that the camera "

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -101,6 +102,11 @@ def photo_of(raw: RawFrame, profile: SensorProfile, iso: int) -> Photo:
     signal = raw.planes
     variance = rgb_variance(signal, profile, iso, raw.exposure_s)
     return Photo(to_rgb(signal), np.asarray(variance, np.float64), raw.saturated)
+
+
+def within(marks: Marks) -> Marks:
+    """Marked blocks whose neighbours are marked, too; beyond the frame all is as at its edge."""
+    return np.asarray(cv2.erode(marks.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
 
 def block_means(values: Floats, side: int = BLOCK_QUADS) -> Floats:

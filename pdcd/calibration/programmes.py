@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.shown import Bits, Shown
+from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import BLACK, WHITE
 from pdcd.maps.map import Map
@@ -114,10 +115,12 @@ class Strips:
     """Vertical strips of the field, equally wide, with a programme each, from left to right.
 
     inset : by how much of a strip's width the mask's ends before the projector's, either side.
+    window : the part of the field that they fill.
     """
 
     programmes: tuple[Programme, ...]
     inset: float
+    window: Window = WHOLE
 
     @property
     def count(self) -> int:
@@ -125,27 +128,30 @@ class Strips:
         return len(self.programmes)
 
     def number(self, x: Floats, inset: float = 0.0) -> NDArray[np.int32]:
-        """Strip that each x of the field lies in; -1 beside the field, in the `inset` of a strip,
-        and for NaN."""
+        """Strip that each x of the field lies in; -1 beside them, in the `inset` of a strip, and
+        for NaN."""
         with np.errstate(invalid="ignore"):
-            place = x * self.count
+            place = self.window.across(x) * self.count
             part = place - np.floor(place)
-            inside = (x >= 0.0) & (x < 1.0) & (part >= inset) & (part < 1.0 - inset)
+            inside = (place >= 0.0) & (place < self.count) & (part >= inset) & (part < 1.0 - inset)
         return np.where(inside, np.where(inside, place, 0.0), -1).astype(np.int32)
 
 
 def strips_on(
-    projector: Map, photo: int = 0, programmes: tuple[Programme, ...] | None = None
+    projector: Map,
+    photo: int = 0,
+    programmes: tuple[Programme, ...] | None = None,
+    window: Window = WHOLE,
 ) -> Strips:
     """Strips of one photo; every photo has the programmes in another order.
 
-    programmes : for None those of `SETS` whose turn it is.
+    programmes : for None those of `SETS` whose turn it is. window : the part of the field to fill.
 
     Raises CalibrationError when the projector has too few pixels for them.
     """
     programmes = programmes or SETS[photo % len(SETS)]
     count = len(programmes)
-    width_px = projector.size_px[0] / count
+    width_px = projector.size_px[0] * (window.right - window.left) / count
     if width_px < FEWEST_PX:
         raise CalibrationError(
             f"strips would be {width_px:.1f} px wide on the projector",
@@ -153,7 +159,7 @@ def strips_on(
             hint=f"they need {FEWEST_PX} px or more: show the programmes one by one",
         )
     order = np.random.default_rng(photo).permutation(count)
-    return Strips(tuple(programmes[k] for k in order), min(INSET_PX / width_px, 0.2))
+    return Strips(tuple(programmes[k] for k in order), min(INSET_PX / width_px, 0.2), window)
 
 
 def strip_photo(

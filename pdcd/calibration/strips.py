@@ -74,7 +74,7 @@ def read_strips(
     maps say, or out of focus.
     """
     centres = camera.centres()
-    x, y = centres[..., 0], centres[..., 1]
+    x, y = centres[..., 0], strips.window.down(centres[..., 1])
     with np.errstate(invalid="ignore"):
         inside = (y >= 0.0) & (y < 1.0)
     band = np.where(inside, np.nan_to_num(y) * bands, -1).astype(np.int32)
@@ -94,11 +94,11 @@ def read_strips(
     return Readings(
         value.reshape(shape),
         sigma.reshape(shape),
-        (np.arange(bands) + 0.5) / bands,
-        1.0 / bands,
+        strips.window.y((np.arange(bands) + 0.5) / bands),
+        (strips.window.bottom - strips.window.top) / bands,
         strips.programmes,
         strips.programmes,
-        (np.arange(strips.count) + 0.5) / strips.count - 0.5,
+        strips.window.x((np.arange(strips.count) + 0.5) / strips.count) - 0.5,
     )
 
 
@@ -199,12 +199,12 @@ def _check_gaps(
     strips: Strips,
 ) -> None:
     """Refuse a white photo whose strips do not end where those of the mask do."""
-    width = strips.count
+    width, field_x, x = strips.count, x, strips.window.across(x)
     with np.errstate(invalid="ignore"):
         away = np.abs(x * width - np.rint(x * width)) / strips.inset  # from the nearest edge
         border = (np.rint(x * width) > 0) & (np.rint(x * width) < width)
     gap = inside & border & (away < 0.4)
-    core = inside & (strips.number(x, USED) >= 0)
+    core = inside & (strips.number(field_x, USED) >= 0)
     levels = [float(np.mean(white.light[part] @ COLOURS)) for part in (gap, core) if part.any()]
     if len(levels) == 2 and levels[0] > GAP * levels[1]:
         raise CalibrationError(

@@ -18,6 +18,7 @@ from pdcd.calibration.fit import Fitted
 from pdcd.calibration.panel_map import (
     believed_map,
     check_believed,
+    check_seen,
     convergence,
     figures,
     fit_dots,
@@ -88,7 +89,7 @@ def geometry(session: Session) -> Script:
     words["mask.offset_px"] = Measured((0.0, 0.0))
     scale = finer(field.mask, field.projector)
     told = [
-        *figures(projector.green, "projector", subject=session.subject),
+        *figures(projector.green, "projector", 1.0, session.subject, mask.green),
         *figures(mask.green, "mask", scale, session.subject, projector.green),
         *convergence(projector.fitted, "projector", mask.fitted)[1],
     ]
@@ -109,9 +110,12 @@ def _marked(session: Session) -> Generator[Wanted | Ask, Taken | None, tuple[Mar
         mask = yield from _by_gray(session, of_mask)
     elif marks == "dots":
         projector = yield from _by_dots(session, of_projector, of_mask)
-        mask = yield from _by_dots(session, of_mask, of_projector, projector.green)
+        mask = yield from _by_dots(session, of_mask, of_projector)
+        check_both(session, projector, mask)
     else:  # the mask first: it is sharp whatever the scene is, and says where the projector may be
         mask = yield from _by_dots(session, of_mask, of_projector)
+        if mask.dots is not None:
+            check_seen(mask.green, mask.dots, other=of_projector, subject=session.subject)
         projector = yield from _by_stripes(session, of_projector, mask.green, marks)
     return projector, mask
 
@@ -132,10 +136,23 @@ def marks_of(session: Session) -> MarksName:
         return "xor"
 
 
+def check_both(session: Session, projector: Marked, mask: Marked) -> None:
+    """Raise CalibrationError where dots of a panel are missing within the other one's light."""
+    for marked, beside in ((projector, mask), (mask, projector)):
+        if marked.dots is not None and beside.dots is not None:
+            check_seen(
+                marked.green,
+                marked.dots,
+                other=beside.dots.grid,
+                beside=beside.green,
+                subject=session.subject,
+            )
+
+
 def _by_dots(
-    session: Session, grid: DotGrid, other: DotGrid, lit_by: Fitted | None = None
+    session: Session, grid: DotGrid, other: DotGrid
 ) -> Generator[Wanted | Ask, Taken | None, Marked]:
-    dots, fitted, _ = yield from panel_dots(session, grid, other, lit_by=lit_by)
+    dots, fitted, _ = yield from panel_dots(session, grid, other)
     return Marked(grid.panel, fitted, dots[GREEN])
 
 
@@ -189,15 +206,10 @@ def grids(session: Session) -> tuple[DotGrid, DotGrid]:
 
 
 def panel_dots(
-    session: Session,
-    grid: DotGrid,
-    other: DotGrid,
-    prefix: str = "",
-    lit_by: Fitted | None = None,
+    session: Session, grid: DotGrid, other: DotGrid, prefix: str = ""
 ) -> Generator[Wanted | Ask, Taken | None, tuple[Sequence[Dots], list[Fitted], float]]:
     """Photos of one panel's pictures: its dots and maps in red, green and blue, and how bright the
-    white one was in DN. prefix : of the photos' names. lit_by : the map of the projector, where
-    that is known and lights the mask."""
+    white one was in DN. prefix : of the photos' names."""
     photos: list[Photo] = []
     pattern, subject = "RGGB", session.subject
     for shown in grid.shown(session.full):
@@ -209,8 +221,7 @@ def panel_dots(
         photos[0], photos[1], photos[2], grid, other=other, pattern=pattern, subject=subject
     )
     bright, frame = float(np.percentile(photos[0].light[..., GREEN], 90.0)), photos[0].frame
-    fitted = [fit_dots(one, frame, other=other, subject=subject, lit_by=lit_by) for one in dots]
-    return dots, fitted, bright
+    return dots, [fit_dots(one, frame, subject) for one in dots], bright
 
 
 def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:

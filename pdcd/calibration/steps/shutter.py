@@ -14,6 +14,7 @@ from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Measured, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
 from pdcd.calibration.shutter import Opened, ShutterLag, bar_cells, fit_shutter, lag_of
+from pdcd.calibration.window import shared
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import WHITE
 
@@ -103,6 +104,7 @@ def shutter(session: Session) -> Script:
     configured.
     """
     projector, camera = session.found("projector"), session.found("camera")
+    window = shared(session.found("mask"), camera)
     trigger, refresh_s = session.config.trigger, session.refresh_s
     sure_s = trigger.sure_ns * 1e-9
     open_s = max(EXPOSED_S - sure_s, LEAST_OPEN_S)
@@ -117,9 +119,11 @@ def shutter(session: Session) -> Script:
     ends = camera.from_field(np.array([[0.5, 0.0], [0.5, 1.0]]))[:, 1] / camera.size_px[1]
     times, light = _Times((float(ends[0]), float(ends[1]))), None
     for number in range(PHOTOS):
-        shown = bar_photo(f"bar-{number + 1}", projector, count, cells=cells[number])
+        shown = bar_photo(f"bar-{number + 1}", projector, count, cells=cells[number], window=window)
         taken = yield from take(Wanted(shown, moving=WhileShown(before, open_s)))
-        light = read_bar(session.photo(taken), white, camera, cells=cells[number], bands=bands)
+        light = read_bar(
+            session.photo(taken), white, camera, cells=cells[number], bands=bands, window=window
+        )
         told = _told_s(taken, sure_s)
         times.told.append(told)
         times.found.append(

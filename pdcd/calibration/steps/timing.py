@@ -27,6 +27,7 @@ from pdcd.calibration.steps.timing_picture import picture
 from pdcd.calibration.strips import Readings, read_strips
 from pdcd.calibration.timing import LAG_LIMIT_S, Timing, coarse_delay, fit_timing
 from pdcd.calibration.timing_model import TAUS, Ran
+from pdcd.calibration.window import Window, shared
 from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map
 
@@ -72,13 +73,14 @@ class _Rig:
     camera: Map
     refreshes: int
     bands: int
+    window: Window
 
     @classmethod
     def of(cls, session: Session) -> _Rig:
         projector, mask, camera = (session.found(n) for n in ("projector", "mask", "camera"))
         periods = max(2, int(FULLER * session.full) // PERIOD)
         bands = int(np.clip(camera.size_px[1] // QUADS_A_BAND, *BANDS))
-        return cls(projector, mask, camera, periods * PERIOD, bands)
+        return cls(projector, mask, camera, periods * PERIOD, bands, shared(mask, camera))
 
     def wanted(self, name: str, strips: Strips, delay: int, *, white: bool = False) -> Wanted:
         """A photo of strips, the mask sent its pictures `delay` refreshes later."""
@@ -102,7 +104,7 @@ def timing(session: Session) -> Script:
     ran: list[Ran] = []
     rows_delay = 0
     for number in range(PERMUTATIONS):
-        strips = strips_on(rig.projector, number)
+        strips = strips_on(rig.projector, number, window=rig.window)
         taken = yield from take(rig.wanted(f"rhythms-{number + 1}", strips, delay))
         readings.append(rig.read(session.photo(taken), white, strips))
         ran.append(ran_as(taken.ran, delay, rig.refreshes))
@@ -116,7 +118,7 @@ def _coarse(
 ) -> Generator[Wanted | Ask, Taken | None, tuple[int, Photo]]:
     """By how many more refreshes the mask should be sent its pictures later, and the white photo
     of strips under that delay."""
-    strips, delay = strips_on(rig.projector, 0, tuple(COARSE)), 0
+    strips, delay = strips_on(rig.projector, 0, tuple(COARSE), rig.window), 0
     for number in ("", "-again"):
         taken = yield from take(rig.wanted(f"white{number}", strips, delay, white=True))
         white = session.photo(taken)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from pdcd.calibration.dots import DotGrid, PanelName
 from pdcd.calibration.figures import Verdict
@@ -17,6 +18,7 @@ from pdcd.calibration.panel_map import (
     accepted,
     believed_map,
     check_believed,
+    check_seen,
     convergence,
     figures,
     fit_dots,
@@ -107,12 +109,31 @@ def part(keep: Any) -> Dots:
 def test_half_of_the_field_covered_is_refused() -> None:
     for half in (dots_of().index[:, 0] < 8, dots_of().index[:, 1] >= 6):
         with pytest.raises(CalibrationError, match="covers the field"):
-            fit_dots(part(half), FRAME)
+            check_seen(fit_dots(part(half), FRAME), part(half))
 
 
 def test_dots_that_are_lost_here_and_there_do_not_matter() -> None:
     kept = np.random.default_rng(2).random(len(dots_of().index)) > 0.25
-    assert np.percentile(error_px(fit_dots(part(kept), FRAME)), 95.0) < 0.06
+    found = fit_dots(part(kept), FRAME)
+    check_seen(found, part(kept))
+    assert np.percentile(error_px(found), 95.0) < 0.06
+
+
+def test_dots_are_asked_for_where_the_other_panel_lets_light_pass() -> None:
+    """The other panel has other sides, and covers the left five eighths of this one's picture."""
+    whole = fit_dots(dots_of(), FRAME)
+    left = part(dots_of().index[:, 0] < 10)
+    found = fit_dots(left, FRAME)
+    with pytest.raises(CalibrationError, match="covers the field"):
+        check_seen(found, left)
+    narrow = replace(whole, target_size_px=(256, 192), map=_narrowed(whole.map, 16.0 / 10.0))
+    check_seen(found, left, beside=narrow)
+
+
+def _narrowed(map_: Map, times: float) -> Map:
+    """The map of a panel whose right edge lies nearer by a factor."""
+    homography = np.reshape(map_.homography, (3, 3)) * np.array([[times], [1.0], [1.0]])
+    return structs.replace(map_, homography=tuple(homography.ravel().tolist()))
 
 
 def test_a_picture_cut_to_the_other_panel_is_called_swapped() -> None:
@@ -120,7 +141,7 @@ def test_a_picture_cut_to_the_other_panel_is_called_swapped() -> None:
     other = DotGrid(small, (160, 128), 16, 3.0)
     shown = ((dots_of().index + 1) * GRID.pitch_px <= (160, 128)).all(axis=-1)
     with pytest.raises(CalibrationError, match="swapped"):
-        fit_dots(part(shown), FRAME, other=other)
+        check_seen(fit_dots(part(shown), FRAME), part(shown), other=other)
 
 
 def test_a_panel_mostly_beyond_the_frame_is_refused() -> None:
@@ -128,7 +149,7 @@ def test_a_panel_mostly_beyond_the_frame_is_refused() -> None:
     bench = Bench(way, small_way("mask", scale=3.0))
     dots = found_by(bench)
     with pytest.raises(CalibrationError, match="camera's frame"):
-        fit_dots(dots, FRAME)
+        check_seen(fit_dots(dots, FRAME), dots)
 
 
 def test_what_no_smooth_map_fits_is_refused() -> None:
