@@ -67,7 +67,8 @@ class CameraInfo:
     """What the camera is and how it answers to light.
 
     `responsivity_e` (3,) float64: electrons per scene unit per second, for R, G, B, at f/1; the
-    signal at aperture f is this divided by f squared. `profile` names the sensor profile.
+    signal at aperture f is this divided by f squared; `camera.responsivity_e` of the configuration,
+    typed or measured, takes its place. `profile` names the sensor profile.
     """
 
     model: str

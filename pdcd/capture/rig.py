@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import (
     CameraInfo,
@@ -152,9 +154,15 @@ class Rig:
         if self.camera_info is not None:
             return self.camera_info
         try:
-            return self.readout.connect()
+            return self._as_measured(self.readout.connect())
         finally:
             self.readout.disconnect()
+
+    def _as_measured(self, camera: CameraInfo) -> CameraInfo:
+        """What a driver says of its camera, with what the configuration knows of it: that was
+        measured, or typed by somebody, and a driver may only guess."""
+        known = self.config.camera.responsivity_e
+        return camera if known is None else replace(camera, responsivity_e=np.array(known))
 
     def cover(self, covered: bool) -> None:
         """Cover the projector's lens, or uncover it, for the exposures to come: of a mock bench. Of
@@ -176,7 +184,7 @@ class Rig:
         try:
             self.display_info = self.display.connect()
             self.shutter_info = self.shutter.connect()
-            self.camera_info = self.readout.connect()
+            self.camera_info = self._as_measured(self.readout.connect())
         except BaseException:
             self.disconnect()
             raise

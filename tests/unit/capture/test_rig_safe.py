@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from pdcd.bench.devices import CameraSettings
 from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig
@@ -281,3 +283,20 @@ def test_of_a_moving_exposure_that_was_given_up_a_file_is_fetched_if_there_is_on
     with pytest.raises(SyncError):
         Rig._moved(cast(Any, rig), cast(Any, mover), cast(Any, None), tmp_path)
     assert spoilt == ([] if open_ns is None else [(open_ns, tmp_path, "bar", print)])
+
+
+def test_what_was_measured_of_a_camera_takes_the_place_of_what_its_driver_says(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = rig.readout.connect()
+    guess = replace(said, responsivity_e=np.array([2e6, 4e6, 2.4e6]))
+    monkeypatch.setattr(rig.readout, "connect", lambda: guess)
+    rig.disconnect()
+    rig.connect()
+    assert rig.camera_info is not None
+    assert rig.camera_info.responsivity_e.tolist() == [2e6, 4e6, 2.4e6]
+    camera = structs.replace(rig.config.camera, responsivity_e=(3e5, 5e5, 3.5e5))
+    rig.config = structs.replace(rig.config, camera=camera)
+    rig.disconnect()
+    rig.connect()
+    assert rig.camera_info.responsivity_e.tolist() == [3e5, 5e5, 3.5e5]
