@@ -24,6 +24,7 @@ from pdcd.calibration import series_faults
 from pdcd.calibration.averaging import Averaging
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.stripes import Stripes
+from pdcd.calibration.window import WHOLE, Window
 from pdcd.maps.map import Map, between
 
 Floats = NDArray[np.float64]
@@ -97,16 +98,23 @@ class Gathering:
     ----------
     white : both panels white for as many refreshes as the projector was lit.
     camera, projector : maps as believed.
-    channel : 0 red, 1 green, 2 blue.
+    channel : 0 red, 1 green, 2 blue. window : the part of the field to be measured.
 
     Raises CalibrationError for a white photo without light, or saturated.
     """
 
     def __init__(
-        self, stripes: Stripes, white: Photo, camera: Map, projector: Map, *, channel: int = GREEN
+        self,
+        stripes: Stripes,
+        white: Photo,
+        camera: Map,
+        projector: Map,
+        *,
+        channel: int = GREEN,
+        window: Window = WHOLE,
     ) -> None:
         self._stripes, self._camera, self._projector = stripes, camera, projector
-        self._channel = channel
+        self._channel, self._window = channel, window
         by = white.light[..., channel]
         self._lit = series_faults.lit(by, white.variance[..., channel])
         series_faults.refuse_saturated(white.saturated, self._lit)
@@ -137,7 +145,7 @@ class Gathering:
         if len(self._stack) != steps:
             raise ValueError(f"{len(self._stack)} photos of stripes; {steps} belong to the series")
         places = averaging.places(APART * self._period)
-        series_faults.refuse_partial(places, self._camera, self._period)
+        series_faults.refuse_partial(places, self._camera, self._period, self._window)
         stack = [self._stack[place] for place in np.argsort(stripes.order)]
         turns = np.exp(2j * np.pi * np.arange(steps) / steps) / steps
         share = np.stack([averaging.at(averaging.smooth(each), places) for each in stack], axis=-1)

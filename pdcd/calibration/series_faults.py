@@ -8,6 +8,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pdcd.calibration.averaging import Averaging
+from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map
 
@@ -67,10 +68,13 @@ def refuse_saturated(saturated: Bools | None, lit: Bools) -> None:
         )
 
 
-def refuse_partial(places: Floats, camera: Map, period_quads: float) -> None:
-    """Raise CalibrationError where places (n, 2) in quads leave too much of the field out."""
+def refuse_partial(
+    places: Floats, camera: Map, period_quads: float, window: Window = WHOLE
+) -> None:
+    """Raise CalibrationError where places (n, 2) in quads leave too much of the field's window
+    out."""
     rows, cols = CELLS
-    x, y = (np.arange(cols) + 0.5) / cols, (np.arange(rows) + 0.5) / rows
+    x, y = window.x((np.arange(cols) + 0.5) / cols), window.y((np.arange(rows) + 0.5) / rows)
     cells = camera.from_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     with np.errstate(invalid="ignore"):
         in_photo = ((cells >= 0.0) & (cells <= camera.size_px)).all(axis=-1)

@@ -13,6 +13,7 @@ from pdcd.calibration.arrows import arrows
 from pdcd.calibration.charts import sheet
 from pdcd.calibration.compose import Composed, compose, one_field
 from pdcd.calibration.dots import DotGrid, PanelName
+from pdcd.calibration.figures import Verdict
 from pdcd.calibration.finding import Dots, find_dots
 from pdcd.calibration.fit import Fitted
 from pdcd.calibration.panel_map import (
@@ -41,6 +42,10 @@ GREEN = 1
 """The colour that cells go by."""
 LEAST_RADIUS_QUADS = 1.2
 """Radius of a dot in a photo below which its centre is not found."""
+FINER = (
+    "the maps are not sure where there are no dots, as at the edge of a photo that sees a part of "
+    "a panel: let the camera see all of it, or take stripes, which go up to the edge: --marks gray"
+)
 ALIKE_DEG = 20.0
 """Turns of both panels that differ by less are one turn of the camera."""
 
@@ -93,8 +98,10 @@ def geometry(session: Session) -> Script:
         *figures(mask.green, "mask", scale, session.subject, projector.green),
         *convergence(projector.fitted, "projector", mask.fitted)[1],
     ]
+    unsure = [f.name for f in told if f.name.endswith("map_px") and f.verdict is not Verdict.GOOD]
     return Outcome(
         figures=tuple(told),
+        advice=(FINER,) if unsure and session.subject == "card" else (),
         picture=_picture(projector, mask),
         words=words,
         maps=maps,

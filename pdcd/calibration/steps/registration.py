@@ -36,6 +36,7 @@ from pdcd.calibration.script import (
 from pdcd.calibration.shown import still
 from pdcd.calibration.steps.geometry import finer
 from pdcd.calibration.stripes import FINE, MOVES, RULER, Stripes, patterns
+from pdcd.calibration.window import shared
 from pdcd.frames.frames import WHITE
 from pdcd.maps.map import Map
 
@@ -122,9 +123,9 @@ def _both(
     placed: bool = False,
 ) -> Generator[Wanted | Ask, Taken | None, tuple[Series, Series]]:
     """Series of upright and of lying stripes. placed : see `Gathering.series`."""
-    found = []
+    found, window = [], shared(mask, camera)
     for stripes in pair:
-        gathering = Gathering(stripes, white, camera, projector)
+        gathering = Gathering(stripes, white, camera, projector, window=window)
         for shown in patterns(stripes, projector, mask, lit):
             taken = yield from take(Wanted(session.in_step(shown)))
             gathering.add(session.photo(taken))

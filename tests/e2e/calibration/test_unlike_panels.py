@@ -1,0 +1,95 @@
+"""Panels that cover parts of each other, and cameras that see a part of the field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdcd.bench.calibration import MAPS
+from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.truth import truth_of
+from pdcd.maps.file import load_maps
+from pdcd.maps.map import between
+from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
+
+TRUTH = """
+[projector]
+contrast = 900.0
+rise_s = 0.002
+fall_s = 0.0015
+[mask]
+contrast = 350.0
+skew_s = 0.004
+rise_s = 0.004
+fall_s = 0.003
+[mask.place]
+scale = {mask}
+[camera.place]
+scale = {camera}
+"""
+QUADS = (360, 240)
+STEPS = ("sensor", "light", "geometry", "timing", "shutter", "registration", "check")
+
+
+def bench(folder: Path, mask: float, camera: float) -> SmallBench:
+    return SmallBench(folder, TRUTH.format(mask=mask, camera=camera), quads=QUADS)
+
+
+def off_px(found: Calibrated, made: SmallBench) -> float:
+    """95th percentile over what the camera sees through the mask."""
+    maps, true = load_maps(found.folder / MAPS), truth_of(made.config).of(made.config)
+    panels = panels_of(true)
+    x, y = np.meshgrid(np.arange(4.0, QUADS[0], 8.0), np.arange(4.0, QUADS[1], 8.0))
+    quads = np.stack([x, y], axis=-1).reshape(-1, 2)
+    camera = camera_map(true, QUADS[::-1])
+    on_mask = between(camera, panels.mask.map, quads)
+    seen = ((on_mask > 0.0) & (on_mask < panels.mask.map.size_px)).all(axis=-1)
+    real = between(camera, panels.projector.map, quads)
+    seen &= ((real > 0.0) & (real < panels.projector.map.size_px)).all(axis=-1)
+    said = between(maps["camera"], maps["projector"], quads)
+    return float(np.percentile(np.hypot(*(said - real)[seen].T), 95.0))
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    ("mask", "camera", "steps"),
+    [
+        (0.8, 0.9, ("light", "geometry", "timing", "registration")),
+        pytest.param(0.75, 1.05, STEPS, marks=pytest.mark.long),
+    ],
+)
+def test_a_mask_that_covers_a_part_of_the_field(
+    tmp_path: Path, mask: float, camera: float, steps: tuple[str, ...]
+) -> None:
+    made = bench(tmp_path, mask, camera)
+    engine = made.engine()
+    try:
+        found = calibrate(engine, *steps)
+    finally:
+        engine.stop()
+    assert found.record.verdict != "bad"
+    values = {key: entry.value for key, entry in found.record.measured.items()}
+    for key, true, share in (
+        ("projector.contrast", 900.0, 0.05), ("mask.contrast", 350.0, 0.05),
+        ("projector.rise_s", 0.002, 0.06), ("projector.fall_s", 0.0015, 0.06),
+        ("mask.rise_s", 0.004, 0.06), ("mask.fall_s", 0.003, 0.06),
+    ):  # fmt: skip
+        assert values[key] == pytest.approx(true, rel=share), key
+    assert values["mask.skew_s"] == pytest.approx(0.004, abs=0.00015)
+    assert off_px(found, made) < 0.3
+
+
+@pytest.mark.timeout(300)
+def test_a_camera_that_sees_a_part_is_told_of_stripes(tmp_path: Path) -> None:
+    made = bench(tmp_path, 1.05, 0.8)
+    engine = made.engine()
+    try:
+        dots = calibrate(engine, "geometry")
+        stripes = calibrate(engine, "geometry", marks="gray")
+    finally:
+        engine.stop()
+    assert dots.record.verdict != "good" and "--marks gray" in dots.step("geometry").advice[0]
+    assert stripes.record.verdict == "good"
+    assert off_px(stripes, made) < 0.03
