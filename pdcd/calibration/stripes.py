@@ -66,6 +66,19 @@ RULER = (Stripes(0, 16), Stripes(1, 16))
 FINE = (Stripes(0, 6, 6), Stripes(1, 6, 6))
 """What tells blur, together with `RULER`; what measures on to 9 px from the edges of the field; and
 what finds offsets of more than half a period: 16 and 6 px agree again only 48 px on."""
+COARSER = (
+    (1.3, (RULER, FINE)),
+    (2.3, (RULER, (Stripes(0, 10, 6), Stripes(1, 10, 6)))),
+    (np.inf, ((Stripes(0, 32), Stripes(1, 32)), (Stripes(0, 14, 6), Stripes(1, 14, 6)))),
+)
+"""Stripes of both periods for masks whose pixels are up to so many of the projector's wide: finer
+ones such a mask hardly shows. 16 and 10 px agree again 80 px on, 32 and 14 px 224."""
+
+
+def periods_for(mask_px: float) -> tuple[tuple[Stripes, Stripes], tuple[Stripes, Stripes]]:
+    """What to measure with, coarse and fine, for a mask whose pixels are so many of the projector's
+    wide."""
+    return next(pairs for widest, pairs in COARSER if mask_px <= widest)
 
 
 def patterns(

@@ -35,7 +35,7 @@ from pdcd.calibration.script import (
 )
 from pdcd.calibration.shown import still
 from pdcd.calibration.steps.geometry import finer
-from pdcd.calibration.stripes import FINE, MOVES, RULER, Stripes, patterns
+from pdcd.calibration.stripes import MOVES, Stripes, patterns, periods_for
 from pdcd.calibration.window import shared
 from pdcd.frames.frames import WHITE
 from pdcd.maps.map import Map
@@ -58,16 +58,18 @@ for another focus; less blur is not told part by part."""
 
 
 def registration(session: Session) -> Script:
-    """White, 16 photos of stripes of 16 px, and 12 of stripes of 6 px: the offset of the mask's
-    map is measured, taken out, and measured again; then what is left is taken out, too."""
+    """White, 16 photos of stripes of 16 px, and 12 of stripes of 6 px, or wider ones for a coarse
+    mask: the offset of the mask's map is measured, taken out, and measured again; then what is left
+    is taken out, too."""
     camera, projector, mask = (session.found(name) for name in ("camera", "projector", "mask"))
     lit = max(MOVES, session.full // MOVES * MOVES)
     taken = yield from take(Wanted(session.in_step(still("white", lit, WHITE, WHITE))))
     white = session.photo(taken)
-    coarse = yield from _both(session, RULER, white, camera, projector, mask, lit)
+    ruler, finest = periods_for(1.0 / finer(mask, projector))
+    coarse = yield from _both(session, ruler, white, camera, projector, mask, lit)
     before = offsets(*coarse, camera, mask)
     near = corrected(mask, projector, fitted(before, mask))
-    fine = yield from _both(session, FINE, white, camera, projector, near, lit, placed=True)
+    fine = yield from _both(session, finest, white, camera, projector, near, lit, placed=True)
     after = offsets(*fine, camera, near, np.zeros_like)
     correction = fitted(after, near)
     found = corrected(near, projector, correction)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from pdcd.bench.calibration import MAPS
 from pdcd.bench.placed import camera_map, panels_of
+from pdcd.bench.tables import Config
 from pdcd.bench.truth import truth_of
 from pdcd.maps.file import load_maps
 from pdcd.maps.map import between
@@ -79,6 +81,36 @@ def test_a_mask_that_covers_a_part_of_the_field(
         assert values[key] == pytest.approx(true, rel=share), key
     assert values["mask.skew_s"] == pytest.approx(0.004, abs=0.00015)
     assert off_px(found, made) < 0.3
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_a_mask_of_half_as_many_pixels_as_the_projector(tmp_path: Path) -> None:
+    """Stripes of 6 px would be three of its pixels: wider ones tell the same."""
+
+    class Coarse(SmallBench):
+        @property
+        def config(self) -> Config:
+            plain = super().config
+            panels = {"projector": (384, 288), "mask": (192, 144)}
+            sized = {
+                name: structs.replace(getattr(plain, name), size_px=size)
+                for name, size in panels.items()
+            }
+            return structs.replace(plain, **sized)
+
+    text = TRUTH.format(mask=1.04, camera=1.05) + "[scene]\nblur_px = 1.0\n"
+    made = Coarse(tmp_path, text, quads=(480, 360))
+    engine = made.engine()
+    try:
+        found = calibrate(engine, "geometry", "registration")
+    finally:
+        engine.stop()
+    names = {photo.name for photo in found.step("registration").photos}
+    assert "registration-right-10-0" in names and "registration-right-6-0" not in names
+    assert found.step("registration").verdict != "bad"
+    blur_px = found.record.measured["mask.blur_px"].value
+    assert blur_px == pytest.approx(1.0, rel=0.1)
 
 
 @pytest.mark.timeout(300)

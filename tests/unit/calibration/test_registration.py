@@ -17,7 +17,7 @@ from pdcd.calibration.mask_blur import blur
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.registration import Offsets, Series, joined, measure, nearest, offsets
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.stripes import FINE, RULER, Stripes, patterns
+from pdcd.calibration.stripes import FINE, RULER, Stripes, patterns, periods_for
 from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map
 from tests.unit.calibration.ruler_bench import RulerBench, misplaced
@@ -291,3 +291,12 @@ def test_too_few_offsets_make_no_correction() -> None:
     few = Offsets(points, np.zeros((2, 2)), np.full((2, 2), 0.01))
     with pytest.raises(CalibrationError, match="too few"):
         fitted(few, one().mask)
+
+
+def test_stripes_are_as_wide_as_the_mask_can_show() -> None:
+    for mask_px, periods in ((0.64, (16, 6)), (1.3, (16, 6)), (1.9, (16, 10)), (3.0, (32, 14))):
+        pairs = periods_for(mask_px)
+        assert tuple(pair[0].period_px for pair in pairs) == periods
+        assert [[one.axis for one in pair] for pair in pairs] == [[0, 1], [0, 1]]
+        # An offset by half of what both agree on is not taken for none.
+        assert np.lcm(*periods) >= 48
