@@ -114,7 +114,7 @@ class CalibrationRun:
     def _steps(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The steps to take, in their order, and those that nobody is there for. Raises
         CalibrationError where there is nothing else to do."""
-        names = ordered(self.request.steps)
+        names = ordered(self.request.steps, self.request.subject)
         if self.request.attended:
             return names, ()
         alone = tuple(name for name in names if name not in BY_HAND)

@@ -40,6 +40,8 @@ def calibrate(args: argparse.Namespace) -> int:
         raise ConfigError(
             "--out goes with --local: the daemon keeps calibrations in its own state folder"
         )
+    if args.marks != "auto" and args.step and "geometry" not in args.step:
+        raise ConfigError("--marks is for the geometry, which is not among the steps")
     attended = sys.stdin.isatty() and not args.yes and not args.json
     request = CalibrateRequest(
         steps=tuple(args.step),

@@ -11,6 +11,8 @@ from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from pdcd.words import SubjectName
+
 if TYPE_CHECKING:
     from pdcd.calibration.script import Script, Session
 
@@ -48,6 +50,8 @@ def script_of(name: str, session: Session) -> Script:
     return run(session)
 
 
-def ordered(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The steps in their order; all but those `AT_WISH` for none."""
+def ordered(names: tuple[str, ...], subject: SubjectName = "card") -> tuple[str, ...]:
+    """The steps in their order; for none all but those `AT_WISH`, and on a scene the geometry."""
+    if not names and subject == "scene":
+        names = ("geometry",)
     return tuple(name for name in STEPS if name in (names or STEPS.keys() - AT_WISH))

@@ -126,6 +126,7 @@ def test_a_scene_may_stand_in_the_place_of_the_card(calibrator: type[Calibrator]
     assert main(["calibrate", "geometry", "--scene", "--marks", "phase", "--yes"]) == 0
     asked = CalibrateRequest(steps=("geometry",), subject="scene", marks="phase")
     assert calibrator.asked[1] == (asked, False)
+    assert main(["calibrate", "timing", "--marks", "gray"]) == 2
 
 
 def test_a_step_that_is_unknown_or_another_rig_is_refused(
