@@ -89,7 +89,7 @@ def by_maps(
         half = sines[GREEN].mean
     seen = both([axis[GREEN] for axis in axes], code)
     refuse_wrapped(seen, np.stack(beliefs, axis=-1), code)
-    taken = yield from take(Wanted(blocks.shown(code, max(1, session.full))))
+    taken = yield from take(Wanted(blocks.shown(code, code.levels * _repeats(session, code))))
     off = blocks.periods_off(session.photo(taken), half, seen, code, GREEN)
     away_px = code.period_px * np.array(off)
     moved = [[(at + by, *rest) for at, *rest in a] for a, by in zip(axes, away_px, strict=True)]
@@ -117,11 +117,16 @@ def base_px(quads_per_px: float) -> int:
     return next((base for base in BASES_PX if base * quads_per_px >= BASE_QUADS), BASES_PX[-1])
 
 
+def _repeats(session: Session, code: PhaseCode) -> int:
+    """How often a picture of a sine is shown, so that all of them last as long as white does."""
+    return max(1, session.full // code.levels)
+
+
 def _by_axis(
     session: Session, code: PhaseCode, *, numbered: bool
 ) -> tuple[tuple[Shown, ...], tuple[Shown, ...]]:
     """The photos of either axis."""
-    shown = code.shown(max(1, session.full // code.levels), numbered=numbered)
+    shown = code.shown(_repeats(session, code), numbered=numbered)
     first = code.steps + (code.bits(0) if numbered else 0)
     return shown[:first], shown[first:]
 
