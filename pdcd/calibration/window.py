@@ -21,7 +21,6 @@ EDGE = 0.04
 """Width of the border of the window that is judged, and share of a window that is given up."""
 SHARED = 0.9
 """Share of such a border that all three must share."""
-MARGIN_QUADS = 2.0
 LEAST = 0.3
 """Side of the window, at least."""
 
@@ -64,10 +63,10 @@ def shared(mask: Map, camera: Map) -> Window:
     step = (np.arange(PLACES) + 0.5) / PLACES
     points = np.stack(np.meshgrid(step, step), axis=-1)
     good = np.ones(points.shape[:2], dtype=np.bool_)
-    for device, margin in ((mask, 0.0), (camera, MARGIN_QUADS)):
+    for device in (mask, camera):
         at = device.from_field(points)
         with np.errstate(invalid="ignore"):
-            good &= ((at >= margin) & (at <= np.array(device.size_px) - margin)).all(axis=-1)
+            good &= ((at >= 0.0) & (at <= device.size_px)).all(axis=-1)
     window = WHOLE
     while True:
         sides = _sides(window, points, good)
