@@ -18,6 +18,8 @@ FINEST = 16
 """Parts of a pixel of the picture that lines are placed to: 2 to the fourth."""
 LONGEST = 0.06
 """Length of an arrow that only 5 % exceed, over the width of its box."""
+CUT = 3.0
+"""Times the measure from which an arrow is red, and cut to that."""
 
 
 def arrows(
@@ -37,10 +39,12 @@ def arrows(
     measure = _round(max(usual, 1e-6))
     scale = LONGEST * width / measure
     tails = places * (width, height) + (left, top)
-    tips = tails + vectors_px * scale
+    # Cut: strangers are many times as long as the box is wide.
+    drawn = np.minimum(1.0, CUT * measure / np.maximum(lengths, 1e-12))[:, None]
+    tips = tails + vectors_px * (scale * drawn)
     some = slice(None, None, max(1, len(tails) // MOST_ARROWS))
     for tail, tip, length in zip(tails[some], tips[some], lengths[some], strict=True):
-        colour = RED if length > 3.0 * measure else BLUE
+        colour = RED if length > CUT * measure else BLUE
         _line(on, tail, tip, colour)
         cv2.circle(on, (round(float(tail[0])), round(float(tail[1]))), 1, colour, -1, cv2.LINE_AA)
     write(on, [title], (left, top - 20))
