@@ -13,9 +13,8 @@ margin, or from a belief that is less than half a period wrong, for which eight 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 
 import cv2
 import numpy as np
@@ -129,52 +128,9 @@ def of_one_panel(name: str, panel: PanelName, patterns: Bits, index: NDArray[np.
     return Shown(name, nothing, patterns, all_light, index)
 
 
-def decode(photos: Iterable[Photo], code: PhaseCode, channel: int = GREEN) -> Decoded:
-    """Panel pixels out of the photos of `code.shown()`, in its order; one is held at a time.
-
-    Raises CalibrationError where hardly any quad can be decoded.
-    """
-    taken = iter(photos)
-    axes = []
-    for axis in (0, 1):
-        sines = Sines(code, channel)
-        for photo in islice(taken, code.steps):
-            sines.add(photo)
-        sines.refuse_flat()
-        halves = HalfPeriods(code, sines)
-        for photo in islice(taken, code.bits(axis)):
-            halves.add(photo)
-        axes.append(sines.place(halves.near_px))
-    return joined(axes, code)
-
-
-def decode_by_prior(
-    photos: Iterable[Photo], code: PhaseCode, prior_px: Floats, channel: int = GREEN
-) -> Decoded:
-    """The same out of the photos of `code.shown(numbered=False)`.
-
-    prior_px : (h, w, 2), where each quad was believed to lie on the panel, to less than 0.4
-        periods; NaN where that is unknown.
-
-    Raises CalibrationError where hardly any quad can be decoded, or where what is seen is nearer to
-    the next period than the belief may be wrong.
-    """
-    taken = iter(photos)
-    axes = []
-    for axis in (0, 1):
-        sines = Sines(code, channel)
-        for photo in islice(taken, code.steps):
-            sines.add(photo)
-        sines.refuse_flat()
-        axes.append(sines.place(prior_px[..., axis]))
-    found = joined(axes, code)
-    refuse_wrapped(found, prior_px, code)
-    return found
-
-
 def refuse_wrapped(found: Decoded, prior_px: Floats, code: PhaseCode) -> None:
     """Raise CalibrationError where the belief that numbered the periods was too far off."""
-    away = _away(found, prior_px, code)
+    away = np.abs(found.panel_px - prior_px)[found.valid].max(axis=-1) / code.period_px
     far = float(np.mean(away > WRAPPED))
     if far > MOST_WRAPPED:
         raise CalibrationError(
@@ -183,12 +139,6 @@ def refuse_wrapped(found: Decoded, prior_px: Floats, code: PhaseCode) -> None:
             device=code.panel,
             hint="use patterns that need no map: --marks xor on a scene, dots on a card",
         )
-
-
-def _away(found: Decoded, prior_px: Floats, code: PhaseCode) -> Floats:
-    """Distance of decoded quads from their belief, in periods."""
-    away: Floats = np.abs(found.panel_px - prior_px)[found.valid].max(axis=-1) / code.period_px
-    return away
 
 
 class Sines:

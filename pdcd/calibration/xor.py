@@ -9,7 +9,6 @@ together; a median over 5 x 5 quads takes that out. Each picture is shown with i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -83,17 +82,6 @@ class XorCode:
     def _drawn(self, axis: int, line: Bools) -> Bits:
         lines = line[None, None, :] if axis == 0 else line[None, :, None]
         return np.broadcast_to(lines, (1, self.size_px[1], self.size_px[0]))
-
-
-def decode_xor(photos: Iterable[Photo], code: XorCode, channel: int = GREEN) -> Decoded:
-    """Panel pixels, whole ones, out of the photos of `code.shown()`, in its order.
-
-    Raises CalibrationError where hardly any quad can be decoded.
-    """
-    planes = XorPlanes(code, channel)
-    for photo in photos:
-        planes.add(photo)
-    return planes.decoded()
 
 
 class XorPlanes:

@@ -10,7 +10,7 @@ import pytest
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
 from pdcd.calibration.disparity import disparities, plane_between
-from pdcd.calibration.phase import Decoded, PhaseCode, decode
+from pdcd.calibration.phase import Decoded, PhaseCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import frames_of
 from pdcd.errors import CalibrationError
@@ -22,6 +22,7 @@ from pdcd.optics.products import Exposure
 from pdcd.recipes.matching import matches, places_of
 from pdcd.request import Goal
 from pdcd.scene.build import build_scene
+from tests.unit.calibration.decoding import decode
 
 GRID = (12, 16)
 SIZE = (128, 96)

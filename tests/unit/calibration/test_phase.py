@@ -11,12 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.calibration.panel_map import fit_decoded
-from pdcd.calibration.phase import Decoded, PhaseCode, decode, decode_by_prior
+from pdcd.calibration.phase import Decoded, PhaseCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
-from pdcd.calibration.xor import XorCode, decode_xor
+from pdcd.calibration.xor import XorCode
 from pdcd.errors import CalibrationError
 from pdcd.frames.frames import WHITE
+from tests.unit.calibration.decoding import decode, decode_by_prior, decode_xor
 from tests.unit.calibration.geometry_bench import Bench, Way
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,53 @@
+"""Stripes and codes decoded from photos that are there already, as steps do it photo by photo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.calibration.phase import Decoded, HalfPeriods, PhaseCode, Sines, joined, refuse_wrapped
+from pdcd.calibration.photo import Photo
+from pdcd.calibration.xor import XorCode, XorPlanes
+
+Floats = NDArray[np.float64]
+
+
+def decode(photos: Iterable[Photo], code: PhaseCode) -> Decoded:
+    """Panel pixels out of the photos of `code.shown()`, in its order."""
+    taken = iter(photos)
+    axes = []
+    for axis in (0, 1):
+        sines = _sines(taken, code)
+        halves = HalfPeriods(code, sines)
+        for photo in islice(taken, code.bits(axis)):
+            halves.add(photo)
+        axes.append(sines.place(halves.near_px))
+    return joined(axes, code)
+
+
+def decode_by_prior(photos: Iterable[Photo], code: PhaseCode, prior_px: Floats) -> Decoded:
+    """The same out of the photos of `code.shown(numbered=False)`, by a belief (h, w, 2)."""
+    taken = iter(photos)
+    axes = [_sines(taken, code).place(prior_px[..., axis]) for axis in (0, 1)]
+    found = joined(axes, code)
+    refuse_wrapped(found, prior_px, code)
+    return found
+
+
+def decode_xor(photos: Iterable[Photo], code: XorCode) -> Decoded:
+    """Panel pixels, whole ones, out of the photos of `code.shown()`, in its order."""
+    planes = XorPlanes(code)
+    for photo in photos:
+        planes.add(photo)
+    return planes.decoded()
+
+
+def _sines(taken: Iterator[Photo], code: PhaseCode) -> Sines:
+    sines = Sines(code)
+    for photo in islice(taken, code.steps):
+        sines.add(photo)
+    sines.refuse_flat()
+    return sines
