@@ -7,11 +7,10 @@ periods away. Blocks are as fine as the stripes, so light that comes round corne
 
 from __future__ import annotations
 
-import hashlib
-
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.calibration.dots import drawn_bits
 from pdcd.calibration.phase import Decoded, PhaseCode, of_one_panel
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Bits, Shown
@@ -31,11 +30,9 @@ def picture(code: PhaseCode) -> Bits:
     """(height, width) bool, blocks of half a period."""
     side = code.period_px // 2
     cols, rows = (-(-length // side) for length in code.size_px)
-    # A hash is the same everywhere and for ever, unlike a generator of random numbers.
-    drawn = hashlib.shake_256(f"blocks of the {code.panel}".encode()).digest(-(-rows * cols // 8))
-    bits = np.unpackbits(np.frombuffer(drawn, dtype=np.uint8))[: rows * cols].reshape(rows, cols)
-    whole = np.kron(bits, np.ones((side, side), dtype=np.uint8))
-    return whole[: code.size_px[1], : code.size_px[0]].astype(np.bool_)
+    bits = drawn_bits(f"blocks of the {code.panel}", rows, cols)
+    whole = np.kron(bits, np.ones((side, side), dtype=np.bool_))
+    return whole[: code.size_px[1], : code.size_px[0]]
 
 
 def shown(code: PhaseCode, refreshes: int) -> Shown:

@@ -32,6 +32,15 @@ PER_RADIUS = 5
 """Pitch over radius: neighbours' blurred edges stay apart, and holes fit between."""
 
 
+def drawn_bits(name: str, rows: int, cols: int) -> Bits:
+    """(rows, cols) bool that look random, and are the same for a name everywhere and for ever,
+    unlike those of a generator of random numbers."""
+    count = rows * cols
+    drawn = hashlib.shake_256(name.encode()).digest(-(-count // 8))
+    bits = np.unpackbits(np.frombuffer(drawn, dtype=np.uint8))[:count]
+    return bits.reshape(rows, cols).astype(np.bool_)
+
+
 @dataclass(frozen=True)
 class DotGrid:
     """The dots of one panel.
@@ -94,11 +103,7 @@ class DotGrid:
         """The code, (rows - 1, columns - 1) bool: [j, i] is whether there is a hole amid the dots
         (i, j) to (i + 1, j + 1)."""
         rows, cols = self.shape
-        count = (rows - 1) * (cols - 1)
-        # A hash is the same everywhere and for ever, unlike a generator of random numbers.
-        drawn = hashlib.shake_256(self.panel.encode()).digest(-(-count // 8))
-        bits = np.unpackbits(np.frombuffer(drawn, dtype=np.uint8))[:count]
-        return bits.reshape(rows - 1, cols - 1).astype(np.bool_)
+        return drawn_bits(self.panel, rows - 1, cols - 1)
 
     def shown(self, refreshes: int) -> tuple[Shown, Shown, Shown]:
         """The three photos: white, black, dots; so many refreshes each. The other panel lets all

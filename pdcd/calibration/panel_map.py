@@ -186,10 +186,9 @@ def figures(
 ) -> list[Figure]:
     """How good a map is, each with its limit.
 
-    beside : the other panel's map: only where that lets light pass, too, a map is of any use.
-
     scale : pixels of this panel to one of the projector. A finer panel's may be off by more of
         them: what counts is the place on the projector.
+    beside : the other panel's map: only where that lets light pass, too, a map is of any use.
     """
     scale = max(1.0, scale)
     left = np.hypot(fitted.residual_px[:, 0], fitted.residual_px[:, 1])
@@ -267,9 +266,7 @@ def _both_see(one: Fitted, other: Fitted | None) -> Floats:
         np.meshgrid((np.arange(24) + 0.5) / 24 * width, (np.arange(16) + 0.5) / 16 * height), -1
     ).reshape(-1, 2)
     for fitted in (one,) if other is None else (one, other):
-        at = fitted.to_target(places)
-        with np.errstate(invalid="ignore"):
-            places = places[((at >= 0.0) & (at <= fitted.target_size_px)).all(axis=-1)]
+        places = places[_within(fitted.to_target(places), fitted.target_size_px)]
     return np.asarray(places)
 
 
@@ -419,9 +416,7 @@ def _on_panel(fitted: Fitted) -> Floats:
     """Places of the photo, evenly over what it shows of the panel, (n, 2)."""
     at = (np.arange(12) + 0.5) / 12
     places = fitted.map.from_field(np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2))
-    with np.errstate(invalid="ignore"):
-        inside = ((places >= 0.0) & (places <= fitted.map.size_px)).all(axis=-1)
-    return np.asarray(places[inside])
+    return np.asarray(places[_within(places, fitted.map.size_px)])
 
 
 def quads_per_px(fitted: Fitted) -> float:

@@ -43,7 +43,7 @@ HELPED = "helped"
 MAX_ARRAY_VALUES = 2**24
 """Most numbers of one array that is kept for later steps."""
 FILES = {"disparity.right": "disparities.npy"}
-"""Arrays that a request takes, which are files of their own, too."""
+"""Arrays that a request takes, by the step that finds them: files of their own, too."""
 NO_ARRAYS = b"PK\5\6" + bytes(18)
 """What `numpy.savez` makes of no arrays."""
 VERDICTS: Mapping[Verdict, VerdictName] = {
@@ -116,8 +116,6 @@ class Study:
     settings: dict[str, float] = field(default_factory=dict)
     entries: dict[str, Entry] = field(default_factory=dict)
     profile_text: str | None = None
-    found: set[str] = field(default_factory=set)
-    """Names of the arrays of this calibration's own steps."""
 
     @classmethod
     def begun(cls, begin: Begin, folder: Path) -> Study:
@@ -209,7 +207,6 @@ class Study:
         """Keep what a step found."""
         step = self.step
         self.session.learn(step, outcome)
-        self.found.update(outcome.arrays)
         for key, found in outcome.words.items():
             self.entries[key] = Entry(
                 value=found.value, sigma=found.sigma, step=step, made_utc=self.now_utc
@@ -240,7 +237,7 @@ class Study:
             if self.session.arrays:  # the focus keeps none
                 write_arrays(self.folder / ARRAYS, self.session.arrays)
             for name, file in FILES.items():
-                if name in self.found:
+                if name.partition(".")[0] in self.session.done:
                     np.save(self.folder / file, self.session.arrays[name], allow_pickle=False)
             if self.profile_text is not None:
                 (self.folder / PROFILE).write_text(self.profile_text)

@@ -13,7 +13,7 @@ from pdcd.calibration.coaxial import Parallax, parallax
 from pdcd.calibration.compose import compose, one_field
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
-from pdcd.calibration.steps.geometry import GREEN, Marked, check_both, grids, panel_dots
+from pdcd.calibration.steps.geometry import both_by_dots
 from pdcd.errors import CalibrationError
 from pdcd.maps.map import Map, between
 
@@ -79,15 +79,8 @@ def _card(
 ) -> Generator[Wanted | Ask, Taken | None, tuple[Map, Map, float, float]]:
     """Maps of mask and projector on one card, the error of the former in projector pixels, and how
     bright the card was."""
-    projector, mask = grids(session)
-    seen, first, bright = yield from panel_dots(session, projector, mask, prefix)
-    others, second, _ = yield from panel_dots(session, mask, projector, prefix)
-    check_both(
-        session,
-        Marked("projector", first, seen[GREEN]),
-        Marked("mask", second, others[GREEN]),
-    )
-    composed = compose(first[GREEN], second[GREEN])
+    projector, mask, bright = yield from both_by_dots(session, prefix)
+    composed = compose(projector.green, mask.green)
     field = one_field(composed)
     width, height = field.mask.size_px
     middle = np.array([[0.5 * width, 0.5 * height]])

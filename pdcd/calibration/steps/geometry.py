@@ -16,6 +16,7 @@ from pdcd.calibration.dots import DotGrid, PanelName
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.finding import Dots, find_dots
 from pdcd.calibration.fit import Fitted
+from pdcd.calibration.lit import GREEN
 from pdcd.calibration.panel_map import (
     believed_map,
     check_believed,
@@ -38,8 +39,6 @@ from pdcd.words import MarksName
 
 Floats = NDArray[np.float64]
 
-GREEN = 1
-"""The colour that cells go by."""
 LEAST_RADIUS_QUADS = 1.2
 """Radius of a dot in a photo below which its centre is not found."""
 FINER = (
@@ -62,6 +61,11 @@ class Marked:
     def green(self) -> Fitted:
         """The map that cells go by."""
         return self.fitted[GREEN]
+
+    def check(self, session: Session, other: DotGrid, beside: Fitted | None = None) -> None:
+        """Raise CalibrationError where its dots are not all to be seen: see `check_seen`."""
+        if self.dots is not None:
+            check_seen(self.green, self.dots, other=other, beside=beside, subject=session.subject)
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
         """What is kept of it."""
@@ -116,13 +120,10 @@ def _marked(session: Session) -> Generator[Wanted | Ask, Taken | None, tuple[Mar
         projector = yield from _by_gray(session, of_projector)
         mask = yield from _by_gray(session, of_mask)
     elif marks == "dots":
-        projector = yield from _by_dots(session, of_projector, of_mask)
-        mask = yield from _by_dots(session, of_mask, of_projector)
-        check_both(session, projector, mask)
+        projector, mask, _ = yield from both_by_dots(session)
     else:  # the mask first: it is sharp whatever the scene is, and says where the projector may be
-        mask = yield from _by_dots(session, of_mask, of_projector)
-        if mask.dots is not None:
-            check_seen(mask.green, mask.dots, other=of_projector, subject=session.subject)
+        mask, _ = yield from panel_dots(session, of_mask, of_projector)
+        mask.check(session, of_projector)
         projector = yield from _by_stripes(session, of_projector, mask.green, marks)
     return projector, mask
 
@@ -143,24 +144,17 @@ def marks_of(session: Session) -> MarksName:
         return "xor"
 
 
-def check_both(session: Session, projector: Marked, mask: Marked) -> None:
-    """Raise CalibrationError where dots of a panel are missing within the other one's light."""
-    for marked, beside in ((projector, mask), (mask, projector)):
-        if marked.dots is not None and beside.dots is not None:
-            check_seen(
-                marked.green,
-                marked.dots,
-                other=beside.dots.grid,
-                beside=beside.green,
-                subject=session.subject,
-            )
-
-
-def _by_dots(
-    session: Session, grid: DotGrid, other: DotGrid
-) -> Generator[Wanted | Ask, Taken | None, Marked]:
-    dots, fitted, _ = yield from panel_dots(session, grid, other)
-    return Marked(grid.panel, fitted, dots[GREEN])
+def both_by_dots(
+    session: Session, prefix: str = ""
+) -> Generator[Wanted | Ask, Taken | None, tuple[Marked, Marked, float]]:
+    """Projector and mask by dots, each seen where the other one lets light pass, and how bright the
+    projector's white photo was in DN. prefix : of the photos' names."""
+    of_projector, of_mask = grids(session)
+    projector, bright = yield from panel_dots(session, of_projector, of_mask, prefix)
+    mask, _ = yield from panel_dots(session, of_mask, of_projector, prefix)
+    projector.check(session, of_mask, mask.green)
+    mask.check(session, of_projector, projector.green)
+    return projector, mask, bright
 
 
 def _by_gray(session: Session, grid: DotGrid) -> Generator[Wanted | Ask, Taken | None, Marked]:
@@ -214,9 +208,11 @@ def grids(session: Session) -> tuple[DotGrid, DotGrid]:
 
 def panel_dots(
     session: Session, grid: DotGrid, other: DotGrid, prefix: str = ""
-) -> Generator[Wanted | Ask, Taken | None, tuple[Sequence[Dots], list[Fitted], float]]:
-    """Photos of one panel's pictures: its dots and maps in red, green and blue, and how bright the
-    white one was in DN. prefix : of the photos' names."""
+) -> Generator[Wanted | Ask, Taken | None, tuple[Marked, float]]:
+    """A panel by the photos of its three pictures, and how bright the white one was in DN.
+
+    other : dots of the other panel, to tell swapped outputs. prefix : of the photos' names.
+    """
     photos: list[Photo] = []
     pattern, subject = "RGGB", session.subject
     for shown in grid.shown(session.full):
@@ -228,7 +224,8 @@ def panel_dots(
         photos[0], photos[1], photos[2], grid, other=other, pattern=pattern, subject=subject
     )
     bright, frame = float(np.percentile(photos[0].light[..., GREEN], 90.0)), photos[0].frame
-    return dots, [fit_dots(one, frame, subject) for one in dots], bright
+    fitted = [fit_dots(one, frame, subject) for one in dots]
+    return Marked(grid.panel, fitted, dots[GREEN]), bright
 
 
 def _refuse_coarse(frame: tuple[int, int], grid: DotGrid) -> None:

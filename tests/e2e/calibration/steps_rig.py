@@ -63,6 +63,14 @@ class SmallBench:
         engine.start()
         return engine
 
+    def calibrate(self, *steps: Any, **request: Any) -> Calibrated:
+        """These steps, by an engine of their own."""
+        engine = self.engine()
+        try:
+            return calibrate(engine, *steps, **request)
+        finally:
+            engine.stop()
+
 
 @dataclass
 class Calibrated:

@@ -15,7 +15,7 @@ from pdcd.bench.toml_text import emit
 from pdcd.cli.main import main
 from pdcd.scene.build import build_scene
 from pdcd.scene.displaced import Displaced
-from tests.e2e.calibration.steps_rig import SmallBench, calibrate
+from tests.e2e.calibration.steps_rig import SmallBench
 
 GRID = (24, 32)
 
@@ -55,11 +55,7 @@ def test_depth_is_seen_as_geometry_demands(
     tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bench = off_axis(tmp_path, kind)
-    engine = bench.engine()
-    try:
-        found = calibrate(engine, "disparity", subject="scene")
-    finally:
-        engine.stop()
+    found = bench.calibrate("disparity", subject="scene")
     file = found.folder / "disparities.npy"
     said, true = np.load(file), true_disparity(bench.config)
     known = said < GRID[1]
@@ -79,10 +75,6 @@ def test_depth_is_seen_as_geometry_demands(
 
 
 def test_a_card_has_no_disparities(tmp_path: Path) -> None:
-    engine = off_axis(tmp_path, "off-axis-box").engine()
-    try:
-        found = calibrate(engine, "disparity")
-    finally:
-        engine.stop()
+    found = off_axis(tmp_path, "off-axis-box").calibrate("disparity")
     assert found.result.error is not None
     assert "--scene" in str(found.result.error["hint"])

@@ -53,11 +53,7 @@ def test_a_bumped_camera_is_found_on_the_scene_and_computed_again(tmp_path: Path
     finally:
         engine.stop()
     bumped = bench(tmp_path, turn_deg=1.5)
-    engine = bumped.engine()
-    try:
-        found = calibrate(engine, "geometry", subject="scene")
-    finally:
-        engine.stop()
+    found = bumped.calibrate("geometry", subject="scene")
     record = found.record
     names = [photo.name for photo in found.step("geometry").photos]
     assert len(names) == 3 + 9 and "geometry-blocks-projector" in names
@@ -71,11 +67,7 @@ def test_a_bumped_camera_is_found_on_the_scene_and_computed_again(tmp_path: Path
 @pytest.mark.timeout(600)
 def test_a_bench_without_maps_is_found_on_the_scene(tmp_path: Path) -> None:
     made = bench(tmp_path, turn_deg=2.0)
-    engine = made.engine()
-    try:
-        found = calibrate(engine, "geometry", subject="scene")
-    finally:
-        engine.stop()
+    found = made.calibrate("geometry", subject="scene")
     assert len(found.step("geometry").photos) == 3 + 32 + 9
     assert off_px(found, made) < 0.1
     assert found.record.verdict != "bad"

@@ -66,11 +66,7 @@ def test_a_mask_that_covers_a_part_of_the_field(
     tmp_path: Path, mask: float, camera: float, steps: tuple[str, ...]
 ) -> None:
     made = bench(tmp_path, mask, camera)
-    engine = made.engine()
-    try:
-        found = calibrate(engine, *steps)
-    finally:
-        engine.stop()
+    found = made.calibrate(*steps)
     assert found.record.verdict != "bad"
     values = {key: entry.value for key, entry in found.record.measured.items()}
     for key, true, share in (
@@ -101,11 +97,7 @@ def test_a_mask_of_half_as_many_pixels_as_the_projector(tmp_path: Path) -> None:
 
     text = TRUTH.format(mask=1.04, camera=1.05) + "[scene]\nblur_px = 1.0\n"
     made = Coarse(tmp_path, text, quads=(480, 360))
-    engine = made.engine()
-    try:
-        found = calibrate(engine, "geometry", "registration")
-    finally:
-        engine.stop()
+    found = made.calibrate("geometry", "registration")
     names = {photo.name for photo in found.step("registration").photos}
     assert "registration-right-10-0" in names and "registration-right-6-0" not in names
     assert found.step("registration").verdict != "bad"
