@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.codes.far import far_codes
 from pdcd.codes.hadamard import hadamard, hadamard_fits
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
 from pdcd.codes.linked import prior_codes
@@ -20,12 +21,15 @@ from pdcd.planning.plan import Pair, Plan, mean_light, windowed
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
-from pdcd.recipes.programs import Coded, Program, extended, within
+from pdcd.recipes.programs import Coded, Far, Program, extended, within
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import How
 from pdcd.words import FamilyName
 
 Bools = NDArray[np.bool_]
+
+COINS: tuple[FamilyName, ...] = ("bernoulli", "rademacher")
+"""Families of which every cell is lit by chance in every code."""
 
 
 def settled_family(
@@ -128,15 +132,17 @@ def _bits(
     if lines is not None:
         return lines
     share, inner = program.p, within(program)
+    shape = lattice.shape if windowed(program) else lattice.grid
+    rng = np.random.Generator(np.random.PCG64(seed))
+    if isinstance(inner, Far) and inner.radius and family not in COINS:
+        return far_codes(shape, count, share, rng)
     if share != 0.5 and p is None and not isinstance(inner, Coded):
         # The best share of lit cells, rounded to what balanced codes can do.
         share = max(1, round(share * count)) / count
-        family = "bernoulli" if family in ("bernoulli", "rademacher") else "balanced"
-    shape = lattice.shape if windowed(program) else lattice.grid
+        family = "bernoulli" if family in COINS else "balanced"
     far = far_partners(program, lattice.grid) if family == "hadamard" else ()
     links = partner_links(far, lattice)
     if links is not None:
-        rng = np.random.Generator(np.random.PCG64(seed))
         return hadamard(shape, count, share, rng, links)
     return make_codes(family, shape, count, dual="same", p=share, seed=seed).primal
 

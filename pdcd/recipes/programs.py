@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.codes.far import evened
 from pdcd.frames.lattice import Lattice
 from pdcd.probing.convolved import convolved
 from pdcd.probing.wanted import Indices, shifted
@@ -218,7 +219,8 @@ class SignedBlocks:
 @dataclass(frozen=True, eq=False)
 class Far:
     """Mask = the complement of the code, dilated by a radius: exactly 0 within it, p (1 - p)^W
-    elsewhere with W = (2 radius + 1)^2 (Table 2, row 3, in one photo)."""
+    elsewhere with W = (2 radius + 1)^2 (Table 2, row 3, in one photo), less what is closed so that
+    all is counted alike (`pdcd.codes.far`)."""
 
     radius: int
     coded: bool = True
@@ -234,7 +236,8 @@ class Far:
         around = np.ones((side, side), dtype=np.uint8)
         lit = bits.reshape(-1, *lattice.shape).astype(np.uint8)
         near = np.stack([cv2.dilate(one, around) for one in lit]).astype(np.bool_)
-        return bits, ~near.reshape(len(bits), -1)
+        seen = ~near.reshape(len(bits), -1)
+        return bits, evened(bits, seen, lattice.shape, self.radius)
 
 
 def on_lattice(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> Indices:

@@ -61,7 +61,9 @@ def planned(
         ({"family": "balanced", "illumination": LIGHT}, 16 * 12 + 38 * C, 16 * 12 + 5 * C),
         # Of parts the second is made beside the first.
         ({"codes": 16, "parts": 2}, 96 + 8 * 96, 2 * 96),
-        ({"goal": "long-range", "radius": 1}, 8 * C, C),
+        ({"goal": "long-range", "radius": 0}, 4 * C + SQUARE, C),
+        # Beside the codes what counts far light alike, all camera cells at once.
+        ({"goal": "long-range", "radius": 1}, (46 + 96) * C + 8 * SQUARE + 8 * C, C),
         ({"goal": "diagonal"}, 9 * C + 56 * C, 18 * C),
         ({"goal": "filtered", "kernel": KERNEL}, 9 * C + 56 * C, 18 * C),
         ({"goal": "relit", "matrix": MATRIX, "codes": 8}, 65 * 96 + 24 * 144, 18 * 96),

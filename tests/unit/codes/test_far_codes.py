@@ -1,0 +1,132 @@
+"""Codes of light from afar: dealt out evenly, and counted alike, by a dense evaluation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.codes import far
+from pdcd.codes.far import evened, far_codes, times_lit
+from pdcd.codes.make import make_codes
+
+GRID = (12, 16)
+N = GRID[0] * GRID[1]
+RADIUS = 2
+BEST = 1.0 / 26.0
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+ROW, COL = np.divmod(np.arange(N), GRID[1])
+APART = np.maximum(np.abs(ROW[:, None] - ROW), np.abs(COL[:, None] - COL))
+BEYOND = (APART > RADIUS).astype(float)
+
+
+def around(lit: Bools) -> Bools:
+    """Where the mask may be open: no lit cell within the radius."""
+    seen: Bools = lit.astype(float) @ (1.0 - BEYOND) == 0.0
+    return seen
+
+
+def cost(lit: Bools, open_: Bools) -> Floats:
+    """What each camera cell errs of light that is alike over some cells, dense, (N,)."""
+    square = (ROW[:, None] - ROW) ** 2 + (COL[:, None] - COL) ** 2
+    alike = sum(share * np.exp(-square / (2.0 * reach**2)) for reach, share in far.ALIKE)
+    alike = alike + far.ALONE * np.eye(N)
+    counted = open_.astype(float).T @ lit.astype(float)
+    weight = (counted * BEYOND).sum(axis=1) / BEYOND.sum(axis=1)
+    error = counted / weight[:, None] - BEYOND
+    out: Floats = np.einsum("yx,xz,yz->y", error, alike, error)
+    return out
+
+
+def photo(lit: Bools, open_: Bools, transport: Floats) -> float:
+    """RMS error of the far photo over that of the true one."""
+    counted = open_.astype(float).T @ lit.astype(float)
+    assert not (counted * (1.0 - BEYOND)).any()
+    weight = (counted * BEYOND).sum(axis=1) / BEYOND.sum(axis=1)
+    truth = (BEYOND * transport).sum(axis=1)
+    error = (counted * transport).sum(axis=1) / weight - truth
+    return float(np.sqrt(np.mean(error**2) / np.mean(truth**2)))
+
+
+@pytest.mark.parametrize(("count", "times"), [(32, 1), (64, 1), (100, 2), (128, 2), (500, 2)])
+def test_cells_are_lit_equally_often_and_codes_light_equally_many(count: int, times: int) -> None:
+    lit = far_codes(GRID, count, BEST, np.random.default_rng(4))
+    assert lit.shape == (count, N)
+    assert np.array_equal(lit.sum(axis=0), np.full(N, times))
+    assert times == times_lit(count, N, BEST)
+    if count % times == 0:
+        assert np.ptp(lit.sum(axis=1)) <= 1
+    again = far_codes(GRID, count, BEST, np.random.default_rng(5))
+    assert not np.array_equal(lit, again)
+
+
+def test_cells_are_lit_one_by_one_where_that_costs_little_light() -> None:
+    """12 x 16 cells and 500 codes: two each, and far light without any error. Of 24 x 32 one in 768
+    would be a twentieth of the light."""
+    lit = far_codes(GRID, 500, BEST, np.random.default_rng(1))
+    assert lit.sum(axis=1).max() == 1
+    transport = np.random.default_rng(2).random((N, N))
+    assert photo(lit, evened(lit, around(lit), GRID, RADIUS), transport) < 1e-14
+    assert times_lit(1000, 768, BEST) == round(0.5 * BEST * 1000)
+    assert times_lit(5, 768, BEST) == 1
+
+
+@pytest.mark.parametrize("count", [64, 128])
+def test_no_other_change_of_the_mask_would_err_less(count: int) -> None:
+    """Held against the dense error: each cell's is lower than before, and no code more or less lets
+    it fall further."""
+    lit = far_codes(GRID, count, BEST, np.random.default_rng(7))
+    seen = around(lit)
+    open_ = evened(lit, seen, GRID, RADIUS)
+    assert not (open_ & ~seen).any()
+    least, first = cost(lit, open_), cost(lit, seen)
+    assert np.all(least <= first) and least.mean() < 0.9 * first.mean()
+    for code in range(0, count, 7):
+        other = open_.copy()
+        other[code] ^= seen[code]
+        assert np.all(cost(lit, other) >= least * (1.0 - 0.002))  # weights are rounded to 1/256
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_smooth_light_from_afar_errs_half_as_much(seed: int) -> None:
+    """As by balanced codes that are closed around lit cells alone, as many, lit as is best."""
+    rng = np.random.default_rng(seed)
+    place = rng.random((2, 2)) * GRID
+    down, right = (np.exp(-((ROW - r) ** 2 + (COL - c) ** 2) / 30.0) for r, c in place)
+    transport = np.outer(0.2 + down, 0.2 + right) * (0.5 + 0.5 * rng.random(N))[:, None]
+    lit = far_codes(GRID, 128, BEST, rng)
+    bits = make_codes("balanced", GRID, 128, dual="same", p=5 / 128, seed=seed).primal
+    now = photo(lit, evened(lit, around(lit), GRID, RADIUS), transport)
+    assert now < 0.5 * photo(bits, around(bits), transport)
+
+
+def test_the_order_of_cells_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums are exact, so that no machine chooses other codes: neither mirrored, nor in pieces."""
+    lit = far_codes(GRID, 96, BEST, np.random.default_rng(3))
+    open_ = evened(lit, around(lit), GRID, RADIUS)
+    turned = lit[:, ::-1]
+    assert np.array_equal(evened(turned, around(turned), GRID, RADIUS)[:, ::-1], open_)
+    monkeypatch.setattr(far, "CHUNK", 96 * 7)
+    assert np.array_equal(evened(lit, around(lit), GRID, RADIUS), open_)
+
+
+def test_what_is_too_large_or_of_radius_0_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    lit = far_codes(GRID, 64, BEST, np.random.default_rng(3))
+    assert np.array_equal(evened(lit, ~lit, GRID, 0), ~lit)
+    seen = around(lit)
+    assert not np.array_equal(evened(lit, seen, GRID, RADIUS), seen)
+    monkeypatch.setattr(far, "MOST", lit.size - 1)
+    assert np.array_equal(evened(lit, seen, GRID, RADIUS), seen)
+
+
+def test_cells_that_are_never_open_stay_closed() -> None:
+    """Few codes light so many cells that some see none of them."""
+    lit = far_codes(GRID, 8, BEST, np.random.default_rng(1))
+    seen = around(lit)
+    assert not seen.any(axis=0).all()
+    assert not (evened(lit, seen, GRID, RADIUS) & ~seen).any()
+    dark = np.zeros_like(lit)
+    assert evened(dark, ~dark, GRID, RADIUS).all()
