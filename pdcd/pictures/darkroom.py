@@ -217,7 +217,8 @@ class Darkroom:
         )
         frame = frame if self._side == 1 else frame.binned(self._side)
         factors, signal = self._to_units(iso, photo.f_number) / photo.phase_s, frame.planes
-        variance = rgb_variance(signal, profile, iso, photo.exposure_s, factors, np.float64)
+        of_quads = factors / frame.side
+        variance = rgb_variance(signal, profile, iso, photo.exposure_s, of_quads, np.float64)
         return Ambient(to_rgb(signal, factors), np.asarray(variance, np.float64))
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
