@@ -260,6 +260,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     """Whether modelled error bars of far light go by the weight of each cell and by the roughness
     of all light (`pdcd.pictures.sigma_model`), and measured ones know that parts may agree by
     chance (`pdcd.pictures.sigma`). Earlier runs have theirs as they were."""
+    late: bool = False
+    """Whether codes had been shown before the pilot went on: the shots of codes that count have
+    names of their own (`pdcd.recipes.late`)."""
 
     @property
     def coded(self) -> int:
@@ -327,6 +330,11 @@ class Leaks(msgspec.Struct, frozen=True, kw_only=True):
     """Beyond it black exposures are added."""
     raw: tuple[str, ...]
     """The dark photos, in the run folder."""
+    noise: float | None = None
+    """RMS noise of the finished picture, relative to its RMS, that was foreseen with its black
+    exposures; None where nobody looked."""
+    times: int = 1
+    """How often everything is shown because of that noise; `noise` is what is left then."""
 
 
 class PlanSummary(msgspec.Struct, frozen=True, kw_only=True):

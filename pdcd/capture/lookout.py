@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pdcd.capture.job import Journal
 from pdcd.capture.shots import ShotTaker
 from pdcd.errors import SyncError
-from pdcd.offload.answers import DarkPhoto, Planned, Stray
+from pdcd.offload.answers import Planned, Stray
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
 from pdcd.planning.look import due
 from pdcd.recipes.recipe import Shot
-from pdcd.runs.record import ShotRecord
+from pdcd.runs.record import DarkPhoto, ShotRecord
 
 NAMES = ("look-dark", "look-ambient")
 """Dark photos, as their RAW files are called."""
@@ -26,6 +26,8 @@ class Lookout:
     hands: Hands
     journal: Journal
     done: bool = False
+    decided: str = ""
+    """What was done about the noise of ambient light, in words."""
 
     def look(self, planned: Planned, shots: list[ShotRecord]) -> Planned | None:
         """The plan to go on by after a look; None where none is due."""
@@ -45,8 +47,9 @@ class Lookout:
             if found.outcome != "unsure":
                 break
         told = _told(found)
-        if told is not None:
-            self.journal.warn(told)
+        for text in (*(() if told is None else (told,)), *found.told):
+            self.journal.warn(text)
+        self.decided = found.decided
         return found.planned
 
 

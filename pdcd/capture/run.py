@@ -114,8 +114,9 @@ class Run:
         for text in warnings_of(developed, self._config, self._profile, mock=mock):
             self._journal.warn(text)
         summary = summary_of(planned.summary, developed)
-        if self._decided is not None:
-            summary["decided"] = self._decided
+        decided = [text for text in (self._decided, self._lookout.decided) if text]
+        if decided:
+            summary["decided"] = "; ".join(decided)
         summary["wall_s"] = time.perf_counter() - begun_s
         # The last line of log.jsonl: hashes come after it.
         self._journal.notify(events.Archived(job=job.name))
@@ -202,9 +203,10 @@ class Run:
         """After the scouts of a pilot, end it where it cannot pay; after its last photo, keep
         linked cells apart in the codes that follow."""
         plan, taken = planned.plan, len(self._shots)
-        if self._lookout.done:  # which comes after all that a pilot may change
+        late = plan.how.late
+        if self._lookout.done and not late:  # which comes after all that a pilot may change
             return planned
-        scouts = scouted(plan, taken)
+        scouts = scouted(plan, taken) and not late  # by a look at ambient light these see enough
         if not scouts and not piloted(plan, taken):
             return planned
         self._journal.notify(events.Learning(photos=SCOUTS if scouts else plan.how.pilot))
@@ -229,6 +231,8 @@ class Run:
         if after is None:
             return planned
         self._goes_by(after)
+        there = {shot.name for shot in after.plan.recipe.shots}
+        self._shots = [shot for shot in self._shots if shot.name in there]
         return after
 
     def _good_enough(self, plan: Plan, convergence: Convergence, shot: Shot) -> bool:

@@ -160,9 +160,13 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
             size += test.file.size_bytes or 0
         else:
             lost.append(f"{one_line(test.meter.raw)}: {wrong}")
-    run = msgspec.structs.replace(run, shots=tuple(shots))
     with record_errors(path_of(source)):
         recipe = Darkroom(path_of(source), run).recipe
+        # Of a run that went on by other codes, those that came before are no shots any more.
+        known = {shot.name for shot in recipe.shots}
+        shots = [shot for shot in shots if shot.name in known]
+        dark = run.dark if run.dark and run.dark.raw in {test.raw for test in meter} else None
+        run = msgspec.structs.replace(run, shots=tuple(shots), dark=dark)
         if not possible(recipe, {shot.name for shot in shots}).pictures:
             planned = [shot.name for shot in recipe.shots]
             missing = [n for n in planned if n not in {shot.name for shot in shots}]

@@ -15,7 +15,6 @@ from pdcd.capture.sight import Sight
 from pdcd.errors import ConfigError, ExposureError, SyncError
 from pdcd.frames.balance import lit_weights
 from pdcd.frames.frames import FrameLog, Frames
-from pdcd.offload.answers import DarkPhoto
 from pdcd.offload.desk import Desk
 from pdcd.offload.hands import Hands
 from pdcd.planning.look import dark_frames, last_exposed, phase_rows
@@ -23,7 +22,7 @@ from pdcd.planning.metering import MAX_TESTS, next_aperture
 from pdcd.planning.plan import Plan
 from pdcd.recipes.recipe import Shot
 from pdcd.runs import events
-from pdcd.runs.record import MeterRecord, ShotRecord
+from pdcd.runs.record import DarkPhoto, MeterRecord, ShotRecord
 from pdcd.sensor.profile import SensorProfile
 
 FIRST_F_NUMBER = 8.0

@@ -58,31 +58,21 @@ class Learnt:
 
 
 @dataclass(frozen=True)
-class DarkPhoto:
-    """A dark photo as it was taken. raw : path below the run folder. phase_s : for how long it
-    shows each of its two states."""
-
-    raw: str
-    sha256: str
-    iso: int
-    f_number: float
-    exposure_s: float
-    phase_s: float
-
-
-@dataclass(frozen=True)
 class Stray:
     """What follows from dark photos.
 
     "quiet": nothing gets in that matters. "unsure": another one is wanted, with both panels black
     in its second half. "added": black exposures are, by a new plan. "warn": they are needed, and
-    `why` they cannot be had.
+    `why` they cannot be had. `told` is what else the user must know, and `decided` what was done
+    about the noise of ambient light, in words.
     """
 
     outcome: Literal["quiet", "unsure", "added", "warn"]
     leaks: Leaks
     planned: Planned
     why: str = ""
+    told: tuple[str, ...] = ()
+    decided: str = ""
 
 
 @dataclass(frozen=True)
@@ -155,6 +145,7 @@ def record_of(
         unmixed=True,
         parts_by_cell=True,
         pilot_apart=True,
+        dark=plan.dark,
     )
 
 

@@ -21,7 +21,6 @@ from pdcd.bench.placed import camera_map
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, RequestError, disk_errors
 from pdcd.offload.answers import (
-    DarkPhoto,
     Developed,
     Learnt,
     Metered,
@@ -33,7 +32,7 @@ from pdcd.offload.answers import (
     rms_sigma,
 )
 from pdcd.offload.calibrating import Begin, Next, Study
-from pdcd.offload.stray import leaks_in
+from pdcd.offload.stray import Ambience, leaks_in
 from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.decode import write_pictures
 from pdcd.pictures.develop import write_png
@@ -53,7 +52,7 @@ from pdcd.report.material import cheap, gathered
 from pdcd.report.write import written
 from pdcd.request import CaptureRequest
 from pdcd.runs.folder import read_manifest, write_patterns
-from pdcd.runs.record import RunRecord, ShotRecord
+from pdcd.runs.record import DarkPhoto, RunRecord, ShotRecord
 from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
@@ -80,6 +79,8 @@ class _Job:
     request: CaptureRequest
     camera: CameraInfo | None
     plan: Plan
+    before: Plan | None = None
+    """The plan before the scouts of a pilot ended that."""
     folder: Path | None = None
     darkroom: Darkroom | None = None
     ratio: NDArray[np.float64] | None = None
@@ -219,8 +220,9 @@ class Desk:
         if scouts:
             limit_s = self._facts.config.limits.max_exposure_s
             plan, outcome = stopped(job.plan, seed, limit_s), "stopped"
+            job.before = job.plan
         elif learned.pays:
-            plan, outcome = with_links(job.plan, learned.links, seed), "guided"
+            plan, outcome = with_links(job.plan, learned.links, seed, watch), "guided"
         else:
             plan, outcome = job.plan, "no use"
         told = looked(plan, learned, darkroom.record.shots) if job.plan.unasked else ""
@@ -252,9 +254,22 @@ class Desk:
             more = with_blacks(plan, leaks, config, shots)
         except RequestError as err:
             return Stray("warn", leaks, self._planned(job.plan), err.message)
-        job.plan = more
-        darkroom.replan(self._record(job, darkroom.record.shots, darkroom.record.cells))
-        return Stray("added", leaks, self._planned(more))
+        average = plan.look is not None and plan.look.average
+        mended = Ambience(job.request, config, job.camera, job.before, average)
+
+        def replan(plan: Plan) -> None:
+            there = {shot.name for shot in plan.recipe.shots}
+            kept = tuple(shot for shot in darkroom.record.shots if shot.name in there)
+            if plan.patterns is not job.plan.patterns:
+                job.plan = plan
+                self._write_patterns(job)
+            job.plan = plan
+            darkroom.replan(self._record(job, kept, darkroom.record.cells))
+
+        found = mended.after(more, darks[-1], darkroom, replan, watch)
+        return Stray(
+            "added", leaks, self._planned(job.plan), told=found.told, decided=found.decided
+        )
 
     def see(self, watch: Watch, shots: Sequence[ShotRecord]) -> Seen:
         """Look at the pictures so far; the answer is written as `RUNNING`. Raises DecodeError."""

@@ -7,11 +7,13 @@ part that is small where a cell has many quads, and a third where it has three a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.exposed import Exposed
+from pdcd.pictures.exposed import Errors
 from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
@@ -23,8 +25,31 @@ STEPS = 12
 """After so many, a mixture of half a cell with its neighbours is parted to a thousandth."""
 
 
+class Lit(Protocol):
+    """Light of a frame and its variance, (h, w, 3) each."""
+
+    @property
+    def light(self) -> Floats:
+        """Scene units times seconds."""
+        ...
+
+    @property
+    def variance(self) -> Errors:
+        """Of that."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ambient:
+    """What gets in through an open mask before a black projector within a second, in scene units
+    times seconds, and its variance: (h, w, 3) each."""
+
+    light: Floats
+    variance: Floats
+
+
 def light_of_cells(
-    taken: Sequence[Exposed], known: Bools, cells: CellMap, wanted: NDArray[np.int64]
+    taken: Sequence[Lit], known: Bools, cells: CellMap, wanted: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
     """Light of some cells in K photos and its standard deviation, (K, C, 3) each.
 

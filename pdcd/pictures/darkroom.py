@@ -17,6 +17,7 @@ from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.frames.patterns import Patterns, none
 from pdcd.maps.placing import placed
+from pdcd.pictures.cell_light import Ambient
 from pdcd.pictures.combine import Matrix, Picture, Shown, pictures_of, realised_photo
 from pdcd.pictures.develop import warp
 from pdcd.pictures.exposed import Exposed, Negative
@@ -40,7 +41,7 @@ from pdcd.recipes.possible import possible
 from pdcd.recipes.recipe import Photo, Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns
-from pdcd.runs.record import RunRecord, ShotRecord
+from pdcd.runs.record import DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
@@ -117,7 +118,7 @@ class Darkroom:
         self._table = FrameTable(folder)
         self._matrices: dict[str, Matrix] = {}
         self._exposed: dict[str, Exposed] = {}
-        self._learned: tuple[tuple[int, int], Learned] | None = None
+        self._learned: tuple[tuple[int, int, bool], Learned] | None = None
         self._like: tuple[str, int] | None = None
         self.replan(record)
 
@@ -154,11 +155,12 @@ class Darkroom:
         if not how.pilot:
             return None
         shots = self._shots(watch or Watch())
-        key = sum(name in shots for name in self._recipe.stack), how.codes
+        dark, apart = self._record.dark, self._record.pilot_apart
+        key = sum(name in shots for name in self._recipe.stack), how.codes, dark is not None
         if self._learned is None or self._learned[0] != key:
-            bits = self._bits("pilot")
-            apart = self._record.pilot_apart
-            found = learn(self._recipe, shots, bits, how.codes, self._cells(), apart=apart)
+            off = None if dark is None else self.ambient(dark)
+            bits, cells = self._bits("pilot"), self._cells()
+            found = learn(self._recipe, shots, bits, how.codes, cells, apart=apart, ambient=off)
             self._learned = key, found
         return self._learned[1]
 
@@ -205,19 +207,19 @@ class Darkroom:
             sums = software_sums(recipe, shots, self._stack_bits(), cells)
         return recipe, {**shots, **sums}, cells
 
-    def light_of(
-        self, raw: str, sha256: str, iso: int, f_number: float, exposure_s: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
-        """Light of a photo that is no shot, in scene units times seconds, and its variance:
-        (h, w, 3) each. raw : path below the run folder."""
-        profile = self._record.profile
+    def ambient(self, photo: DarkPhoto) -> Ambient:
+        """What got into a dark photo, over the time for which it shows each of its states."""
+        profile, iso = self._record.profile, photo.iso
         frame = read_raw(
-            self._folder / raw, sha256=sha256, saturation_dn=profile.saturation_dn(iso)
+            self._folder / photo.raw,
+            sha256=photo.sha256,
+            saturation_dn=profile.saturation_dn(iso),
         )
-        factors = self._to_units(iso, f_number)
-        signal = frame.planes
-        variance = rgb_variance(signal, profile, iso, exposure_s, factors, np.float64)
-        return to_rgb(signal, factors), variance
+        frame = frame if self._side == 1 else frame.binned(self._side)
+        factors, signal = self._to_units(iso, photo.f_number) / photo.phase_s, frame.planes
+        of_quads = factors / frame.side
+        variance = rgb_variance(signal, profile, iso, photo.exposure_s, of_quads, np.float64)
+        return Ambient(to_rgb(signal, factors), np.asarray(variance, np.float64))
 
     def _to_units(self, iso: int, f_number: float) -> NDArray[np.float64]:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""

@@ -76,6 +76,13 @@ class Answer:
         share = np.maximum(abs(self.open), abs(self.closed))
         return self._figures([(share, dark) for dark in darks])[1]
 
+    def rms(self, dark: Dark) -> float:
+        """RMS of the answer without the leak of an open mask, and without the sensor's noise."""
+        leak = (self.open * dark.light)[self.seen]
+        noise = float(np.mean(self.variance[self.seen] + (self.open**2 * dark.variance)[self.seen]))
+        square = float(np.mean((self.image[self.seen] - leak) ** 2)) - noise
+        return float(np.sqrt(max(square, SURE * noise / np.sqrt(leak.size))))
+
     def _error(self, parts: list[tuple[Floats, Dark]]) -> float:
         if not parts:
             return 0.0
@@ -123,6 +130,37 @@ def answers_of(
         by_row = divided_by_row(photos[name], shots, normalise)
         found[name] = _of_photo(photos[name], shots, lit_s, cells, seen, by_row=by_row)
     return [_of_rule(rule, found) for rule in rules]
+
+
+def noise_of(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    dark: Dark,
+    cells: CellMap,
+    *,
+    normalise: NormaliseName,
+) -> dict[str, float]:
+    """Variance that each photo of a recipe brings into the answer once black exposures have taken
+    the ambient light of `dark` off it, over the square of the answer's RMS. Of an answer that is a
+    sum of photos. Raises DecodeError when a photo gathered no light at all.
+
+    A black exposure is as long as the shot that it belongs to, and holds its ambient light: the
+    noise of so much of its light comes once more. What a closed mask lets through is too little to
+    make any.
+    """
+    if isinstance(recipe.answer, Extremes):
+        return {}
+    answer = answers_of(recipe, shots, {}, cells, normalise=normalise)[0]
+    photos, found = {photo.name: photo for photo in recipe.photos}, {}
+    seen = cells.seen()
+    for share, name in recipe.answer:
+        by_row = divided_by_row(photos[name], shots, normalise)
+        one = _of_photo(photos[name], shots, {}, cells, seen, by_row=by_row)
+        leak, light = (one.open * dark.light)[seen].sum(), one.image[seen].sum()
+        again = float(np.clip(leak / light, 0.0, 1.0)) if light else 0.0
+        found[name] = (1.0 + again) * share**2 * float(one.variance[seen].mean())
+    square = answer.rms(dark) ** 2
+    return {name: variance / square for name, variance in found.items()} if square else {}
 
 
 def _photos(rule: Rule) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.pictures.cell_light import light_of_cells
+from pdcd.pictures.cell_light import Ambient, Lit, light_of_cells
 from pdcd.pictures.exposed import Exposed
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
@@ -56,25 +56,46 @@ class Learned:
 
 
 def stack_photos(
-    recipe: Recipe, shots: Mapping[str, Exposed], bits: Bools, cells: CellMap, *, apart: bool = True
-) -> tuple[Floats, Floats]:
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    bits: Bools,
+    cells: CellMap,
+    *,
+    apart: bool = True,
+    ambient: Ambient | None = None,
+) -> tuple[Floats, Floats, Floats | None]:
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
 
     Those not taken yet are left out; `bits` are of those that were. Each is divided by its
     own time of open mask and lit projector; quads of a cell are averaged. With `apart` light of
     cells is told from that of their neighbours where quads see both: else direct light of a
     neighbour looks like a sharp path from there.
+
+    `ambient` light is taken off for the time for which the mask was open. Its own noise is the same
+    in all photos, and no part of their standard deviation: it comes third, as variance (N, 3).
     """
     taken = [shots[name] for name in recipe.stack if name in shots]
     weights = times_s([shot.realised for shot in taken], bits)[:, None, None]
+    photos, sigmas = _of_cells(taken, cells, apart=apart)
+    if ambient is None:
+        return photos / weights, sigmas / weights, None
+    (dark,), (dark_sigma,) = _of_cells([ambient], cells, apart=apart)
+    opened = np.array([shot.realised.open_s for shot in taken])[:, :, None]
+    common = (dark_sigma * np.mean(opened / weights, axis=0)) ** 2
+    return (photos - opened * dark) / weights, sigmas / weights, common
+
+
+def _of_cells(taken: Sequence[Lit], cells: CellMap, *, apart: bool) -> tuple[Floats, Floats]:
+    """Light of all cells in K photos and its standard deviation, (K, N, 3) each."""
     if not apart or cells.blocks is not None:  # then no quad sees two
-        photos = np.array([cells.mean(shot.light) for shot in taken])
-        sigmas = np.array([cells.error_of_mean(shot.variance) for shot in taken])
-    else:
-        seen, all_known = np.flatnonzero(cells.seen()), np.ones(cells.frame, np.bool_)
-        photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
-        photos[:, seen], sigmas[:, seen] = light_of_cells(taken, all_known, cells, seen)
-    return photos / weights, sigmas / weights
+        return (
+            np.array([cells.mean(shot.light) for shot in taken]),
+            np.array([cells.error_of_mean(shot.variance) for shot in taken]),
+        )
+    seen, all_known = np.flatnonzero(cells.seen()), np.ones(cells.frame, np.bool_)
+    photos, sigmas = np.zeros((2, len(taken), cells.grid[0] * cells.grid[1], 3))
+    photos[:, seen], sigmas[:, seen] = light_of_cells(taken, all_known, cells, seen)
+    return photos, sigmas
 
 
 def learn(
@@ -85,19 +106,21 @@ def learn(
     cells: CellMap,
     *,
     apart: bool = True,
+    ambient: Ambient | None = None,
 ) -> Learned:
     """Find the strong far paths in the pilot photos, `total` codes being spent in all.
 
-    apart : as in `stack_photos`. With the scouts alone among `shots`, only look whether there may
-    be any.
+    apart, ambient : as in `stack_photos`. With the scouts alone among `shots`, only look whether
+    there may be any.
     """
     taken = sum(name in shots for name in recipe.stack)
     bits = bits[:taken]
-    photos, sigma = stack_photos(recipe, shots, bits, cells, apart=apart)
+    photos, sigma, common = stack_photos(recipe, shots, bits, cells, apart=apart, ambient=ambient)
     grid = recipe.target.grid
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
     first = slice(0, SCOUTS)
-    sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first])
+    taken_off = None if common is None else np.sum(common, axis=1) / 9.0
+    sharp = sharpness(bits[first], grey[first], sigma=grey_sigma[first], taken_off=taken_off)
 
     def with_paths(
         links: scipy.sparse.csr_array, paths: Paths, predicted: Worth | None = None

@@ -34,7 +34,18 @@ CHUNK = 2**22
 """Numbers held at once when the weights of single paths are summed up."""
 
 
-def sharpness(codes: Bools, photos: Floats, *, sigma: float | Floats = 0.0) -> float:
+SURE = 3.0
+"""Standard errors by which sharp light stands above the noise where ambient light was taken off:
+without, that noise is far below the limit."""
+
+
+def sharpness(
+    codes: Bools,
+    photos: Floats,
+    *,
+    sigma: float | Floats = 0.0,
+    taken_off: Floats | None = None,
+) -> float:
     """How much of the indirect light comes along few, sharp paths, by the scouts alone.
 
     Hadamard codes light as many cells as they darken all around each cell. Smooth light then makes
@@ -47,9 +58,13 @@ def sharpness(codes: Bools, photos: Floats, *, sigma: float | Floats = 0.0) -> f
     ----------
     codes, photos, sigma :
         As for `estimate_links`, the codes the `SCOUTS` first of `pilot_codes`.
+    taken_off : (N,) float64
+        Variance of the ambient light that was taken off all photos alike; None where none was. The
+        noise that this light leaves in the photos is then far above that of the indirect light: it
+        is taken off all squares, and only what is surely above it counts.
     """
     check_photos(codes, photos, codes.shape[1])
-    count = codes.shape[0]
+    count, cells = codes.shape
     direct = direct_light(codes, photos)
     indirect = 2.0 * photos.mean(axis=0) - direct
     rest = projections(photos) - signs(codes) * direct
@@ -57,8 +72,14 @@ def sharpness(codes: Bools, photos: Floats, *, sigma: float | Floats = 0.0) -> f
     # 1 / (count - 1) has the sign of the cell's own code, and went into the direct light.
     noise = 4.0 * float(np.mean(np.square(np.broadcast_to(sigma, photos.shape))))
     square = float(np.mean(np.sum(rest**2, axis=0))) / (count - 2) - noise
-    share = (count - 1) / count * max(square, 0.0)
     total = float(np.mean(indirect**2))
+    if taken_off is not None:
+        square -= SURE * noise * float(np.sqrt(2.0 / ((count - 2) * cells)))
+        # The indirect light is the mean of half of the photos, four times: those that a cell was
+        # dark in.
+        blur = 2.0 * noise / count + 4.0 * float(np.mean(taken_off))
+        total = max(total - blur, SURE * blur * float(np.sqrt(2.0 / cells)))
+    share = (count - 1) / count * max(square, 0.0)
     return float(np.sqrt(share / total)) if total > 0.0 else 0.0
 
 

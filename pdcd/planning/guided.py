@@ -10,9 +10,12 @@ import scipy
 from pdcd.bench.tables import Config
 from pdcd.codes.orders import is_order
 from pdcd.errors import RequestError
+from pdcd.frames.lattice import Lattice
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
+from pdcd.pilot.links import SHARP
 from pdcd.planning.make import make_plan
+from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import linked_pairs
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
@@ -60,9 +63,12 @@ def plan_for(
     return by_prior(plan, load_prior(request.prior, grid, given), request.seed)
 
 
-def with_links(plan: Plan, links: scipy.sparse.csr_array, seed: int) -> Plan:
-    """The same plan with Hadamard codes that keep linked cells (sparse (N, N)) apart."""
-    return replace(plan, patterns={**plan.patterns, **linked_pairs(plan, links, seed)})
+def with_links(
+    plan: Plan, links: scipy.sparse.csr_array, seed: int, watch: Watch | None = None
+) -> Plan:
+    """The same plan with Hadamard codes that keep linked cells (sparse (N, N)) apart; a `watch` may
+    end the work."""
+    return replace(plan, patterns={**plan.patterns, **linked_pairs(plan, links, seed, watch)})
 
 
 def by_prior(plan: Plan, prior: GivenPrior, seed: int) -> Plan:
@@ -116,6 +122,37 @@ def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
     )
     cells = plan.grid[0] * plan.grid[1]
     return with_links(short, scipy.sparse.csr_array((cells, cells)), seed)
+
+
+def resumed(full: Plan, ended: Plan, config: Config, sharpness: float) -> Plan:
+    """The plan of a pilot that goes on after all, once ambient light is known.
+
+    full : as it was before its scouts ended it. ended : what became of it, with its black
+    exposures, and what dark photos told. Codes that were shown since count no more. Raises
+    RequestError where it would take too much memory.
+    """
+    how = msgspec.structs.replace(full.how, black_level=ended.how.black_level, late=True)
+    recipe = recipe_of(full.recipe.target, how)
+    lattice, family = Lattice(full.grid, full.window), how.family or config.schedule.family
+    bytes_ = memory_bytes(recipe, how, family, lattice, full.passes, config)
+    check_memory(bytes_, config, full.grid)
+    text = (
+        "pilot: it goes on, as ambient light had hidden sharp light (sharpness "
+        f"{sharpness:.2g} without it, limit {SHARP:g}); codes that were shown before count no more"
+    )
+    return replace(
+        full,
+        recipe=recipe,
+        how=how,
+        white_slots=ended.white_slots,
+        iso=ended.iso,
+        memory_bytes=bytes_,
+        look=None,
+        leaks=ended.leaks,
+        dark=ended.dark,
+        otherwise=None,
+        reasons=(*ended.reasons, text),
+    )
 
 
 def summary(plan: Plan, limit_s: float) -> PlanSummary:

@@ -191,31 +191,39 @@ def looking(plan: Plan, look: Look | None) -> Plan:
     return bare if look is None else replace(bare, reasons=_reasons(bare, _foretold(bare, look)))
 
 
+def averaging(plan: Plan) -> Plan:
+    """The same plan, whose look may also have everything shown more often."""
+    if plan.look is None or not plan.look.may_add:
+        return plan
+    return looking(plan, replace(plan.look, average=True))
+
+
 def _foretold(plan: Plan, look: Look) -> str:
     then = "are added" if look.may_add else "would be needed, which a warning says"
     return (
         f"black exposures: decided after a look at one dark photo of {dark_s(plan):.2g} s; they "
         f"{then} where ambient light or leaks are more than {100.0 * look.limit:.3g} % of the "
-        "picture"
+        "picture" + ", and more light where ambient light is too noisy" * look.average
     )
 
 
 def _said(leaks: Leaks) -> str:
-    limit = f"(limit {_percent(leaks.limit)})"
+    limit = f"(limit {percent(leaks.limit)})"
     if not leaks.both:
         return (
-            f"no ambient light and no leak, of which {_percent(leaks.floor)} of the picture would "
+            f"no ambient light and no leak, of which {percent(leaks.floor)} of the picture would "
             f"have been seen {limit}"
         )
     if leaks.ambient is None or leaks.mask is None:
-        return f"ambient light and leaks make at most {_percent(leaks.both)} of the picture {limit}"
+        return f"ambient light and leaks make at most {percent(leaks.both)} of the picture {limit}"
     return (
-        f"ambient light and a leaking projector make {_percent(leaks.ambient)} of the picture, a "
-        f"leaking mask {_percent(leaks.mask)} {limit}"
+        f"ambient light and a leaking projector make {percent(leaks.ambient)} of the picture, a "
+        f"leaking mask {percent(leaks.mask)} {limit}"
     )
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
+    """A share in words."""
     return f"{100.0 * share:.2g} %"
 
 

@@ -84,15 +84,19 @@ def pairs_of(
     return patterns
 
 
-def linked_pairs(plan: Plan, links: scipy.sparse.csr_array, seed: int) -> dict[str, Pair]:
+def linked_pairs(
+    plan: Plan, links: scipy.sparse.csr_array, seed: int, watch: Watch | None = None
+) -> dict[str, Pair]:
     """Patterns of the programs that Hadamard codes can serve which keep linked cells (N, N) apart;
-    `links` is sparse."""
+    `links` is sparse. A `watch` may end the work."""
+    alive = watch or Watch()
     lattice = Lattice(plan.grid, plan.window)
     between = _onto_lattice(lattice, links)
     part_of = {shot.program: shot.part for shot in plan.recipe.shots}
     count = part_codes(plan.how.coded, plan.how.parts)
     found = {}
     for name, program in plan.recipe.programs.items():
+        alive()
         if windowed(program) and program.p == 0.5:
             part = part_of.get(name, 0)
             # The generator is the one that `make_codes` takes, so that no links give the usual

@@ -17,6 +17,7 @@ from pdcd.recipes.programs import Floodlit, Program
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.recipes.repeat import repeated
 from pdcd.request import How, Leaks, PlanSummary, Prediction, ShotSummary
+from pdcd.runs.record import DarkPhoto
 from pdcd.words import ScheduleName
 
 Pair = tuple[Patterns, Patterns]
@@ -27,11 +28,13 @@ class Look:
     """A dark photo that decides on black exposures (`pdcd.planning.look`).
 
     limit : RMS error by leaks, relative to the answer, from which they are wanted. may_add : else a
-        warning is all.
+        warning is all. average : whether everything may be shown more often against the noise of
+        ambient light (`pdcd.planning.average`).
     """
 
     limit: float
     may_add: bool
+    average: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,8 @@ class Plan:
     """Which leaks to look for; None where black exposures are settled."""
     leaks: Leaks | None = None
     """What was found."""
+    dark: DarkPhoto | None = None
+    """The photo whose ambient light is taken off the photos of a pilot."""
     unasked: bool = False
     """Whether the pilot is the program's own choice (`pdcd.planning.unasked`)."""
     otherwise: Plan | None = None

@@ -27,6 +27,7 @@ from pdcd.pilot.codes import SCOUTS, pilot_share
 from pdcd.pilot.links import SHARP
 from pdcd.pilot.matching import MOST_CELLS
 from pdcd.planning.guided import plan_for
+from pdcd.planning.look import averaging
 from pdcd.planning.make import make_plan, schedule_of, window_of
 from pdcd.planning.plan import Plan
 from pdcd.recipes.arrays import NOTHING, Given
@@ -99,10 +100,13 @@ def plan_unasked(
     """
     found = settled(request, config, grid, camera, mask_lag_s)
     plan = plan_for(found.request, config, grid, mask_lag_s, given, watch)
+    averages = _plain(request) and request.goal in GOALS and config.camera.noise != "none"
+    plan = averaging(plan) if averages else plan
     plan = replace(plan, reasons=(*plan.reasons, *found.reasons))
     if found.otherwise is None:
         return plan
     other = make_plan(found.otherwise, config, grid, mask_lag_s, given, watch)
+    other = averaging(other) if averages else other
     other = replace(other, unasked=True, reasons=(*other.reasons, *found.reasons))
     needed = max(plan.memory_bytes, other.memory_bytes)
     return replace(plan, memory_bytes=needed, unasked=True, otherwise=other)

@@ -13,6 +13,7 @@ from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
 from pdcd.recipes.isolation import isolated
+from pdcd.recipes.late import renamed
 from pdcd.recipes.maker import Maker
 from pdcd.recipes.pairs import paired
 from pdcd.recipes.parts import in_parts
@@ -48,7 +49,8 @@ def finished(draft: Recipe, how: How) -> Recipe:
     """A draft with the family and the repetitions that were settled on."""
     if how.family in ISOLATION:
         draft = isolated(draft, how.family)
-    return repeated(draft, how.repeat)
+    recipe = repeated(draft, how.repeat)
+    return renamed(recipe) if how.late else recipe
 
 
 def _whole(target: Target, how: How) -> Recipe:

@@ -66,6 +66,19 @@ class MeterRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Its brightest sample, as a share of saturation; None for a dark photo."""
 
 
+class DarkPhoto(msgspec.Struct, frozen=True, kw_only=True):
+    """A dark photo as it was taken (`pdcd.planning.look`)."""
+
+    raw: str
+    """Path in the run folder."""
+    sha256: Sha256
+    iso: Annotated[int, Meta(ge=1)]
+    f_number: Positive
+    exposure_s: Positive
+    phase_s: Positive
+    """For how long it shows each of its two states."""
+
+
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Everything beside the RAW files, codes and frame log that the answer depends on."""
 
@@ -104,6 +117,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     pilot_apart: bool = False
     """Whether light of cells in the photos of a pilot was told from that of their neighbours
     (`pdcd.pictures.cell_light`). False in runs from before that was done."""
+    dark: DarkPhoto | None = None
+    """The photo whose ambient light is taken off the photos of a pilot, which have no black
+    exposures. None on a dark bench, and in runs from before that was done."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

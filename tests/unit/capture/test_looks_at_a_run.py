@@ -74,8 +74,8 @@ def test_the_next_shot_is_the_first_that_was_not_taken_and_that_does_not_come_al
 class Bench:
     """Stands for all that a look needs; notes what was asked of it."""
 
-    def __init__(self, *outcomes: str, spoilt: int = -1) -> None:
-        self.outcomes, self.spoilt = list(outcomes), spoilt
+    def __init__(self, *outcomes: str, spoilt: int = -1, more: bool = False) -> None:
+        self.outcomes, self.spoilt, self.more = list(outcomes), spoilt, more
         self.asked: list[Any] = []
         self.warned: list[str] = []
         self.job = SimpleNamespace(watch=lambda: "watch")
@@ -91,7 +91,8 @@ class Bench:
         self.asked[-1] += (watch, task.__name__, list(darks))
         return SimpleNamespace(
             outcome=self.outcomes.pop(0), planned=self.after, why="too long",
-            leaks=SimpleNamespace(both=0.0345, limit=0.01),
+            leaks=SimpleNamespace(both=0.0345, limit=0.01), told=("and more",) * self.more,
+            decided="ten times" * self.more,
         )  # fmt: skip
 
     def warn(self, text: str) -> None:
@@ -137,6 +138,12 @@ def test_one_dark_photo_is_taken_and_another_where_it_may_matter_whose_the_leak_
     assert (bench.asked, bench.warned) == (asked, warned)
     assert after is bench.after and made.done
     assert made.look(planned(), [shot("a")]) is None  # once in a run
+
+
+def test_what_follows_from_ambient_light_is_kept_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench("unsure", "added", more=True)
+    made, _ = bench.look(monkeypatch)
+    assert bench.warned[1:] == ["and more"] and made.decided == "ten times"
 
 
 def test_no_look_is_taken_before_it_is_due(monkeypatch: pytest.MonkeyPatch) -> None:

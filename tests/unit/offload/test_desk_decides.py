@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,9 +13,11 @@ import pytest
 from pdcd.errors import PdcdError, RequestError
 from pdcd.offload import desk as module
 from pdcd.offload.desk import Desk, Facts
+from pdcd.offload.stray import Ambience
 from pdcd.pictures.watch import Watch
 
 WATCH = Watch()
+SHOTS: Any = (SimpleNamespace(name="first"), SimpleNamespace(name="second"))
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class Plan:
     unasked: bool = False
     reasons: tuple[str, ...] = ()
     recipe: Any = None
+    look: Any = None
+    patterns: str = "patterns"
 
     def outline(self) -> str:
         return f"outline of {self.name}"
@@ -38,10 +42,10 @@ class Room:
     learnt: Any = None
     told: list[Any] = field(default_factory=list)
     record: Any = field(
-        default_factory=lambda: SimpleNamespace(shots=("first",), cells="cells")
+        default_factory=lambda: SimpleNamespace(shots=SHOTS[:1], cells="cells")
     )  # fmt: skip
 
-    def add(self, shot: str) -> None:
+    def add(self, shot: Any) -> None:
         self.record.shots += (shot,)
 
     def learned(self, watch: Watch) -> Any:
@@ -66,7 +70,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
         request = SimpleNamespace(seed=7)
         desk._job = SimpleNamespace(
             plan=plan, request=request, camera="camera", darkroom=room, folder=Path("/run"),
-            ratio=None,
+            ratio=None, before=None,
         )  # fmt: skip
         desk.room = room
         desk._write_patterns = lambda job: room.told.append(f"codes of {job.plan.name}")
@@ -83,7 +87,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
             module, "stopped", lambda plan, seed, limit_s: Plan(f"stopped {seed} {limit_s}", True)
         )
         monkeypatch.setattr(
-            module, "with_links", lambda plan, links, seed: Plan(f"{links} {seed}")
+            module, "with_links", lambda plan, links, seed, watch: Plan(f"{links} {seed}")
         )  # fmt: skip
         monkeypatch.setattr(module, "looked", lambda plan, learned, shots: f"saw {len(shots)}")
         return desk
@@ -93,9 +97,6 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
 
 def learned(*, promising: bool = False, pays: bool = False) -> Any:
     return SimpleNamespace(promising=promising, pays=pays, links="links")
-
-
-SHOTS: Any = ("first", "second")
 
 
 @pytest.mark.parametrize(
@@ -112,6 +113,7 @@ def test_scouts_that_see_nothing_end_the_pilot(made: Made) -> None:
     desk = made(Plan("asked"), learned(pays=True), scouts=True)
     found = desk.learn(WATCH, SHOTS)
     name = "stopped 7 60.0"
+    assert desk._job.before.name == "asked"
     assert (found.outcome, found.told) == ("stopped", "")
     assert found.planned == (f"outline of {name}", (name, (), 60.0))
     assert desk.room.told == [f"codes of {name}", (name, SHOTS, "cells")]
@@ -146,7 +148,7 @@ def test_a_pilot_that_was_of_no_use_changes_no_codes(made: Made, unasked: bool) 
         (1.0, 1, False, "quiet", "quiet"),
         (1.1, 1, False, "unsure", "asked"),
         (1.0, 2, False, "quiet", "quiet"),
-        (1.1, 2, False, "added", "blacks"),
+        (1.1, 2, False, "added", "mended"),
         (1.1, 2, True, "warn", "quiet"),
     ],
 )
@@ -158,19 +160,32 @@ def test_what_follows_from_dark_photos(
         assert (plan.name, config, shots) == ("asked", CONFIG, SHOTS)
         if refused:
             raise RequestError("no room for more")
-        return Plan("blacks")
+        return Plan("blacks", recipe=SimpleNamespace(shots=[SimpleNamespace(name="first")]))
+
+    def after(self: Any, plan: Plan, photo: str, room: Room, replan: Any, watch: Watch) -> Any:
+        assert (self.request.seed, self.config, self.camera) == (7, CONFIG, "camera")
+        assert (self.before, self.average, photo, watch) == (None, True, "dark", WATCH)
+        replan(plan)
+        replan(replace(plan, name="mended", patterns="others"))
+        return SimpleNamespace(told=("a map",), decided="more light")
 
     leaks = SimpleNamespace(both=both, limit=1.0)
+    monkeypatch.setattr(Ambience, "after", after)
     monkeypatch.setattr(module, "leaks_in", lambda *_: leaks)
     monkeypatch.setattr(module, "quiet", lambda plan, leaks: Plan("quiet"))
     monkeypatch.setattr(module, "with_blacks", blacks)
-    desk = made(Plan("asked"))
+    desk = made(Plan("asked", look=SimpleNamespace(average=True)))
     found = desk.stray(WATCH, SHOTS, ["dark"] * darks)
     assert (found.outcome, found.leaks) == (outcome, leaks)
     assert found.planned[0] == f"outline of {plan}"
     assert found.why == ("no room for more" if refused else "")
     assert desk._job.plan.name == plan
-    assert desk.room.told == [("blacks", SHOTS, "cells")] * (outcome == "added")
+    added = outcome == "added"
+    assert (found.told, found.decided) == ((("a map",), "more light") if added else ((), ""))
+    # Shots that the plan knows stay; codes are written before the darkroom reads them.
+    first = SHOTS[:1]
+    told = [("blacks", first, "cells"), "codes of mended", ("mended", first, "cells")]
+    assert desk.room.told == told * added
 
 
 def test_a_test_exposure_is_measured_after_its_pairs(

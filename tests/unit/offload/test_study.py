@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse
 from numpy.typing import NDArray
 
 from pdcd.bench.calibration import ARRAYS, MAPS, PROFILE
-from pdcd.bench.tables import Config
+from pdcd.bench.tables import Config, LimitsConfig
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Ask, Measured, Outcome, Script, Wanted
 from pdcd.calibration.shown import Shown
@@ -19,7 +21,7 @@ from pdcd.errors import CalibrationError, DiskError, PdcdError
 from pdcd.maps.file import load_map
 from pdcd.maps.map import Map
 from pdcd.offload import calibrating, stray
-from pdcd.offload.answers import DarkPhoto, rms_sigma, transport_figures
+from pdcd.offload.answers import rms_sigma, transport_figures
 from pdcd.offload.calibrating import (
     Begin,
     Found,
@@ -30,10 +32,16 @@ from pdcd.offload.calibrating import (
     write_arrays,
 )
 from pdcd.offload.desk import Desk, Facts
+from pdcd.offload.stray import Ambience
+from pdcd.pictures.cell_light import Ambient
 from pdcd.pictures.combine import Picture
 from pdcd.pictures.leaks import Answer
 from pdcd.pictures.transport import Sliced
 from pdcd.pictures.watch import Watch
+from pdcd.planning.guided import stopped, with_links
+from pdcd.planning.make import make_plan
+from pdcd.request import CaptureRequest, Leaks
+from pdcd.runs.record import DarkPhoto
 from pdcd.sensor.cells import CellMap
 
 UTC = "2026-01-01T12:00:00Z"
@@ -95,9 +103,12 @@ def test_of_entries_that_are_not_there_or_not_known_nothing_is_told() -> None:
 
 CELLS = CellMap(grid=(1, 2), frame=(1, 2), map=Map.filling((2, 1)))
 DARKS = (
-    DarkPhoto("raw/one", "", 100, 8.0, 9.0, phase_s=2.0),
-    DarkPhoto("raw/two", "", 100, 8.0, 9.0, phase_s=4.0),
+    DarkPhoto(raw="raw/one", sha256="", iso=100, f_number=8.0, exposure_s=9.0, phase_s=2.0),
+    DarkPhoto(raw="raw/two", sha256="", iso=100, f_number=8.0, exposure_s=9.0, phase_s=4.0),
 )
+
+
+AMBIENT = Leaks(ambient=5.0, mask=0.0, both=5.0, floor=0.0, limit=0.01, raw=())
 
 
 def leaks(monkeypatch: pytest.MonkeyPatch, light: dict[str, float], darks: Any) -> Any:
@@ -114,7 +125,9 @@ def leaks(monkeypatch: pytest.MonkeyPatch, light: dict[str, float], darks: Any) 
     darkroom: Any = SimpleNamespace(
         exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS),
         record=SimpleNamespace(normalise="row"),
-        light_of=lambda raw, *_: (np.full((1, 2, 3), light[raw]), np.full((1, 2, 3), 1e-12)),
+        ambient=lambda photo: Ambient(
+            np.full((1, 2, 3), light[photo.raw] / photo.phase_s), np.full((1, 2, 3), 1e-13)
+        ),
     )
     plan: Any = SimpleNamespace(look=SimpleNamespace(limit=0.01))
     return stray.leaks_in(plan, darkroom, darks, Watch())
@@ -136,6 +149,72 @@ def test_two_dark_photos_tell_whose_a_leak_is(monkeypatch: pytest.MonkeyPatch) -
     assert found.mask == pytest.approx(0.03 / 0.97, rel=1e-4)
     assert found.both == pytest.approx(0.042 / 0.958, rel=1e-4)
     assert found.raw == ("raw/one", "raw/two")
+
+
+@pytest.mark.parametrize(("ambient", "known"), [(0.02, True), (0.01, False), (None, False)])
+def test_only_ambient_light_that_matters_is_taken_off_a_pilot(
+    ambient: float | None, known: bool
+) -> None:
+    leaks = Leaks(ambient=ambient, mask=0.5, both=0.5, floor=0.0, limit=0.01, raw=())
+    plan = replace(
+        make_plan(CaptureRequest(goal="indirect", codes=8), Config(), (3, 4)), leaks=leaks
+    )
+    darkroom: Any = SimpleNamespace(
+        exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS), learned=lambda watch: None
+    )
+    after: list[Any] = []
+    mended = Ambience(CaptureRequest(goal="indirect"), Config(), None, None, average=False)
+    found = mended.after(plan, DARKS[1], darkroom, after.append, Watch())
+    assert (found.told, found.decided) == ((), "")
+    assert after[-1].dark == (DARKS[1] if known else None)
+    assert replace(after[-1], dark=None) == plan
+
+
+@pytest.mark.parametrize("memory", [None, 1])
+def test_a_pilot_goes_on_where_ambient_light_had_hidden_what_it_looks_for(
+    memory: int | None,
+) -> None:
+    request = CaptureRequest(goal="indirect", codes=128, pilot=16, window="whole", white=False)
+    before = make_plan(request, Config(), (6, 8))
+    ended = replace(stopped(before, 0, 60.0), leaks=AMBIENT)
+    limits = LimitsConfig(memory_bytes=memory)
+    mended = Ambience(request, Config(limits=limits), None, before, average=False)
+    seen: Any = SimpleNamespace(promising=True, sharpness=0.4, pays=False)
+    darkroom: Any = SimpleNamespace(
+        exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS), learned=lambda watch: seen
+    )
+    after: list[Any] = []
+    found = mended.after(ended, DARKS[1], darkroom, after.append, Watch())
+    plan = after[-1]
+    if memory is not None:  # there is none for it
+        assert (plan.how, found.told) == (ended.how, ())
+        return
+    assert (plan.how.pilot, plan.how.coded, plan.how.late) == (16, 112, True)
+    assert found.told == (plan.reasons[-1],) and "sharpness 0.4 without it" in found.told[0]
+    assert plan.dark == DARKS[1] and plan.leaks == AMBIENT
+    names = [shot.name for shot in plan.recipe.shots]
+    assert names[:16] == list(before.recipe.stack) and names[16] == "coded-late"
+
+
+def test_a_map_that_is_clearer_guides_the_codes_that_were_not_shown() -> None:
+    request = CaptureRequest(goal="indirect", codes=80, pilot=16, parts=4, white=False)
+    plan = replace(make_plan(request, Config(), (6, 8)), leaks=AMBIENT)
+    links = scipy.sparse.csr_array(np.eye(48, k=5))
+    seen: Any = SimpleNamespace(promising=True, pays=True, links=links)
+    darkroom: Any = SimpleNamespace(
+        exposed=lambda watch: (SimpleNamespace(shots=()), {"coded-1": None}, CELLS),
+        learned=lambda watch: seen,
+    )
+    after: list[Any] = []
+    mended = Ambience(request, Config(), None, None, average=False)
+    mended.after(plan, DARKS[1], darkroom, after.append, Watch())
+    found = after[-1].patterns
+    assert found["coded-1"] is plan.patterns["coded-1"] and found["pilot"] is plan.patterns["pilot"]
+    wanted = with_links(plan, links, request.seed).patterns
+    for part in (2, 3, 4):
+        name = f"coded-{part}"
+        np.testing.assert_array_equal(found[name][0], wanted[name][0])
+        assert not np.array_equal(found[name][0], plan.patterns[name][0])
 
 
 def test_a_plan_that_looks_at_no_dark_photo_has_no_leaks() -> None:

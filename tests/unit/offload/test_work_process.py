@@ -266,7 +266,7 @@ def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
 def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench() -> None:
     plan: Any = SimpleNamespace(
         recipe=SimpleNamespace(target=SimpleNamespace(goal="goal")), how="how", smooth=True,
-        grid=(3, 4), unasked=True,
+        grid=(3, 4), unasked=True, dark="dark",
     )  # fmt: skip
     config: Any = SimpleNamespace(
         schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",
@@ -286,6 +286,7 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
             "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
             "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch", "scouted": True,
             "unmixed": True, "parts_by_cell": True, "pilot_apart": True, "homography": None,
+            "dark": "dark",
         }  # fmt: skip
     bare = record_of(plan, request, config, camera, profile)
     assert (bare.shots, bare.cells) == ((), None)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.leaks import Answer, Dark, answers_of
+from pdcd.pictures.leaks import Answer, Dark, answers_of, noise_of
 from pdcd.planning.look import needed
 from pdcd.probing.realised import Factors
 from pdcd.recipes.goals import Target
@@ -119,3 +121,27 @@ def test_as_few_black_exposures_as_will_do(
 ) -> None:
     leaks = Leaks(ambient=ambient, mask=mask, both=both, floor=0.0, limit=0.01, raw=())
     assert needed(leaks) == level
+
+
+@pytest.mark.parametrize("share", [1.0, -0.5])
+def test_the_noise_of_ambient_light_is_that_of_a_photo_and_its_black_exposure(share: float) -> None:
+    """Against the sum over cells: shot noise of a photo's light, and of its ambient part again."""
+    electron = 1e-7
+    shots, _, ambient, _, image, clean = bench(0.3, 0.0, 0.0)
+    one = shots["coded"]
+    noisy: Exposed = replace(one, variance=electron * one.light)  # type: ignore[type-var]
+    recipe = recipe_of(Target(Goal(name="indirect"), GRID), How(white=False))
+    recipe = replace(recipe, pictures={"indirect": ((share, "coded"),)})
+    found = noise_of(recipe, {"coded": noisy}, ambient, CELLS, normalise="scalar")
+    light = one.light.reshape(N, 3)
+    weight = float(np.mean(light / image))
+    black = one.realised.open_s[:, None] * ambient.light
+    wanted = electron * float(np.mean(light + black)) / weight**2 / float(np.mean(clean**2))
+    assert list(found) == ["coded"]
+    assert found["coded"] == pytest.approx(wanted, rel=0.05)
+
+
+def test_an_answer_of_extremes_has_no_such_noise() -> None:
+    shots, _, ambient, _, _, _ = bench(0.3, 0.0, 0.0)
+    recipe = recipe_of(Target(Goal(name="split", period=2), GRID), How())
+    assert noise_of(recipe, shots, ambient, CELLS, normalise="scalar") == {}

@@ -14,12 +14,20 @@ import pytest
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
+from pdcd.maps.map import Map
 from pdcd.pictures import darkroom
+from pdcd.pictures.cell_light import Ambient
 from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.exposed import Print
+from pdcd.pictures.learn import stack_photos
 from pdcd.pictures.watch import Watch
-from pdcd.request import CaptureRequest
+from pdcd.probing.realised import Factors
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
+from pdcd.request import CaptureRequest, Goal, How
 from pdcd.runs.folder import read_manifest
-from pdcd.runs.record import RunRecord
+from pdcd.runs.record import DarkPhoto, RunRecord
+from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw
 from tests import bench_rig
 
@@ -67,6 +75,59 @@ def test_light_is_in_scene_units_times_seconds(run: Path, level: float | None) -
         np.testing.assert_allclose(found.light, wanted, rtol=1e-5, atol=1e-9)
         # Refreshes that were missed matter where light became unequal.
         assert found.missed == (3 if level is None else 0)
+
+
+@pytest.mark.parametrize("side", [1, 2])
+def test_a_dark_photo_holds_the_light_of_a_second(run: Path, side: int) -> None:
+    """As a shot of the same file, over the time of each of its states; by squares of quads where
+    pictures are."""
+    record = record_of(run)
+    shot = record.shots[-1]
+    room = Darkroom(run, record)
+    room.coarsen(side)
+    dark = DarkPhoto(
+        raw=shot.raw, sha256=shot.sha256, iso=shot.iso, f_number=shot.f_number,
+        exposure_s=(shot.close_ns - shot.open_ns) * 1e-9, phase_s=0.25,
+    )  # fmt: skip
+    found = room.ambient(dark)
+    like = room.exposed(Watch())[1][shot.name]
+    np.testing.assert_allclose(found.light, 4.0 * like.light, rtol=1e-6)
+    np.testing.assert_allclose(found.variance, 16.0 * like.variance, rtol=1e-6)
+    with pytest.raises(DecodeError):
+        room.ambient(msgspec.structs.replace(dark, sha256="0" * 64))
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_ambient_light_is_taken_off_the_photos_of_a_pilot(apart: bool) -> None:
+    """For the time for which the mask was open, as far as quads see a cell: what is left is what
+    the codes made. Quads that do not divide the cells evenly see two of them."""
+    grid, frame = (3, 4), (8, 11)
+    cells = CellMap(grid=grid, frame=frame, map=Map.filling((11, 8)))
+    rng = np.random.default_rng(5)
+    recipe = recipe_of(Target(Goal(name="indirect"), grid), How(codes=64, pilot=16, white=False))
+    around, none = rng.uniform(1.0, 2.0, (12, 3)), np.zeros(frame, np.bool_)
+    bits, clean, shots = rng.random((4, 12)) < 0.5, {}, {}
+    for k, name in enumerate(recipe.stack[:4]):
+        seconds = 0.5 + 0.1 * k
+        factors = Factors(
+            np.full((1, 12), seconds),
+            bits[k : k + 1].astype(np.float64),
+            np.zeros(12),
+            np.full(12, seconds),
+        )
+        own = cells.spread(rng.random((12, 3)))
+        one = Print(own, np.ones((*frame, 3)), none, factors, {})
+        clean[name] = one
+        shots[name] = replace(one, light=own + seconds * cells.spread(around))
+    dark = Ambient(cells.spread(around), np.full((*frame, 3), 4.0))
+    wanted = stack_photos(recipe, clean, bits, cells, apart=apart)
+    found = stack_photos(recipe, shots, bits, cells, apart=apart, ambient=dark)
+    np.testing.assert_allclose(found[0], wanted[0], atol=1e-12)
+    np.testing.assert_array_equal(found[1], wanted[1])
+    # Its noise is that of a second, which is the same in all photos.
+    assert wanted[2] is None and found[2] is not None
+    np.testing.assert_allclose(found[2], (2.0 * wanted[1][0] * 0.5) ** 2, rtol=1e-9)
+    assert not np.allclose(stack_photos(recipe, shots, bits, cells, apart=apart)[0], wanted[0])
 
 
 def test_the_dark_of_a_shot_goes_by_the_time_between_its_blades(run: Path) -> None:

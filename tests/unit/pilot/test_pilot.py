@@ -228,6 +228,33 @@ def test_noise_that_is_told_of_is_neither_sharp_light_nor_an_error_of_codes() ->
     assert told < 0.5 * blind
 
 
+@pytest.mark.parametrize("level", [0.0, 5.0])
+def test_ambient_light_that_is_taken_off_hides_no_sharp_light(level: float) -> None:
+    """Left in, it looks like smooth indirect light."""
+    transport, sigma = scattered_paths(0), 0.02
+    codes, photos = take_pilot(transport, SCOUTS, 3, sigma)
+    known = sharpness(codes, photos, sigma=sigma)
+    rng = np.random.default_rng(1)
+    around = level * rng.uniform(0.5, 1.5, CELLS)
+    hidden = photos + around
+    measured = around + 0.05 * rng.standard_normal(CELLS)
+    off = sharpness(codes, hidden - measured, sigma=sigma, taken_off=np.full(CELLS, 0.05**2))
+    assert known > 2.0 * SHARP
+    assert off == pytest.approx(known, rel=0.1)
+    assert level == 0.0 or sharpness(codes, hidden, sigma=sigma) < SHARP
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_of_ambient_light_is_no_sharp_light(seed: int) -> None:
+    """Ten times as strong as the indirect light: what its noise is off by by chance is no path."""
+    smooth_light = smooth(0.2) + np.diag(np.ones(CELLS))
+    codes, photos = take_pilot(smooth_light, SCOUTS, seed, 2.0)
+    off = np.full(CELLS, 1.0)
+    assert sharpness(codes, photos, sigma=2.0, taken_off=off) < SHARP
+    nothing = np.zeros_like(photos)
+    assert sharpness(codes, nothing, sigma=1.0, taken_off=off) == 0.0
+
+
 def test_scouts_tell_sharp_paths_from_smooth_light() -> None:
     smooth_scene = np.diag(np.linspace(0.5, 1.5, CELLS)) + smooth(0.3)
     for seed in range(3):

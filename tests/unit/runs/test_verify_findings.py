@@ -28,7 +28,7 @@ def manifest(**said: Any) -> Any:
     """A manifest in which all fits, but for what is said."""
     run = SimpleNamespace(
         grid=said.pop("grid", (3, 4)), cells=said.pop("cells", None),
-        shots=said.pop("shots", (shot(),)),
+        shots=said.pop("shots", (shot(),)), dark=said.pop("dark", None),
     )  # fmt: skip
     names = (*NEEDED, "raw/coded.dng")
     told = {
@@ -55,6 +55,7 @@ def cells(*grid: int) -> Any:
 SIDE = 2**12
 """Its square is the most cells."""
 FILES: dict[str, FileRecord] = manifest().files
+DARK = "its dark photo and the list of files name another RAW file"
 
 
 @pytest.mark.parametrize(
@@ -71,6 +72,9 @@ FILES: dict[str, FileRecord] = manifest().files
         ({"state": "partial"}, ["its state is 'partial', and 0 shots are missing"]),
         ({"meter": (SimpleNamespace(raw="raw/coded.dng"),)}, []),
         ({"meter": (SimpleNamespace(raw="raw/m.dng"),)}, ["it does not list 'raw/m.dng'"]),
+        ({"dark": SimpleNamespace(raw="raw/coded.dng", sha256=SHA)}, []),
+        ({"dark": SimpleNamespace(raw="raw/coded.dng", sha256=OTHER)}, [DARK]),
+        ({"dark": SimpleNamespace(raw="/etc/passwd", sha256=SHA)}, [DARK]),
         ({"shots": (shot(), shot())}, ["it has two shots of one name"]),
         ({"shots": (shot(), shot(name="b"))}, []),
         ({"shots": (shot(close_ns=1),)}, ["shot 'coded' closed before it opened"]),

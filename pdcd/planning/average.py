@@ -1,0 +1,165 @@
+"""More light against the noise of ambient light: how often everything is shown, and by what codes.
+
+Black exposures take ambient light off a photo, but its shot noise stays, and that of the black
+exposures comes to it. The light fills the sensor, so that longer exposures would not help: more of
+them do. Where codes are all that an answer is made of, they become more parts, each with codes of
+its own, which lowers the error of the codes as well and measures it. Else every shot is repeated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import msgspec
+
+from pdcd.bench.devices import CameraInfo
+from pdcd.bench.tables import Config
+from pdcd.errors import RequestError
+from pdcd.frames.lattice import Lattice
+from pdcd.pictures.watch import Watch
+from pdcd.planning.look import percent
+from pdcd.planning.memory import check_memory, memory_bytes
+from pdcd.planning.pairs import pairs_of
+from pdcd.planning.plan import Plan
+from pdcd.planning.unasked import readout_s
+from pdcd.recipes.make import recipe_of
+from pdcd.recipes.parts import FEWEST_PARTS
+from pdcd.recipes.recipe import Combination, Extremes, Photo
+from pdcd.request import CaptureRequest
+
+NOISE = 0.018
+"""RMS noise, over the RMS of the picture, that a plain capture bears of ambient light. With the
+error of the codes themselves, 0.8 % at most where nothing disturbs them, it makes 2 %."""
+MOST_EXPOSURES = 112
+"""Most exposures of codes, black ones not counted: 7 parts sixteen times, for a quarter of the
+noise. Who wants less should rather see to the light."""
+MOST_S = 600.0
+"""Most seconds that this adds, files included: nobody who asked for nothing waits longer."""
+
+
+def noise_of_plan(
+    plan: Plan, variances: Mapping[str, float], taken: Plan, names: Iterable[str]
+) -> float:
+    """RMS noise of a whole plan, over the RMS of its answer.
+
+    variances : of each photo, as `pdcd.pictures.leaks.noise_of` has them for the shots `names` of
+    the plan `taken`, which is this one or that before it. They fall with the refreshes.
+    """
+    there, total = frozenset(names), 0.0
+    photos = {photo.name: photo for photo in plan.recipe.photos}
+    before = {photo.name: photo for photo in taken.recipe.photos}
+    for name, variance in variances.items():
+        had = _refreshes(taken, before[name], there)
+        wanted = _refreshes(plan, photos[name], None)
+        total += variance * had / wanted if wanted else variance
+    return math.sqrt(total)
+
+
+def averaged(
+    plan: Plan,
+    noise: float,
+    request: CaptureRequest,
+    config: Config,
+    camera: CameraInfo | None,
+    watch: Watch,
+) -> tuple[Plan, str, bool]:
+    """The same plan with everything shown as often as its `noise` calls for, as far as time and
+    memory go; what was decided, in words, nothing where it is quiet enough; and whether it is now.
+
+    Codes that the plan has in parts stay, others come to them.
+    """
+    wanted = max(1, math.ceil((noise / NOISE) ** 2))
+    if wanted == 1:
+        return _noted(plan, noise, 1), "", True
+    once_s = _once_s(plan, config, camera)
+    times = min(wanted, MOST_EXPOSURES // plan.how.parts, 1 + int(MOST_S / once_s))
+    found = plan
+    while times > 1:
+        try:
+            found = _shown(plan, times, request, config, watch)
+            break
+        except RequestError:  # more than memory holds
+            times -= 1
+    times = max(times, 1)
+    left = noise / math.sqrt(times)
+    found = _noted(found, left, times)
+    text = _told(found, noise, times, (times - 1) * once_s)
+    return replace(found, reasons=(*found.reasons, text)), text, times == wanted
+
+
+def _rule(plan: Plan) -> Combination:
+    """Photos of the answer, which is a sum of them wherever there is a noise of them."""
+    rule = plan.recipe.answer
+    return () if isinstance(rule, Extremes) else rule
+
+
+def _refreshes(plan: Plan, photo: Photo, names: frozenset[str] | None) -> int:
+    """Refreshes of the lit shots of a photo, of all or of those with these names."""
+    own = {name for _, name in photo.shots}
+    return sum(
+        plan.refreshes(shot)
+        for shot in plan.recipe.shots
+        if shot.name in own
+        and not (shot.primal_black or shot.dual_black)
+        and (names is None or shot.name in names)
+    )
+
+
+def _once_s(plan: Plan, config: Config, camera: CameraInfo | None) -> float:
+    """Seconds that everything takes once more, with its files."""
+    names = {name for _, name in _rule(plan)}
+    own = {name for photo in plan.recipe.photos if photo.name in names for _, name in photo.shots}
+    file_s = readout_s(config, camera) + config.trigger.lag_s
+    return sum(plan.exposure_s(shot) + file_s for shot in plan.recipe.shots if shot.name in own)
+
+
+def _shown(plan: Plan, times: int, request: CaptureRequest, config: Config, watch: Watch) -> Plan:
+    """A plan with everything shown so often. Raises RequestError where memory does not hold it."""
+    how = plan.how
+    # Photos that are not of codes, as the white one of direct light, have no parts.
+    split = len(_rule(plan)) == 1 and times * how.parts >= FEWEST_PARTS
+    if split:
+        codes, parts = how.pilot + times * how.coded, times * how.parts
+        how = msgspec.structs.replace(how, codes=codes, parts=parts)
+    else:
+        how = msgspec.structs.replace(how, repeat=times)
+    recipe = recipe_of(plan.recipe.target, how)
+    lattice = Lattice(plan.grid, plan.window)
+    family = how.family or config.schedule.family
+    bytes_ = memory_bytes(recipe, how, family, lattice, plan.passes, config)
+    check_memory(bytes_, config, plan.grid)
+    patterns = plan.patterns
+    if split:
+        curves, passes = plan.curves, plan.passes
+        more = pairs_of(
+            recipe, how, family, lattice,
+            p=request.p, seed=request.seed, watch=watch, curves=curves, passes=passes,
+        )  # fmt: skip
+        patterns = {name: patterns.get(name, pair) for name, pair in more.items()}
+    return replace(plan, recipe=recipe, how=how, patterns=patterns, memory_bytes=bytes_)
+
+
+def _noted(plan: Plan, noise: float, times: int) -> Plan:
+    if plan.leaks is None:
+        return plan
+    return replace(plan, leaks=msgspec.structs.replace(plan.leaks, noise=noise, times=times))
+
+
+def _told(plan: Plan, noise: float, times: int, seconds: float) -> str:
+    """What was decided, what it costs, and what is left to do where it is not enough."""
+    limit, left = f"limit {percent(NOISE)}", noise / math.sqrt(times)
+    text = f"noise: ambient light would leave {percent(noise)} of the picture ({limit})"
+    if times > 1:
+        exposures = plan.how.parts * plan.how.repeat
+        text += (
+            f": {times} times as many exposures, which are {exposures} of codes beside their black "
+            f"ones, {seconds:.3g} s more, leave {percent(left)}"
+        )
+    if left > NOISE:
+        text += (
+            f"; more than {MOST_EXPOSURES} of them, {MOST_S:g} s or what memory holds are not "
+            "spent unasked: darken the room, or name an error (--error)"
+        )
+    return text
