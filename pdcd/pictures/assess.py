@@ -356,7 +356,8 @@ def _some(names: list[str]) -> list[str]:
 def _stray(
     names: list[str], planned: dict[str, Shot], decoded: Decoded, thin: Thinned
 ) -> Iterator[Finding]:
-    """Shots with a black projector, against those that they belong to."""
+    """The worst of the shots with a black projector, against that which it belongs to."""
+    found = []
     for name in names:
         base = name.partition("-black-")[0]
         if not planned[name].primal_black or planned[name].dual_black or base not in decoded.shots:
@@ -365,7 +366,9 @@ def _stray(
         dark, bright = (float(thin.inside(thin.light(s)).mean()) for s in (black, lit))
         through = lit.realised.total_s
         leak = black.realised.total_s / through if through > 0.0 else 0.0
-        yield from quality.stray_light(name, dark, bright, leak)
+        found.append((dark / bright - leak if bright > 0.0 else 0.0, name, dark, bright, leak))
+    if found:
+        yield from quality.stray_light(*max(found)[1:])
 
 
 def _placement(

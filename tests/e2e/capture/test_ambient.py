@@ -14,7 +14,7 @@ from pdcd.capture.engine import Engine
 from pdcd.capture.salvage import decode_partial
 from pdcd.pictures.decode import decode_folder
 from pdcd.report.write import write as write_report
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.request import CaptureRequest, CaptureResult, Quality
 from pdcd.runs.events import Armed, Event
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
@@ -107,6 +107,11 @@ def test_an_open_book_in_ambient_light_is_averaged(tmp_path: Path) -> None:
     assert manifest.plan["leaks"]["noise"] == pytest.approx(error, rel=0.15)
     assert f"{times} times as many exposures" in decided(result)
     assert not any("darken the room" in text for text in result.warnings)
+    # Of all its exposures the verdict names the one with most light that was not asked for.
+    quality = result.summary["quality"]
+    assert isinstance(quality, Quality)
+    (stray,) = (text for text in quality.reasons if "stray light" in text)
+    assert "-black-primal has 9" in stray
     assert result.folder is not None and decode_folder(Path(result.folder)).identical
 
 
