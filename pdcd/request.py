@@ -252,6 +252,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`), and photos
     of far light may be corrected for smooth light. Runs from before that have it in one piece, and
     have these as they were taken."""
+    scattered: bool = False
+    """Whether of a matrix of scattered weights what they have in common is a photo of its own
+    (`pdcd.recipes.structure.mostly_even`). Earlier runs have it in one piece."""
     by_light: bool = False
     """Whether photos of matched cells with a share of the rest, and those under stripes, are scaled
     by all the light they keep, and sums of direct and matched light by the direct light

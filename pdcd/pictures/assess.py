@@ -24,6 +24,7 @@ from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_f
 from pdcd.pictures.quality import Finding
 from pdcd.probing.deviation import Deviation, weight_s
 from pdcd.probing.realised import Factors, signed_sum
+from pdcd.probing.wanted import Full
 from pdcd.recipes.pairs import FLOODLIT
 from pdcd.recipes.recipe import Extremes, Photo, Shot
 from pdcd.request import Quality
@@ -212,8 +213,8 @@ def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
 
 
 def _direct_weights(record: RunRecord, photos: list[Photo], decoded: Decoded) -> dict[str, float]:
-    """Of photos that direct light alone scales, by one number for all cells: how far the weights of
-    cells are off, over the wanted ones."""
+    """Of photos that direct light alone scales, by one number for all cells, and of an answer that
+    is one photo of any weights: how far the weights of cells are off, over the wanted ones."""
     shots = {**decoded.shots, **decoded.sums}
     found = {}
     for photo in photos:
@@ -221,6 +222,9 @@ def _direct_weights(record: RunRecord, photos: list[Photo], decoded: Decoded) ->
         power = float(np.mean(wanted**2))
         scaled = photo.wanted.by_direct and not photo.wanted.by_light
         alone = not photo.wanted.others(np.ones((1, wanted.size))).any()
+        full = [w * part.matrix for w, part in photo.wanted.parts if isinstance(part, Full)]
+        if full and len(photos) == 1:  # where hardly any direct light is wanted, what else is
+            power, scaled = max(power, float(np.mean(full[0] ** 2))), power > 0.0
         if photo.wanted.matched is not None or not (scaled or alone) or not power > 0.0:
             continue
         if divided_by_row(photo, shots, record.normalise):

@@ -141,6 +141,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         white=request.white,
         buckets=config.camera.buckets if request.method == "pairs" else 1,
         structure=request.goal in ("relit", "long-range", "short-range"),
+        scattered=request.goal == "relit",
         by_light=request.goal in BY_LIGHT,
         bars=True,
     )

@@ -31,7 +31,7 @@ from pdcd.recipes.nonnegative import nonnegative_sides
 from pdcd.recipes.partners import Partner, partner_of
 from pdcd.recipes.programs import Coded, Far, Signed, SignedBlocks, SignedMatrix
 from pdcd.recipes.recipe import Combination
-from pdcd.recipes.structure import Structure, structure_of
+from pdcd.recipes.structure import Structure, mostly_even, structure_of
 
 Floats = NDArray[np.float64]
 
@@ -48,8 +48,9 @@ EQUAL = 1e-6
 """Weights closer than that, over the larger, are equal."""
 
 
-def composed(maker: Maker, codes: int) -> Combination:
-    """Photos of any matrix A, taken apart (`pdcd.recipes.structure`), and the sum that is A."""
+def composed(maker: Maker, codes: int, *, scattered: bool = False) -> Combination:
+    """Photos of any matrix A, taken apart (`pdcd.recipes.structure`), and the sum that is A.
+    `scattered` as of `pdcd.request.How`."""
     matrix = maker.target.matrices["matrix"]
     if _blocks(maker, matrix, min(FEW_ROWS, codes)):
         return ((1.0, "relit"),)
@@ -58,6 +59,9 @@ def composed(maker: Maker, codes: int) -> Combination:
         return _Composition(maker, found, codes).terms()
     if _blocks(maker, matrix, codes) or _product(maker, "relit", matrix, codes):
         return ((1.0, "relit"),)
+    found = mostly_even(matrix, maker.target.grid) if scattered else found
+    if found.found:
+        return _Composition(maker, found, codes).terms()
     maker.say("anything", 1.0, "signed codes, two exposures: no structure was found")
     maker.signed("relit", lambda positive: SignedMatrix(matrix, positive), (1.0, Full(matrix)))
     return ((1.0, "relit"),)

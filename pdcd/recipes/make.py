@@ -66,7 +66,8 @@ def _whole(target: Target, how: How) -> Recipe:
         return _multi_image(maker, how.codes) if how.method == "multi-image" else _nayar(maker)
     pictures: dict[str, Rule]
     if target.goal.name == "relit" and how.structure:
-        pictures = {"relit": composed(maker, how.coded // how.parts)}
+        codes = how.coded // how.parts
+        pictures = {"relit": composed(maker, codes, scattered=how.scattered)}
     else:
         pictures = RECIPES[target.goal.name](maker, how.white, how.coded)
     recipe = Recipe(

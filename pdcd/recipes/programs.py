@@ -181,6 +181,10 @@ class Convolved:
 class SignedMatrix:
     """One half of any matrix A by +-1 codes: mask = A h (eq. 9), in two halves as `Signed`.
 
+    Cells that share a column are counted for each other. Of direct light, which is mostly the
+    strongest, this is taken off again: a multiple of a cell's own code in its mask makes the
+    diagonal exact, and costs the entries of those that share its column, with K codes one in K.
+
     `partners` are matched cells (N,) that are known to be in it."""
 
     matrix: Floats
@@ -194,8 +198,10 @@ class SignedMatrix:
         h = np.where(bits, 1.0, -1.0)
         rows, cols = lattice.grid
         inner = h.reshape(-1, *lattice.shape)[:, :rows, :cols].reshape(len(h), -1)
-        mask = extended(inner @ self.matrix.T, lattice)
-        return _halves(bits, mask, self.positive)
+        mask = inner @ self.matrix.T
+        missing = self.matrix.diagonal() - np.mean(mask * inner, axis=0)
+        mask += missing * inner
+        return _halves(bits, extended(mask, lattice), self.positive)
 
 
 @dataclass(frozen=True, eq=False)

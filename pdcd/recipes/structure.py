@@ -47,6 +47,9 @@ FEW = 1.0 / 16.0, 4
 """Share of all cells, and number of them, that matched cells of one weight must have."""
 MOST_REST = 0.5
 """Share of the squared weights that may be left; with more, nothing was found."""
+ROUNDS = 20
+"""Steps towards the product of two sides that is nearest to a matrix; of those that have most of
+it, each leaves less than a half of what the one before did."""
 
 
 class _Least(NamedTuple):
@@ -124,6 +127,29 @@ def structure_of(matrix: Floats, grid: Grid) -> Structure:
     if not found.found or _left(found, matrix) > MOST_REST or not _is(found, matrix, largest):
         return whole
     return found
+
+
+def mostly_even(matrix: Floats, grid: Grid) -> Structure:
+    """Of scattered weights the one product of two sides that is nearest, where that is most of the
+    matrix, and the rest; else all is the rest.
+
+    Signed codes hardly count what all cells have in common, as each code lights half of them.
+    """
+    ones = np.ones(len(matrix))
+    whole = Structure(grid, ones, ones, rest=matrix)
+    camera = matrix.sum(axis=1)
+    for _ in range(ROUNDS):
+        projector = camera @ matrix
+        camera = matrix @ projector
+        size = float(np.linalg.norm(camera))
+        if not size > 0.0:
+            return whole
+        camera /= size
+    projector = camera @ matrix
+    if float(projector @ projector) < (1.0 - MOST_REST) * float(np.sum(matrix**2)):
+        return whole
+    rest = matrix - np.outer(camera, projector)
+    return replace(whole, camera=camera[None], projector=projector[None], rest=rest)
 
 
 def _levelled(grid: Grid, camera: Floats, projector: Floats) -> Structure:

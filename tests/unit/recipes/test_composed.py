@@ -231,3 +231,19 @@ def test_fig_8_equal_brightness_takes_codes_in_proportion_to_1_over_p(
     assert as_bright(codes, CaptureRequest(goal="fraction", p=p)) == more
     with pytest.raises(RequestError, match="equal brightness"):
         as_bright(codes, CaptureRequest(goal="indirect"))
+
+
+def test_what_scattered_weights_have_in_common_is_a_photo_of_its_own() -> None:
+    """Direct light keeps its weight, of few codes too, but for the scale of the photo; earlier
+    runs have one photo, which has hardly anything of what is in common."""
+    pi = np.random.default_rng(50).random((N, N))
+    wanted = dense_recipe.target(GRID, "relit", {"matrix": pi})
+    errors, direct = {}, {}
+    for scattered, names in ((True, {"even", "matched"}), (False, {"relit"})):
+        how = How(codes=16, structure=True, scattered=scattered)
+        recipe, realised = dense_recipe.matrix_of(wanted, how)
+        assert {photo.name for photo in recipe.photos} == names
+        errors[scattered] = dense_recipe.error(realised, pi, transport())
+        direct[scattered] = np.abs(realised - pi).diagonal().max()
+    assert direct[True] < 0.05 < 0.3 < direct[False]
+    assert errors[True] < 0.5 * errors[False]

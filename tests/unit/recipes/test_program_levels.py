@@ -142,9 +142,17 @@ def test_any_matrix_is_shown_as_its_product_with_the_codes(positive: bool) -> No
     program = SignedMatrix(matrix, positive)
     assert program.coded and program.p == 0.5 and program.partners == ()
     primal, dual = program.pairs(BITS, WHOLE)
-    wanted = halves(signs(BITS) @ matrix.T, positive=positive)
+    h = signs(BITS)
+    plain = h @ matrix.T
+    # The diagonal of what the codes count, entry by entry, made what it should be.
+    counted = plain.T @ h / len(h)
+    own = np.array([matrix[n, n] - counted[n, n] for n in range(N)])
+    assert np.abs(own).max() > 0.1
+    wanted = halves(plain + own * h, positive=positive)
     np.testing.assert_array_equal(primal, wanted[0])
     np.testing.assert_allclose(dual, wanted[1])
+    realised = (plain + own * h).T @ h / len(h)
+    np.testing.assert_allclose(np.diag(realised), np.diag(matrix), atol=1e-12)
 
 
 def test_codes_beyond_the_grid_do_not_enter_a_matrix() -> None:
@@ -152,7 +160,9 @@ def test_codes_beyond_the_grid_do_not_enter_a_matrix() -> None:
     bits = RNG.random((K, 20)) < 0.5
     _, dual = SignedMatrix(matrix, True).pairs(bits, QUARTER)
     inner = bits.reshape(K, 4, 5)[:, :3, :4].reshape(K, N)
-    grid = (signs(inner) @ matrix.T).reshape(K, 3, 4)
+    h = signs(inner)
+    plain = h @ matrix.T
+    grid = (plain + (matrix.diagonal() - np.mean(plain * h, axis=0)) * h).reshape(K, 3, 4)
     mask = np.pad(grid, ((0, 0), (0, 1), (0, 1)), mode="edge").reshape(K, 20)
     np.testing.assert_allclose(dual[0::2] - dual[1::2], mask / np.abs(mask).max(), atol=1e-12)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pdcd.probing.wanted import Near, shifted
 from pdcd.recipes.even import even_part
 from pdcd.recipes.nonnegative import nonnegative_sides
-from pdcd.recipes.structure import Structure, structure_of
+from pdcd.recipes.structure import Structure, mostly_even, structure_of
 
 GRID = (9, 12)
 N = GRID[0] * GRID[1]
@@ -140,3 +140,19 @@ def test_where_there_are_no_such_sides_none_are_returned() -> None:
     slack = np.array([[0, 0, 1, 1], [1, 0, 0, 1], [1, 1, 0, 0], [0, 1, 1, 0]], dtype=float)
     u, s, vt = np.linalg.svd(slack)
     assert nonnegative_sides((u[:, :3] * s[:3]).T, vt[:3]) is None
+
+
+def test_scattered_weights_have_one_product_in_common_where_that_is_most_of_them() -> None:
+    """By the singular values of the matrix; what is left is left whole."""
+    rng = np.random.default_rng(8)
+    for matrix in (rng.random((N, N)), -1.0 - 0.3 * rng.standard_normal((N, N))):
+        found = mostly_even(matrix, GRID)
+        sides, values, others = np.linalg.svd(matrix)
+        assert found.found and len(found.camera) == 1 and found.level == 0.0
+        even = found.camera.T @ found.projector
+        np.testing.assert_allclose(even, values[0] * np.outer(sides[:, 0], others[0]), atol=1e-9)
+        np.testing.assert_allclose(found.rows(0, N), matrix, atol=1e-12)
+    for matrix in (rng.standard_normal((N, N)), np.zeros((N, N)), np.eye(N)):
+        assert not mostly_even(matrix, GRID).found
+    rest = mostly_even(matrix, GRID).rest
+    assert rest is not None and np.array_equal(rest, matrix)
