@@ -155,6 +155,8 @@ def record_of(
         unmixed=True,
         parts_by_cell=True,
         pilot_apart=True,
+        parts_apart=True,
+        alike=True,
     )
 
 
