@@ -313,12 +313,20 @@ class DenseBench:
             reach = int(4.0 * self.blur_quads + 0.5)
             weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / self.blur_quads) ** 2)
             weight /= weight.sum()
+            # The outermost quads go on beyond the frame, as far as the field does.
+            down, right = (np.arange(-reach, size + reach) for size in (height, width))
+            rows, cols = (np.clip(n, 0, n.max() - reach) for n in (down, right))
+            wide = image[rows][:, cols]
+            for r, c in np.argwhere((down != rows)[:, None] | (right != cols)[None, :]):
+                ((x, y),) = self.camera.to_field(np.array([[right[c] + 0.5, down[r] + 0.5]]))
+                if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0):
+                    wide[r, c] = 0.0
             for axis, size in ((0, height), (1, width)):
                 parts = [
-                    w * np.take(image, np.clip(np.arange(size) + k, 0, size - 1), axis=axis)
-                    for k, w in zip(range(-reach, reach + 1), weight, strict=True)
+                    w * np.take(wide, np.arange(size) + k, axis=axis) for k, w in enumerate(weight)
                 ]
-                image = np.sum(parts, axis=0)
+                wide = np.sum(parts, axis=0)
+            image = wide
         return image * shade(width, height, self.vignetting).reshape(height, width, 1)
 
 

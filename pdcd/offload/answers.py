@@ -146,6 +146,8 @@ def record_of(
         parts_by_cell=True,
         pilot_apart=True,
         dark=plan.dark,
+        parts_apart=True,
+        alike=True,
     )
 
 

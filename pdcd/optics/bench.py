@@ -24,9 +24,10 @@ from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
 from pdcd.frames.frames import PIXELS, Frames
 from pdcd.optics.histories import Histories
+from pdcd.optics.lens import Lens
 from pdcd.optics.lit import Lit
 from pdcd.optics.lookup import MOST_PAIRS, Whole, every, rendered
-from pdcd.optics.products import Exposure, Products, Tables, distinct
+from pdcd.optics.products import Exposure, Pairs, Products, Tables, distinct
 from pdcd.optics.render import Detail, Picture, Renderer
 from pdcd.optics.setting import Setting, falloff
 from pdcd.optics.sights import Away, CellGrid, Looks, Scattered, look
@@ -41,8 +42,8 @@ Floats = NDArray[np.float64]
 
 KEPT = 3
 """Ways of driving the panels of which all is kept: a white shot's, a coded one's, the truth's."""
-BLUR_REACH = 4.0
-"""Standard deviations after which the lens's blur is cut off."""
+PAIRS = 1 << 14
+"""Pairs of cells whose light is looked up together; bounds the memory."""
 EDGE = 1e-9
 """Corners so little beyond the field lie on its edge."""
 
@@ -75,7 +76,7 @@ class OpticalBench:
         self._setting = Setting(config, truth_of(config), frame)
         self._setting.check()
         self._scene = scene
-        self._kept: OrderedDict[tuple[Kind, Kind | None], _Driven] = OrderedDict()
+        self._kept: OrderedDict[tuple[Kind, Kind | CellGrid | None], _Driven] = OrderedDict()
         self._lit_kept: OrderedDict[Kind, tuple[PanelSites, scipy.sparse.csr_array]] = OrderedDict()
 
     @property
@@ -111,7 +112,7 @@ class OpticalBench:
                 ambience = () if self._ambient is None else (self._ambient,)
                 grid, scene = self._scene.grid, (self._direct, *ambience)
                 light = rendered(self._setting, self._scattered, grid, whole, scene)
-                return self._through_lens(light)
+                return self._lens.through(light)
         driven = self._driven(lit, opened)
         tables = self._tables(driven, exposure)
         ambient = None if self._ambient is None else (tables.open_s, self._ambient)
@@ -170,22 +171,44 @@ class OpticalBench:
         few = products.tables(direct, indirect)
         return Tables(few.direct[of_direct], few.indirect[of_indirect], few.open_s[opened.of])
 
-    def wanted(self, answer: Callable[[Scene], Array]) -> Floats:
+    def wanted(
+        self,
+        answer: Callable[[Scene], Array],
+        uniform: tuple[float, float] | None = None,
+    ) -> Floats:
         """A picture as the scene itself would have it, through the same optics, (rows, cols, 3).
 
         `answer` says what the picture is on a scene, cell by cell, (N, 3) in scene units; it is
         linear in the scene's effects. The mask is taken away, the projector is as uneven as it is.
+        Of quads whose blur reaches beyond the field it is what they see of the field.
+
+        uniform : weights of a picture that wants the light of each cell's own projector cell by the
+            first and that of all others by the second. A place between the centres of cells gets
+            the light of both, but it lies in one of them, and only what that cell's own projector
+            cell sends there is its own. Without it the light of either counts as seen from there.
         """
-        scene, driven = self._scene, self._driven(Kind(self._scene.grid, "whole", False), None)
+        scene = self._scene
+        between = uniform is not None and scene.textures is not None
+        whole = Kind(scene.grid, "whole", False)
+        driven = self._driven(whole, CellGrid(scene.grid, smooth=False) if between else None)
         lit = np.asarray(driven.spread[1:].sum(axis=0)).ravel()
-        indirect = tuple(Lit(effect, lit) for effect in self._indirect)
         direct = tuple(effect for effect in scene.effects if _at_once(effect))
-        reflected, sent = (
-            answer(Scene(scene.name, scene.grid, effects)) for effects in (direct, indirect)
-        )
+        wandered = Scene(scene.name, scene.grid, tuple(Lit(e, lit) for e in self._indirect))
+        reflected = answer(Scene(scene.name, scene.grid, direct))
         met = driven.renderer.met
+        if between and uniform is not None:
+            sent = _sent_to(wandered, met.indirect, *uniform)
+        else:
+            sent = answer(wandered)[met.indirect.other]
         full = (met.direct.other > 0).astype(np.float64)
-        return self._image(driven, full, reflected, sent[met.indirect.other], None)
+        image = self._image(driven, full, reflected, sent, None)
+        share = self.share
+        return image if share is None else image / np.where(share > 0.0, share, 1.0)[..., None]
+
+    @property
+    def share(self) -> Floats | None:
+        """Share of each quad's light that comes from the field (`pdcd.optics.lens`)."""
+        return self._lens.share
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
@@ -232,6 +255,10 @@ class OpticalBench:
         return textures and (cell_means(textures[0], grid), cell_means(textures[1], grid))
 
     @cached_property
+    def _lens(self) -> Lens:
+        return Lens(self._setting)
+
+    @cached_property
     def _looks(self) -> Looks:
         return Looks(self._setting, self._away)
 
@@ -261,30 +288,20 @@ class OpticalBench:
         if means is not None:
             reflected = reflected / means[0]
             indirect = indirect / means[1][driven.renderer.met.indirect.other]
-        return self._through_lens(
+        return self._lens.through(
             driven.renderer.render(Picture(direct, reflected, indirect, ambient))
         )
 
-    def _through_lens(self, image: Floats) -> Floats:
-        """What the sensor gets of a picture: blurred and shaded as the lens does."""
-        (rows, cols), blur = self.frame, self.true.camera.blur_quads
-        if blur:
-            # Only a mock bench that blurs needs it; the daemons of real ones shall not load it.
-            from scipy.ndimage import gaussian_filter
-
-            sigma = (blur, blur, 0.0)
-            image = gaussian_filter(image, sigma, mode="nearest", truncate=BLUR_REACH)
-        shade = falloff(self.truth.camera.falloff, (cols, rows))
-        return image if shade is None else image * shade[..., None]
-
-    def _driven(self, lit: Kind, opened: Kind | None) -> _Driven:
-        """What is seen when the panels are driven this way; without a mask for None."""
+    def _driven(self, lit: Kind, opened: Kind | CellGrid | None) -> _Driven:
+        """What is seen when the panels are driven this way; without a mask for None, and before the
+        scene's own cells for a grid."""
         key = lit, opened
         if key not in self._kept:
             drawn, truth = self._setting.drawn, self.truth
             projector, spread = self._lit(lit)
-            mask = PanelSites(drawn.mask, opened or lit, truth.mask, self.true.mask)
-            before = None if opened is None else mask
+            kind = opened if isinstance(opened, Kind) else lit
+            mask = PanelSites(drawn.mask, kind, truth.mask, self.true.mask)
+            before = mask if isinstance(opened, Kind) else opened
             sights = look(self._looks, self._setting, self._cells, projector, before)
             renderer = Renderer(
                 self._setting,
@@ -320,6 +337,17 @@ class OpticalBench:
         if not self._indirect:
             return scipy.sparse.csr_array((len(sites), self._scene.cells))
         return self._cell_light.by_site(sites, self._uneven)
+
+
+def _sent_to(scene: Scene, pairs: Pairs, own: float, others: float) -> Array:
+    """What light that wandered brings to places: of pairs of the cell that they lie in and of one
+    whose light they have a part of, (pairs, 3). `own` and `others` are the weights of light from
+    the projector cell that they lie in, and from all others."""
+    sent = others * scene.white()[pairs.other]
+    for start in range(0, len(sent), PAIRS):
+        some = slice(start, start + PAIRS)
+        sent[some] += (own - others) * scene.entries(pairs.other[some], pairs.mask[some])
+    return sent
 
 
 def _at_once(effect: Effect) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pdcd.scene.effects import Array, Effect
+from pdcd.scene.effects import Array, Cells, Effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,10 @@ class Lit:
     def diagonal(self) -> Array:
         """See `Effect.diagonal`."""
         return self.effect.diagonal() * self.light
+
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """See `Effect.entries`."""
+        return self.effect.entries(seen, lit) * self.light[lit]
 
     def dense(self) -> Array:
         """See `Effect.dense`."""

@@ -233,22 +233,30 @@ def _behind(setting: Setting, offset: tuple[float, float], points: Floats) -> Fl
 
 
 def look(
-    looks: Looks, setting: Setting, cells: CellGrid, lit: PanelSites, mask: PanelSites | None
+    looks: Looks,
+    setting: Setting,
+    cells: CellGrid,
+    lit: PanelSites,
+    mask: PanelSites | CellGrid | None,
 ) -> Sights:
-    """All sights of a frame, through the mask or, for None, without one."""
+    """All sights of a frame, through the mask or, for None, without one. With a grid in its place
+    the site of what is seen is the cell it lies in, as of a mask of whole cells that is perfect."""
     keys: list[list[tuple[NDArray[np.int32], Numbers, NDArray[np.intp]]]] = []
     places, sites = cells.places + 1, len(lit) + 1
     for chunk in looks.chunks():
         x, y = looks.on_field(chunk)
         before = (
             np.zeros(x.size, dtype=np.int32)
-            if mask is None
+            if mask is None or isinstance(mask, CellGrid)
             else pixels(mask.image, *looks.on_mask(chunk), missing=0)
         )
         of_taps = []
         for number, tap in enumerate(setting.taps):
             behind = pixels(lit.image, *looks.on_projector(chunk, number), missing=NOWHERE)
-            at = cells.at(x + tap.offset[0], y + tap.offset[1])
+            there = x + tap.offset[0], y + tap.offset[1]
+            at = cells.at(*there)
+            if isinstance(mask, CellGrid):
+                before = np.maximum(mask.at(*there), 0)
             starts = changes(before, behind, at)
             key = before[starts] * np.int64(sites) + behind[starts] + 1
             key = key * places + at[starts] + 1

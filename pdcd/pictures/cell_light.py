@@ -48,29 +48,59 @@ class Ambient:
     variance: Floats
 
 
-def light_of_cells(
-    taken: Sequence[Lit], known: Bools, cells: CellMap, wanted: NDArray[np.int64]
-) -> tuple[Floats, Floats]:
-    """Light of some cells in K photos and its standard deviation, (K, C, 3) each.
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """How cells are told apart: which quads count (h, w), and whether what they mix is parted."""
+
+    cells: CellMap
+    known: Bools
+    used: Bools
+    pure: bool
+
+    def mean(self, light: Floats) -> Floats:
+        """Light of quads (h, w, C) -> of cells (N, C)."""
+        mean = self.cells.mean(light, self.used)
+        return mean if self.pure else _parted(mean, self.cells, self.known)
+
+    def error(self, variance: NDArray[np.floating], middle: int) -> Floats:
+        """Variances of quads (h, w, C) -> standard deviation of `mean`, (N, C). Where cells are
+        parted noise grows as much everywhere as at the cell `middle`."""
+        error = self.cells.error_of_mean(variance, self.used)
+        if self.pure:
+            return error
+        one = np.zeros((self.cells.grid[0] * self.cells.grid[1], 1))
+        one[middle] = 1.0
+        more = float(np.sqrt(np.sum(_parted(one, self.cells, self.known) ** 2)))
+        return more * error
+
+
+def told_apart(known: Bools, cells: CellMap, wanted: NDArray[np.int64]) -> Apart:
+    """How the light of some cells is told from that of their neighbours.
+
+    By quads that see one cell alone, where each cell has enough of them. Else all quads count, and
+    what they mix is parted again, as if cells were of one value each.
 
     known : (h, w), quads that count. wanted : (C,), numbers of the cells.
-
-    Of quads that see one cell alone, where each cell has enough of them. Else all quads count, and
-    what they mix is parted again, as if cells were of one value each.
     """
     alone = known & cells.single
     share = cells.mean(alone[..., None].astype(np.float64))[wanted]
     pure = bool(share.min(initial=1.0) >= LEAST_PURE)
-    used = alone if pure else known
-    light = [cells.mean(shot.light, used) for shot in taken]
-    error = [cells.error_of_mean(shot.variance, used)[wanted] for shot in taken]
-    if not pure:
-        light = [_parted(mean, cells, known) for mean in light]
-        one = np.zeros((cells.grid[0] * cells.grid[1], 1))
-        one[wanted[wanted.size // 2]] = 1.0
-        more = float(np.sqrt(np.sum(_parted(one, cells, known) ** 2)))
-        error = [more * sigma for sigma in error]
-    return np.stack([mean[wanted] for mean in light]), np.stack(error)
+    return Apart(cells, known, alone if pure else known, pure)
+
+
+def light_of_cells(
+    taken: Sequence[Lit], known: Bools, cells: CellMap, wanted: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Light of some cells in K photos and its standard deviation, (K, C, 3) each, told from that of
+    their neighbours.
+
+    known : (h, w), quads that count. wanted : (C,), numbers of the cells.
+    """
+    apart = told_apart(known, cells, wanted)
+    light = [apart.mean(shot.light)[wanted] for shot in taken]
+    middle = int(wanted[wanted.size // 2])
+    error = [apart.error(shot.variance, middle)[wanted] for shot in taken]
+    return np.stack(light), np.stack(error)
 
 
 def _parted(means: Floats, cells: CellMap, known: Bools) -> Floats:

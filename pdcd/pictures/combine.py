@@ -42,6 +42,7 @@ __all__ = [
     "scaled_photos",
     "share_taken_out",
     "sigma_of",
+    "white_of",
 ]
 
 _F = TypeVar("_F", np.float64, np.floating)
@@ -109,7 +110,7 @@ def scaled_photos(
     """Every photo of a recipe divided by its weight; arguments as of `combine`."""
     scaled: dict[str, Picture] = {}
     direct: dict[str, Floats] = {}
-    white = _white_of(recipe)
+    white = white_of(recipe)
     outside = None if cells.known.all() else ~cells.known
     for photo in recipe.photos:
         realised = realised_photo(photo.shots, shots)
@@ -138,7 +139,7 @@ def share_taken_out(
 ) -> Floats | None:
     """The share of the direct light that `scaled_photos` takes out of a photo, (h, w); None where
     it takes out none."""
-    if not _unmixes(photo, _white_of(recipe)):
+    if not _unmixes(photo, white_of(recipe)):
         return None
     realised = realised_photo(photo.shots, shots)
     by_row = divided_by_row(photo, shots, normalise)
@@ -151,7 +152,7 @@ def _unmixes(photo: Photo, white: list[str]) -> bool:
     return bool(white) and photo.wanted.uniform == (0.0, 1.0)
 
 
-def _white_of(recipe: Recipe) -> list[str]:
+def white_of(recipe: Recipe) -> list[str]:
     """Names of the photos of all light."""
     return [photo.name for photo in recipe.photos if photo.wanted.uniform == (1.0, 1.0)]
 

@@ -17,16 +17,14 @@ from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.frames.patterns import Patterns, none
 from pdcd.maps.placing import placed
+from pdcd.pictures.bars import barred_pictures
 from pdcd.pictures.cell_light import Ambient
-from pdcd.pictures.combine import Matrix, Picture, Shown, pictures_of, realised_photo
+from pdcd.pictures.combine import Matrix, Shown, realised_photo
 from pdcd.pictures.develop import warp
 from pdcd.pictures.exposed import Exposed, Negative
 from pdcd.pictures.learn import Learned, learn
-from pdcd.pictures.parted import part_images
-from pdcd.pictures.photos import corrected_photos
-from pdcd.pictures.quads import cell_means, of_cells, shared_out
-from pdcd.pictures.sigma import Barred, barred, measured
-from pdcd.pictures.sigma_model import modelled
+from pdcd.pictures.quads import cell_means
+from pdcd.pictures.sigma import Barred
 from pdcd.pictures.software import software_sums, summed_matrices
 from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
@@ -36,7 +34,7 @@ from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.arrays import target_with
 from pdcd.recipes.make import recipe_of
-from pdcd.recipes.parts import FEWEST_PARTS, part_numbers, taken_parts
+from pdcd.recipes.parts import taken_parts
 from pdcd.recipes.possible import possible
 from pdcd.recipes.recipe import Photo, Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
@@ -191,7 +189,11 @@ class Darkroom:
         if self._sums_up(shots):
             sums = software_sums(recipe, shots, self._stack_bits(), cells)
         with watch.piece(making) as alive:
-            pictures = self._barred(recipe, {**shots, **sums}, cells, alive)
+            # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
+            learned = None if recipe.coded is None else self.learned()
+            pictures = barred_pictures(
+                self._record, recipe, {**shots, **sums}, learned, cells, self._apart(), alive
+            )
         if self._record.homography is not None:
             pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
         view = View.of(self._record, cells)
@@ -225,46 +227,6 @@ class Darkroom:
         """From DN to scene units times seconds: electrons, then the camera's responsivity."""
         gain = self._record.profile.row(iso).gain_e_per_dn
         return np.asarray(gain * f_number**2 / np.array(self._record.responsivity_e))
-
-    def _barred(
-        self, recipe: Recipe, shots: dict[str, Exposed], cells: CellMap, alive: Alive
-    ) -> dict[str, Barred]:
-        """All pictures with sensor and code error: of what the parts show, if there are enough."""
-        record = self._record
-        # Of a run that was interrupted the pilot may be incomplete; then there is no coded photo.
-        learned = None if recipe.coded is None else self.learned()
-
-        def photos(
-            part: Recipe, shots: Mapping[str, Exposed], cells: CellMap
-        ) -> dict[str, Picture]:
-            return corrected_photos(
-                part,
-                shots,
-                learned,
-                cells,
-                normalise=record.normalise,
-                smooth=record.smooth,
-                unmix=record.unmixed,
-                alive=alive,
-            )
-
-        scaled = photos(recipe, shots, cells)
-        whole = pictures_of(recipe, scaled)
-        if len(part_numbers(recipe)) < FEWEST_PARTS:
-            known = learned is not None and record.scouted
-            sharp = learned.sharp if known and learned is not None else None
-            bars = record.how.bars
-            return modelled(recipe, shots, scaled, whole, cells, alive, sharp, by_row=bars)
-        parts = part_images(recipe, shots, cells, photos, by_cell=record.parts_by_cell)
-        return {name: self._measured(p, parts[name], cells) for name, p in whole.items()}
-
-    def _measured(
-        self, picture: Picture, parts: list[NDArray[np.float64]], cells: CellMap
-    ) -> Barred:
-        """A picture with the code error that its parts, as means of cells, show."""
-        coarse = of_cells(picture, cells)
-        code = measured(coarse, parts, by_chance=self._record.how.bars).code
-        return barred(picture, shared_out(code, picture, coarse, cells), "measured")
 
     def _apart(self) -> dict[str, float]:
         """What `Decoded.apart` says."""

@@ -14,6 +14,7 @@ from pdcd.pictures.cell_light import Ambient, Lit, light_of_cells
 from pdcd.pictures.exposed import Exposed
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
+from pdcd.pilot.near_light import near_light
 from pdcd.pilot.sharp_light import sharp_squares
 from pdcd.pilot.worth import Worth, worth
 from pdcd.probing.realised import Factors
@@ -43,6 +44,9 @@ class Learned:
     sharp: Floats
     """(N, 3), sum of the squares of the sharp paths of each cell that were not found
     (`pdcd.pilot.sharp_light`)."""
+    near: Floats
+    """(N, 3), light that each cell gets from one of those right beside it, on average
+    (`pdcd.pilot.near_light`)."""
 
     @property
     def promising(self) -> bool:
@@ -125,9 +129,11 @@ def learn(
     def with_paths(
         links: scipy.sparse.csr_array, paths: Paths, predicted: Worth | None = None
     ) -> Learned:
-        known = np.stack([(one @ bits[first].T.astype(np.float64)).T for one in paths], axis=2)
-        left = sharp_squares(bits[first], photos[first], grid, sigma=sigma[first], paths=known)
-        return Learned(links, paths, predicted, sharp, left)
+        known = np.stack([(one @ bits.T.astype(np.float64)).T for one in paths], axis=2)
+        some = known[first]
+        left = sharp_squares(bits[first], photos[first], grid, sigma=sigma[first], paths=some)
+        near = near_light(bits, photos - known, grid) + _beside(paths, grid)
+        return Learned(links, paths, predicted, sharp, left, near)
 
     none = scipy.sparse.csr_array((bits.shape[1], bits.shape[1]))
     if taken == SCOUTS:
@@ -145,6 +151,18 @@ def learn(
         estimate_links(bits, photos[..., c], grid, sigma=sigma[..., c]) for c in range(3)
     )
     return with_paths(links, (red, green, blue), predicted)
+
+
+def _beside(paths: Paths, grid: tuple[int, int]) -> Floats:
+    """Light by known paths from the eight cells around each, the mean of the eight, (N, 3)."""
+    found = np.zeros((grid[0] * grid[1], len(paths)))
+    for channel, one in enumerate(paths):
+        path = one.tocoo()
+        (to_row, to_col), (row, col) = (np.divmod(n, grid[1]) for n in path.coords)
+        near = (np.abs(to_row - row) <= 1) & (np.abs(to_col - col) <= 1)
+        near &= (to_row != row) | (to_col != col)
+        np.add.at(found[:, channel], path.coords[0][near], np.maximum(path.data[near], 0.0) / 8.0)
+    return found
 
 
 def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:

@@ -39,11 +39,13 @@ def cell_means(picture: Barred, cells: CellMap) -> Barred:
     """The same of a picture with its whole error: (rows, cols, 3) float64 each.
 
     The sensor's part gets less by averaging. The error of the codes does not: quads of a cell share
-    it.
+    it, but for what `Barred.of_cells` knows.
     """
     coarse = of_cells(Picture(picture.image, picture.sensor), cells)
-    code, _ = means(picture.code, _known(picture, cells), cells)
-    code = code.reshape(coarse.image.shape)
+    code = picture.of_cells
+    if code is None:
+        code, _ = means(picture.code, _known(picture, cells), cells)
+        code = code.reshape(coarse.image.shape)
     sigma = np.hypot(coarse.sigma, code)
     return Barred(coarse.image, sigma, coarse.sigma, code, picture.kind)
 

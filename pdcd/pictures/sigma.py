@@ -37,12 +37,14 @@ class Barred(Picture):
     """A picture with its whole error: ``sigma^2 = sensor^2 + code^2``, (h, w, 3) each, float64 or,
     where the frame is large, float32.
 
-    `kind` is how `code` was found.
+    `kind` is how `code` was found. `of_cells` is the code error of means over cells,
+    (rows, cols, 3), where more is known of it than that of their quads.
     """
 
     sensor: Errors
     code: Errors
     kind: Kind
+    of_cells: Errors | None = None
 
 
 def measured(picture: Picture, parts: Sequence[Floats], *, by_chance: bool = False) -> Barred:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import scipy
@@ -38,6 +39,7 @@ from pdcd.sensor.cells import CellMap
 
 Floats = NDArray[np.float64]
 
+NONE: Mapping[str, Floats] = MappingProxyType({})
 RING = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]) / 8.0
 """Mean of the eight cells around one."""
 FEWEST_CELLS = 4.0
@@ -59,6 +61,7 @@ def modelled(
     alive: Callable[[], None] = lambda: None,
     sharp: Floats | None = None,
     *,
+    near: Mapping[str, Floats] = NONE,
     by_row: bool = False,
 ) -> dict[str, Barred]:
     """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
@@ -70,7 +73,8 @@ def modelled(
     (`pdcd.pictures.combine.scaled_photos`). Code errors of different photos are taken as
     independent. `alive` is called now and then, may raise. `sharp` (N, C) is what the first photos
     of a pilot tell of the sharp paths of each cell (`pdcd.pilot.sharp_light`): of the coded photo
-    it takes the place of N_eff. With `by_row` photos of far light, whose cells are each divided by
+    it takes the place of N_eff. `near` are errors of photos by light from right beside each cell
+    (`pdcd.pictures.beside`). With `by_row` photos of far light, whose cells are each divided by
     their own weight, are judged by these weights and by the roughness of all their light; runs of
     earlier versions are not.
     """
@@ -93,6 +97,8 @@ def modelled(
         else:
             fixed = mean**2 + diagonal**2
             error = code_error(picture, fixed, variance, photo.wanted.cells, white, far=far)
+        if photo.name in near:
+            error = np.hypot(error, near[photo.name])
         alone[photo.name] = shared_out(error, photos[photo.name], picture, cells)
     return {
         name: barred(p, sigma_of(recipe.pictures[name], photos, alone), "modelled")

@@ -106,7 +106,7 @@ def smooth_correction(
         return np.zeros_like(light)
     kernel = _kernel(grid)
     counted = kernel.copy()
-    for (row, col), share in _beside(left, right, weight, grid).items():
+    for (row, col), share in beside(left, right, weight, grid).items():
         counted[-row, -col] *= share
     near, counted_near = _spread(kernel, grid), _spread(counted, grid)
     missing = np.stack(
@@ -212,7 +212,7 @@ def _evenly(light: Floats) -> Floats:
     return spread
 
 
-def _beside(
+def beside(
     left: Floats, right: Floats, weight: float | Floats, grid: tuple[int, int]
 ) -> dict[tuple[int, int], float]:
     """Weight with which cells on average see those beside them, (rows, columns) off.

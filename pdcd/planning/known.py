@@ -111,7 +111,8 @@ def known_answer(
         return Known(answer(scene, recipe, alive), cells.seen(), of_cells=True)
     if optics.frame != cells.frame or not _told(recipe, scene):
         return None
-    image = optics.wanted(lambda part: answer(part, recipe, alive))
+    meant = recipe.wanted if recipe.meant is None else recipe.meant
+    image = optics.wanted(lambda part: answer(part, recipe, alive), meant.uniform)
     return Known(image, optics.inside, of_cells=False)
 
 

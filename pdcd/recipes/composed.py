@@ -59,7 +59,9 @@ def composed(maker: Maker, codes: int, *, scattered: bool = False) -> Combinatio
         return _Composition(maker, found, codes).terms()
     if _blocks(maker, matrix, codes) or _product(maker, "relit", matrix, codes):
         return ((1.0, "relit"),)
-    found = mostly_even(matrix, maker.target.grid) if scattered else found
+    # With as many codes as cells signed ones count everything right.
+    if scattered and codes < maker.target.cells:
+        found = mostly_even(matrix, maker.target.grid)
     if found.found:
         return _Composition(maker, found, codes).terms()
     maker.say("anything", 1.0, "signed codes, two exposures: no structure was found")

@@ -120,6 +120,13 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     dark: DarkPhoto | None = None
     """The photo whose ambient light is taken off the photos of a pilot, which have no black
     exposures. None on a dark bench, and in runs from before that was done."""
+    parts_apart: bool = False
+    """Whether light of cells in the parts of a photo, whose spread tells its error, was told from
+    that of their neighbours (`pdcd.pictures.parted`). False in runs from before that was done."""
+    alike: bool = False
+    """Whether error bars know of what all parts of a photo get wrong alike: light from right beside
+    each cell, and direct light along borders that the panels draw in two places
+    (`pdcd.pictures.beside`, `pdcd.pictures.border_light`). False in runs from before they did."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.scene.effects import COLOURS, Array, Tinted, sum_of_products
+from pdcd.scene.effects import COLOURS, Array, Cells, Tinted, sum_of_products
 
 Grid = tuple[int, int]
 
@@ -55,6 +55,10 @@ class Displaced(Tinted):
     def diagonal(self) -> Array:
         """See `Effect.diagonal`."""
         return np.asarray(self._paths.diagonal() * self.albedo)
+
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """See `Effect.entries`."""
+        return np.asarray(self._paths[seen, lit]).ravel() * self.albedo[seen]
 
     def dense(self) -> Array:
         """See `Effect.dense`."""

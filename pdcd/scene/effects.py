@@ -25,6 +25,7 @@ import scipy
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Cells = NDArray[np.int64]
 
 COLOURS = ("red", "green", "blue")
 """Names of the channels, in their order."""
@@ -62,6 +63,10 @@ class Effect(Protocol):
 
     def diagonal(self) -> Array:
         """Return the diagonal of ``T_e`` (N,)."""
+        ...
+
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """Return the entries of ``T_e`` from cells `lit` to cells `seen`, (P,) each."""
         ...
 
     def dense(self) -> Array:
@@ -116,6 +121,10 @@ class Direct(Tinted):
         """See `Effect.diagonal`."""
         return self.albedo.copy()
 
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """See `Effect.entries`."""
+        return np.where(seen == lit, self.albedo[seen], 0.0)
+
     def dense(self) -> Array:
         """See `Effect.dense`."""
         return np.diag(self.albedo)
@@ -149,6 +158,10 @@ class LowRank(Tinted):
         """See `Effect.diagonal`."""
         diagonal: Array = (self.a * self.b).sum(axis=1)
         return diagonal
+
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """See `Effect.entries`."""
+        return sum_of_products(self.a[seen].T, self.b[lit].T)
 
     def dense(self) -> Array:
         """See `Effect.dense`."""
@@ -196,6 +209,10 @@ class Sparse(Tinted):
         """See `Effect.diagonal`."""
         return np.asarray(self.matrix.diagonal(), dtype=np.float64)
 
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """See `Effect.entries`."""
+        return np.asarray(self.matrix[seen, lit], dtype=np.float64).ravel()
+
     def dense(self) -> Array:
         """See `Effect.dense`."""
         return np.asarray(self.matrix.toarray(), dtype=np.float64)
@@ -223,6 +240,10 @@ class Dense(Tinted):
     def diagonal(self) -> Array:
         """See `Effect.diagonal`."""
         return np.diagonal(self.matrix).copy()
+
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """See `Effect.entries`."""
+        return np.asarray(self.matrix[seen, lit])
 
     def dense(self) -> Array:
         """See `Effect.dense`."""

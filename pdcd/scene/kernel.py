@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.scene.effects import Array, Tinted, sum_of_products
+from pdcd.scene.effects import Array, Cells, Tinted, sum_of_products
 
 FFT_COST = 2000
 """Cost of the Fourier route, in multiplications a cell of the separable route (measured)."""
@@ -92,15 +92,20 @@ class Kernel(Tinted):
         centre: float = self.kernel[self.kernel.shape[0] // 2, self.kernel.shape[1] // 2]
         return self.out * self.into * centre
 
-    def dense(self) -> Array:
-        """See `Effect.dense`."""
-        y, x = np.divmod(np.arange(self.out.size), self.grid[1])
-        down = y[:, None] - y[None, :] + self.kernel.shape[0] // 2
-        across = x[:, None] - x[None, :] + self.kernel.shape[1] // 2
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """See `Effect.entries`."""
+        (to_y, to_x), (from_y, from_x) = (np.divmod(n, self.grid[1]) for n in (seen, lit))
+        down = to_y - from_y + self.kernel.shape[0] // 2
+        across = to_x - from_x + self.kernel.shape[1] // 2
         inside = (down >= 0) & (down < self.kernel.shape[0])
         inside &= (across >= 0) & (across < self.kernel.shape[1])
         weights = self.kernel[np.where(inside, down, 0), np.where(inside, across, 0)]
-        return self.out[:, None] * np.where(inside, weights, 0.0) * self.into
+        return np.asarray(self.out[seen] * np.where(inside, weights, 0.0) * self.into[lit])
+
+    def dense(self) -> Array:
+        """See `Effect.dense`."""
+        cells = np.arange(self.out.size)
+        return self.entries(cells[:, None], cells[None, :])
 
 
 def gaussian(grid: tuple[int, int], pitch: tuple[float, float], sigma: float) -> Array:

@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.scene.effects import Array, Tinted, sum_of_products
+from pdcd.scene.effects import Array, Cells, Tinted, sum_of_products
 
 PATCHES = (12, 16)
 """Patches along rows and columns, at most; light between matte surfaces is smooth."""
@@ -76,6 +76,12 @@ class Radiosity(Tinted):
         returned = np.asarray(self._weights.multiply(lit).sum(axis=1)).ravel()
         diagonal: Array = self.albedo**2 * returned
         return diagonal
+
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """See `Effect.entries`."""
+        arriving = np.asarray(self._weights @ self.exchange)
+        passed = np.asarray(self._weights[seen].multiply(arriving[lit]).sum(axis=1)).ravel()
+        return np.asarray(self.albedo[seen] * passed * self.albedo[lit])
 
     def dense(self) -> Array:
         """See `Effect.dense`."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pdcd.scene.displaced import Displaced
-from pdcd.scene.effects import Array, Effect
+from pdcd.scene.effects import Array, Cells, Effect
 from pdcd.scene.texture import OnFirstUse
 
 
@@ -72,6 +72,13 @@ class Scene:
         for effect in self.effects:
             seen += effect.apply(light)[..., None] * effect.tint
         return seen
+
+    def entries(self, seen: Cells, lit: Cells) -> Array:
+        """Return entries of T from cells `lit` to cells `seen`, (P,) each: (P, 3)."""
+        found = np.zeros((seen.size, 3))
+        for effect in self.effects:
+            found += effect.entries(seen, lit)[:, None] * effect.tint
+        return found
 
     def white(self) -> Array:
         """Return the scene under full white light, ``T 1`` (N, 3)."""

@@ -175,14 +175,14 @@ class CellMap(msgspec.Struct, frozen=True, kw_only=True):
     def seen(self, known: Bools | None = None) -> Bools:
         """(N,), cells of which enough is seen and, of that, known."""
         whole = _footprint(self, UNCUT).area.ravel()
-        enough = whole * self._quad_cells >= LEAST_SEEN
+        enough = whole * self.quad_cells >= LEAST_SEEN
         if known is None:
             return enough
         seen = _footprint(self, UNCUT).collect(known & self.known).ravel()
         return enough & (seen >= LEAST_KNOWN * whole)
 
     @property
-    def _quad_cells(self) -> float:
+    def quad_cells(self) -> float:
         """Cells that the quad in the middle of the frame covers."""
         middle = np.array([0.5 * self.frame[1], 0.5 * self.frame[0]])
         slope = self.filled.jacobian(middle)

@@ -17,6 +17,8 @@ from pdcd.request import CaptureRequest, CaptureResult, Quality
 from pdcd.runs.events import Converging, Event
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
+from tests.bench.error_bars import bench
+from tests.bench.own_quads import BENCHES, FRAME, take
 from tests.places import DATA
 from tests.sampled import sampled
 
@@ -89,6 +91,33 @@ def test_measured_sigma_covers_the_truth(name: str, family: str, tmp_path: Path)
         shares.append(coverage(engine, result))
         assert result.summary["sigma_kind"] == "measured"
     assert 0.93 <= np.mean(shares) <= 0.97
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "ratio", "before"),
+    [
+        ("mirror-and-vase", "upright", (0.75, 1.3), 0.71),
+        ("corner", "all turned", (0.7, 1.3), 0.3),
+        ("corner", "mask turned, whole", (0.7, 1.5), 0.1),
+    ],
+)
+def test_error_bars_hold_at_the_cameras_own_quads(
+    name: str, kind: str, ratio: tuple[float, float], before: float, tmp_path: Path
+) -> None:
+    """Where the frame does not divide by the cells, with as many codes as a plain capture takes: of
+    all quads, and of those that see two cells. Runs from before decode with the error bars that
+    they had."""
+    fields = dict(BENCHES[kind].fields)
+    for old in (False, True):
+        config = bench(name, (24, 32), 11, tmp_path / str(old), frame_quads=FRAME)
+        whole, edges = take(BENCHES[kind].change(config), before=old, seed=11, **fields)
+        if old:
+            assert whole.ratio < before
+            continue
+        assert ratio[0] < whole.ratio < ratio[1]
+        assert ratio[0] - 0.15 < edges.ratio < ratio[1]
+        if kind != "mask turned, whole":
+            assert 0.92 <= whole.covered / whole.count <= 0.975
 
 
 @pytest.mark.parametrize(

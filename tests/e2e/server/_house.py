@@ -81,7 +81,8 @@ class Guest:
     def send(self, message: dict[str, Any] | bytes, fds: list[int] | None = None) -> None:
         line = message if isinstance(message, bytes) else json.dumps(message).encode() + b"\n"
         sent = socket.send_fds(self.sock, [line], fds or [])
-        self.sock.sendall(line[sent:])
+        if sent < len(line):  # nothing is an error too, where the daemon has hung up by then
+            self.sock.sendall(line[sent:])
 
     def read(self) -> dict[str, Any]:
         line = self.lines.readline()

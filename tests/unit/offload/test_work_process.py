@@ -285,8 +285,8 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
             "cells": "cells", "projector": "projector", "mask": "mask",
             "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
             "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch", "scouted": True,
-            "unmixed": True, "parts_by_cell": True, "pilot_apart": True, "homography": None,
-            "dark": "dark",
+            "unmixed": True, "parts_by_cell": True, "pilot_apart": True, "parts_apart": True,
+            "alike": True, "homography": None, "dark": "dark",
         }  # fmt: skip
     bare = record_of(plan, request, config, camera, profile)
     assert (bare.shots, bare.cells) == ((), None)

@@ -246,8 +246,9 @@ def software() -> Any:
             name: [m.realised.left, m.realised.right, m.realised.open_s, m.missed]
             for name, m in matrices.items()
         }
-        coarse, _ = averaged(shots_of(recipe("direct", How()), cells, 10), cells)
-        told[f"{kind}, averaged"] = {name: one.light for name, one in coarse.items()}
+        for name, apart in (("averaged", False), ("told apart", True)):
+            coarse, _ = averaged(shots_of(recipe("direct", How()), cells, 10), cells, apart=apart)
+            told[f"{kind}, {name}"] = {name: one.light for name, one in coarse.items()}
         ones = np.ones((1, N))
         share = direct_share(
             Factors(ones, ones, np.linspace(0.01, 0.2, N), ones[0]),

@@ -36,7 +36,7 @@ def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
 
 
 def learned(sharpness: float, links: Any = NONE) -> Learned:
-    return Learned(links, (links, links, links), None, sharpness, np.zeros((CELLS, 3)))
+    return Learned(links, (links, links, links), None, sharpness, *np.zeros((2, CELLS, 3)))
 
 
 def record(name: str, open_ns: int, close_ns: int) -> ShotRecord:

@@ -83,8 +83,8 @@ def test_what_a_run_says_of_itself_unless_it_is_told_otherwise() -> None:
         record.RunRecord.__struct_defaults__, strict=True,
     )) | fields  # fmt: skip
     assert defaults["blur_quads"] == 0.0
-    later = ("scouted", "unmixed", "parts_by_cell", "pilot_apart")
-    assert [defaults[name] for name in later] == [False] * 4
+    later = ("scouted", "unmixed", "parts_by_cell", "pilot_apart", "parts_apart", "alike")
+    assert [defaults[name] for name in later] == [False] * 6
     assert defaults["dark"] is None
 
 

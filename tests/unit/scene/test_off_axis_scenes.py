@@ -93,6 +93,8 @@ def test_direct_transport_is_the_share_of_points_lit_by_each_projector_cell() ->
     matrix = left.T @ light
     np.testing.assert_allclose(effect.probe(left, light), (matrix * expected).sum(1), atol=1e-12)
     np.testing.assert_allclose(effect.diagonal(), expected.diagonal(), atol=1e-12)
+    seen, lit = np.indices(expected.shape).reshape(2, -1)
+    np.testing.assert_allclose(effect.entries(seen, lit), expected.ravel(), atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", sorted(OFF_AXIS))

@@ -95,6 +95,9 @@ def test_apply_probe_and_diagonal_agree_with_the_matrix(
         effect.probe(left, right), (probing * matrix).sum(axis=1), atol=1e-12 * scale
     )
     np.testing.assert_allclose(effect.diagonal(), np.diag(matrix), atol=1e-12)
+    seen, lit = rng.integers(0, n, (2, 40))
+    columns = effect.apply(np.eye(n))  # what each cell lit alone makes seen
+    np.testing.assert_allclose(effect.entries(seen, lit), columns[lit, seen], atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize("maker", MAKERS)

@@ -1,0 +1,133 @@
+"""What all parts of a photo get wrong alike, in its error bars."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy
+
+from pdcd.bench.tables import Config
+from pdcd.frames.frames import FrameLog, Frames
+from pdcd.pictures.beside import USUAL, beside_errors, pictures_beside
+from pdcd.pictures.border_light import with_border_light
+from pdcd.pictures.combine import Picture, pictures_of
+from pdcd.pictures.exposed import Exposed, Print
+from pdcd.pictures.learn import Learned, _beside
+from pdcd.pictures.sigma import barred
+from pdcd.planning.guided import plan_for
+from pdcd.planning.plan import Plan
+from pdcd.probing.realised import bench_factors, collect
+from pdcd.request import CaptureRequest
+from pdcd.sensor.cells import CellMap
+from tests.dense_camera import SETTLE_NS, on_time
+
+GRID = (6, 8)
+N = 48
+NONE = scipy.sparse.csr_array((N, N))
+
+
+def plan_of(**fields: Any) -> Plan:
+    return plan_for(CaptureRequest(**{"codes": 16, **fields}), Config(), GRID)
+
+
+def matrix_of(plan: Plan, frames: Frames, log: FrameLog) -> Any:
+    return collect(
+        bench_factors(
+            frames, log, Config().projector, Config().mask,
+            open_ns=0, close_ns=int(log.end_ns.max()) + SETTLE_NS,
+        )
+    )  # fmt: skip
+
+
+def shots_of(plan: Plan) -> dict[str, Exposed]:
+    """What the panels did; of the light it is only asked how much there is."""
+    shots: dict[str, Exposed] = {}
+    for shot in plan.recipe.shots:
+        frames = plan.frames(shot)
+        light, dark = np.ones((*GRID, 3)), np.zeros(GRID, np.bool_)
+        realised = matrix_of(plan, frames, on_time(frames))
+        shots[shot.name] = Print(light, light, dark, realised, {})
+    return shots
+
+
+def photos_of(plan: Plan, level: float = 1.0) -> dict[str, Picture]:
+    image = np.full((*GRID, 3), level)
+    return {photo.name: Picture(image, 0.01 * image) for photo in plan.recipe.photos}
+
+
+def errors(plan: Plan, learned: Learned | None = None) -> dict[str, Any]:
+    cells = CellMap.block(GRID, GRID)
+    return beside_errors(plan.recipe, shots_of(plan), photos_of(plan, 0.7), learned, cells)
+
+
+def told(near: float) -> Learned:
+    none = np.zeros((N, 3))
+    return Learned(NONE, (NONE, NONE, NONE), None, 0.0, none, np.full((N, 3), near))
+
+
+def test_quarter_windows_lack_light_from_beside_and_whole_ones_do_not() -> None:
+    """A quarter window's code cell reaches a quarter of a cell beyond it: 3/16 of a cell beside two
+    of its edges and 1/16 at the corner, 7/16 in all, and as much of the cell itself is let in."""
+    plan = plan_of(goal="indirect", window="quarter")
+    found = errors(plan, told(0.05))
+    assert set(found) == {"coded"}
+    np.testing.assert_allclose(found["coded"], 1.3 * np.hypot(7, 7) / 16 * 0.05, rtol=0.1)
+    unknown = errors(plan)["coded"]
+    np.testing.assert_allclose(unknown, 1.3 * np.hypot(7, 7) / 16 * USUAL * 0.7, rtol=0.1)
+    assert not errors(plan_of(goal="indirect", window="whole"), told(0.05))
+
+
+def test_pictures_have_it_as_they_are_made_of_photos() -> None:
+    plan = plan_of(goal="direct", window="quarter")
+    near = errors(plan, told(0.05))
+    pictures = pictures_beside(plan.recipe, photos_of(plan), near)
+    assert set(pictures) == set(plan.recipe.pictures)
+    np.testing.assert_array_equal(pictures["direct"], near["coded"])
+    np.testing.assert_array_equal(pictures["indirect"], near["coded"])
+    assert not pictures["white"].any()
+    assert pictures_beside(plan.recipe, photos_of(plan), {}) == {}
+
+
+def test_known_paths_from_beside_count_as_light_from_there() -> None:
+    cells = np.arange(N).reshape(GRID)
+    paths = scipy.sparse.lil_array((N, N))
+    here = cells[2, 3]
+    for row, col, light in ((2, 4, 0.3), (1, 2, 0.5), (2, 5, 7.0), (2, 3, 7.0), (3, 3, -1.0)):
+        paths[here, cells[row, col]] = light
+    paths[cells[0, 7], cells[1, 0]] = 7.0  # next to each other in number only
+    one = scipy.sparse.csr_array(paths)
+    found = _beside((one, NONE, one), GRID)
+    wanted = np.zeros((N, 3))
+    wanted[here] = 0.1, 0.0, 0.1
+    np.testing.assert_allclose(found, wanted)
+
+
+@pytest.mark.parametrize("frame", [(30, 40), (33, 43)])
+def test_borders_that_panels_draw_apart_are_an_error_of_quads_that_see_them(
+    frame: tuple[int, int],
+) -> None:
+    plan = plan_of(goal="indirect", window="whole")
+    map_ = None if frame == (30, 40) else CellMap(grid=GRID, frame=frame).filled
+    cells = CellMap(grid=GRID, frame=frame, map=map_)
+    image = np.ones((*frame, 3))
+    photos = {"white": Picture(5.0 * image, image), "coded": Picture(image, image)}
+    bars = {
+        name: barred(one, 0.03 * image, "measured")
+        for name, one in pictures_of(plan.recipe, photos).items()
+    }
+    none = with_border_light(bars, plan.recipe, photos, {}, cells)
+    assert all(none[name] is one for name, one in bars.items())
+    found = with_border_light(bars, plan.recipe, photos, {"coded": 0.01, "white": 0.01}, cells)
+    assert found["white"] is bars["white"]
+    one = found["indirect"]
+    np.testing.assert_allclose(one.sigma, np.hypot(one.sensor, one.code))
+    more = np.sqrt(one.code**2 - 0.03**2)[..., 0]
+    if map_ is None:
+        np.testing.assert_allclose(more, 0.01 * 4.0)
+        return
+    edges = ~cells.single
+    assert 0.2 < edges.mean() < 0.6
+    np.testing.assert_allclose(more[edges], 1.7 * 0.01 * 4.0 / edges.mean())
+    np.testing.assert_array_equal(one.code[~edges], 0.03)
