@@ -28,7 +28,7 @@ ALONE = 0.25
 STEP = 2.0**-8
 """All these weights are whole multiples of it, so that sums of products are exact in float64 and
 codes do not depend on the order in which a machine adds."""
-MOST = 2**23
+MOST = 2**22
 """Codes times cells up to which more cells of the mask are closed."""
 CHUNK = 2**16
 """Codes times camera cells that are looked at at once: what stays in the caches of a processor."""
