@@ -55,11 +55,12 @@ def off_px(found: Calibrated, made: SmallBench) -> float:
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mask", "camera", "steps"),
     [
         (0.8, 0.9, ("light", "geometry", "timing", "registration")),
-        pytest.param(0.75, 1.05, STEPS, marks=pytest.mark.long),
+        (0.75, 1.05, STEPS),
     ],
 )
 def test_a_mask_that_covers_a_part_of_the_field(

@@ -95,11 +95,14 @@ def test_measured_sigma_covers_the_truth(name: str, family: str, tmp_path: Path)
 
 @pytest.mark.parametrize(
     ("name", "kind", "ratio", "before"),
-    [
-        ("mirror-and-vase", "upright", (0.75, 1.3), 0.71),
-        ("corner", "all turned", (0.7, 1.3), 0.3),
-        ("corner", "mask turned, whole", (0.7, 1.5), 0.1),
-    ],
+    sampled(
+        [
+            ("corner", "mask turned, whole", (0.7, 1.5), 0.1),
+            ("corner", "all turned", (0.7, 1.3), 0.3),
+            ("mirror-and-vase", "upright", (0.75, 1.3), 0.71),
+        ],
+        3,
+    ),
 )
 def test_error_bars_hold_at_the_cameras_own_quads(
     name: str, kind: str, ratio: tuple[float, float], before: float, tmp_path: Path
