@@ -106,7 +106,6 @@ class XServer:
             "DISPLAY": self.display,
             "PYGLFW_LIBRARY_VARIANT": "x11",
             "LIBGL_ALWAYS_SOFTWARE": "1",
-            "LP_NUM_THREADS": "1",
         }
         return {**os.environ, **more}
 

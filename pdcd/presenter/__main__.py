@@ -1,5 +1,6 @@
 """`python -m pdcd.presenter FD`: the display process, on one end of a socket pair."""
 
+import faulthandler
 import os
 import sys
 from importlib.util import find_spec
@@ -12,8 +13,12 @@ _glfw = find_spec("glfw")
 _library = Path(_glfw.origin).with_name("x11") / "libglfw.so" if _glfw and _glfw.origin else None
 if _library is not None and _library.is_file():
     os.environ.setdefault("PYGLFW_LIBRARY", str(_library))
+# Mesa's software renderer draws on the thread that asks. With threads of its own it frees a fence
+# that one of them is still unlocking, which now and then damages memory (seen with Mesa 22.3).
+os.environ.setdefault("LP_NUM_THREADS", "0")
 
 if __name__ == "__main__":
     from pdcd.presenter.process import main
 
+    faulthandler.enable()  # a crash inside a library tells where it was
     raise SystemExit(main(int(sys.argv[1])))

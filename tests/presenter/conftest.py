@@ -29,5 +29,5 @@ def x_full() -> Iterator[XServer]:
 @pytest.fixture(autouse=True)
 def _software(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
-    monkeypatch.setenv("LP_NUM_THREADS", "1")
+    monkeypatch.setenv("LP_NUM_THREADS", "0")
     yield

@@ -101,7 +101,6 @@ def opened(
     more: dict[str, Any] = {} if request.param == "upright" else {"places": BENT, "boxes": ODD}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LIBGL_ALWAYS_SOFTWARE", "1")
-        patch.setenv("LP_NUM_THREADS", "1")
         with shown(tmp_path_factory.mktemp("panels"), x_quarter, **more) as display:
             yield display
 
