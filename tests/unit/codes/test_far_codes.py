@@ -21,6 +21,8 @@ Bools = NDArray[np.bool_]
 ROW, COL = np.divmod(np.arange(N), GRID[1])
 APART = np.maximum(np.abs(ROW[:, None] - ROW), np.abs(COL[:, None] - COL))
 BEYOND = (APART > RADIUS).astype(float)
+MIDDLES = (([1, 4, 7, 10], 3), ([1, 3.5, 6, 9, 11.5, 14], [3, 2, 3, 3, 2, 3]))
+"""Of the blocks along 12 rows and 16 columns, and how many of these they have."""
 
 
 def around(lit: Bools) -> Bools:
@@ -37,7 +39,15 @@ def cost(lit: Bools, open_: Bools) -> Floats:
     counted = open_.astype(float).T @ lit.astype(float)
     weight = (counted * BEYOND).sum(axis=1) / BEYOND.sum(axis=1)
     error = counted / weight[:, None] - BEYOND
-    out: Floats = np.einsum("yx,xz,yz->y", error, alike, error)
+    row, col = (np.repeat(*middles) for middles in MIDDLES)
+    row, col = row[ROW], col[COL]
+    apart = np.hypot(ROW - row[:, None], COL - col[:, None])
+    out = np.zeros(N)
+    for fall in (np.ones((N, N)), np.exp(-apart / 5.0), (3.0 / np.maximum(apart, 3.0)) ** 4):
+        light = np.round(fall * 64.0) / 64.0
+        whole = 2.0 ** (1 + np.floor(np.log2((light**2).sum(axis=1))))
+        lost = error * light
+        out += np.einsum("yx,xz,yz->y", lost, alike, lost) / whole
     return out
 
 
@@ -101,6 +111,22 @@ def test_smooth_light_from_afar_errs_half_as_much(seed: int) -> None:
     bits = make_codes("balanced", GRID, 128, dual="same", p=5 / 128, seed=seed).primal
     now = photo(lit, evened(lit, around(lit), GRID, RADIUS), transport)
     assert now < 0.5 * photo(bits, around(bits), transport)
+
+
+def test_light_that_falls_off_errs_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By distance, from places that differ: as under the surface of wax, and from a wall nearby."""
+    rng = np.random.default_rng(11)
+    lit = far_codes(GRID, 128, BEST, rng)
+    seen = around(lit)
+    apart = np.hypot(ROW[:, None] - ROW, COL[:, None] - COL)
+    steep = (0.5 + rng.random(N)) * np.exp(-apart / 2.0)
+    wall = np.maximum(0.0, COL[:, None] - COL) / np.maximum(apart, 1.0) ** 3
+    falling = evened(lit, seen, GRID, RADIUS)
+    monkeypatch.setattr(far, "MOST_FALLING", 0)
+    flat = evened(lit, seen, GRID, RADIUS)
+    assert cost(lit, falling).mean() < cost(lit, flat).mean()
+    for transport in (steep, wall):
+        assert photo(lit, falling, transport) < 0.9 * photo(lit, flat, transport)
 
 
 def test_the_order_of_cells_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
