@@ -263,6 +263,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     """Whether modelled error bars of far light go by the weight of each cell and by the roughness
     of all light (`pdcd.pictures.sigma_model`), and measured ones know that parts may agree by
     chance (`pdcd.pictures.sigma`). Earlier runs have theirs as they were."""
+    far_paths: bool = False
+    """Whether a pilot's paths are corrected in photos of far light, too, and guide their codes.
+    Earlier runs have these as they were taken."""
     late: bool = False
     """Whether codes had been shown before the pilot went on: the shots of codes that count have
     names of their own (`pdcd.recipes.late`)."""

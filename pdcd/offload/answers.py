@@ -141,7 +141,7 @@ def record_of(
         camera_place=config.camera.place,
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
-        scouted=plan.unasked,
+        scouted=plan.how.pilot > 0,
         unmixed=True,
         parts_by_cell=True,
         pilot_apart=True,

@@ -190,7 +190,7 @@ class Darkroom:
             sums = software_sums(recipe, shots, self._stack_bits(), cells)
         with watch.piece(making) as alive:
             # Of an interrupted run the pilot may be incomplete; then there is no coded photo.
-            learned = None if recipe.coded is None else self.learned()
+            learned = self.learned() if any(photo.paths for photo in recipe.photos) else None
             pictures = barred_pictures(
                 self._record, recipe, {**shots, **sums}, learned, cells, self._apart(), alive
             )

@@ -18,6 +18,7 @@ from pdcd.pilot.near_light import near_light
 from pdcd.pilot.sharp_light import sharp_squares
 from pdcd.pilot.worth import Worth, worth
 from pdcd.probing.realised import Factors
+from pdcd.probing.wanted import Wanted
 from pdcd.recipes.recipe import Recipe
 from pdcd.sensor.cells import CellMap
 
@@ -165,11 +166,32 @@ def _beside(paths: Paths, grid: tuple[int, int]) -> Floats:
     return found
 
 
-def corrections(learned: Learned, realised: Factors, weight_s: float) -> Floats:
-    """What to add to an indirect picture for the paths found, (N, 3), in scene units."""
+def corrections(
+    learned: Learned, realised: Factors, weight_s: float | Floats, wanted: Wanted
+) -> Floats:
+    """What to add to a picture of what is wanted for the paths found, (N, 3), in scene units.
+
+    weight_s : what the picture was divided by, of all cells or (N,).
+    """
+    left, right = realised.left, realised.right
     return np.stack(
-        [correction(realised.left, realised.right, weight_s, p) for p in learned.paths], axis=1
+        [correction(left, right, weight_s, p, _kept(wanted, p)) for p in learned.paths], axis=1
     )
+
+
+def known_light(learned: Learned, wanted: Wanted) -> Floats:
+    """Light by the paths found in a picture of what is wanted, (N, 3), in scene units."""
+    light = np.zeros((wanted.cells, len(learned.paths)))
+    for channel, one in enumerate(learned.paths):
+        table = one.tocoo()
+        np.add.at(light[:, channel], table.coords[0], _kept(wanted, one) * table.data)
+    return light
+
+
+def _kept(wanted: Wanted, paths: scipy.sparse.csr_array) -> Floats:
+    """Wanted weight of each path, in the order of their entries."""
+    row, column = paths.tocoo().coords
+    return wanted.pairs(row.astype(np.int64), column.astype(np.int64))
 
 
 def times_s(realised: Sequence[Factors], bits: Bools) -> Floats:

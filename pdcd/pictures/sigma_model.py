@@ -72,11 +72,11 @@ def modelled(
     `photos` are the scaled ones that the pictures were made of
     (`pdcd.pictures.combine.scaled_photos`). Code errors of different photos are taken as
     independent. `alive` is called now and then, may raise. `sharp` (N, C) is what the first photos
-    of a pilot tell of the sharp paths of each cell (`pdcd.pilot.sharp_light`): of the coded photo
-    it takes the place of N_eff. `near` are errors of photos by light from right beside each cell
-    (`pdcd.pictures.beside`). With `by_row` photos of far light, whose cells are each divided by
-    their own weight, are judged by these weights and by the roughness of all their light; runs of
-    earlier versions are not.
+    of a pilot tell of the sharp paths of each cell (`pdcd.pilot.sharp_light`): of photos in which
+    paths are corrected it takes the place of N_eff. `near` are errors of photos by light from right
+    beside each cell (`pdcd.pictures.beside`). With `by_row` photos of far light, whose cells are
+    each divided by their own weight, are judged by these weights and by the roughness of all their
+    light; runs of earlier versions are not.
     """
     coarse = {name: of_cells(photo, cells) for name, photo in photos.items()}
     white = coarse["white"].image if "white" in coarse else None
@@ -90,7 +90,7 @@ def modelled(
             realised, weight = _by_row(photo, realised), 1.0
         rows = row_deviations(realised, photo.wanted, weight, alive)
         mean, variance, diagonal = (row.reshape(*cells.grid, 1) for row in rows)
-        if sharp is not None and photo is recipe.coded:
+        if sharp is not None and photo.paths:
             light = _light(picture.image)
             squares = sharp.reshape(light.shape)
             error = np.sqrt(light * (mean**2 + diagonal**2) + squares * variance)

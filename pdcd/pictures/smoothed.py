@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from pdcd.pictures.combine import Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pictures.exposed import Exposed
-from pdcd.pictures.learn import Learned
+from pdcd.pictures.learn import Learned, known_light
 from pdcd.pictures.smooth import colour_correction
 from pdcd.pictures.weights import brought_rows
 from pdcd.recipes.recipe import Photo
@@ -49,7 +48,7 @@ def smoothed(
         image[~seen] = image[seen].mean(axis=0) if seen.any() else 0.0
     rest = image
     if learned is not None:
-        rest = image - np.stack([_sums(paths) for paths in learned.paths], axis=1)
+        rest = image - known_light(learned, photo.wanted)
     more = colour_correction(
         realised.left, realised.right, weight, rest, cells.grid, alive, photo.beyond
     )
@@ -87,8 +86,3 @@ def by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> O
         return np.clip(share, 0.0, MOST, out=share)
 
     return some
-
-
-def _sums(paths: scipy.sparse.csr_array) -> Floats:
-    """Row sums of a sparse matrix, (N,)."""
-    return np.asarray(paths.sum(axis=1), dtype=np.float64).ravel()

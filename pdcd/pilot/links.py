@@ -144,10 +144,12 @@ def match_links(
     return (links, *own)
 
 
-def correction(left: Floats, right: Floats, weight: float, paths: Any) -> Floats:
-    """Return what to add to an indirect image for the paths found: (N,) float64, in units of T.
+def correction(
+    left: Floats, right: Floats, weight: float | Floats, paths: Any, wanted: float | Floats = 1.0
+) -> Floats:
+    """Return what to add to an image for the paths found: (N,) float64, in units of T.
 
-    The image counts the path from m to n with ``A_nm / weight`` where 1 is wanted; over the
+    The image counts the path from m to n with ``A_nm / weight_n`` where W_nm is wanted; over the
     modelled paths the difference is known exactly (a control variate).
 
     Parameters
@@ -155,10 +157,12 @@ def correction(left: Floats, right: Floats, weight: float, paths: Any) -> Floats
     left, right : (R, N) float64
         Factors of the realised probing matrix, ``A = left.T @ right``
         (`pdcd.probing.realised.Factors`).
-    weight : float
+    weight : float, or (N,) of each cell
         Weight the image was divided by, in the unit of A.
     paths : sparse (N, N)
         Paths of `estimate_links`.
+    wanted : float, or (P,) of each path in the order of its entries
+        W_nm.
     """
     table = scipy.sparse.coo_array(paths)
     row, col = table.coords
@@ -168,5 +172,6 @@ def correction(left: Floats, right: Floats, weight: float, paths: Any) -> Floats
         part = slice(start, start + step)
         realised[part] = np.einsum("rp,rp->p", left[:, row[part]], right[:, col[part]])
     missing = np.zeros(left.shape[1])
-    np.add.at(missing, row, (1.0 - realised / weight) * table.data)
+    own = np.broadcast_to(weight, missing.shape)
+    np.add.at(missing, row, (wanted - realised / own[row]) * table.data)
     return missing

@@ -167,7 +167,9 @@ def summary(plan: Plan, limit_s: float) -> PlanSummary:
     else:
         stopped_codes = _stopped_count(plan, limit_s)
         more_s = (stopped_codes / plan.how.coded - 1.0) * sum(
-            plan.refreshes(shot) / plan.row_hz for shot in plan.recipe.shots if shot.kind == "coded"
+            plan.refreshes(shot) / plan.row_hz
+            for shot in plan.recipe.shots
+            if shot.kind in ("coded", "far")
         )
         stopped_files = whole.raw_files - len(pilot_s) + SCOUTS
         stopped_s = whole.seconds - sum(pilot_s[SCOUTS:]) + more_s
@@ -184,7 +186,7 @@ def summary(plan: Plan, limit_s: float) -> PlanSummary:
 
 def _stopped_count(plan: Plan, limit_s: float) -> int:
     """Codes of the coded photo when a pilot ends with its scouts."""
-    coded = next(shot for shot in plan.recipe.shots if shot.kind == "coded")
+    coded = next(shot for shot in plan.recipe.shots if shot.kind in ("coded", "far"))
     codes_s = plan.refreshes(coded) / plan.row_hz
     around_s = plan.exposure_s(coded) - codes_s
     most = plan.how.coded + plan.how.pilot - SCOUTS

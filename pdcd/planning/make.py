@@ -144,6 +144,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         scattered=request.goal == "relit",
         by_light=request.goal in BY_LIGHT,
         bars=True,
+        far_paths=True,
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(

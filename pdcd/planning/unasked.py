@@ -38,10 +38,10 @@ from pdcd.runs.record import ShotRecord
 from pdcd.words import FamilyName
 
 GOALS = ("indirect", "direct")
-"""Goals that get parts and a pilot unasked; others take them when asked."""
+"""Goals that get parts and a pilot unasked, as `RANGES` do; others take them when asked."""
 RANGES = ("long-range", "short-range")
-"""Goals that get `FEWEST_PARTS` unasked, and no pilot: their far light errs by single paths, which
-nothing but parts can tell of. More parts would leave codes too dense for the radius."""
+"""Goals that get a pilot and `FEWEST_PARTS` unasked. More parts would leave codes too dense for the
+radius."""
 NAMED = (
     "codes", "family", "pilot", "parts", "until_error", "repeat", "error", "confidence", "seconds",
     "prior", "smooth", "exposure_s", "method", "illumination",
@@ -138,7 +138,7 @@ def settled(
         )
     costs = _costs(bare, config, grid, camera, mask_lag_s)
     plain = _plain(request)
-    if request.pilot != "auto" and (not plain or request.goal in RANGES):
+    if request.pilot != "auto" and not plain:
         return _without_pilot(bare, config, costs, parts=True)
     why = _no_pilot(request, config, grid, costs)
     parts = plain or request.parts == "auto"
@@ -194,14 +194,37 @@ class _Costs:
     file_s: float
     tried: tuple[int, ...] = PARTS
     radius: int | None = None
+    far_alone: bool = False
+    """Whether there are no other codes."""
 
     def parts(self, codes: int) -> int:
         """Most parts that so many codes can be shown in at little cost, each with enough of them;
         1 where there are less than four."""
         for parts in self.tried:
-            if _fits(codes, parts, self.family) and (parts - 1) * self.file_s <= self.most_s:
+            cheap = (parts - 1) * self.file_s <= self.most_s
+            if cheap and self.fits(codes, parts) and self.far_enough(codes, parts):
                 return parts
         return 1
+
+    def fits(self, codes: int, parts: int) -> bool:
+        """Whether there are codes for so many parts."""
+        each, rest = divmod(codes, parts)
+        if rest or each < FEWEST_CODES or self.family not in FAMILIES:
+            return False
+        return self.whole(each)
+
+    def whole(self, codes: int) -> bool:
+        """Whether there are so many codes: any number of far light alone."""
+        if self.far_alone:
+            return True
+        return hadamard_fits(codes, 0.5) if self.family == "hadamard" else codes % 2 == 0
+
+    def far_enough(self, codes: int, parts: int) -> bool:
+        """Whether codes in so many parts keep nearly as much far light as in one exposure."""
+        if self.radius is None:
+            return True
+        whole, split = (_far_weight(count, self.radius) for count in (codes, codes // parts))
+        return split >= FAR_LEFT * whole
 
     @property
     def most_s(self) -> float:
@@ -228,12 +251,8 @@ def _costs(
         file_s=readout_s(config, camera) + more_s,
         tried=(FEWEST_PARTS,) if request.goal in RANGES else PARTS,
         radius=request.radius if request.goal in RANGES else None,
+        far_alone=request.goal == "long-range",
     )
-
-
-def _far_enough(codes: int, parts: int, radius: int) -> bool:
-    """Whether codes in so many parts keep nearly as much far light as in one exposure."""
-    return _far_weight(codes // parts, radius) >= FAR_LEFT * _far_weight(codes, radius)
 
 
 def _far_weight(codes: int, radius: int) -> float:
@@ -262,13 +281,13 @@ def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts
     left = costs.codes - SCOUTS
     counts = [
         n
-        for n in range(left, costs.codes - share, -1)
-        if not n % named and hadamard_fits(n // named, 0.5)
+        for n in range(left, costs.codes - share - 1, -1)
+        if not n % named and costs.whole(n // named)
     ]
     first, reason = named, "one exposure" if named == 1 else f"{named} exposures, as asked for"
     if parts:
         first, reason = _parts(costs.codes - share, config, costs)
-        split = [n for n in range(left, costs.codes - share, -1) if costs.parts(n) > 1]
+        split = [n for n in range(left, costs.codes - share - 1, -1) if costs.parts(n) > 1]
         counts = split if split and first > 1 else counts
     if not counts:
         counts = [costs.codes - share]
@@ -290,8 +309,9 @@ def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], co
     """Why there is no pilot where one is left to the program; nothing where there is one."""
     cells = grid[0] * grid[1]
     look_s = SCOUTS * costs.file_s
-    if request.goal not in GOALS or costs.family != "hadamard" or request.prior is not None:
-        return "as it guides hadamard codes for indirect and direct light without a prior"
+    fits = request.goal in (*GOALS, *RANGES) and costs.family == "hadamard"
+    if not fits or request.prior is not None:
+        return "as it helps indirect, direct, far and near light, with hadamard codes and no prior"
     named = request.parts if isinstance(request.parts, int) else 1
     if costs.codes < FEWEST or not pilot_share(costs.codes, by_map=True, parts=named):
         within = f" in {named} parts" * (named > 1)
@@ -310,10 +330,10 @@ def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, str]:
     """How many parts, and why."""
     if config.camera.noise == "none":
         return 1, "one exposure, as there is no noise that more of them would lower"
-    fitting = [parts for parts in costs.tried if _fits(codes, parts, costs.family)]
+    fitting = [parts for parts in costs.tried if costs.fits(codes, parts)]
     if not fitting:
         return 1, f"one exposure, as {codes} {costs.family} codes cannot be split into four or more"
-    if costs.radius is not None and not _far_enough(codes, fitting[-1], costs.radius):
+    if not costs.far_enough(codes, fitting[-1]):
         return 1, (
             f"one exposure, as each of {fitting[-1]} with {codes // fitting[-1]} codes would keep "
             f"too little light from beyond {costs.radius} cells; the error bars are modelled"
@@ -328,10 +348,3 @@ def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, str]:
         f"{parts} exposures of {codes // parts} codes each, {(parts - 1) * costs.file_s:.2g} s "
         "more in all; they leave less noise, and their spread measures the error bars"
     )
-
-
-def _fits(codes: int, parts: int, family: FamilyName) -> bool:
-    each, rest = divmod(codes, parts)
-    if rest or each < FEWEST_CODES or family not in FAMILIES:
-        return False
-    return hadamard_fits(each, 0.5) if family == "hadamard" else each % 2 == 0

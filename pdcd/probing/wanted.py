@@ -297,6 +297,20 @@ class Wanted:
             total += weight * part.entries(column)
         return total if self.light is None else total * self.light[column]
 
+    def pairs(self, row: Indices, column: Indices) -> Floats:
+        """Return W_nm of some pairs of cells n = row, m = column, (P,) each: of many pairs, few of
+        them of one row."""
+        order = np.argsort(row, kind="stable")
+        of = row[order]
+        rank = np.arange(of.size) - np.searchsorted(of, of)
+        found = np.empty(of.size)
+        for one in range(int(rank.max(initial=-1)) + 1):
+            these = np.flatnonzero(rank == one)
+            columns = np.full(self.cells, -1)
+            columns[of[these]] = column[order[these]]
+            found[order[these]] = self.entries(columns)[of[these]]
+        return found
+
     @property
     def matched(self) -> Indices | None:
         """The partners (N,) of matched cells, where these are not the cells themselves and no cell

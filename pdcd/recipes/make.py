@@ -79,7 +79,7 @@ def _whole(target: Target, how: How) -> Recipe:
         split=tuple(maker.split),
     )
     if how.pilot:
-        recipe = _with_pilot(recipe, how.pilot)
+        recipe = _with_pilot(recipe, how)
     return recipe if how.coded else _pilot_alone(recipe)
 
 
@@ -94,24 +94,26 @@ def _as_then(photo: Photo, how: How, goal: str) -> Photo:
     return photo
 
 
-def _with_pilot(recipe: Recipe, count: int) -> Recipe:
-    """The same with `count` photos of single codes through an open mask before the coded shots."""
-    if "coded" not in recipe.programs or recipe.target.goal.name == "fraction":
+def _with_pilot(recipe: Recipe, how: How) -> Recipe:
+    """The same with photos of single codes through an open mask before the shots of all codes."""
+    helped = {"coded", "far"} if how.far_paths else {"coded"}
+    if not helped & recipe.programs.keys() or recipe.target.goal.name == "fraction":
         raise RequestError(
             f"goal {recipe.target.goal.name} takes no pilot",
-            hint="a pilot helps indirect and direct light",
+            hint="a pilot helps indirect and direct light, and light by range",
         )
     if recipe.target.partner is not None:
         raise RequestError(
             "a pilot goes with neither a shift nor a warp",
             hint="leave it out: it looks for paths beside those of each cell with itself",
         )
-    stack = tuple(Shot(f"pilot-{k + 1:04d}", "pilot", only=k) for k in range(count))
-    first = next(i for i, shot in enumerate(recipe.shots) if shot.program == "coded")
+    stack = tuple(Shot(f"pilot-{k + 1:04d}", "pilot", only=k) for k in range(how.pilot))
+    first = next(i for i, shot in enumerate(recipe.shots) if shot.program in helped)
     return replace(
         recipe,
         programs={"pilot": Floodlit(), **recipe.programs},
         shots=(*recipe.shots[:first], *stack, *recipe.shots[first:]),
+        photos=tuple(replace(photo, paths=photo.name in helped) for photo in recipe.photos),
         stack=tuple(shot.name for shot in stack),
     )
 

@@ -70,7 +70,8 @@ class Photo:
 
     With `row_weights` each cell is divided by its own realised weight instead of the common one,
     for codes whose cells are open unequally often by design. `beyond` is the radius of a photo of
-    light from further off, under full light, whose smooth light can be corrected; else 0.
+    light from further off, under full light, whose smooth light can be corrected; else 0. Of
+    photos with `paths` the error is known of what a pilot found.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Photo:
     shots: Combination
     row_weights: bool = False
     beyond: int = 0
+    paths: bool = False
 
 
 @dataclass(frozen=True)

@@ -106,8 +106,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     white_patch: Place | None = None
     """Of the previews; see `CaptureRequest`."""
     scouted: bool = False
-    """Whether the first photos of a pilot that nobody asked for tell how sharp the light is, for
-    error bars that are modelled. False in runs from before there were such pilots."""
+    """Whether the first photos of a pilot tell how sharp the light is, for error bars that are
+    modelled. False in runs from before they did; at first only pilots that nobody asked for."""
     unmixed: bool = False
     """Whether direct light that is known to be in a photo of indirect light is taken out
     (`pdcd.pictures.unmixed`). False in runs from before that was done."""

@@ -164,6 +164,33 @@ def test_short_range_light_keeps_its_far_codes(tmp_path: Path) -> None:
     assert sum(errors[3:]) < 1.2 * sum(errors[:3])
 
 
+VASE = SceneConfig(kind="mirror-and-vase", grid=(24, 32))
+STRIPES = [[1.0 if col % 2 else 0.2 for col in range(32)]] * 24
+
+
+def error_of(folder: Path, **fields: Any) -> float:
+    result = run(folder, CaptureRequest(**fields), scene=VASE)
+    assert result.state == "done" and result.folder is not None, result.error
+    assert decode_folder(Path(result.folder)).identical
+    return float(str(result.summary["rms_error"]))
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+def test_paths_that_a_pilot_found_are_known_in_far_light(parts: int, tmp_path: Path) -> None:
+    """Codes of far light count single paths by chance; what that makes wrong of known ones is
+    taken off, of all photos and of each part."""
+    asked = {"goal": "long-range", "radius": 1, "codes": 128, "parts": parts}
+    plain = error_of(tmp_path / "plain", **asked)
+    assert error_of(tmp_path / "pilot", pilot=16, **asked) < plain / 3.0
+
+
+def test_a_pilot_helps_light_under_an_illumination(tmp_path: Path) -> None:
+    """A path from a cell that is lit by a fifth is wanted by a fifth."""
+    asked = {"goal": "indirect", "codes": 128, "illumination": STRIPES, "white": False}
+    plain = error_of(tmp_path / "plain", **asked)
+    assert error_of(tmp_path / "pilot", pilot=16, **asked) < plain / 2.0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("grid", "pilot", "codes"), [((1, 7), 32, 48), ((5, 6), 128, 192)])
 def test_a_long_pilot_of_few_cells_finds_nothing_to_keep_apart(

@@ -19,6 +19,7 @@ from pdcd.offload.hands import Here
 from pdcd.offload.pipe import Call, Done, Failed, Inbox, Sign, Stop, packed
 from pdcd.offload.process import Talk, main, serve
 from pdcd.pictures.watch import Watch
+from pdcd.request import How
 
 NOBODY: Any = None
 FACTS = Facts(Config(), NOBODY, (3, 4), None)
@@ -265,8 +266,8 @@ def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
 
 def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench() -> None:
     plan: Any = SimpleNamespace(
-        recipe=SimpleNamespace(target=SimpleNamespace(goal="goal")), how="how", smooth=True,
-        grid=(3, 4), unasked=True, dark="dark",
+        recipe=SimpleNamespace(target=SimpleNamespace(goal="goal")), how=How(pilot=8), smooth=True,
+        grid=(3, 4), dark="dark",
     )  # fmt: skip
     config: Any = SimpleNamespace(
         schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",
@@ -281,7 +282,8 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
         found = record_of(plan, request, config, camera, profile, shots, cells)
         told = {name: getattr(found, name) for name in found.__struct_fields__}
         assert told == {
-            "goal": "goal", "how": "how", "smooth": True, "normalise": wanted, "grid": (3, 4),
+            "goal": "goal", "how": How(pilot=8), "smooth": True, "normalise": wanted,
+            "grid": (3, 4),
             "cells": "cells", "projector": "projector", "mask": "mask",
             "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
             "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch", "scouted": True,

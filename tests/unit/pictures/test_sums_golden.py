@@ -7,6 +7,7 @@ purpose, write it anew by ``python -m tests.unit.pictures.test_sums_golden``, an
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -170,6 +171,8 @@ def bars() -> Any:
                 name: [made.sigma, made.code] for name, made in found.items()
             }
         sharp = rng.random((N, 3))
+        guided = tuple(replace(photo, paths=photo.name == "coded") for photo in one.photos)
+        one = replace(one, photos=guided)
         found = modelled(one, shots, photos, made_of, cells, sharp=sharp)
         told[f"modelled, {kind}, sharp"] = {name: made.code for name, made in found.items()}
         means = cell_means(found["short-range"], cells)

@@ -93,6 +93,12 @@ def test_what_is_added_for_paths_is_what_their_weights_lack(
     realised = left.T @ right / 0.7
     wanted = ((1.0 - realised) * paths.toarray()).sum(axis=1)
     assert np.allclose(correction(left, right, 0.7, paths), wanted)
+    # Each cell over its own weight, and each path wanted by its own share.
+    share, weight = rng.random((N, N)), 0.5 + rng.random(N)
+    lacking = (share - left.T @ right / weight[:, None]) * paths.toarray()
+    row, column = paths.tocoo().coords
+    found = correction(left, right, weight, paths, share[row, column])
+    assert np.allclose(found, lacking.sum(axis=1))
 
 
 def test_channels_are_matched_by_their_mean_and_the_noise_of_it(

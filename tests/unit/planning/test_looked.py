@@ -154,9 +154,9 @@ def test_what_goes_with_nothing_else_is_refused(fields: dict[str, Any], words: s
 @pytest.mark.parametrize(
     ("fields", "why"),
     [
-        ({"goal": "fraction", "p": 0.5}, "as it guides hadamard codes for indirect and direct"),
-        ({"goal": "diagonal"}, "as it guides hadamard codes for indirect and direct"),
-        ({"prior": "decay:3"}, "as it guides hadamard codes"),
+        ({"goal": "fraction", "p": 0.5}, "as it helps indirect, direct, far and near light"),
+        ({"goal": "diagonal"}, "as it helps indirect, direct, far and near light"),
+        ({"prior": "decay:3"}, "as it helps indirect, direct, far and near light"),
         ({"codes": 63}, "as 63 codes are too few"),
         ({"codes": 66}, "as 66 codes are too few"),
     ],

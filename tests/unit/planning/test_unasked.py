@@ -72,19 +72,25 @@ def test_without_noise_one_exposure_is_best() -> None:
     assert found == 1 and "no noise" in reason
 
 
-@pytest.mark.parametrize("goal", ["long-range", "short-range"])
-def test_light_by_range_is_measured_in_four_parts_without_a_look(goal: str) -> None:
-    """Their far light errs by single paths: only parts tell of them."""
+@pytest.mark.parametrize(("goal", "left"), [("long-range", 124), ("short-range", 112)])
+def test_light_by_range_is_measured_in_four_parts_after_a_look(goal: str, left: int) -> None:
+    """Far light needs no Hadamard codes, so that any number can be split; the photo of all indirect
+    light that short-range light is taken from does."""
     found = settled_of(goal=goal, radius=2)
-    assert (found.request.parts, found.request.pilot, found.otherwise) == (4, 0, None)
-    assert "measures the error bars" in found.reasons[0]
-    assert settled_of(goal=goal, radius=2, file_s=3.0).request.parts == 1
+    assert (found.request.codes, found.request.parts, found.request.pilot) == (128, 4, 16)
+    other = found.otherwise
+    assert other is not None
+    assert (other.codes, other.parts, other.pilot) == (left + 4, 4, 4)
+    assert "4 photos of single codes look for mirrors" in found.reasons[0]
+    assert "measures the error bars" in found.reasons[1]
+    slow = settled_of(goal=goal, radius=2, file_s=3.0)
+    assert (slow.request.parts, slow.request.pilot, slow.otherwise) == (1, 0, None)
     assert settled_of(goal=goal, radius=2, codes=128).request.parts == 1
 
 
 @pytest.mark.parametrize(
     ("codes", "radius", "parts"),
-    [(128, 1, 4), (128, 2, 4), (128, 3, 4), (128, 4, 1), (128, 8, 1), (256, 5, 4), (96, 3, 1)],
+    [(128, 1, 4), (128, 2, 4), (128, 3, 4), (128, 4, 1), (128, 8, 1), (256, 4, 4), (112, 3, 1)],
 )
 def test_light_from_far_off_is_not_parted_into_codes_too_dense_for_it(
     codes: int, radius: int, parts: int
@@ -95,7 +101,7 @@ def test_light_from_far_off_is_not_parted_into_codes_too_dense_for_it(
         rig = Config(schedule=ScheduleConfig(codes=codes))
         found = settled_of(rig, goal=goal, radius=radius)
         assert found.request.parts == parts
-        assert (f"from beyond {radius} cells" in found.reasons[0]) == (parts == 1)
+        assert (f"from beyond {radius} cells" in found.reasons[1]) == (parts == 1)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +182,7 @@ def test_a_look_is_worth_as_much_time_as_the_codes_take() -> None:
     ("schedule", "grid", "why"),
     [
         (ScheduleConfig(codes=48), GRID, "48 codes are too few"),
-        (ScheduleConfig(family="balanced"), GRID, "it guides hadamard codes"),
+        (ScheduleConfig(family="balanced"), GRID, "with hadamard codes and no prior"),
         (ScheduleConfig(), (72, 96), "it maps at most 4096 cells and there are 6912"),
     ],
 )

@@ -132,6 +132,9 @@ def test_a_sum_of_parts_is_the_sum_of_their_matrices(light: Floats | None) -> No
     np.testing.assert_allclose(wanted.rows(4, 6), dense[4:6], atol=1e-14)
     np.testing.assert_allclose(wanted.entries((np.arange(CELLS) + 3) % CELLS),
                                dense[np.arange(CELLS), (np.arange(CELLS) + 3) % CELLS])  # fmt: skip
+    row, column = np.divmod(RNG.permutation(CELLS * CELLS)[:90], CELLS)
+    np.testing.assert_allclose(wanted.pairs(row, column), dense[row, column], atol=1e-14)
+    assert wanted.pairs(row[:0], column[:0]).shape == (0,)
     assert wanted.cells == CELLS and wanted.uniform is None
     camera, projector = wanted.products()
     assert camera.shape == projector.shape == (1, CELLS)
