@@ -148,6 +148,7 @@ def record_of(
         dark=plan.dark,
         parts_apart=True,
         alike=True,
+        leak=_left(plan),
     )
 
 
@@ -203,6 +204,14 @@ def transport_figures(
         "transport_sigma": sigma,
         "transport_error": error if error is not None and np.isfinite(error) else None,
     }
+
+
+def _left(plan: Plan) -> float:
+    """RMS error of the answer by leaks that a look found and nothing takes off."""
+    leaks = plan.leaks
+    if leaks is None or leaks.both <= leaks.limit or plan.how.black_level != "none":
+        return 0.0
+    return leaks.both
 
 
 def rms_sigma(picture: Picture) -> float:

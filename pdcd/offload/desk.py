@@ -253,6 +253,7 @@ class Desk:
         try:
             more = with_blacks(plan, leaks, config, shots)
         except RequestError as err:
+            darkroom.replan(self._record(job, darkroom.record.shots, darkroom.record.cells))
             return Stray("warn", leaks, self._planned(job.plan), err.message)
         average = plan.look is not None and plan.look.average
         mended = Ambience(job.request, config, job.camera, job.before, average)

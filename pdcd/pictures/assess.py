@@ -136,6 +136,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             quality.answer_of(image, sigma, sensor),
             _errors(record, decoded, image, sigma, sensor),
             _stray(names, planned, decoded, thin),
+            quality.leak_left(record.leak),
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),

@@ -63,6 +63,9 @@ class Limits:
     stray: tuple[float, float] = (0.25, 1.0)
     """Light of a black shot beyond what the panels let through, over the light of the shot that it
     belongs to. It is subtracted; its noise and what it drifts stay."""
+    left: tuple[float, float] = (0.05, 0.3)
+    """RMS error by ambient light and leaks that are known and were not taken off, over the RMS of
+    the answer."""
     outside: float = 0.25
     """Median light outside the field over that inside: panels are black there."""
     direct: float = 0.15
@@ -206,6 +209,17 @@ def stray_light(
             f"ambient or stray light: shot {name} has {percent(share)} of the light of the lit "
             f"shot beyond what the panels let through (limit {percent(limits.stray[0])}); darken "
             "the room, or cover the way of the light",
+        )
+
+
+def leak_left(error: float, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """RMS error by leaks that a dark photo showed, over the RMS of the answer they are in."""
+    grade = graded(error, limits.left)
+    if grade:
+        yield Finding(
+            grade,
+            f"ambient light and leaks are {percent(error)} of the answer and were not taken off "
+            f"(limit {percent(limits.left[0])}); darken the room, or take black exposures",
         )
 
 

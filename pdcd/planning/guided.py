@@ -106,10 +106,16 @@ def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
     """The plan that is left of one with a pilot when that ends with its scouts.
 
     The codes of all further pilot photos go to the coded photo, as far as there is a Hadamard
-    matrix and an exposure of `limit_s` holds them. Passes stay, and so does the time of all codes.
+    matrix and an exposure of `limit_s` holds them. Passes stay, and so does the time of all codes;
+    exact sequences stay as they may have been shown.
     """
+    exact = {
+        shot.program: plan.passes_of(shot)
+        for shot in plan.recipe.shots
+        if not shot.white and not plan.recipe.programs[shot.program].coded
+    }
     if plan.otherwise is not None:
-        return replace(plan.otherwise, iso=plan.iso)
+        return replace(plan.otherwise, iso=plan.iso, exact_passes=exact)
     how = msgspec.structs.replace(
         plan.how, codes=SCOUTS + _stopped_count(plan, limit_s), pilot=SCOUTS
     )
@@ -118,6 +124,7 @@ def stopped(plan: Plan, seed: int, limit_s: float) -> Plan:
         plan,
         recipe=recipe_of(plan.recipe.target, how),
         how=how,
+        exact_passes=exact,
         patterns={**plan.patterns, "pilot": (primal[:SCOUTS], dual[:SCOUTS])},
     )
     cells = plan.grid[0] * plan.grid[1]

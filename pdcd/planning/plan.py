@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import msgspec
 import numpy as np
@@ -78,6 +79,9 @@ class Plan:
     """The photo whose ambient light is taken off the photos of a pilot."""
     unasked: bool = False
     """Whether the pilot is the program's own choice (`pdcd.planning.unasked`)."""
+    exact_passes: Mapping[str, int] = field(default_factory=dict)
+    """By program, how often exact sequences are shown that were shown before the number of codes
+    changed; others fill as many slots as codes do."""
     otherwise: Plan | None = None
     """What is done instead of a pilot of all codes when its scouts see no sharp paths."""
 
@@ -121,6 +125,8 @@ class Plan:
             return self.white_slots
         if self.recipe.programs[shot.program].coded:
             return self.passes
+        if shot.program in self.exact_passes:
+            return self.exact_passes[shot.program]
         return max(1, round(self.how.coded * self.passes / len(self.patterns[shot.program][0])))
 
     def pairs_of(self, shot: Shot) -> int:

@@ -42,9 +42,13 @@ GOALS = ("indirect", "direct")
 RANGES = ("long-range", "short-range")
 """Goals that get a pilot and `FEWEST_PARTS` unasked. More parts would leave codes too dense for the
 radius."""
+PARTED = (
+    "fraction", "split", "diagonal", "warped", "two-samples", "descattered", "filtered",
+)  # fmt: skip
+"""Goals that get parts alone unasked."""
 NAMED = (
     "codes", "family", "pilot", "parts", "until_error", "repeat", "error", "confidence", "seconds",
-    "prior", "smooth", "exposure_s", "method", "illumination",
+    "prior", "smooth", "exposure_s", "method", "equal_brightness",
 )  # fmt: skip
 """Fields of which any one says how codes are to be spent: such a request gets what it names."""
 FAR_LEFT = 0.75
@@ -176,7 +180,7 @@ def readout_s(config: Config, camera: CameraInfo | None) -> float:
 
 
 def _plain(request: CaptureRequest) -> bool:
-    if request.goal not in (*GOALS, *RANGES):
+    if request.goal not in (*GOALS, *RANGES, *PARTED):
         return False
     usual = CaptureRequest(goal=request.goal)
     return all(getattr(request, name) == getattr(usual, name) for name in NAMED)
@@ -185,8 +189,9 @@ def _plain(request: CaptureRequest) -> bool:
 @dataclass(frozen=True)
 class _Costs:
     """What codes are spent on: how many there are, of which family; seconds of their exposure, and
-    of one more RAW file beside its codes; in how many parts they may be shown; and the radius that
-    far light comes from beyond, None where none is asked for."""
+    of one more RAW file beside its codes; in how many parts they may be shown; the radius that far
+    light comes from beyond, None where none is asked for; and the share of codes in which a cell is
+    lit, where that is chosen."""
 
     codes: int
     family: FamilyName
@@ -194,8 +199,11 @@ class _Costs:
     file_s: float
     tried: tuple[int, ...] = PARTS
     radius: int | None = None
+    p: float = 0.5
     far_alone: bool = False
     """Whether there are no other codes."""
+    elsewhere: bool = False
+    """Whether cells are matched with others than themselves."""
 
     def parts(self, codes: int) -> int:
         """Most parts that so many codes can be shown in at little cost, each with enough of them;
@@ -217,6 +225,8 @@ class _Costs:
         """Whether there are so many codes: any number of far light alone."""
         if self.far_alone:
             return True
+        if self.p != 0.5:  # balanced codes
+            return codes % 2 == 0 and (self.p * codes).is_integer() and self.p * codes >= 1.0
         return hadamard_fits(codes, 0.5) if self.family == "hadamard" else codes % 2 == 0
 
     def far_enough(self, codes: int, parts: int) -> bool:
@@ -251,7 +261,9 @@ def _costs(
         file_s=readout_s(config, camera) + more_s,
         tried=(FEWEST_PARTS,) if request.goal in RANGES else PARTS,
         radius=request.radius if request.goal in RANGES else None,
+        p=request.p if request.p is not None and request.goal == "fraction" else 0.5,
         far_alone=request.goal == "long-range",
+        elsewhere=_elsewhere(request),
     )
 
 
@@ -305,6 +317,12 @@ def _with_pilot(request: CaptureRequest, config: Config, costs: _Costs, *, parts
     )
 
 
+def _elsewhere(request: CaptureRequest) -> bool:
+    """Whether a goal that may keep each cell's own light keeps that of other cells instead."""
+    matched = request.shift is not None or request.warp is not None
+    return matched and request.goal in (*GOALS, "fraction", "split")
+
+
 def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], costs: _Costs) -> str:
     """Why there is no pilot where one is left to the program; nothing where there is one."""
     cells = grid[0] * grid[1]
@@ -312,6 +330,8 @@ def _no_pilot(request: CaptureRequest, config: Config, grid: tuple[int, int], co
     fits = request.goal in (*GOALS, *RANGES) and costs.family == "hadamard"
     if not fits or request.prior is not None:
         return "as it helps indirect, direct, far and near light, with hadamard codes and no prior"
+    if costs.elsewhere:
+        return "as it looks for paths beside those of each cell with itself"
     named = request.parts if isinstance(request.parts, int) else 1
     if costs.codes < FEWEST or not pilot_share(costs.codes, by_map=True, parts=named):
         within = f" in {named} parts" * (named > 1)
@@ -330,6 +350,8 @@ def _parts(codes: int, config: Config, costs: _Costs) -> tuple[int, str]:
     """How many parts, and why."""
     if config.camera.noise == "none":
         return 1, "one exposure, as there is no noise that more of them would lower"
+    if costs.elsewhere:
+        return 1, "one exposure, as fewer codes each would keep direct light apart less well"
     fitting = [parts for parts in costs.tried if costs.fits(codes, parts)]
     if not fitting:
         return 1, f"one exposure, as {codes} {costs.family} codes cannot be split into four or more"

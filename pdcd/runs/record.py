@@ -127,6 +127,9 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Whether error bars know of what all parts of a photo get wrong alike: light from right beside
     each cell, and direct light along borders that the panels draw in two places
     (`pdcd.pictures.beside`, `pdcd.pictures.border_light`). False in runs from before they did."""
+    leak: NonNegative = 0.0
+    """RMS error of the answer, relative to its RMS, by ambient light and leaks that a dark photo
+    showed and that were not taken off. 0 in runs from before that was noted."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig, ScheduleConfig
@@ -102,6 +103,21 @@ def test_what_cannot_be_added_is_said(tmp_path: Path) -> None:
     result, manifest = take(bench(tmp_path, ambient=0.3), method="multi-image", codes=16)
     assert manifest.run.how.black_level == "none"
     assert any("black exposures are not added" in text for text in result.warnings)
+    assert manifest.run.leak == manifest.plan["leaks"]["both"] > 0.3
+    quality: Any = result.summary["quality"]
+    assert quality.verdict == "bad"
+    assert any("were not taken off" in text for text in quality.reasons)
+
+
+def test_exact_photos_taken_before_a_pilot_ended_have_black_exposures(tmp_path: Path) -> None:
+    """An illumination without codes is shown for as long as codes take, of which there are more
+    once the pilot has ended."""
+    light = np.round(np.random.default_rng(0).random(GRID), 3).tolist()
+    asked = {"codes": 128, "pilot": 32, "illumination": light}
+    result, manifest = take(bench(tmp_path, ambient=0.05), **asked)
+    assert manifest.run.how.pilot == 4
+    assert manifest.run.how.black_level == "ambient" and manifest.run.leak == 0.0
+    assert float(str(result.summary["rms_error"])) < 0.02
 
 
 def test_parts_get_their_black_exposures_as_they_go(tmp_path: Path) -> None:

@@ -185,7 +185,8 @@ def test_what_follows_from_dark_photos(
     # Shots that the plan knows stay; codes are written before the darkroom reads them.
     first = SHOTS[:1]
     told = [("blacks", first, "cells"), "codes of mended", ("mended", first, "cells")]
-    assert desk.room.told == told * added
+    left = [("quiet", SHOTS, "cells")]  # what is known of leaks, to be remembered
+    assert desk.room.told == (left if outcome == "warn" else told * added)
 
 
 def test_a_test_exposure_is_measured_after_its_pairs(

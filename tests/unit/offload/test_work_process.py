@@ -267,7 +267,7 @@ def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
 def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench() -> None:
     plan: Any = SimpleNamespace(
         recipe=SimpleNamespace(target=SimpleNamespace(goal="goal")), how=How(pilot=8), smooth=True,
-        grid=(3, 4), dark="dark",
+        grid=(3, 4), dark="dark", leaks=None,
     )  # fmt: skip
     config: Any = SimpleNamespace(
         schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",
@@ -288,7 +288,12 @@ def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench
             "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
             "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch", "scouted": True,
             "unmixed": True, "parts_by_cell": True, "pilot_apart": True, "parts_apart": True,
-            "alike": True, "homography": None, "dark": "dark",
+            "alike": True, "homography": None, "dark": "dark", "leak": 0.0,
         }  # fmt: skip
+    cases: list[Any] = [("none", 0.1, 0.2), ("none", 0.2, 0.0), ("ambient", 0.1, 0.0)]
+    for level, limit, left in cases:
+        plan.leaks = SimpleNamespace(both=0.2, limit=limit)
+        plan.how = How(black_level=level)
+        assert record_of(plan, request, config, camera, profile).leak == left
     bare = record_of(plan, request, config, camera, profile)
     assert (bare.shots, bare.cells) == ((), None)

@@ -12,10 +12,14 @@ from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import CameraConfig, Config, ScheduleConfig
 from pdcd.errors import RequestError
 from pdcd.planning.choose import wants_choice
+from pdcd.planning.make import make_plan
 from pdcd.planning.unasked import Settled, asks_for_camera, readout_s, settled
 from pdcd.request import CaptureRequest
 
 GRID = (48, 64)
+N = GRID[0] * GRID[1]
+ITSELF = np.arange(N).reshape(GRID).tolist()
+BACKWARDS = np.arange(N)[::-1].reshape(GRID).tolist()
 CODES_S = 6.4
 """128 codes of three refreshes each."""
 
@@ -89,6 +93,53 @@ def test_light_by_range_is_measured_in_four_parts_after_a_look(goal: str, left: 
 
 
 @pytest.mark.parametrize(
+    ("goal", "fields"),
+    [
+        ("fraction", {"p": 0.25}),
+        ("fraction", {"p": 0.5}),
+        ("split", {"period": 8}),
+        ("diagonal", {}),
+        ("warped", {"warp": BACKWARDS}),
+        ("two-samples", {"warp": ITSELF, "warp_b": BACKWARDS, "mix": (1.0, -1.0)}),
+        ("descattered", {"shift": (0, 1)}),
+        ("filtered", {"kernel": [[1.0, -2.0, 0.5]]}),
+    ],
+)
+def test_goals_of_coded_photos_are_measured_in_parts(goal: str, fields: dict[str, Any]) -> None:
+    """In one exposure their error bars were two to five times the error, or before mirrors half of
+    it, and their noise three times that of eight."""
+    found = settled_of(goal=goal, **fields)
+    assert (found.request.parts, found.request.pilot, found.otherwise) == (8, 0, None)
+    assert make_plan(found.request, Config(), GRID).how.parts == 8
+
+
+@pytest.mark.parametrize(("p", "parts"), [(0.375, 8), (0.125, 8), (1 / 32, 4), (1 / 64, 1)])
+def test_parts_have_codes_that_light_cells_in_the_share_asked_for(p: float, parts: int) -> None:
+    assert settled_of(goal="fraction", p=p).request.parts == parts
+
+
+@pytest.mark.parametrize(
+    ("goal", "fields"),
+    [("indirect", {}), ("direct", {}), ("fraction", {"p": 0.25}), ("split", {"period": 8})],
+)
+def test_cells_matched_with_others_are_photographed_at_once(
+    goal: str, fields: dict[str, Any]
+) -> None:
+    """Their own direct light is kept, and must be so by every code alike: few codes a part do that
+    badly. A pilot looks for paths beside it."""
+    found = settled_of(goal=goal, shift=(0, 1), **fields)
+    assert (found.request.parts, found.request.pilot, found.otherwise) == (1, 0, None)
+    assert "pilot: none" in found.reasons[0] and "parts: one exposure" in found.reasons[1]
+    assert make_plan(found.request, Config(), GRID).how.parts == 1
+
+
+def test_an_illumination_leaves_the_rest_open() -> None:
+    light = tuple(tuple(0.5 for _ in range(GRID[1])) for _ in range(GRID[0]))
+    found = settled_of(illumination=light)
+    assert (found.request.parts, found.request.pilot) == (7, 16)
+
+
+@pytest.mark.parametrize(
     ("codes", "radius", "parts"),
     [(128, 1, 4), (128, 2, 4), (128, 3, 4), (128, 4, 1), (128, 8, 1), (256, 4, 4), (112, 3, 1)],
 )
@@ -117,7 +168,8 @@ def test_light_from_far_off_is_not_parted_into_codes_too_dense_for_it(
         {"prior": "decay:3"},
         {"error": 0.01},
         {"seconds": 10.0},
-        {"goal": "fraction", "p": 0.25},
+        {"goal": "fraction", "p": 0.25, "equal_brightness": True},
+        {"goal": "off-diagonal", "p": 0.25, "shift": (0, 1)},
         {"goal": "white"},
     ],
 )
