@@ -168,7 +168,7 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     parts: Annotated[int, Meta(ge=1, le=64)] | Literal["auto"] | None = None
     """Exposures to split a coded photo into, each with codes of its own: K / parts codes each.
     From 4 parts on their spread measures the error of the codes. "auto": as many as are worth their
-    RAW files. None: "auto" for indirect and direct light where nothing is asked for that says how
+    RAW files. None: "auto" for goals of coded photos where nothing is asked for that says how
     codes are to be spent (`pdcd.planning.unasked`), else 1."""
     until_error: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     """Take no more parts when RMS sigma over RMS image is as low as that."""
