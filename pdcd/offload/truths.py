@@ -49,7 +49,9 @@ class _Photos:
         recipe = self._recipe
         if name == recipe.answer_name and recipe.meant is not None:
             meant = recipe.meant
-            return self._optics.wanted(lambda part: probe(part, meant, self._alive), meant.uniform)
+            return self._optics.wanted(
+                lambda part: probe(part, meant, self._alive), meant, self._alive
+            )
         if isinstance(rule, Extremes):
             stack = np.stack([self._photo(photo) for photo in rule.photos])
             return np.asarray(rule.largest * stack.max(axis=0) + rule.smallest * stack.min(axis=0))
@@ -62,5 +64,5 @@ class _Photos:
             def seen(part: Scene) -> Floats:
                 return probe(part, wanted, self._alive)
 
-            self._known[name] = self._optics.wanted(seen, wanted.uniform)
+            self._known[name] = self._optics.wanted(seen, wanted, self._alive)
         return self._known[name]

@@ -27,12 +27,14 @@ from pdcd.optics.histories import Histories
 from pdcd.optics.lens import Lens
 from pdcd.optics.lit import Lit
 from pdcd.optics.lookup import MOST_PAIRS, Whole, every, rendered
-from pdcd.optics.products import Exposure, Pairs, Products, Tables, distinct
+from pdcd.optics.products import Exposure, Products, Tables, distinct
 from pdcd.optics.render import Detail, Picture, Renderer
+from pdcd.optics.sent import sent_to
 from pdcd.optics.setting import Setting, falloff
 from pdcd.optics.sights import Away, CellGrid, Looks, Scattered, look
 from pdcd.optics.sites import Kind, PanelSites
 from pdcd.optics.spread import CellLight
+from pdcd.probing.wanted import Wanted
 from pdcd.scene.displaced import Displaced
 from pdcd.scene.effects import Array, Effect
 from pdcd.scene.scene import Scene
@@ -42,8 +44,6 @@ Floats = NDArray[np.float64]
 
 KEPT = 3
 """Ways of driving the panels of which all is kept: a white shot's, a coded one's, the truth's."""
-PAIRS = 1 << 14
-"""Pairs of cells whose light is looked up together; bounds the memory."""
 EDGE = 1e-9
 """Corners so little beyond the field lie on its edge."""
 
@@ -174,7 +174,8 @@ class OpticalBench:
     def wanted(
         self,
         answer: Callable[[Scene], Array],
-        uniform: tuple[float, float] | None = None,
+        meant: Wanted | None = None,
+        alive: Callable[[], None] = lambda: None,
     ) -> Floats:
         """A picture as the scene itself would have it, through the same optics, (rows, cols, 3).
 
@@ -182,25 +183,28 @@ class OpticalBench:
         linear in the scene's effects. The mask is taken away, the projector is as uneven as it is.
         Of quads whose blur reaches beyond the field it is what they see of the field.
 
-        uniform : weights of a picture that wants the light of each cell's own projector cell by the
-            first and that of all others by the second. A place between the centres of cells gets
-            the light of both, but it lies in one of them, and only what that cell's own projector
-            cell sends there is its own. Without it the light of either counts as seen from there.
+        meant : the wanted matrix of the picture. A place between the centres of cells gets the
+            light of both, but it lies in one of them, and what is wanted there is that cell's row.
+            Without it, and off the axis, the light of either counts as seen from there.
+        alive : called now and then, may raise to end the work.
         """
         scene = self._scene
-        between = uniform is not None and scene.textures is not None
+        between = meant is not None and scene.textures is not None and scene.displacement is None
         whole = Kind(scene.grid, "whole", False)
         driven = self._driven(whole, CellGrid(scene.grid, smooth=False) if between else None)
         lit = np.asarray(driven.spread[1:].sum(axis=0)).ravel()
         direct = tuple(effect for effect in scene.effects if _at_once(effect))
         wandered = Scene(scene.name, scene.grid, tuple(Lit(e, lit) for e in self._indirect))
-        reflected = answer(Scene(scene.name, scene.grid, direct))
+        at_once = Scene(scene.name, scene.grid, direct)
         met = driven.renderer.met
-        if between and uniform is not None:
-            sent = _sent_to(wandered, met.indirect, *uniform)
+        full = (met.direct.other > 0).astype(np.float64)
+        if between and meant is not None:
+            sent = sent_to(wandered, met.indirect, meant, alive)
+            reflected = at_once.split()[0]
+            full *= meant.uniform[0] if meant.uniform else meant.diagonal()[met.direct.mask]
         else:
             sent = answer(wandered)[met.indirect.other]
-        full = (met.direct.other > 0).astype(np.float64)
+            reflected = answer(at_once)
         image = self._image(driven, full, reflected, sent, None)
         share = self.share
         return image if share is None else image / np.where(share > 0.0, share, 1.0)[..., None]
@@ -337,17 +341,6 @@ class OpticalBench:
         if not self._indirect:
             return scipy.sparse.csr_array((len(sites), self._scene.cells))
         return self._cell_light.by_site(sites, self._uneven)
-
-
-def _sent_to(scene: Scene, pairs: Pairs, own: float, others: float) -> Array:
-    """What light that wandered brings to places: of pairs of the cell that they lie in and of one
-    whose light they have a part of, (pairs, 3). `own` and `others` are the weights of light from
-    the projector cell that they lie in, and from all others."""
-    sent = others * scene.white()[pairs.other]
-    for start in range(0, len(sent), PAIRS):
-        some = slice(start, start + PAIRS)
-        sent[some] += (own - others) * scene.entries(pairs.other[some], pairs.mask[some])
-    return sent
 
 
 def _at_once(effect: Effect) -> bool:

@@ -112,7 +112,7 @@ def known_answer(
     if optics.frame != cells.frame or not _told(recipe, scene):
         return None
     meant = recipe.wanted if recipe.meant is None else recipe.meant
-    image = optics.wanted(lambda part: answer(part, recipe, alive), meant.uniform)
+    image = optics.wanted(lambda part: answer(part, recipe, alive), meant, alive)
     return Known(image, optics.inside, of_cells=False)
 
 

@@ -262,7 +262,7 @@ def _costs(
         tried=(FEWEST_PARTS,) if request.goal in RANGES else PARTS,
         radius=request.radius if request.goal in RANGES else None,
         p=request.p if request.p is not None and request.goal == "fraction" else 0.5,
-        far_alone=request.goal == "long-range",
+        far_alone=request.goal == "long-range" and bool(request.radius),
         elsewhere=_elsewhere(request),
     )
 

@@ -113,7 +113,7 @@ def judge(config: Config, codes: int = 128) -> Found:
     picture, bench = indirect(config, plan, scene)
     inside = bench.inside & np.isfinite(picture.sigma).all(axis=-1)
     recipe = plan.recipe
-    truth = bench.wanted(lambda part: answer(part, recipe), recipe.wanted.uniform)[inside]
+    truth = bench.wanted(lambda part: answer(part, recipe), recipe.wanted)[inside]
     error = np.sqrt(np.sum((picture.image[inside] - truth) ** 2) / np.sum(truth**2))
     even, bench = indirect(config, plan, flat(scene.grid))
     return Found(float(error), at_pitch(config, even, bench))

@@ -90,6 +90,9 @@ def test_light_by_range_is_measured_in_four_parts_after_a_look(goal: str, left: 
     slow = settled_of(goal=goal, radius=2, file_s=3.0)
     assert (slow.request.parts, slow.request.pilot, slow.otherwise) == (1, 0, None)
     assert settled_of(goal=goal, radius=2, codes=128).request.parts == 1
+    near = settled_of(goal=goal, radius=0).otherwise  # that is all indirect light: Hadamard codes
+    assert near is not None and (near.codes, near.parts) == (116, 4)
+    make_plan(near, Config(), GRID)
 
 
 @pytest.mark.parametrize(
