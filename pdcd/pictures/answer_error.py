@@ -10,7 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.pictures.quality import LIMITS, Finding, Grade, Limits, graded, percent
+from pdcd.pictures.limits import LIMITS, Limits
+from pdcd.pictures.quality import Finding, Grade, graded, percent
 
 Floats = NDArray[np.float64]
 

@@ -22,6 +22,7 @@ from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.placement import Sample, direct_shares, fingerprints, stack_fingerprints
 from pdcd.pictures.quality import Finding
+from pdcd.pictures.torn import torn_share
 from pdcd.probing.deviation import Deviation, weight_s
 from pdcd.probing.realised import Factors, signed_sum
 from pdcd.probing.wanted import Full
@@ -137,6 +138,7 @@ def assess(record: RunRecord, decoded: Decoded, deviations: dict[str, Deviation]
             _errors(record, decoded, image, sigma, sensor),
             _stray(names, planned, decoded, thin),
             quality.leak_left(record.leak),
+            quality.torn_windows(torn_share(photos, shots)),
             _placement(photos, decoded, planned, thin, record.grid),
             quality.refreshes(shots),
             quality.deviations({n: d for n, d in deviations.items() if n in used}),

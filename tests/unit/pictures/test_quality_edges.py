@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from pdcd.pictures import quality
+from pdcd.pictures.limits import Limits
 from pdcd.pictures.placement import Fit
-from pdcd.pictures.quality import Finding, Grade, Limits
+from pdcd.pictures.quality import Finding, Grade
 from pdcd.probing.deviation import Deviation
 from pdcd.runs.record import ShotRecord
 
@@ -41,8 +42,8 @@ def test_the_limits_are_those_of_the_manual() -> None:
     assert dataclasses.asdict(Limits()) == {
         "saturated": (0.002, 0.05), "noise": (0.3, 1.0), "noisy_shot": (0.3, 1.0), "dark": 5.0,
         "error": (0.3, 1.0), "modelled": 0.5, "below": (0.15, 1.0), "unsure": (0.5, 0.9),
-        "stray": (0.25, 1.0), "left": (0.05, 0.3), "outside": 0.25, "direct": 0.15,
-        "inverted": -0.2,
+        "stray": (0.25, 1.0), "left": (0.05, 0.3), "torn": (0.1, 0.5), "outside": 0.25,
+        "direct": 0.15, "inverted": -0.2,
         "fingerprint": (0.3, 6.0), "diagonal": (0.1, 0.5), "direct_left": (0.15, 0.5),
         "pair_sum": (0.02, 0.1), "off_rms": (1.0, 3.0), "followed": 1.5,
     }  # fmt: skip
@@ -149,6 +150,13 @@ def test_light_that_was_not_taken_off_counts_from_its_limits_on() -> None:
         assert grades(quality.leak_left(error)) == grade
     ((_, text),) = told(quality.leak_left(0.2))
     assert "are 20 % of the answer and were not taken off (limit 5 %)" in text
+
+
+def test_torn_windows_count_from_their_limits_on() -> None:
+    for share, grade in ((0.099, []), (0.1, [DOUBTFUL]), (0.499, [DOUBTFUL]), (0.5, [BAD])):
+        assert grades(quality.torn_windows(share)) == grade
+    ((_, text),) = told(quality.torn_windows(0.25))
+    assert "25 % of the cells share windows" in text and "take whole windows" in text
 
 
 def test_light_outside_the_field_goes_by_medians() -> None:

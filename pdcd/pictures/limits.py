@@ -1,0 +1,64 @@
+"""From which figures on a photo is doubtful, or bad."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Limits:
+    """From which figure on a photo is doubtful, or bad. Shares are of 1."""
+
+    saturated: tuple[float, float] = (0.002, 0.05)
+    """Share of the field. A few glints are left alone by metering; a twentieth is a hole."""
+    noise: tuple[float, float] = (0.3, 1.0)
+    """RMS of the sensor's noise over the RMS of the answer: at 1 the picture is noise."""
+    noisy_shot: tuple[float, float] = (0.3, 1.0)
+    """The same of the shots that the answer is made of: an answer may be small because the scene
+    has little of it, but then its shots are not dark."""
+    dark: float = 5.0
+    """Mean light of a shot over its standard error: below, no light can be shown to be there."""
+    error: tuple[float, float] = (0.3, 1.0)
+    """RMS error of the answer, by its sigma, over the RMS of the light that is left when the error
+    is taken off. At 1 half of the picture's power is error."""
+    modelled: float = 0.5
+    """The same by a modelled sigma, 1.2 to 18 times the true error: from here, doubtful."""
+    below: tuple[float, float] = (0.15, 1.0)
+    """The same by light below zero alone, which shows as little as half of the error."""
+    unsure: tuple[float, float] = (0.5, 0.9)
+    """Share of the field where sigma is larger than the RMS of the answer."""
+    stray: tuple[float, float] = (0.25, 1.0)
+    """Light of a black shot beyond what the panels let through, over the light of the shot that it
+    belongs to. It is subtracted; its noise and what it drifts stay."""
+    left: tuple[float, float] = (0.05, 0.3)
+    """RMS error by ambient light and leaks that are known and were not taken off, over the RMS of
+    the answer."""
+    outside: float = 0.25
+    """Median light outside the field over that inside: panels are black there."""
+    torn: tuple[float, float] = (0.1, 0.5)
+    """Share of cells that parted windows join with others that are matched elsewhere."""
+    direct: float = 0.15
+    """Share of direct light that a tenth of all cells must have. Of misplaced panels they have
+    0.05 at most, of the virtual scenes 0.9 and more."""
+    inverted: float = -0.2
+    """Median share of direct light below which it is less than none."""
+    fingerprint: tuple[float, float] = (0.3, 6.0)
+    """Share of the light that follows the codes of a panel in another place, and that over chance.
+    Misplaced panels have 0.5 to 1, and 14 to 54; others up to 0.2, and 3."""
+    followed: float = 1.5
+    """The same share that is too much: no more light can follow codes than there is. It is found
+    where such codes hardly differ from cell to cell, as at the borders of matched ones."""
+    diagonal: tuple[float, float] = (0.1, 0.5)
+    """Mean error of the weight of direct light, where a wanted weight of 1 is 1."""
+    direct_left: tuple[float, float] = (0.15, 0.5)
+    """Direct light that is left in an answer without any, over the RMS of the answer: its weight by
+    the realised matrix, times the direct light of the scene."""
+    pair_sum: tuple[float, float] = (0.02, 0.1)
+    """RMS difference of what a complement pair adds up to and of the floodlit photo, over the RMS
+    of that, beyond the sensor's noise."""
+    off_rms: tuple[float, float] = (1.0, 3.0)
+    """RMS error of the weights of other paths. A single path may be wrong by 1 where codes are few:
+    sums over many paths are not."""
+
+
+LIMITS = Limits()
