@@ -96,7 +96,7 @@ def make_plan(
         recipe=recipe,
         how=how,
         patterns=patterns,
-        p=next((p.p for p in recipe.programs.values() if p.coded), 0.5),
+        p=next((p.p for p in recipe.programs.values() if windowed(p)), 0.5),
         window=lattice.window,
         schedule=schedule,
         passes=passes,
@@ -201,7 +201,7 @@ def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | Non
 
 def _check_family(family: FamilyName, how: How, draft: Recipe) -> None:
     """Refuse what a family of codes cannot do."""
-    if how.pilot and family != "hadamard":
+    if how.pilot and family != "hadamard" and draft.coded is not None:  # far light needs none
         raise RequestError(f"a pilot cannot guide {family} codes", hint="take the family hadamard")
     if family in ISOLATION and how.method != "coded":
         raise RequestError(

@@ -39,7 +39,7 @@ def settled_family(
     cannot do with this number, balanced ones stand in for them unless they were asked for by name;
     and in parts, whose spread tells of errors only where phases are left to chance."""
     family = asked or default
-    main = next((p.p for p in draft.programs.values() if p.coded), 0.5)
+    main = next((p.p for p in draft.programs.values() if windowed(p)), 0.5)
     lines = any(isinstance(p, KeyedRange) for p in draft.programs.values())
     if family != "hadamard" or main == 0.5 or asked is not None or lines:
         return family

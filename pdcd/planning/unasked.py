@@ -160,7 +160,8 @@ def looked(plan: Plan, learned: Learned, shots: Sequence[ShotRecord]) -> str:
     if not learned.promising:
         found = f"no mirrors ({light})"
     elif learned.pays:
-        found = f"sharp paths, which are kept apart ({light})"
+        kept = "kept apart" if plan.recipe.coded is not None else "taken off"
+        found = f"sharp paths, which are {kept} ({light})"
     else:
         found = f"sharp light without a map ({light})"
     how = plan.how
