@@ -14,10 +14,8 @@ from typing import Annotated, Literal, TypeGuard, get_args
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
+from pdcd.labels import MOST_TAGS, Label, Note, Tag
 from pdcd.words import (
-    NAME_WORDS,
-    NOTE_WORDS,
-    TAG_WORDS,
     BlackLevel,
     BlackLevelName,
     FamilyName,
@@ -35,32 +33,6 @@ from pdcd.words import (
 )
 
 Name = Annotated[str, Meta(max_length=4096)]
-
-# A `$` alone would let a newline pass behind it.
-Label = Annotated[
-    str,
-    Meta(max_length=80, pattern=r"^(?! )[\w .,:;+=()#'&%@-]+(?<! )$(?!\n)", description=NAME_WORDS),
-]
-"""What a run is called by people. It needs not be unique, and holds no /: it is no path."""
-Tag = Annotated[str, Meta(max_length=40, pattern=r"^[\w][\w.:+@-]*$(?!\n)", description=TAG_WORDS)]
-"""A word that runs are found by."""
-Note = Annotated[
-    str,
-    Meta(
-        max_length=4096,
-        # Neither orders to a terminal nor marks that turn the direction of writing; nor halves of
-        # characters, which are bytes of another encoding that a terminal gave.
-        pattern="^[^\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u2028-\\u202e\\u2066-\\u2069\\ud800-\\udfff]*$",
-        description=NOTE_WORDS,
-    ),
-]
-MOST_TAGS = 16
-LABELS = {
-    "name": NAME_WORDS,
-    "tags": f"up to {MOST_TAGS} words, each {TAG_WORDS}",
-    "note": NOTE_WORDS,
-}
-"""What a run is found by: field of the request, and what it takes, in words."""
 
 
 class Sent(
@@ -187,6 +159,9 @@ class CaptureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Correct photos of indirect and of far light for what their codes get wrong of smoothly spread
     light, by a model that the photo itself gives. None: with the family hadamard; others show what
     they are."""
+    grey_masks: bool | None = None
+    """Let masks of far light have grey levels, which count it more evenly, for less light. None:
+    where the panel can show them and it is known what light they give."""
     seed: Annotated[int, Meta(ge=0, lt=2**53)] = 0
     exposure_s: Annotated[float, Meta(gt=0.0, le=3600.0)] | None = None
     window: WindowName | None = None
@@ -266,6 +241,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     far_paths: bool = False
     """Whether a pilot's paths are corrected in photos of far light, too, and guide their codes.
     Earlier runs have these as they were taken."""
+    grey_masks: bool = False
+    """Whether masks of far light may have grey levels (`pdcd.codes.greyed`). Earlier runs had
+    none."""
     late: bool = False
     """Whether codes had been shown before the pilot went on: the shots of codes that count have
     names of their own (`pdcd.recipes.late`)."""

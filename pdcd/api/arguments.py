@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from pdcd.bench.options import convert_field, unknown_key
 from pdcd.errors import RequestError
 from pdcd.inputs.sending import Sendable
+from pdcd.labels import LABELS
 from pdcd.recipes.goals import GOALS
-from pdcd.request import ARRAYS, LABELS, CaptureRequest, in_words
+from pdcd.request import ARRAYS, CaptureRequest, in_words
 from pdcd.words import (
     BlackLevelName,
     FamilyName,
@@ -68,6 +69,7 @@ class Arguments(TypedDict, total=False):
     seconds: float
     prior: str | Path | NDArray[Any]
     smooth: bool
+    grey_masks: bool
     seed: int
     exposure_s: float
     window: WindowName

@@ -18,7 +18,8 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.request import ARRAYS, LABELS, CaptureRequest, CaptureResult, PlanSummary, in_words
+from pdcd.labels import LABELS
+from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, in_words
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,
@@ -165,6 +166,7 @@ def request_of(args: argparse.Namespace, *, out: Path | None) -> CaptureRequest:
         "prior": args.prior if in_words(args.prior) else None,
         "pilot": args.pilot,
         "smooth": args.smooth,
+        "grey_masks": args.grey_masks,
         "parts": args.parts,
         "until_error": args.until_error,
         "repeat": args.repeat,

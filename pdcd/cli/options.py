@@ -202,6 +202,13 @@ def _code_options(parser: argparse.ArgumentParser) -> None:
         "(default: with hadamard codes)",
     )
     parser.add_argument(
+        "--grey-masks",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="let masks of long- and short-range light have grey levels, which count it more "
+        "evenly, for less light (default: where the mask can show them and its levels are known)",
+    )
+    parser.add_argument(
         "--parts",
         type=_number_or_auto,
         metavar="B",

@@ -8,8 +8,36 @@ import numpy as np
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.planning.plan import Pair, Plan
+from pdcd.recipes.programs import Far, within
+from pdcd.recipes.recipe import Recipe
+from pdcd.request import CaptureRequest
 
 PANELS = ("projector", "mask")
+
+
+def grey_masks(request: CaptureRequest, config: Config) -> bool:
+    """Whether masks of far light may have grey levels: as asked for, else where the mask can show
+    them and it is known what light they give."""
+    return not _black_and_white(config) if request.grey_masks is None else request.grey_masks
+
+
+def mask_reasons(recipe: Recipe, request: CaptureRequest, config: Config) -> Iterator[str]:
+    """Why masks of far light have grey levels or none, where nobody asked for either."""
+    inner = [within(program) for program in recipe.programs.values()]
+    if request.grey_masks is None and any(isinstance(p, Far) and p.radius for p in inner):
+        why = _black_and_white(config)
+        yield "masks of far light: " + (
+            f"black and white, as {why}" if why else "grey levels, which count it more evenly"
+        )
+
+
+def _black_and_white(config: Config) -> str:
+    """Why masks of far light have no grey levels; "" where they may have some."""
+    if config.display.planes_per_refresh > 1:
+        return "bit planes show no grey levels"
+    if _unsaid(config.mask, config):
+        return "it is not known what light the mask's grey levels give: run pdcd calibrate response"
+    return ""
 
 
 def grey_panels(pairs: Iterable[Pair]) -> tuple[str, ...]:

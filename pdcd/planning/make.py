@@ -15,7 +15,7 @@ from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.brightness import as_bright
-from pdcd.planning.grey import grey_reasons
+from pdcd.planning.grey import grey_masks, grey_reasons, mask_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import plane_reasons, quietest, reasons_for, times_measured, window_for
@@ -32,6 +32,8 @@ from pdcd.recipes.recipe import Recipe
 from pdcd.request import CaptureRequest, How
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
 
+FAR = ("relit", "long-range", "short-range")
+"""Goals that may take photos of far light."""
 BY_LIGHT = ("descattered", "filtered", "fraction", "off-diagonal", "relit", "split")
 """Goals with photos that are not scaled by what fits the wanted matrix best, see `How.by_light`."""
 
@@ -111,6 +113,7 @@ def make_plan(
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *plane_reasons(config),
             *grey_reasons(patterns.values(), config),
+            *mask_reasons(recipe, request, config),
             *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
         ),
         curves=curves,
@@ -140,11 +143,12 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         black_level=black_level,
         white=request.white,
         buckets=config.camera.buckets if request.method == "pairs" else 1,
-        structure=request.goal in ("relit", "long-range", "short-range"),
+        structure=request.goal in FAR,
         scattered=request.goal == "relit",
         by_light=request.goal in BY_LIGHT,
         bars=True,
         far_paths=True,
+        grey_masks=_grey_masks(request, config),
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(
@@ -153,6 +157,16 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         )
     part_codes(how.coded, how.parts)
     return how
+
+
+def _grey_masks(request: CaptureRequest, config: Config) -> bool:
+    """Whether masks of far light may have grey levels. Raises RequestError."""
+    if request.grey_masks is not None and request.goal not in FAR:
+        raise RequestError(
+            f"goal {request.goal} takes no photo of far light, which grey masks are for",
+            hint="leave out grey_masks",
+        )
+    return request.goal in FAR and grey_masks(request, config)
 
 
 def _brightness(request: CaptureRequest, how: How) -> tuple[str, ...]:

@@ -139,7 +139,7 @@ def _bits(
     shape = lattice.shape if windowed(program) else lattice.grid
     rng = np.random.Generator(np.random.PCG64(seed))
     if isinstance(inner, Far) and inner.radius and family not in COINS:
-        return far_codes(shape, count, share, rng)
+        return far_codes(shape, count, share, rng, grey=inner.grey)
     if share != 0.5 and p is None and not isinstance(inner, Coded):
         # The best share of lit cells, rounded to what balanced codes can do.
         share = max(1, round(share * count)) / count

@@ -306,7 +306,7 @@ class _Composition:
             "codes that are dark around what is lit, one exposure",
         )  # fmt: skip
         maker.coded(
-            name, Far(radius), (1.0, Uniform(maker.target.cells)),
+            name, Far(radius, maker.grey), (1.0, Uniform(maker.target.cells)),
             (-1.0, Near(maker.target.grid, radius)), light=self._light, gain=self._gain,
         )  # fmt: skip
         self._terms.append((-weight, name))

@@ -132,7 +132,7 @@ def _far(maker: Maker) -> None:
     target = maker.target
     radius = target.goal.radius or 0
     everything = (1.0, Uniform(target.cells))
-    maker.coded("far", Far(radius), everything, (-1.0, Near(target.grid, radius)))
+    maker.coded("far", Far(radius, maker.grey), everything, (-1.0, Near(target.grid, radius)))
 
 
 def _long_range(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:

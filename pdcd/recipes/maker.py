@@ -33,8 +33,10 @@ BLACKS: dict[str, tuple[tuple[float, bool, bool], ...]] = {
 class Maker:
     """Collects the programs, shots and photos of one recipe."""
 
-    def __init__(self, target: Target, black_level: BlackLevel) -> None:
+    def __init__(self, target: Target, black_level: BlackLevel, *, grey: bool = False) -> None:
         self.target = target
+        self.grey = grey
+        """Whether masks of far light may have grey levels."""
         self.blacks = BLACKS[black_level]
         self.programs: dict[str, Program] = {}
         self.shots: list[Shot] = []

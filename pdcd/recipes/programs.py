@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.far import evened
+from pdcd.codes.far import opened
 from pdcd.frames.lattice import Lattice
 from pdcd.probing.convolved import convolved
 from pdcd.probing.wanted import Indices, shifted
@@ -229,6 +229,8 @@ class Far:
     all is counted alike (`pdcd.codes.far`)."""
 
     radius: int
+    grey: bool = False
+    """Whether the mask may have grey levels."""
     coded: bool = True
 
     @property
@@ -243,7 +245,7 @@ class Far:
         lit = bits.reshape(-1, *lattice.shape).astype(np.uint8)
         near = np.stack([cv2.dilate(one, around) for one in lit]).astype(np.bool_)
         seen = ~near.reshape(len(bits), -1)
-        return bits, evened(bits, seen, lattice.shape, self.radius)
+        return bits, opened(bits, seen, lattice.shape, self.radius, grey=self.grey)
 
 
 def on_lattice(partner: Indices | tuple[int, int] | None, lattice: Lattice) -> Indices:

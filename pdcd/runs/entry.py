@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from pdcd.request import Label, Tag
+from pdcd.labels import Label, Tag
 from pdcd.words import GoalName, VerdictName
 
 MOST_RUNS = 1000

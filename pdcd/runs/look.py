@@ -12,7 +12,7 @@ from typing import Any, Literal
 import msgspec
 
 from pdcd.errors import DecodeError, of_kind
-from pdcd.request import MOST_TAGS
+from pdcd.labels import MOST_TAGS
 from pdcd.runs.entry import RunEntry
 from pdcd.runs.folder import LOG
 from pdcd.runs.inside import opened_file, read_file

@@ -33,9 +33,9 @@ GOALS = ("long-range", "short-range")
 Floats = NDArray[np.float64]
 Errors = dict[tuple[str, int, str, str], float]
 """(scene, number of codes, goal, a key of `HOW`) -> RMS error over the true RMS."""
-HOW = ("balanced", "as taken", "corrected")
-"""Balanced codes, each closed around lit cells and nowhere else; codes as they are; and these
-corrected for smooth light."""
+HOW = ("balanced", "black and white", "grey, as taken", "grey")
+"""Balanced codes, each closed around lit cells and nowhere else; masks of black and white; masks of
+grey levels as they are, and corrected for smooth light, as those of black and white are."""
 
 
 def run(*, quick: bool, folder: Path) -> Section:
@@ -52,11 +52,13 @@ def run(*, quick: bool, folder: Path) -> Section:
         text=(
             "RMS error of the pictures of the goals long-range and short-range over the RMS of the "
             "true ones, 24 x 32 cells, whole windows, ideal panels. Balanced: cells lit as often "
-            "as brings most light, each for itself, and the mask closed around them alone. As "
-            "taken: dealt out evenly, half as often, and the mask closed at more cells so that far "
-            "light is counted alike, the default. Corrected: less what the codes get wrong of "
-            "smooth light, by a model that the photo gives, the default, too. Short-range light "
-            "is the difference of the indirect photo, which is corrected in all, and the far one."
+            "as brings most light, each for itself, and the mask closed around them alone. Black "
+            "and white: dealt out evenly, half as often, and the mask closed at more cells so that "
+            "far light is counted alike. Grey: lit less often, and the mask at the levels that "
+            "count far light most alike, the default where the mask's levels are known. But for "
+            "'as taken' less what the codes get wrong of smooth light, by a model that the photo "
+            "gives. Short-range light is the difference of the indirect photo, which is corrected "
+            "in all, and the far one."
         ),
         tables=[table],
         aims=[],
@@ -117,16 +119,18 @@ def _far(scene: Scene, transport: Floats, count: int, seed: int) -> dict[str, Fl
     near = np.stack(
         [cv2.dilate(one, np.ones((size, size))) for one in old.reshape(-1, *scene.grid) * 1.0]
     )
-    rng = np.random.Generator(np.random.PCG64(seed))
-    bits, dual = Far(RADIUS).pairs(
-        far_codes(scene.grid, count, best, rng), Lattice(scene.grid, "whole")
-    )
-    left, right = dual.astype(np.float64), bits.astype(np.float64)
     closed = np.asarray(near.reshape(old.shape), dtype=np.float64)
-    before, _ = _pictured(1.0 - closed, old.astype(np.float64), scene, transport)
-    image, weight = _pictured(left, right, scene, transport)
-    more = colour_correction(left, right, weight, image, scene.grid, beyond=RADIUS)
-    return {"balanced": before, "as taken": image, "corrected": np.asarray(image + more)}
+    found = {HOW[0]: _pictured(1.0 - closed, old.astype(np.float64), scene, transport)[0]}
+    for how, grey in ((HOW[1], False), (HOW[3], True)):
+        rng = np.random.Generator(np.random.PCG64(seed))
+        codes = far_codes(scene.grid, count, best, rng, grey=grey)
+        bits, dual = Far(RADIUS, grey).pairs(codes, Lattice(scene.grid, "whole"))
+        left, right = dual.astype(np.float64), bits.astype(np.float64)
+        image, weight = _pictured(left, right, scene, transport)
+        found[HOW[2]] = image  # those of the last
+        more = colour_correction(left, right, weight, image, scene.grid, beyond=RADIUS)
+        found[how] = np.asarray(image + more)
+    return found
 
 
 def _pictured(

@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from pdcd.labels import LABELS
 from pdcd.request import (
     ARRAYS,
-    LABELS,
     CalibrateRequest,
     CaptureRequest,
     CaptureResult,
@@ -59,8 +59,8 @@ BOUNDS: dict[str, tuple[list[Any], list[Any]]] = {
     ),
     **{array: ([NAME, [[1.0, -2.0]]], [NAME + "x", [["a"]]]) for array in ARRAYS},
 }  # fmt: skip
-FREE = {"family", "equal_brightness", "keep", "masked", "method", "smooth", "window", "guards",
-        "black_level", "normalise", "white", "out"}  # fmt: skip
+FREE = {"family", "equal_brightness", "keep", "masked", "method", "smooth", "grey_masks", "window",
+        "guards", "black_level", "normalise", "white", "out"}  # fmt: skip
 """Fields of words and switches, whose types say all."""
 
 

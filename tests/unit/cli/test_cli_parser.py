@@ -21,7 +21,8 @@ EXPORT = (
     "--range BLACK WHITE, --force"
 )
 PHOTO = (
-    f"{CLIENT}, --local, --codes K, --pilot K0, --smooth/--no-smooth, --parts B, --until-error E, "
+    f"{CLIENT}, --local, --codes K, --pilot K0, --smooth/--no-smooth, "
+    "--grey-masks/--no-grey-masks, --parts B, --until-error E, "
     "--error E, --confidence C, --seconds S, --prior PRIOR, --repeat B, --family FAMILY, --p P, "
     "--equal-brightness, --seed N, --exposure S, --window WINDOW, --guards, --no-guards, "
     "--schedule GUARDS, --black-level BLACK_LEVEL, --normalise NORMALISE, --no-white, "
@@ -176,8 +177,8 @@ def test_what_is_cut_short_missing_or_unknown_is_refused(line: str) -> None:
 
 
 NOTHING: dict[str, Any] = dict.fromkeys(
-    """config socket codes pilot smooth parts until_error error confidence seconds prior shift
-    radius mix period disparity plane keep rows illumination warp warp_b region_a region_b
+    """config socket codes pilot smooth grey_masks parts until_error error confidence seconds prior
+    shift radius mix period disparity plane keep rows illumination warp warp_b region_a region_b
     disparities kernel matrix family p exposure_s window guards black_level normalise white_patch
     name tags out""".split()
 )
@@ -293,6 +294,7 @@ TYPED: dict[str, dict[str, Any]] = {
     "capture white --pilot auto --parts auto --no-smooth --until-error 2% --error 0.5": {
         "pilot": "auto", "parts": "auto", "smooth": False, "until_error": 0.02, "error": 0.5,
     },
+    "capture long-range --no-grey-masks": {"goal": "long-range", "grey_masks": False},
     "capture white --confidence 95% --seconds 1.5 --prior p --repeat 3 --shift -1 2 --radius 4": {
         "confidence": 0.95, "seconds": 1.5, "prior": "p", "repeat": 3, "shift": [-1, 2],
         "radius": 4,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.codes import far
+from pdcd.codes import alike, far
 from pdcd.codes.far import evened, far_codes, times_lit
 from pdcd.codes.make import make_codes
 
@@ -34,8 +34,8 @@ def around(lit: Bools) -> Bools:
 def cost(lit: Bools, open_: Bools) -> Floats:
     """What each camera cell errs of light that is alike over some cells, dense, (N,)."""
     square = (ROW[:, None] - ROW) ** 2 + (COL[:, None] - COL) ** 2
-    alike = sum(share * np.exp(-square / (2.0 * reach**2)) for reach, share in far.ALIKE)
-    alike = alike + far.ALONE * np.eye(N)
+    same = sum(share * np.exp(-square / (2.0 * reach**2)) for reach, share in alike.ALIKE)
+    same = same + alike.ALONE * np.eye(N)
     counted = open_.astype(float).T @ lit.astype(float)
     weight = (counted * BEYOND).sum(axis=1) / BEYOND.sum(axis=1)
     error = counted / weight[:, None] - BEYOND
@@ -47,7 +47,7 @@ def cost(lit: Bools, open_: Bools) -> Floats:
         light = np.round(fall * 64.0) / 64.0
         whole = 2.0 ** (1 + np.floor(np.log2((light**2).sum(axis=1))))
         lost = error * light
-        out += np.einsum("yx,xz,yz->y", lost, alike, lost) / whole
+        out += np.einsum("yx,xz,yz->y", lost, same, lost) / whole
     return out
 
 
@@ -122,7 +122,7 @@ def test_light_that_falls_off_errs_less(monkeypatch: pytest.MonkeyPatch) -> None
     steep = (0.5 + rng.random(N)) * np.exp(-apart / 2.0)
     wall = np.maximum(0.0, COL[:, None] - COL) / np.maximum(apart, 1.0) ** 3
     falling = evened(lit, seen, GRID, RADIUS)
-    monkeypatch.setattr(far, "MOST_FALLING", 0)
+    monkeypatch.setattr(alike, "MOST_FALLING", 0)
     flat = evened(lit, seen, GRID, RADIUS)
     assert cost(lit, falling).mean() < cost(lit, flat).mean()
     for transport in (steep, wall):

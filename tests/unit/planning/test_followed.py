@@ -252,7 +252,9 @@ def test_far_light_has_codes_of_half_the_share_that_is_best(
 ) -> None:
     """Of 3 x 3 cells and one more a tenth is best, of 5 x 5 and one more 1/26; at least one code.
     Coins are thrown for that, all others light half as many."""
-    request = CaptureRequest(goal="long-range", radius=radius, codes=codes, window="whole")
+    request = CaptureRequest(
+        goal="long-range", radius=radius, codes=codes, window="whole", grey_masks=False
+    )
     plan = plan_for(request, Config(), (12, 16))
     assert plan.family == "balanced"
     assert np.array_equal(bits_of(plan, "far").mean(axis=0), np.full(192, share))

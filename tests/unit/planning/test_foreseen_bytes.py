@@ -63,7 +63,15 @@ def planned(
         ({"codes": 16, "parts": 2}, 96 + 8 * 96, 2 * 96),
         ({"goal": "long-range", "radius": 0}, 4 * C + SQUARE, C),
         # Beside the codes what counts far light alike, all 12 camera cells at once.
-        ({"goal": "long-range", "radius": 1}, (62 + 104 + 8) * C + 48 * SQUARE + 9 * 12 * 24, C),
+        (
+            {"goal": "long-range", "radius": 1, "grey_masks": False},
+            (62 + 104 + 8) * C + 48 * SQUARE + 9 * 12 * 24, C,
+        ),
+        # Grey masks are kept as numbers.
+        (
+            {"goal": "long-range", "radius": 1},
+            (48 + 80 + 40) * C + 40 * SQUARE + 9 * 12 * 24, 5 * C,
+        ),
         ({"goal": "diagonal"}, 9 * C + 56 * C, 18 * C),
         ({"goal": "filtered", "kernel": KERNEL}, 9 * C + 56 * C, 18 * C),
         ({"goal": "relit", "matrix": MATRIX, "codes": 8}, 65 * 96 + 24 * 144, 18 * 96),

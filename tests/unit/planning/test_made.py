@@ -45,6 +45,7 @@ def plan_of(rig: Config | None = None, **fields: Any) -> Plan:
         ({"pilot": 10, "codes": 10}, "a pilot of 10 leaves none of 10 codes", "smaller pilot"),
         ({"pilot": 16, "codes": 8}, "a pilot of 16 leaves none of 8 codes", "smaller pilot"),
         ({"goal": "white", "smooth": True}, "no photo of indirect light", "leave out smooth"),
+        ({"goal": "indirect", "grey_masks": False}, "no photo of far light", "leave out grey"),
         ({"exposure_s": 0.39}, r"0.39 s is shorter .* 8 codes \(0.4 s\)", "fewer"),
     ],
 )  # fmt: skip
@@ -219,6 +220,34 @@ def test_bit_planes_show_black_and_white_alone() -> None:
     with pytest.raises((RequestError, ConfigError)):
         plan_of(planes, goal="illuminated", illumination=LIGHT)
     assert plan_of(goal="illuminated", illumination=LIGHT).patterns
+
+
+@pytest.mark.parametrize(
+    ("tables", "asked", "grey", "told"),
+    [
+        ({}, None, True, "more evenly"),
+        ({"mask": {"gamma": 2.2}, "bench": {"truth": "x.toml"}}, None, True, "more evenly"),
+        ({"mask": {"lut": (0.0, 0.2, 1.0)}, "bench": {"truth": "x.toml"}}, None, True, "more even"),
+        ({"projector": {"gamma": 2.2}, "bench": {"truth": "x.toml"}}, None, False, "not known"),
+        ({"display": {"planes_per_refresh": 24}}, None, False, "bit planes"),
+        ({}, False, False, ""),
+        ({"bench": {"truth": "x.toml"}}, True, True, ""),
+    ],
+)
+def test_masks_of_far_light_are_grey_where_their_light_is_known(
+    tables: dict[str, Any], asked: bool | None, grey: bool, told: str
+) -> None:
+    rig, grid = config(**tables), (12, 16)
+    for goal in ("long-range", "short-range"):
+        request = request_of(goal=goal, radius=2, codes=32, grey_masks=asked)
+        plan = make_plan(request, rig, grid)
+        assert plan.how.grey_masks is grey
+        assert (plan.patterns["far"][1].dtype == np.float32) is grey
+        lines = [line for line in plan.reasons if line.startswith("masks of far light")]
+        assert [told in line for line in lines] == [True] * bool(told)
+    unconcerned = make_plan(request_of(goal="indirect"), rig, grid)
+    assert not unconcerned.how.grey_masks
+    assert not any(line.startswith("masks of far") for line in unconcerned.reasons)
 
 
 def test_whoever_waits_hears_of_every_program_and_may_end_the_work() -> None:

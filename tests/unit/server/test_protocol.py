@@ -78,6 +78,7 @@ def test_the_request_keeps_every_field_of_the_wire() -> None:
         "method": "nayar",
         "pilot": 4,
         "smooth": True,
+        "grey_masks": False,
         "parts": 2,
         "until_error": 0.01,
         "repeat": 3,

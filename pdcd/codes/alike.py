@@ -1,0 +1,138 @@
+"""How alike light from afar is taken to be, where the codes that keep it are chosen.
+
+What a camera cell counts wrong of light that is alike over some cells, and falls off with the
+distance or does not, is a quadratic form of its mask (`Block`). `pdcd.codes.far` and
+`pdcd.codes.greyed` choose masks by it. All sums are exact in float64, so that the codes of a seed
+do not depend on the order in which a machine adds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Indices = NDArray[np.intp]
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+ALIKE = ((8.0, 0.375), (3.0, 0.375), (1.5, 0.25))
+"""How alike the light of two cells is taken to be: Gaussians of so many cells, and their shares."""
+ALONE = 0.25
+"""What is added for light that each cell has for itself."""
+STEP = 2.0**-8
+"""All these weights are whole multiples of it, so that sums of products are exact in float64 and
+codes do not depend on the order in which a machine adds."""
+FALL_CELLS, FALL_POWER, FALL_STEP = 5.0, 4, 2.0**-6
+"""Light falls off with the distance not at all, exponentially over so many cells, or by this power;
+all three count alike. Rounded to multiples of the step, for the same reason."""
+SIDE = 3
+"""Camera cells along a side of the blocks within which the distance is that from the middle."""
+MOST_FALLING = 2**35
+"""Blocks times codes squared times cells up to which light is taken to fall off: five seconds."""
+CHUNK = 2**16
+"""Codes times camera cells that are looked at at once: what stays in the caches of a processor."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some camera cells that lie together, and what is known of their light.
+
+    cells : (Y,), their numbers. together : (K, K), ``L C L``; wanted : (K, Y), ``L C W``.
+    """
+
+    cells: Indices
+    together: Floats
+    wanted: Floats
+
+
+def blocks(bits: Floats, lattice: tuple[int, int], radius: int) -> Iterator[Block]:
+    """The blocks of a lattice. C is the same for all cells, and they are split only to be looked
+    at one after the other, where light is not taken to fall off."""
+    count, cells = bits.shape
+    spread = _spread(bits, lattice)
+    together, wanted = spread @ bits.T, beyond(spread, lattice, radius)
+    rows, cols = (_parts(n) for n in lattice)
+    if (1 + rows.max()) * (1 + cols.max()) * count**2 * cells > MOST_FALLING:
+        for some in np.array_split(np.arange(cells), -(-cells * count // CHUNK)):
+            yield Block(some, together, wanted[:, some])
+        return
+    numbers = np.arange(cells).reshape(lattice)
+    images = bits.reshape(-1, *lattice)
+    even = _alike(cells)
+    for down, right in np.ndindex(1 + rows.max(), 1 + cols.max()):
+        row, col = np.flatnonzero(rows == down), np.flatnonzero(cols == right)
+        some = numbers[np.ix_(row, col)].ravel()
+        own, far = together * even, wanted[:, some] * even
+        for fall in _falls(lattice, row.mean(), col.mean(), radius):
+            # Far enough off it is rounded to nothing.
+            lit = np.ix_(fall.any(axis=1), fall.any(axis=0))
+            light = (images[:, lit[0], lit[1]] * fall[lit]).reshape(count, -1)
+            spread = _spread(light, fall[lit].shape) * _alike(np.sum(fall**2))
+            own += spread @ light.T
+            near = _near(numbers[lit], some, lattice[1], radius)
+            far += spread @ (~near * fall[lit].reshape(-1, 1))
+        yield Block(some, own, far)
+
+
+def beyond(images: Floats, lattice: tuple[int, int], radius: int) -> Floats:
+    """Sums of images (K, L) over all that is further than the radius from each cell, (K, L)."""
+    rows, cols = (
+        (np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= radius).astype(np.float64)
+        for n in lattice
+    )
+    near = (rows @ images.reshape(-1, *lattice) @ cols).reshape(images.shape)
+    sums: Floats = images.sum(axis=1, keepdims=True) - near
+    return sums
+
+
+def _near(these: Indices, those: Indices, width: int, radius: int) -> Bools:
+    """Which of some cells are within the radius of which others, by their numbers."""
+    (row, col), (other_row, other_col) = (
+        np.divmod(these.reshape(-1, 1), width),
+        np.divmod(those, width),
+    )
+    near: Bools = np.maximum(np.abs(row - other_row), np.abs(col - other_col)) <= radius
+    return near
+
+
+def _alike(square: float) -> float:
+    """What makes ways to fall off count about alike, by the sum of their squares: a power of two,
+    which leaves sums exact."""
+    return float(2.0 ** -np.frexp(square)[1])
+
+
+def _parts(size: int) -> Indices:
+    """Which block each of so many rows or columns is in, (size,)."""
+    count = -(-size // SIDE)
+    return (2 * np.arange(size) + 1) * count // (2 * size)
+
+
+def _falls(lattice: tuple[int, int], row: float, col: float, radius: int) -> list[Floats]:
+    """Light over its distance from a place, (rows, cols), at most 1, in both ways in which it may
+    fall off."""
+    rows, cols = lattice
+    apart = np.hypot(np.arange(rows)[:, None] - row, np.arange(cols) - col)
+    falls = (
+        np.exp(-apart / FALL_CELLS), ((radius + 1) / np.maximum(apart, radius + 1)) ** FALL_POWER,
+    )  # fmt: skip
+    return [np.rint(fall / FALL_STEP) * FALL_STEP for fall in falls]
+
+
+def _spread(light: Floats, lattice: tuple[int, int]) -> Floats:
+    """``L C`` of light (K, L): what is alike, and what each cell has for itself."""
+    images = light.reshape(-1, *lattice)
+    rows, cols = lattice
+    alike = sum(
+        share * (_gaussian(rows, reach) @ images @ _gaussian(cols, reach)) for reach, share in ALIKE
+    )
+    spread: Floats = np.asarray(alike).reshape(light.shape) + ALONE * light
+    return spread
+
+
+def _gaussian(size: int, reach: float) -> Floats:
+    """Gaussian of the distance of any two of so many cells, (size, size)."""
+    apart = np.subtract.outer(np.arange(size), np.arange(size)) / reach
+    return np.asarray(np.rint(np.exp(-(apart**2) / 2.0) / STEP) * STEP)

@@ -1,0 +1,100 @@
+"""Masks of grey levels for light from beyond a radius.
+
+A mask that is open or closed counts each path a whole number of times. One of grey levels counts it
+by any number, so that what is missed near a lit cell is made up for by its neighbours in other
+codes. The levels are those, 0 to 1, that err least of light that is alike over some cells
+(`pdcd.codes.alike`): non-negative least squares, for each camera cell by itself.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.codes.alike import CHUNK, SIDE, Block, blocks
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+OPEN = 0.5
+"""Mean level over the share of codes in which a cell may be open at all: as much room upwards as
+downwards."""
+LEVELS = 256
+"""Levels are whole multiples of one part in so many."""
+MOST_WORK = 2**29
+"""Codes squared times cells up to which levels are chosen: ten seconds."""
+STEPS = 200
+"""Steps of descent. Twice as many change errors by a hundredth."""
+FINE = 2.0**18
+"""What is on the way is rounded to this part of a level, and `SUMS` is the largest sum of a row of
+the matrix, in whole numbers: all products and their sums are then below 2^53, and exact."""
+SUMS = 2.0**32
+
+
+def fits(count: int, cells: int) -> bool:
+    """Whether levels are chosen for so many codes and cells."""
+    return count**2 * cells <= MOST_WORK
+
+
+def greyed(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Floats:
+    """How far the mask is open, 0..1, so that far light is counted as evenly as can be had.
+
+    Parameters
+    ----------
+    lit : (K, L) bool
+        Cells of the projector that are lit.
+    seen : (K, L) bool
+        Cells of the mask that may be open: no cell is lit within the radius of them.
+    lattice : (rows, cols), L cells in all
+    radius : cells along each axis, 1 or more
+
+    Returns
+    -------
+    (K, L) float64, 0 where `seen` is not.
+    """
+    bits = lit.astype(np.float64)
+    level = OPEN * float(seen.mean())
+    counted = level * float(bits.sum()) / bits.shape[1]
+    found = np.empty(seen.shape)
+    for block in blocks(bits, lattice, radius):
+        found[:, block.cells] = _levels(block, seen[:, block.cells], level, counted)
+    return found
+
+
+def greying_bytes(count: int, cells: int) -> int:
+    """Bytes that `greyed` takes for so many codes and cells beside what it is given."""
+    some = min(cells, max(SIDE**2, CHUNK // count))
+    return 48 * count * cells + 40 * count**2 + 80 * count * some + 24 * cells * SIDE**2
+
+
+def _levels(block: Block, seen: Bools, level: float, counted: float) -> Floats:
+    """Levels (K, Y) of a block's cells, where each path from afar is to be counted that often.
+
+    They err by ``(a L - c W) C (a L - c W)``, whose slope falls to zero by accelerated descent
+    within the bounds (Beck and Teboulle 2009, FISTA). The step is safe: no eigenvalue of a matrix
+    without negative entries exceeds the largest sum of a row.
+    """
+    scale = _scale(block.together)
+    matrix = np.rint(block.together * scale)
+    wanted = np.rint(block.wanted * (counted * scale))
+    steepest = matrix.sum(axis=1).max()
+    most = seen.astype(np.float64)
+    now = _rounded(level * most, FINE)
+    ahead, pace = now, 1.0
+    for _ in range(STEPS):
+        slope = matrix @ ahead - wanted
+        after = _rounded(np.clip(ahead - slope / steepest, 0.0, most), FINE)
+        faster = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * pace**2))
+        ahead = _rounded(after + (pace - 1.0) / faster * (after - now), FINE)
+        now, pace = after, faster
+    return _rounded(now, LEVELS)
+
+
+def _scale(matrix: Floats) -> float:
+    """The power of two that brings the largest sum of a row just below `SUMS`."""
+    return float(SUMS * 2.0 ** -np.frexp(matrix.sum(axis=1).max())[1])
+
+
+def _rounded(values: Floats, parts: float) -> Floats:
+    """To whole multiples of one part in so many."""
+    return np.asarray(np.rint(values * parts) / parts)
