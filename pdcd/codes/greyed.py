@@ -8,6 +8,10 @@ codes. The levels are those, 0 to 1, that err least of light that is alike over 
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,8 +60,8 @@ def greyed(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Fl
     level = OPEN * float(seen.mean())
     counted = level * float(bits.sum()) / bits.shape[1]
     found = np.empty(seen.shape)
-    for block in blocks(bits, lattice, radius):
-        found[:, block.cells] = _levels(block, seen[:, block.cells], level, counted)
+    for group in _groups(blocks(bits, lattice, radius), len(lit)):
+        _level(found, group, seen, level, counted)
     return found
 
 
@@ -67,24 +71,44 @@ def greying_bytes(count: int, cells: int) -> int:
     return 48 * count * cells + 40 * count**2 + 80 * count * some + 24 * cells * SIDE**2
 
 
-def _levels(block: Block, seen: Bools, level: float, counted: float) -> Floats:
-    """Levels (K, Y) of a block's cells, where each path from afar is to be counted that often.
+def _groups(found: Iterator[Block], count: int) -> Iterator[list[Block]]:
+    """Blocks whose matrices fit into the caches of a processor together: at least one."""
+    most = max(1, CHUNK // count**2)
+    while group := list(itertools.islice(found, most)):
+        yield group
+
+
+def _level(found: Floats, group: list[Block], seen: Bools, level: float, counted: float) -> None:
+    """Choose the levels of some blocks, where each path from afar is to be counted that often;
+    written into `found` (K, L)."""
+    size = max(block.cells.size for block in group)
+    shape = (len(group), len(seen), size)
+    together = np.empty((*shape[:2], len(seen)))
+    wanted, most = np.zeros(shape), np.zeros(shape)
+    for n, block in enumerate(group):
+        scale = _scale(block.together)
+        together[n] = np.rint(block.together * scale)
+        wanted[n, :, : block.cells.size] = np.rint(block.wanted * (counted * scale))
+        most[n, :, : block.cells.size] = seen[:, block.cells]
+    chosen = _least(together, wanted, most, level * most)
+    for block, levels in zip(group, chosen, strict=True):
+        found[:, block.cells] = levels[:, : block.cells.size]
+
+
+def _least(together: Floats, wanted: Floats, most: Floats, first: Floats) -> Floats:
+    """Levels (G, K, Y) between 0 and `most` that err least, descending from the first.
 
     They err by ``(a L - c W) C (a L - c W)``, whose slope falls to zero by accelerated descent
     within the bounds (Beck and Teboulle 2009, FISTA). The step is safe: no eigenvalue of a matrix
     without negative entries exceeds the largest sum of a row.
     """
-    scale = _scale(block.together)
-    matrix = np.rint(block.together * scale)
-    wanted = np.rint(block.wanted * (counted * scale))
-    steepest = matrix.sum(axis=1).max()
-    most = seen.astype(np.float64)
-    now = _rounded(level * most, FINE)
+    steepest = together.sum(axis=2).max(axis=1)[:, None, None]
+    now = _rounded(first, FINE)
     ahead, pace = now, 1.0
     for _ in range(STEPS):
-        slope = matrix @ ahead - wanted
+        slope = together @ ahead - wanted
         after = _rounded(np.clip(ahead - slope / steepest, 0.0, most), FINE)
-        faster = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * pace**2))
+        faster = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * pace**2))
         ahead = _rounded(after + (pace - 1.0) / faster * (after - now), FINE)
         now, pace = after, faster
     return _rounded(now, LEVELS)
