@@ -238,6 +238,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     """Whether modelled error bars of far light go by the weight of each cell and by the roughness
     of all light (`pdcd.pictures.sigma_model`), and measured ones know that parts may agree by
     chance (`pdcd.pictures.sigma`). Earlier runs have theirs as they were."""
+    direct_bars: bool = False
+    """Whether modelled error bars know that a photo which keeps a share of direct light shows no
+    more than that of it (`pdcd.pictures.sigma_model`). Earlier runs have theirs as they were."""
     far_paths: bool = False
     """Whether a pilot's paths are corrected in photos of far light, too, and guide their codes.
     Earlier runs have these as they were taken."""

@@ -216,8 +216,9 @@ def _pair_sum(decoded: Decoded, thin: Thinned) -> Iterator[Finding]:
 
 
 def _direct_weights(record: RunRecord, photos: list[Photo], decoded: Decoded) -> dict[str, float]:
-    """Of photos that direct light alone scales, by one number for all cells, and of an answer that
-    is one photo of any weights: how far the weights of cells are off, over the wanted ones."""
+    """Of photos that direct light alone scales, by one number for all cells, of those that keep a
+    share of it beside other matched cells, and of an answer that is one photo of any weights: how
+    far the weights of cells are off, over the wanted ones."""
     shots = {**decoded.shots, **decoded.sums}
     found = {}
     for photo in photos:
@@ -228,7 +229,10 @@ def _direct_weights(record: RunRecord, photos: list[Photo], decoded: Decoded) ->
         full = [w * part.matrix for w, part in photo.wanted.parts if isinstance(part, Full)]
         if full and len(photos) == 1:  # where hardly any direct light is wanted, what else is
             power, scaled = max(power, float(np.mean(full[0] ** 2))), power > 0.0
-        if photo.wanted.matched is not None or not (scaled or alone) or not power > 0.0:
+        elsewhere = photo.wanted.matched is not None
+        # Cells whose partner lies beyond the field have no weight at all.
+        counts = np.mean(wanted > 0.0) > 0.5 if elsewhere else scaled or alone
+        if not counts or not power > 0.0:
             continue
         if divided_by_row(photo, shots, record.normalise):
             continue

@@ -55,7 +55,10 @@ def barred_pictures(
     bars = record.how.bars
     if len(part_numbers(recipe)) < FEWEST_PARTS:
         sharp = learned.sharp if learned is not None and record.scouted else None
-        barred = modelled(recipe, shots, scaled, whole, cells, alive, sharp, near=near, by_row=bars)
+        barred = modelled(
+            recipe, shots, scaled, whole, cells, alive, sharp,
+            near=near, by_row=bars, shown=record.how.direct_bars,
+        )  # fmt: skip
     else:
         by_cell = record.parts_by_cell
         told = by_cell and record.parts_apart

@@ -4,7 +4,7 @@ A cell n gets the light ``sum_m A_nm t_nm / w`` where ``sum_m W_nm t_nm`` is wan
 (realised) and W are known, the paths t are not. Assumed is:
 
 - a cell gets as much light straight back, and as much from all other cells together, as the photo
-  shows around it;
+  shows around it; more straight back where the photo keeps a share of that alone;
 - the latter comes from N_eff cells in equal shares, anywhere in the scene.
 
 Over all such places the mean square error of the cell is ``S^2 (mean^2 + variance / N_eff)``, with
@@ -34,6 +34,7 @@ from pdcd.pictures.quads import of_cells, shared_out
 from pdcd.pictures.sigma import Barred, barred
 from pdcd.probing.deviation import row_deviations, weight_s
 from pdcd.probing.realised import Factors
+from pdcd.probing.wanted import Wanted
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.sensor.cells import CellMap
 
@@ -46,6 +47,9 @@ FEWEST_CELLS = 4.0
 """Least N_eff: the sharpest of the virtual scenes, a ball of mirrors, has about as much."""
 MOST_FAR_CELLS = 100.0
 """Most N_eff of far light. The smooth scenes have 50 to 280, by their true errors."""
+LEAST_STRAIGHT = 0.1
+"""Share of light straight back, over the largest of any cell, that a photo is taken to show of it
+at least."""
 DARK = 0.02
 """Share of the brightest white below which a cell tells nothing of texture."""
 MEDIAN_SQUARE = 0.4549
@@ -63,6 +67,7 @@ def modelled(
     *,
     near: Mapping[str, Floats] = NONE,
     by_row: bool = False,
+    shown: bool = False,
 ) -> dict[str, Barred]:
     """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
 
@@ -76,7 +81,8 @@ def modelled(
     paths are corrected it takes the place of N_eff. `near` are errors of photos by light from right
     beside each cell (`pdcd.pictures.beside`). With `by_row` photos of far light, whose cells are
     each divided by their own weight, are judged by these weights and by the roughness of all their
-    light; runs of earlier versions are not.
+    light; with `shown` the light straight back is what the photo shows over the share of it that
+    was wanted. Runs of earlier versions are not.
     """
     coarse = {name: of_cells(photo, cells) for name, photo in photos.items()}
     white = coarse["white"].image if "white" in coarse else None
@@ -90,6 +96,8 @@ def modelled(
             realised, weight = _by_row(photo, realised), 1.0
         rows = row_deviations(realised, photo.wanted, weight, alive)
         mean, variance, diagonal = (row.reshape(*cells.grid, 1) for row in rows)
+        if shown:
+            diagonal *= _straight(photo.wanted).reshape(diagonal.shape)
         if sharp is not None and photo.paths:
             light = _light(picture.image)
             squares = sharp.reshape(light.shape)
@@ -153,6 +161,14 @@ def _by_row(photo: Photo, realised: Factors) -> Factors:
     """A realised matrix with each row over its own weight."""
     own = cell_weights_s(photo, realised, by_row=True)
     return replace(realised, left=realised.left / own, coaxial=realised.coaxial / own)
+
+
+def _straight(wanted: Wanted) -> Floats:
+    """Light straight back over the light of the photo, (N,), if that were all of it: as much where
+    none of it is wanted, or more than all."""
+    share = wanted.diagonal()
+    least = LEAST_STRAIGHT * share.max(initial=0.0)
+    return 1.0 / np.where(share > 0.0, np.clip(share, least, 1.0), 1.0)
 
 
 def _light(image: Floats) -> Floats:

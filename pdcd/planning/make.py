@@ -147,6 +147,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         scattered=request.goal == "relit",
         by_light=request.goal in BY_LIGHT,
         bars=True,
+        direct_bars=True,
         far_paths=True,
         grey_masks=_grey_masks(request, config),
     )

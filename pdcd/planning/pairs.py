@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.codes.chained import chained
 from pdcd.codes.far import far_codes
 from pdcd.codes.hadamard import hadamard, hadamard_fits
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
@@ -21,13 +22,15 @@ from pdcd.planning.plan import Pair, Plan, mean_light, windowed
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
-from pdcd.recipes.programs import Coded, Far, Program, extended, within
+from pdcd.recipes.programs import Coded, Far, Program, extended, on_lattice, within
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import How
 from pdcd.words import FamilyName
 
 Bools = NDArray[np.bool_]
 
+FEWEST_LIT = 16
+"""Codes that light a cell from which on Hadamard ones serve cells matched with others."""
 COINS: tuple[FamilyName, ...] = ("bernoulli", "rademacher")
 """Families of which every cell is lit by chance in every code."""
 
@@ -37,13 +40,18 @@ def settled_family(
 ) -> FamilyName:
     """The family asked for. Where codes must be lit in another share than 1/2 that Hadamard codes
     cannot do with this number, balanced ones stand in for them unless they were asked for by name;
-    and in parts, whose spread tells of errors only where phases are left to chance."""
+    and in parts, whose spread tells of errors only where phases are left to chance. So they do for
+    cells matched with others that are lit in few codes: there are too few Hadamard columns to keep
+    the cells' own light apart, and chains of balanced ones do (`pdcd.codes.chained`)."""
     family = asked or default
     main = next((p.p for p in draft.programs.values() if windowed(p)), 0.5)
     lines = any(isinstance(p, KeyedRange) for p in draft.programs.values())
     if family != "hadamard" or main == 0.5 or asked is not None or lines:
         return family
-    fits = how.parts == 1 and hadamard_fits(how.coded, main)
+    inner = [within(program) for program in draft.programs.values()]
+    elsewhere = any(isinstance(p, Coded) and p.partner is not None for p in inner)
+    few = elsewhere and main * how.coded < FEWEST_LIT
+    fits = how.parts == 1 and not few and hadamard_fits(how.coded, main)
     return family if fits else "balanced"
 
 
@@ -148,7 +156,11 @@ def _bits(
     links = partner_links(far, lattice)
     if links is not None:
         return hadamard(shape, count, share, rng, links)
-    return make_codes(family, shape, count, dual="same", p=share, seed=seed).primal
+    bits = make_codes(family, shape, count, dual="same", p=share, seed=seed).primal
+    if family == "balanced" and isinstance(inner, Coded) and inner.partner is not None:
+        own = lattice if windowed(program) else Lattice(lattice.grid)
+        return chained(bits, on_lattice(inner.partner, own), rng)
+    return bits
 
 
 def _line_codes(

@@ -58,3 +58,31 @@ def test_where_none_gets_in_all_is_well(tmp_path: Path, matrix: Any, lag_s: floa
     error, said, reason = taken(tmp_path, "relit", lag_s, matrix=matrix)
     assert error < 0.03
     assert said == "good", reason
+
+
+@pytest.mark.parametrize(
+    ("p", "codes", "most", "verdicts"),
+    [
+        # p^2 K is whole: direct light is counted as often as is wanted.
+        (0.25, 32, 0.1, ("good",)),
+        (0.1, 100, 0.1, ("good",)),
+        # A half: every second cell counts it once, the others never.
+        (0.125, 32, 1.5, ("doubtful", "bad")),
+    ],
+)
+def test_direct_light_beside_a_fraction_of_light_matched_elsewhere(
+    tmp_path: Path, p: float, codes: int, most: float, verdicts: tuple[str, ...]
+) -> None:
+    """Fig. 8 with a shift: direct light is kept as all other light, and is the strongest."""
+    with pdcd.local(
+        {"scene": {"kind": "open-book", "grid": list(GRID)}, "server": {"state_dir": str(tmp_path)}}
+    ) as bench:
+        run = bench.capture("fraction", p=p, codes=codes, shift=(2, 3))
+        quality, error = run.quality, run.rms_error
+        assert quality is not None and error is not None
+        assert error < most and (error < 0.3) == (quality.verdict == "good")
+        assert quality.verdict in verdicts
+        if quality.reasons:
+            assert "weights that are" in quality.reasons[0]
+        sigma = run.rms_sigma
+        assert sigma is not None and 0.6 * error < sigma < 5.0 * error

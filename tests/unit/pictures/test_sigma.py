@@ -177,6 +177,34 @@ def test_direct_light_left_by_the_codes_counts_by_its_square() -> None:
     np.testing.assert_allclose(found.code, light * np.hypot(mean[0], diagonal[0]), rtol=1e-6)
 
 
+def test_a_photo_that_keeps_a_share_of_direct_light_shows_no_more_of_it() -> None:
+    """Fig. 8 with a shift, of a scene of direct light alone: sigma is the true error of weights
+    that codes gave it by chance; as if all light were shown it is a tenth."""
+    grid, p, count = (12, 16), 0.125, 48
+    n = grid[0] * grid[1]
+    partner = np.roll(np.arange(n), 5)
+    bits = make_codes("balanced", grid, count, dual="same", p=p, seed=1).primal
+    right, left = bits.astype(np.float64), bits[:, partner].astype(np.float64)
+    light = np.repeat((left * right).sum(axis=0)[:, None], 3, axis=1)
+    shape = (*grid, 3)
+    realised = Factors(left, right, (left * right).sum(axis=0), left.sum(axis=0))
+    shot = Print(light.reshape(shape), np.zeros(shape), np.zeros(grid, np.bool_), realised, {})
+    goal = Target(Goal(name="fraction", p=p), grid, planes={"warp": partner.astype(np.float64)})
+    recipe = recipe_of(goal, How(family="balanced", white=False, by_light=True))
+    shots, cells = {"coded": shot}, CellMap.block(grid, grid)
+    photos = scaled_photos(recipe, shots, cells)
+    whole = pictures_of(recipe, photos)
+    truth = float(recipe.photos[0].wanted.diagonal()[0])
+    error = np.sqrt(np.mean((whole["fraction"].image - truth) ** 2))
+
+    def ratio(shown: bool) -> float:
+        found = modelled(recipe, shots, photos, whole, cells, shown=shown)["fraction"]
+        return float(np.sqrt(np.mean(found.sigma**2)) / error)
+
+    assert ratio(False) < 0.3
+    assert 0.7 < ratio(True) < 1.5
+
+
 @pytest.mark.parametrize("sources", [1, 96])
 def test_bars_of_far_light_by_the_weight_of_each_cell(sources: int) -> None:
     """T2.3 by its own codes, single sharp paths and light of many cells: sigma is the true error,

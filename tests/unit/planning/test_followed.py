@@ -263,6 +263,33 @@ def test_far_light_has_codes_of_half_the_share_that_is_best(
     assert lit.mean() == pytest.approx(coins, rel=0.1) and np.ptp(lit.mean(axis=0)) > 0.0
 
 
+@pytest.mark.parametrize(
+    ("fields", "family"),
+    [
+        ({"p": 0.25, "codes": 32, "shift": (2, 3)}, "balanced"),
+        ({"p": 0.25, "codes": 64, "shift": (2, 3)}, "hadamard"),
+        ({"p": 0.125, "codes": 64, "shift": (0, 5)}, "balanced"),
+        ({"p": 0.25, "codes": 32}, "hadamard"),
+        ({"p": 0.25, "codes": 32, "shift": (2, 3), "family": "hadamard"}, "hadamard"),
+        ({"p": 0.1, "codes": 100, "shift": (-1, 4)}, "balanced"),
+    ],
+)
+def test_cells_matched_with_others_are_lit_with_them_as_often_as_by_chance(
+    fields: dict[str, Any], family: str
+) -> None:
+    """So that their own light has the share that is wanted, exactly where p^2 K is whole."""
+    plan = plan_for(CaptureRequest(goal="fraction", window="whole", **fields), Config(), (12, 16))
+    assert plan.family == family
+    if family == "hadamard":
+        return
+    bits = bits_of(plan, "coded")
+    down, right = fields["shift"]
+    for row, col in ((4, 6), (5, 5), (8, 9)):
+        other = (row + down) * 16 + col + right
+        met = np.sum(bits[:, row * 16 + col] & bits[:, other])
+        assert abs(met - fields["p"] ** 2 * fields["codes"]) < 1e-9
+
+
 def test_a_white_shot_is_as_long_as_the_light_of_the_first_codes() -> None:
     plan = plan_of()
     lattice = Lattice(GRID, "whole")
