@@ -8,36 +8,8 @@ import numpy as np
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.planning.plan import Pair, Plan
-from pdcd.recipes.programs import Far, within
-from pdcd.recipes.recipe import Recipe
-from pdcd.request import CaptureRequest
 
 PANELS = ("projector", "mask")
-
-
-def grey_masks(request: CaptureRequest, config: Config) -> bool:
-    """Whether masks of far light may have grey levels: as asked for, else where the mask can show
-    them and it is known what light they give."""
-    return not _black_and_white(config) if request.grey_masks is None else request.grey_masks
-
-
-def mask_reasons(recipe: Recipe, request: CaptureRequest, config: Config) -> Iterator[str]:
-    """Why masks of far light have grey levels or none, where nobody asked for either."""
-    inner = [within(program) for program in recipe.programs.values()]
-    if request.grey_masks is None and any(isinstance(p, Far) and p.radius for p in inner):
-        why = _black_and_white(config)
-        yield "masks of far light: " + (
-            f"black and white, as {why}" if why else "grey levels, which count it more evenly"
-        )
-
-
-def _black_and_white(config: Config) -> str:
-    """Why masks of far light have no grey levels; "" where they may have some."""
-    if config.display.planes_per_refresh > 1:
-        return "bit planes show no grey levels"
-    if _unsaid(config.mask, config):
-        return "it is not known what light the mask's grey levels give: run pdcd calibrate response"
-    return ""
 
 
 def grey_panels(pairs: Iterable[Pair]) -> tuple[str, ...]:
@@ -54,18 +26,18 @@ def grey_reasons(pairs: Iterable[Pair], config: Config) -> Iterator[str]:
             yield f"grey levels of the {name}: 8 bits, by a table of {len(panel.lut)} lights"
         elif panel.gamma is not None:
             yield f"grey levels of the {name}: 8 bits, gamma {panel.gamma:g}"
-        elif _unsaid(panel, config):
+        elif unsaid(panel, config):
             yield unknown(name)
 
 
 def grey_warnings(plan: Plan, config: Config) -> Iterator[str]:
     """What the user of a finished run must know of its grey levels."""
     for name in grey_panels(plan.patterns.values()):
-        if _unsaid(getattr(config, name), config):
+        if unsaid(getattr(config, name), config):
             yield unknown(name)
 
 
-def _unsaid(panel: PanelConfig, config: Config) -> bool:
+def unsaid(panel: PanelConfig, config: Config) -> bool:
     """Whether nobody said what light a panel's grey levels give, and it may be anything."""
     return panel.gamma is None and panel.lut is None and not as_described(config)
 

@@ -15,14 +15,15 @@ from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.brightness import as_bright
-from pdcd.planning.grey import grey_masks, grey_reasons, mask_reasons
+from pdcd.planning.far import grey_masks, mask_reasons
+from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import plane_reasons, quietest, reasons_for, times_measured, window_for
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
-from pdcd.planning.plan import Plan, windowed
+from pdcd.planning.plan import Plan, shows_codes, windowed
 from pdcd.recipes.arrays import NOTHING, Given, target_of
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
 from pdcd.recipes.isolation import check_isolation
@@ -98,7 +99,7 @@ def make_plan(
         recipe=recipe,
         how=how,
         patterns=patterns,
-        p=next((p.p for p in recipe.programs.values() if windowed(p)), 0.5),
+        p=next((p.p for p in recipe.programs.values() if shows_codes(p)), 0.5),
         window=lattice.window,
         schedule=schedule,
         passes=passes,
@@ -113,7 +114,7 @@ def make_plan(
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *plane_reasons(config),
             *grey_reasons(patterns.values(), config),
-            *mask_reasons(recipe, request, config),
+            *mask_reasons(recipe, request, config, lattice.window),
             *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
         ),
         curves=curves,

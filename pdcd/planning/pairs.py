@@ -18,7 +18,7 @@ from pdcd.frames.dither import code_to_send, sequence_to_send
 from pdcd.frames.lattice import Lattice
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_codes
-from pdcd.planning.plan import Pair, Plan, mean_light, windowed
+from pdcd.planning.plan import Pair, Plan, mean_light, shows_codes, windowed
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
@@ -44,7 +44,7 @@ def settled_family(
     cells matched with others that are lit in few codes: there are too few Hadamard columns to keep
     the cells' own light apart, and chains of balanced ones do (`pdcd.codes.chained`)."""
     family = asked or default
-    main = next((p.p for p in draft.programs.values() if windowed(p)), 0.5)
+    main = next((p.p for p in draft.programs.values() if shows_codes(p)), 0.5)
     lines = any(isinstance(p, KeyedRange) for p in draft.programs.values())
     if family != "hadamard" or main == 0.5 or asked is not None or lines:
         return family
@@ -130,8 +130,9 @@ def white_slots(
     """Slots of a white shot: as the goal itself, all; beside a coded one, as many as gather about
     its light, which keeps the camera at one setting."""
     for name, program in recipe.programs.items():
-        if windowed(program):
-            slots = round(slots * mean_light(patterns[name], lattice.lattice_cells, curves))
+        if shows_codes(program):
+            own = lattice if windowed(program) else Lattice(lattice.grid)
+            slots = round(slots * mean_light(patterns[name], own.lattice_cells, curves))
             break
     return max(1, slots)
 
@@ -191,7 +192,7 @@ def _compiled(
     own = lattice if windowed(program) else Lattice(lattice.grid)
     primal, dual = program.pairs(bits, own)
     # A pilot looks at the whole scene: it learns paths, not the picture.
-    if recipe.target.light is not None and windowed(program):
+    if recipe.target.light is not None and shows_codes(program):
         primal = primal * extended(recipe.target.light, own)
     if program.coded:
         return code_to_send(primal, dual, curves)

@@ -14,7 +14,7 @@ from pdcd.frames.lattice import Lattice
 from pdcd.frames.patterns import Patterns
 from pdcd.frames.schedule import build_frames, slot_rows
 from pdcd.recipes.goals import Target
-from pdcd.recipes.programs import Floodlit, Program
+from pdcd.recipes.programs import Far, Floodlit, Program, within
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.recipes.repeat import repeated
 from pdcd.request import How, Leaks, PlanSummary, Prediction, ShotSummary
@@ -223,9 +223,26 @@ class Plan:
         )
 
 
-def windowed(program: Program) -> bool:
-    """Whether a program runs in the rig's window mode: where the mask shows codes."""
+def shows_codes(program: Program) -> bool:
+    """Whether the mask of a program shows codes."""
     return program.coded and not isinstance(program, Floodlit)
+
+
+def windowed(program: Program) -> bool:
+    """Whether a program runs in the rig's window mode: where the mask shows codes, but for light
+    from beyond a radius.
+
+    Parted windows keep a cell's mask away from the borders of the projector's cells, so that its
+    direct light stays with its own code. Where no light from within a radius gets in, there is none
+    to be kept apart; and windows of whole cells have the border of that radius where it is wanted.
+    """
+    return shows_codes(program) and not beyond(program)
+
+
+def beyond(program: Program) -> bool:
+    """Whether a program keeps light from beyond a radius alone."""
+    inner = within(program)
+    return isinstance(inner, Far) and inner.radius > 0
 
 
 def mean_light(pair: Pair, cells: int, curves: Curves = UNKNOWN) -> float:

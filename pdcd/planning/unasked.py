@@ -251,7 +251,9 @@ def _costs(
     mask_lag_s: float | None,
 ) -> _Costs:
     codes = request.codes or config.schedule.codes
-    fields = Lattice(grid, window_of(request, config, grid)).fields
+    far_alone = request.goal == "long-range" and bool(request.radius)
+    window = "whole" if far_alone else window_of(request, config, grid)
+    fields = Lattice(grid, window).fields
     rows = slot_rows(schedule_of(request, config, mask_lag_s))
     # Beside the file, each exposure waits on black before its codes and after them.
     more_s = 2.0 * config.rig.settle_s + config.trigger.lag_s
@@ -263,7 +265,7 @@ def _costs(
         tried=(FEWEST_PARTS,) if request.goal in RANGES else PARTS,
         radius=request.radius if request.goal in RANGES else None,
         p=request.p if request.p is not None and request.goal == "fraction" else 0.5,
-        far_alone=request.goal == "long-range" and bool(request.radius),
+        far_alone=far_alone,
         elsewhere=_elsewhere(request),
     )
 

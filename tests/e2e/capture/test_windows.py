@@ -121,3 +121,37 @@ def test_places_that_open_more_often_than_others_leave_no_trace(tmp_path: Path) 
     photo = photo[2 * quads : -2 * quads, 2 * quads : -2 * quads]
     assert photo.std() > 0.3 * photo.mean()
     assert inner.std() < 1e-3 * inner.mean()
+
+
+@pytest.mark.parametrize(("apart", "seen"), [(1, 0.0), (2, 0.0), (3, 1.0)])
+def test_the_border_of_a_radius_lies_between_cells(apart: int, seen: float, tmp_path: Path) -> None:
+    """Each cell is lit by those that lie so many to its left, and by no other. Windows of quarters
+    would let in a fourth of what the last cells within the radius send, and miss as much of the
+    first beyond."""
+    n = GRID[0] * GRID[1]
+    left = np.arange(n) - apart
+    left = np.where(np.arange(n) % GRID[1] >= apart, left, -1)
+    transport = 0.3 * np.eye(n)
+    transport[left >= 0, left[left >= 0]] = 0.1
+    folder = tmp_path / "bench"
+    folder.mkdir()
+    np.savez(folder / "left.npz", transport=transport, grid=np.array(GRID))
+    config = bench_rig.config(
+        folder,
+        grid=GRID,
+        scene=SceneConfig(kind="matrix", path=str(folder / "left.npz")),
+        mask=PanelConfig(size_px=(1024, 768)),
+    )
+    engine = Engine.from_config(config)
+    engine.start()
+    asked = CaptureRequest(
+        goal="long-range", radius=2, codes=128, window="quarter", smooth=False, seed=3,
+        out=tempfile.mkdtemp(dir=folder),
+    )  # fmt: skip
+    result = bench_rig.capture(engine, asked)
+    engine.stop()
+    assert result.error is None and result.folder is not None, result.error
+    picture = cv2.imread(f"{result.folder}/linear/long-range.tif", cv2.IMREAD_UNCHANGED)
+    assert picture is not None
+    quads = picture.shape[1] // GRID[1]
+    assert np.allclose(picture[:, quads * apart :], 0.1 * seen, rtol=0.02, atol=1e-4)

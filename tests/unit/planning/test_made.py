@@ -11,6 +11,7 @@ import pytest
 from pdcd.bench.tables import Config
 from pdcd.errors import Cancelled, ConfigError, RequestError
 from pdcd.frames.lattice import Lattice
+from pdcd.frames.patterns import levels_of
 from pdcd.pictures.watch import Watch
 from pdcd.planning.make import make_plan, schedule_of, window_of
 from pdcd.planning.measured import quietest
@@ -248,6 +249,36 @@ def test_masks_of_far_light_are_grey_where_their_light_is_known(
     unconcerned = make_plan(request_of(goal="indirect"), rig, grid)
     assert not unconcerned.how.grey_masks
     assert not any(line.startswith("masks of far") for line in unconcerned.reasons)
+
+
+@pytest.mark.parametrize(
+    ("goal", "radius", "shot", "seen"),
+    [
+        ("long-range", 2, "far", "whole"),
+        ("short-range", 1, "far", "whole"),
+        ("short-range", 1, "coded", "quarter"),
+        # Beyond a radius of 0 there is direct light to be kept apart.
+        ("long-range", 0, "far", "quarter"),
+    ],
+)
+def test_light_from_beyond_a_radius_is_seen_through_whole_cells(
+    goal: str, radius: int, shot: str, seen: str
+) -> None:
+    asked: dict[str, Any] = {"goal": goal, "radius": radius, "codes": 32, "exposure_s": 60.0}
+    plan = plan_of(window="quarter", **asked)
+    found = next(one for one in plan.recipe.shots if one.name == shot)
+    assert plan.window == "quarter" and plan.window_of(found) == seen
+    lattice = Lattice(GRID, seen)
+    first = levels_of(plan.patterns[found.program][1], 0, lattice.lattice_cells)
+    assert first.size == lattice.lattice_cells
+    told = any("whole cells, as no light" in line for line in plan.reasons)
+    assert told is (radius > 0)
+    assert not any("whole cells, as" in line for line in plan_of(**asked).reasons)
+    # Which takes a quarter of the time: four times as many passes in what was asked for.
+    if goal == "long-range":
+        assert plan.passes == pytest.approx(
+            plan_of(**asked).passes / (4 if radius == 0 else 1), 0.3
+        )
 
 
 def test_whoever_waits_hears_of_every_program_and_may_end_the_work() -> None:

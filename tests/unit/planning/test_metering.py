@@ -88,7 +88,7 @@ def test_light_from_everywhere_is_metered_exactly(
     pairs, ratio = metered_pairs(plan, shot)
     primal, dual = plan.patterns[shot.program]
     lattice = Lattice(grid, plan.window_of(shot))
-    quarters = [(0, 0)] if window == "whole" else [(0, 0), (0, 1), (1, 0), (1, 1)]
+    quarters = [(0, 0)] if lattice.window == "whole" else [(0, 0), (0, 1), (1, 0), (1, 1)]
     light = np.zeros((2, *grid))
     for k, (down, right) in itertools.product(range(len(primal)), quarters):
         lit = levels_of(primal, k, lattice.lattice_cells).mean()
