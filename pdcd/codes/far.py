@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.alike import CHUNK, SIDE, Block, beyond, blocks
 from pdcd.codes.greyed import fits, greyed
+from pdcd.codes.stretches import TIMES, parts_of, stretched
 
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -28,6 +29,8 @@ thirds of the light, and leave room to choose what else is closed."""
 SELDOM_GREY = 0.6
 """Before masks of grey levels cells are lit in the square root of the number of those codes, times
 this: the fewer are lit together, the less has to be made up for."""
+MOST_TIMES = TIMES + 1
+"""Where cells would be lit more often than so, stretches of them would cost light."""
 LEAST_LIGHT = 0.25
 """Cells are lit one by one where that leaves this share of the light, or more."""
 MOST = 2**22
@@ -63,10 +66,14 @@ def far_codes(
     """Codes (K, L) that light each cell equally often, and as many cells in each code as can be.
 
     The codes are split into as many shares as each cell is lit times (`times_lit`); all
-    cells are dealt out over the codes of each share by chance.
+    cells are dealt out over the codes of each share by chance. Before masks of grey levels, where
+    there are many codes, most light stretches of rows and columns (`pdcd.codes.stretches`).
     """
     cells = lattice[0] * lattice[1]
     times = times_lit(count, cells, best, grey=grey)
+    stretches = parts_of(lattice, count) if grey and fits(count, cells) else 0
+    if stretches and count < cells and times <= MOST_TIMES:
+        return stretched(lattice, count, stretches, rng)
     codes = np.zeros((count, cells), dtype=np.bool_)
     for share in np.array_split(rng.permutation(count), times):
         codes[rng.permutation(share)[np.arange(cells) % share.size], rng.permutation(cells)] = True

@@ -71,6 +71,17 @@ def test_no_other_levels_err_less() -> None:
         assert best.success and found < best.cost + 0.05 * (start - best.cost)
 
 
+def test_steps_are_safe_and_hardly_shorter_than_need_be() -> None:
+    lit, _, _ = coded(64, 3)
+    found = np.stack(
+        [block.together for block in alike.blocks(lit.astype(np.float64), GRID, RADIUS)]
+    )
+    steepest = np.linalg.eigvalsh(found)[:, -1]
+    taken = greyed._steepest(found)
+    assert np.all(taken >= steepest * (1.0 - 1e-12)) and np.all(taken < 1.1 * steepest)
+    assert np.mean(found.sum(axis=2).max(axis=1) / steepest) > 1.3
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_smooth_light_errs_less_than_by_black_and_white(seed: int) -> None:
     rng = np.random.default_rng(seed)
