@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pdcd.frames.curve import light_of
 from pdcd.frames.lattice import Lattice
 from pdcd.planning.memory import exact_pairs
-from pdcd.planning.plan import Plan
+from pdcd.planning.plan import Plan, beyond
 from pdcd.recipes.programs import Blocks, SignedBlocks
 from pdcd.recipes.recipe import Shot
 from pdcd.sensor.cells import CellMap
@@ -23,6 +23,11 @@ USABLE = (0.02, 0.95)
 
 METER_PAIRS = 16
 """Pairs of patterns in a test exposure: enough that every cell has light in some."""
+
+METER_FAR = 8
+"""Of codes of far light a test shows one in so many, if that is more. Each lights few cells, so
+that few codes have far more light at some place, or less, than all of them: a photo of 512 codes
+came out at four tenths of its light."""
 
 SEEN = 0.5
 """Light of a cell in a test exposure, over its fair share, below which it tells too little to be
@@ -42,7 +47,7 @@ def metered_pairs(plan: Plan, shot: Shot) -> tuple[int, Floats]:
     """
     exact = not shot.white and not plan.recipe.programs[shot.program].coded
     of_shot = plan.pairs_of(shot)
-    pairs = of_shot if exact else min(METER_PAIRS, of_shot)
+    pairs = of_shot if exact else min(_meter_pairs(plan, shot, of_shot), of_shot)
     same = np.full(plan.grid, float(plan.passes_of(shot)))
     if exact and shot.only is None and of_shot > (once := _sequence(plan, shot)):
         # Copies of a sequence differ by no more than the rounding of their levels.
@@ -52,6 +57,13 @@ def metered_pairs(plan: Plan, shot: Shot) -> tuple[int, Floats]:
     whole, test = _open(plan, shot, of_shot), _open(plan, shot, pairs)
     least = np.maximum(test, SEEN * whole * pairs / of_shot)
     return pairs, same * np.divide(whole, least, out=np.zeros_like(whole), where=whole > 0.0)
+
+
+def _meter_pairs(plan: Plan, shot: Shot, of_shot: int) -> int:
+    """Pairs of coded patterns that a test exposure needs to show."""
+    if shot.white or not beyond(plan.recipe.programs[shot.program]):
+        return METER_PAIRS
+    return max(METER_PAIRS, of_shot // METER_FAR)
 
 
 def _sequence(plan: Plan, shot: Shot) -> int:

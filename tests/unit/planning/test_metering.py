@@ -102,6 +102,20 @@ def test_light_from_everywhere_is_metered_exactly(
     assert np.all((light[0] * ratio)[~seen] <= light[1][~seen] * (1.0 + 1e-9))
 
 
+@pytest.mark.parametrize(
+    ("goal", "codes", "pairs"),
+    [("indirect", 512, 16), ("long-range", 512, 64), ("long-range", 128, 16), ("long-range", 8, 8)],
+)
+def test_codes_of_far_light_are_too_unlike_for_a_few_to_tell(
+    goal: str, codes: int, pairs: int, tmp_path: Path
+) -> None:
+    radius: dict[str, Any] = {"radius": 2} if goal == "long-range" else {}
+    request = CaptureRequest(goal=goal, codes=codes, window="whole", **radius)  # type: ignore[arg-type]
+    plan = make_plan(request, bench_rig.config(tmp_path), (24, 32))
+    shot = next(s for s in plan.recipe.shots if s.name == plan.recipe.main or s.name == "coded")
+    assert metered_pairs(plan, shot)[0] == pairs
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["corner_32x24", "disco-ball", "wax-disk"])
 def test_the_photo_fills_the_sensor_as_it_is_meant_to(name: str, tmp_path: Path) -> None:
