@@ -67,13 +67,13 @@ def far_codes(
 
     The codes are split into as many shares as each cell is lit times (`times_lit`); all
     cells are dealt out over the codes of each share by chance. Before masks of grey levels, where
-    there are many codes, most light stretches of rows and columns (`pdcd.codes.stretches`).
+    there are many codes, half light stretches of rows and columns (`pdcd.codes.stretches`).
     """
     cells = lattice[0] * lattice[1]
     times = times_lit(count, cells, best, grey=grey)
-    stretches = parts_of(lattice, count) if grey and fits(count, cells) else 0
-    if stretches and count < cells and times <= MOST_TIMES:
-        return stretched(lattice, count, stretches, rng)
+    parts = parts_of(lattice, count) if grey and fits(count, cells) else 0
+    if parts and count < cells and times <= MOST_TIMES:
+        return stretched(lattice, count, parts, rng)
     codes = np.zeros((count, cells), dtype=np.bool_)
     for share in np.array_split(rng.permutation(count), times):
         codes[rng.permutation(share)[np.arange(cells) % share.size], rng.permutation(cells)] = True

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
 TIMES = 3

@@ -24,7 +24,7 @@ from pdcd.frames.dither import COPIES
 from pdcd.frames.lattice import Lattice
 from pdcd.maps.map import Map
 from pdcd.pictures.exposed import LARGE_QUADS
-from pdcd.planning.plan import windowed
+from pdcd.planning.plan import lattice_of, windowed
 from pdcd.probing.deviation import EXACT_CELLS
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import BLOCK
@@ -139,7 +139,7 @@ def _of_program(
     copies: int,
 ) -> tuple[int, int, int]:
     """Bytes while the codes of a program are made, while its patterns are, and of those left."""
-    own = lattice if windowed(program) else Lattice(lattice.grid)
+    own = lattice_of(program, lattice)
     cells, square = own.lattice_cells, own.cells**2
     if isinstance(program, Isolation):
         pairs = program.count()

@@ -18,7 +18,7 @@ from pdcd.frames.dither import code_to_send, sequence_to_send
 from pdcd.frames.lattice import Lattice
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_codes
-from pdcd.planning.plan import Pair, Plan, mean_light, shows_codes, windowed
+from pdcd.planning.plan import Pair, Plan, lattice_of, mean_light, shows_codes, windowed
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
@@ -131,8 +131,8 @@ def white_slots(
     its light, which keeps the camera at one setting."""
     for name, program in recipe.programs.items():
         if shows_codes(program):
-            own = lattice if windowed(program) else Lattice(lattice.grid)
-            slots = round(slots * mean_light(patterns[name], own.lattice_cells, curves))
+            cells = lattice_of(program, lattice).lattice_cells
+            slots = round(slots * mean_light(patterns[name], cells, curves))
             break
     return max(1, slots)
 
@@ -145,10 +145,10 @@ def _bits(
     if lines is not None:
         return lines
     share, inner = program.p, within(program)
-    shape = lattice.shape if windowed(program) else lattice.grid
+    own = lattice_of(program, lattice)
     rng = np.random.Generator(np.random.PCG64(seed))
     if isinstance(inner, Far) and inner.radius and family not in COINS:
-        return far_codes(shape, count, share, rng, grey=inner.grey)
+        return far_codes(own.shape, count, share, rng, grey=inner.grey)
     if share != 0.5 and p is None and not isinstance(inner, Coded):
         # The best share of lit cells, rounded to what balanced codes can do.
         share = max(1, round(share * count)) / count
@@ -156,10 +156,9 @@ def _bits(
     far = far_partners(program, lattice.grid) if family == "hadamard" else ()
     links = partner_links(far, lattice)
     if links is not None:
-        return hadamard(shape, count, share, rng, links)
-    bits = make_codes(family, shape, count, dual="same", p=share, seed=seed).primal
+        return hadamard(own.shape, count, share, rng, links)
+    bits = make_codes(family, own.shape, count, dual="same", p=share, seed=seed).primal
     if family == "balanced" and isinstance(inner, Coded) and inner.partner is not None:
-        own = lattice if windowed(program) else Lattice(lattice.grid)
         return chained(bits, on_lattice(inner.partner, own), rng)
     return bits
 
@@ -189,7 +188,7 @@ def _compiled(
     program: Program, recipe: Recipe, lattice: Lattice, bits: Bools, curves: Curves, slots: int
 ) -> Pair:
     """Patterns of a program over its own lattice, coded ones under the goal's illumination."""
-    own = lattice if windowed(program) else Lattice(lattice.grid)
+    own = lattice_of(program, lattice)
     primal, dual = program.pairs(bits, own)
     # A pilot looks at the whole scene: it learns paths, not the picture.
     if recipe.target.light is not None and shows_codes(program):

@@ -239,6 +239,11 @@ def windowed(program: Program) -> bool:
     return shows_codes(program) and not beyond(program)
 
 
+def lattice_of(program: Program, rig: Lattice) -> Lattice:
+    """Where the code cells of a program lie: on the lattice of the rig, or whole cells."""
+    return rig if windowed(program) else Lattice(rig.grid)
+
+
 def beyond(program: Program) -> bool:
     """Whether a program keeps light from beyond a radius alone."""
     inner = within(program)

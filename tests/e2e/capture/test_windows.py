@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, SceneConfig
+from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import ConfigError
 from pdcd.pictures.darkroom import Darkroom
@@ -49,13 +49,20 @@ def take(
         mask=PanelConfig(size_px=(1024, 768), offset_px=(CELL_PX / 8, -CELL_PX / 16)),
         rig=RigConfig(misregistration_px=known_px),
     )
+    asked = {"goal": "indirect", "codes": 64, "out": tempfile.mkdtemp(dir=folder), **fields}
+    return photographed(config, msgspec.convert(asked, CaptureRequest))
+
+
+def photographed(
+    config: Config, asked: CaptureRequest
+) -> tuple[np.ndarray, dict[str, Any], Manifest]:
+    """The picture (h, w, 3) of what was asked for, the summary and the manifest."""
     engine = Engine.from_config(config)
     engine.start()
-    asked = {"goal": "indirect", "codes": 64, "out": tempfile.mkdtemp(dir=folder), **fields}
-    result = bench_rig.capture(engine, msgspec.convert(asked, CaptureRequest))
+    result = bench_rig.capture(engine, asked)
     engine.stop()
     assert result.error is None and result.folder is not None, result.error
-    picture = cv2.imread(f"{result.folder}/linear/indirect.tif", cv2.IMREAD_UNCHANGED)
+    picture = cv2.imread(f"{result.folder}/linear/{asked.goal}.tif", cv2.IMREAD_UNCHANGED)
     assert picture is not None
     return picture, dict(result.summary), read_manifest(Path(result.folder))
 
@@ -142,16 +149,10 @@ def test_the_border_of_a_radius_lies_between_cells(apart: int, seen: float, tmp_
         scene=SceneConfig(kind="matrix", path=str(folder / "left.npz")),
         mask=PanelConfig(size_px=(1024, 768)),
     )
-    engine = Engine.from_config(config)
-    engine.start()
     asked = CaptureRequest(
         goal="long-range", radius=2, codes=128, window="quarter", smooth=False, seed=3,
         out=tempfile.mkdtemp(dir=folder),
     )  # fmt: skip
-    result = bench_rig.capture(engine, asked)
-    engine.stop()
-    assert result.error is None and result.folder is not None, result.error
-    picture = cv2.imread(f"{result.folder}/linear/long-range.tif", cv2.IMREAD_UNCHANGED)
-    assert picture is not None
+    picture, _, _ = photographed(config, asked)
     quads = picture.shape[1] // GRID[1]
     assert np.allclose(picture[:, quads * apart :], 0.1 * seen, rtol=0.02, atol=1e-4)
