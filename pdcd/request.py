@@ -247,6 +247,9 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     grey_masks: bool = False
     """Whether masks of far light may have grey levels (`pdcd.codes.greyed`). Earlier runs had
     none."""
+    woven: bool = False
+    """Whether codes of far light may have them, too, and are chosen together with the masks
+    (`pdcd.codes.woven`). Earlier runs had none."""
     late: bool = False
     """Whether codes had been shown before the pilot went on: the shots of codes that count have
     names of their own (`pdcd.recipes.late`)."""

@@ -28,8 +28,11 @@ codes do not depend on the order in which a machine adds."""
 FALL_CELLS, FALL_POWER, FALL_STEP = 5.0, 4, 2.0**-6
 """Light falls off with the distance not at all, exponentially over so many cells, or by this power;
 all three count alike. Rounded to multiples of the step, for the same reason."""
-SIDE = 3
+SIDE, FINE_SIDE = 3, 2
 """Camera cells along a side of the blocks within which the distance is that from the middle."""
+STEEP = 2.0
+"""How often light that falls off by the power counts where codes are chosen together with masks:
+it is what they err most of."""
 MOST_FALLING = 2**35
 """Blocks times codes squared times cells up to which light is taken to fall off: five seconds."""
 CHUNK = 2**16
@@ -48,13 +51,17 @@ class Block:
     wanted: Floats
 
 
-def blocks(bits: Floats, lattice: tuple[int, int], radius: int) -> Iterator[Block]:
-    """The blocks of a lattice. C is the same for all cells, and they are split only to be looked
-    at one after the other, where light is not taken to fall off."""
+def blocks(
+    bits: Floats, lattice: tuple[int, int], radius: int, *, fine: bool = False
+) -> Iterator[Block]:
+    """The blocks of a lattice; `fine` for codes that were chosen together with masks. C is the same
+    for all cells, and they are split only to be looked at one after the other, where light is not
+    taken to fall off."""
     count, cells = bits.shape
+    side, weights = (FINE_SIDE, (1.0, STEEP)) if fine else (SIDE, (1.0, 1.0))
     spread = _spread(bits, lattice)
     together, wanted = spread @ bits.T, beyond(spread, lattice, radius)
-    rows, cols = (_parts(n) for n in lattice)
+    rows, cols = (_parts(n, side) for n in lattice)
     if (1 + rows.max()) * (1 + cols.max()) * count**2 * cells > MOST_FALLING:
         for some in np.array_split(np.arange(cells), -(-cells * count // CHUNK)):
             yield Block(some, together, wanted[:, some])
@@ -66,11 +73,12 @@ def blocks(bits: Floats, lattice: tuple[int, int], radius: int) -> Iterator[Bloc
         row, col = np.flatnonzero(rows == down), np.flatnonzero(cols == right)
         some = numbers[np.ix_(row, col)].ravel()
         own, far = together * even, wanted[:, some] * even
-        for fall in _falls(lattice, row.mean(), col.mean(), radius):
+        falls = _falls(lattice, row.mean(), col.mean(), radius)
+        for weight, fall in zip(weights, falls, strict=True):
             # Far enough off it is rounded to nothing.
             lit = np.ix_(fall.any(axis=1), fall.any(axis=0))
             light = (images[:, lit[0], lit[1]] * fall[lit]).reshape(count, -1)
-            spread = _spread(light, fall[lit].shape) * _alike(np.sum(fall**2))
+            spread = _spread(light, fall[lit].shape) * (weight * _alike(np.sum(fall**2)))
             own += spread @ light.T
             near = _near(numbers[lit], some, lattice[1], radius)
             far += spread @ (~near * fall[lit].reshape(-1, 1))
@@ -86,6 +94,14 @@ def beyond(images: Floats, lattice: tuple[int, int], radius: int) -> Floats:
     near = (rows @ images.reshape(-1, *lattice) @ cols).reshape(images.shape)
     sums: Floats = images.sum(axis=1, keepdims=True) - near
     return sums
+
+
+def falling(apart: Floats, radius: int) -> tuple[Floats, Floats]:
+    """Light over the distance in cells, at most 1, in both ways in which it may fall off."""
+    return (
+        np.exp(-apart / FALL_CELLS),
+        ((radius + 1) / np.maximum(apart, radius + 1)) ** FALL_POWER,
+    )
 
 
 def _near(these: Indices, those: Indices, width: int, radius: int) -> Bools:
@@ -104,9 +120,9 @@ def _alike(square: float) -> float:
     return float(2.0 ** -np.frexp(square)[1])
 
 
-def _parts(size: int) -> Indices:
-    """Which block each of so many rows or columns is in, (size,)."""
-    count = -(-size // SIDE)
+def _parts(size: int, side: int) -> Indices:
+    """Which block of that side each of so many rows or columns is in, (size,)."""
+    count = -(-size // side)
     return (2 * np.arange(size) + 1) * count // (2 * size)
 
 
@@ -115,10 +131,7 @@ def _falls(lattice: tuple[int, int], row: float, col: float, radius: int) -> lis
     fall off."""
     rows, cols = lattice
     apart = np.hypot(np.arange(rows)[:, None] - row, np.arange(cols) - col)
-    falls = (
-        np.exp(-apart / FALL_CELLS), ((radius + 1) / np.maximum(apart, radius + 1)) ** FALL_POWER,
-    )  # fmt: skip
-    return [np.rint(fall / FALL_STEP) * FALL_STEP for fall in falls]
+    return [np.rint(fall / FALL_STEP) * FALL_STEP for fall in falling(apart, radius)]
 
 
 def _spread(light: Floats, lattice: tuple[int, int]) -> Floats:
@@ -126,13 +139,13 @@ def _spread(light: Floats, lattice: tuple[int, int]) -> Floats:
     images = light.reshape(-1, *lattice)
     rows, cols = lattice
     alike = sum(
-        share * (_gaussian(rows, reach) @ images @ _gaussian(cols, reach)) for reach, share in ALIKE
+        share * (gaussian(rows, reach) @ images @ gaussian(cols, reach)) for reach, share in ALIKE
     )
     spread: Floats = np.asarray(alike).reshape(light.shape) + ALONE * light
     return spread
 
 
-def _gaussian(size: int, reach: float) -> Floats:
+def gaussian(size: int, reach: float) -> Floats:
     """Gaussian of the distance of any two of so many cells, (size, size)."""
     apart = np.subtract.outer(np.arange(size), np.arange(size)) / reach
     return np.asarray(np.rint(np.exp(-(apart**2) / 2.0) / STEP) * STEP)

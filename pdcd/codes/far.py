@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pdcd.codes.alike import CHUNK, SIDE, Block, beyond, blocks
 from pdcd.codes.greyed import fits, greyed
 from pdcd.codes.stretches import TIMES, parts_of, stretched
+from pdcd.codes.woven import weaves
 
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -31,6 +32,9 @@ SELDOM_GREY = 0.6
 this: the fewer are lit together, the less has to be made up for."""
 MOST_TIMES = TIMES + 1
 """Where cells would be lit more often than so, stretches of them would cost light."""
+FEW_PARTS = 2
+"""Stretches of a row or column up to which codes that are chosen together with masks err less, or
+as little, and let more light pass."""
 LEAST_LIGHT = 0.25
 """Cells are lit one by one where that leaves this share of the light, or more."""
 MOST = 2**22
@@ -55,6 +59,15 @@ def times_lit(count: int, cells: int, best: float, *, grey: bool = False) -> int
     return max(1, round(SELDOM * best * count))
 
 
+def woven_fits(lattice: tuple[int, int], count: int, best: float) -> bool:
+    """Whether codes and masks of grey levels are to be chosen together (`pdcd.codes.woven`): not
+    where each cell is lit alone, nor where there are enough codes for short stretches."""
+    cells = lattice[0] * lattice[1]
+    alone = times_lit(count, cells, best, grey=True) * cells <= count
+    few = _parts(lattice, count, best) <= FEW_PARTS
+    return few and not alone and weaves(count, cells)
+
+
 def far_codes(
     lattice: tuple[int, int],
     count: int,
@@ -71,8 +84,7 @@ def far_codes(
     """
     cells = lattice[0] * lattice[1]
     times = times_lit(count, cells, best, grey=grey)
-    parts = parts_of(lattice, count) if grey and fits(count, cells) else 0
-    if parts and count < cells and times <= MOST_TIMES:
+    if grey and (parts := _parts(lattice, count, best)):
         return stretched(lattice, count, parts, rng)
     codes = np.zeros((count, cells), dtype=np.bool_)
     for share in np.array_split(rng.permutation(count), times):
@@ -80,18 +92,26 @@ def far_codes(
     return codes
 
 
+def _parts(lattice: tuple[int, int], count: int, best: float) -> int:
+    """Into how many stretches rows and columns are cut before masks of grey levels, or 0."""
+    cells = lattice[0] * lattice[1]
+    few = count < cells and times_lit(count, cells, best, grey=True) <= MOST_TIMES
+    return parts_of(lattice, count) if few and fits(count, cells) else 0
+
+
 def opened(
-    lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int, *, grey: bool = False
+    lit: Bools | Floats, seen: Bools, lattice: tuple[int, int], radius: int, *, grey: bool = False
 ) -> Bools | Floats:
-    """Where the mask is open, by `evened`, or how far, by `pdcd.codes.greyed`.
+    """Where the mask is open, by `evened`, or how far, by `pdcd.codes.greyed`. Codes of grey levels
+    are those that were chosen together with masks.
 
     It has no grey levels where there is nothing to make up for, as each code lights one cell, nor
     where choosing them would take long.
     """
     count, cells = lit.shape
     if grey and radius and fits(count, cells) and lit.sum(axis=1).max() > 1:
-        return greyed(lit, seen, lattice, radius)
-    return evened(lit, seen, lattice, radius)
+        return greyed(lit, seen, lattice, radius, fine=lit.dtype != np.bool_)
+    return evened(lit > 0, seen, lattice, radius)
 
 
 def evened(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Bools:

@@ -42,17 +42,25 @@ def fits(count: int, cells: int) -> bool:
     return count**2 * cells <= MOST_WORK
 
 
-def greyed(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Floats:
+def greyed(
+    lit: Bools | Floats,
+    seen: Bools,
+    lattice: tuple[int, int],
+    radius: int,
+    *,
+    fine: bool = False,
+) -> Floats:
     """How far the mask is open, 0..1, so that far light is counted as evenly as can be had.
 
     Parameters
     ----------
-    lit : (K, L) bool
-        Cells of the projector that are lit.
+    lit : (K, L) bool, or float64 0..1
+        How far cells of the projector are lit.
     seen : (K, L) bool
         Cells of the mask that may be open: no cell is lit within the radius of them.
     lattice : (rows, cols), L cells in all
     radius : cells along each axis, 1 or more
+    fine : whether the codes were chosen together with masks (`pdcd.codes.woven`)
 
     Returns
     -------
@@ -62,7 +70,7 @@ def greyed(lit: Bools, seen: Bools, lattice: tuple[int, int], radius: int) -> Fl
     level = OPEN * float(seen.mean())
     counted = level * float(bits.sum()) / bits.shape[1]
     found = np.empty(seen.shape)
-    for group in _groups(blocks(bits, lattice, radius), len(lit)):
+    for group in _groups(blocks(bits, lattice, radius, fine=fine), len(lit)):
         _level(found, group, seen, level, counted)
     return found
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from pdcd.bench.tables import Config
-from pdcd.planning.grey import unsaid
-from pdcd.planning.plan import beyond
+from pdcd.planning.grey import grey_panels, unsaid
+from pdcd.planning.plan import Pair, beyond
+from pdcd.recipes.parts import check_parts
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import CaptureRequest
 
@@ -18,12 +19,24 @@ def grey_masks(request: CaptureRequest, config: Config) -> bool:
     return not _black_and_white(config) if request.grey_masks is None else request.grey_masks
 
 
+def woven(request: CaptureRequest, config: Config) -> bool:
+    """Whether codes of far light may have grey levels, too: where it is known what light the
+    projector's give, and not in parts, which would err alike."""
+    known = not unsaid(config.projector, config)
+    return known and grey_masks(request, config) and check_parts(request) == 1
+
+
 def mask_reasons(
-    recipe: Recipe, request: CaptureRequest, config: Config, window: str
+    recipe: Recipe,
+    patterns: dict[str, Pair],
+    request: CaptureRequest,
+    config: Config,
+    window: str,
 ) -> Iterator[str]:
     """Why masks of far light have grey levels or none, where nobody asked for either; and why they
     open whole cells where those of other codes do not."""
-    if not any(beyond(program) for program in recipe.programs.values()):
+    far = [name for name, program in recipe.programs.items() if beyond(program)]
+    if not far:
         return
     if window != "whole":
         yield "masks of far light: whole cells, as no light from near them gets in"
@@ -32,6 +45,8 @@ def mask_reasons(
         yield "masks of far light: " + (
             f"black and white, as {why}" if why else "grey levels, which count it more evenly"
         )
+    if any("projector" in grey_panels([patterns[name]]) for name in far):
+        yield "codes of far light: grey levels, chosen together with the masks"
 
 
 def _black_and_white(config: Config) -> str:

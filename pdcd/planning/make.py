@@ -15,7 +15,7 @@ from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.brightness import as_bright
-from pdcd.planning.far import grey_masks, mask_reasons
+from pdcd.planning.far import grey_masks, mask_reasons, woven
 from pdcd.planning.grey import grey_reasons
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
@@ -114,7 +114,7 @@ def make_plan(
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *plane_reasons(config),
             *grey_reasons(patterns.values(), config),
-            *mask_reasons(recipe, request, config, lattice.window),
+            *mask_reasons(recipe, patterns, request, config, lattice.window),
             *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
         ),
         curves=curves,
@@ -151,6 +151,7 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         direct_bars=True,
         far_paths=True,
         grey_masks=_grey_masks(request, config),
+        woven=request.goal in FAR and woven(request, config),
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(

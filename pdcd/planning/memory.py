@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from pdcd.bench.grey import curves_of
 from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
-from pdcd.codes.far import evening_bytes
+from pdcd.codes.far import evening_bytes, woven_fits
 from pdcd.codes.greyed import fits, greying_bytes
+from pdcd.codes.woven import weaving_bytes
 from pdcd.errors import RequestError
 from pdcd.frames.curve import UNKNOWN
 from pdcd.frames.dither import COPIES
@@ -157,6 +158,9 @@ def _of_program(
     if isinstance(inner, Rows):
         return bits, made * (8 + 60 * lit), made * (2 + 8 * lit)
     several = 8 if isinstance(inner, Coded | Far | Keyed | KeyedRange) else 4
+    if isinstance(inner, Far) and inner.woven and woven_fits(own.shape, codes, inner.p):
+        compiling = greying_bytes(codes, cells) + made * 80
+        return weaving_bytes(codes, cells), compiling, made * 9
     if isinstance(inner, Far) and inner.radius and inner.grey and fits(codes, cells):
         compiling = greying_bytes(codes, cells) + made * (40 + 30 * lit)
         return bits, compiling, made * (5 + 4 * lit)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from pdcd.codes.chained import chained
-from pdcd.codes.far import far_codes
+from pdcd.codes.far import far_codes, woven_fits
 from pdcd.codes.hadamard import hadamard, hadamard_fits
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
 from pdcd.codes.linked import prior_codes
 from pdcd.codes.make import make_codes
+from pdcd.codes.woven import woven
 from pdcd.errors import RequestError
 from pdcd.frames.curve import UNKNOWN, Curves
 from pdcd.frames.dither import code_to_send, sequence_to_send
@@ -22,7 +25,7 @@ from pdcd.planning.plan import Pair, Plan, lattice_of, mean_light, shows_codes, 
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
-from pdcd.recipes.programs import Coded, Far, Program, extended, on_lattice, within
+from pdcd.recipes.programs import Coded, Far, Levels, Program, extended, on_lattice, within
 from pdcd.recipes.recipe import Recipe
 from pdcd.request import How
 from pdcd.words import FamilyName
@@ -79,14 +82,16 @@ def pairs_of(
     for name, program in recipe.programs.items():
         part = part_of.get(name, 0)
         own_seed = part_seed(seed, how.parts, part)
+        bits: Levels
         if not program.coded:
             bits = np.zeros((0, 0), dtype=np.bool_)
         elif name == "pilot":
             bits = pilot_codes(lattice.grid, how.pilot, seed)
         else:
-            bits = _bits(program, lattice, family, part_codes(how.coded, how.parts), p, own_seed)
+            count = part_codes(how.coded, how.parts)
+            bits = _bits(program, lattice, family, count, p, own_seed, watch)
         if part and family == "hadamard" and program.p == 0.5:
-            bits = coin_signs(bits, own_seed)
+            bits = coin_signs(bits > 0, own_seed)
         patterns[name] = _compiled(program, recipe, lattice, bits, curves, slots)
         watch.did(1.0)
     return patterns
@@ -138,9 +143,15 @@ def white_slots(
 
 
 def _bits(
-    program: Program, lattice: Lattice, family: FamilyName, count: int, p: float | None, seed: int
-) -> Bools:
-    """Code bits (K, L) of a coded program."""
+    program: Program,
+    lattice: Lattice,
+    family: FamilyName,
+    count: int,
+    p: float | None,
+    seed: int,
+    watch: Watch,
+) -> Levels:
+    """Code bits (K, L) of a coded program, or levels."""
     lines = _line_codes(program, lattice, family, count, seed)
     if lines is not None:
         return lines
@@ -148,6 +159,8 @@ def _bits(
     own = lattice_of(program, lattice)
     rng = np.random.Generator(np.random.PCG64(seed))
     if isinstance(inner, Far) and inner.radius and family not in COINS:
+        if inner.woven and woven_fits(own.shape, count, share):
+            return woven(own.shape, count, inner.radius, seed, watch)
         return far_codes(own.shape, count, share, rng, grey=inner.grey)
     if share != 0.5 and p is None and not isinstance(inner, Coded):
         # The best share of lit cells, rounded to what balanced codes can do.
@@ -185,11 +198,12 @@ def _line_codes(
 
 
 def _compiled(
-    program: Program, recipe: Recipe, lattice: Lattice, bits: Bools, curves: Curves, slots: int
+    program: Program, recipe: Recipe, lattice: Lattice, bits: Levels, curves: Curves, slots: int
 ) -> Pair:
     """Patterns of a program over its own lattice, coded ones under the goal's illumination."""
     own = lattice_of(program, lattice)
-    primal, dual = program.pairs(bits, own)
+    # Only codes that come in levels are given to the program that takes them.
+    primal, dual = program.pairs(cast(Bools, bits), own)
     # A pilot looks at the whole scene: it learns paths, not the picture.
     if recipe.target.light is not None and shows_codes(program):
         primal = primal * extended(recipe.target.light, own)

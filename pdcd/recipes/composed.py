@@ -29,7 +29,7 @@ from pdcd.recipes.factored import distinct_rows, factors_of
 from pdcd.recipes.maker import Maker, itself
 from pdcd.recipes.nonnegative import nonnegative_sides
 from pdcd.recipes.partners import Partner, partner_of
-from pdcd.recipes.programs import Coded, Far, Signed, SignedBlocks, SignedMatrix
+from pdcd.recipes.programs import Coded, Signed, SignedBlocks, SignedMatrix
 from pdcd.recipes.recipe import Combination
 from pdcd.recipes.structure import Structure, mostly_even, structure_of
 
@@ -305,10 +305,7 @@ class _Composition:
             f"{'within' if weight > 0.0 else 'beyond'} {radius} cells", share,
             "codes that are dark around what is lit, one exposure",
         )  # fmt: skip
-        maker.coded(
-            name, Far(radius, maker.grey), (1.0, Uniform(maker.target.cells)),
-            (-1.0, Near(maker.target.grid, radius)), light=self._light, gain=self._gain,
-        )  # fmt: skip
+        maker.far(name, radius, light=self._light, gain=self._gain)
         self._terms.append((-weight, name))
 
     def _matched(

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from pdcd.probing.convolved import Kernel
-from pdcd.probing.wanted import Full, Match, Near, Outer, Uniform, Wanted, shifted
+from pdcd.probing.wanted import Full, Match, Outer, Uniform, Wanted, shifted
 from pdcd.recipes import off_axis
 from pdcd.recipes.factored import distinct_rows, factors_of
 from pdcd.recipes.maker import Maker, itself
@@ -16,7 +16,6 @@ from pdcd.recipes.partners import Partner, cells_of
 from pdcd.recipes.programs import (
     Coded,
     Convolved,
-    Far,
     Floats,
     Signed,
     SignedBlocks,
@@ -129,10 +128,7 @@ def _illuminated(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
 
 
 def _far(maker: Maker) -> None:
-    target = maker.target
-    radius = target.goal.radius or 0
-    everything = (1.0, Uniform(target.cells))
-    maker.coded("far", Far(radius, maker.grey), everything, (-1.0, Near(target.grid, radius)))
+    maker.far("far", maker.target.goal.radius or 0)
 
 
 def _long_range(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:

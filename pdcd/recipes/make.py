@@ -57,7 +57,7 @@ def _whole(target: Target, how: How) -> Recipe:
     """The recipe in single exposures, each in one piece."""
     if target.goal.name == "transport":
         return transport(target, how)
-    maker = Maker(target, how.black_level, grey=how.grey_masks)
+    maker = Maker(target, how.black_level, grey=how.grey_masks, woven=how.woven)
     if how.method != "coded":
         if how.pilot:
             raise RequestError(f"method {how.method} takes no pilot", hint="leave it out")

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdcd.probing.wanted import Gained, Match, Part, Uniform, Wanted
+from pdcd.probing.wanted import Gained, Match, Near, Part, Uniform, Wanted
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import (
     Behind,
@@ -33,10 +33,14 @@ BLACKS: dict[str, tuple[tuple[float, bool, bool], ...]] = {
 class Maker:
     """Collects the programs, shots and photos of one recipe."""
 
-    def __init__(self, target: Target, black_level: BlackLevel, *, grey: bool = False) -> None:
+    def __init__(
+        self, target: Target, black_level: BlackLevel, *, grey: bool = False, woven: bool = False
+    ) -> None:
         self.target = target
         self.grey = grey
         """Whether masks of far light may have grey levels."""
+        self.woven = woven
+        """Whether its codes may have them, too."""
         self.blacks = BLACKS[black_level]
         self.programs: dict[str, Program] = {}
         self.shots: list[Shot] = []
@@ -75,6 +79,15 @@ class Maker:
         self.photo(name, wanted, [(1.0, Shot(name, name))], rows or isinstance(program, Far))
         if isinstance(program, Far) and wanted.light is None and gain is None:
             self.photos[-1] = replace(self.photos[-1], beyond=program.radius)
+
+    def far(
+        self, name: str, radius: int, *, light: Floats | None = None, gain: Floats | None = None
+    ) -> None:
+        """A photo of light from beyond a radius; `light` and `gain` as of `coded`."""
+        program = Far(radius, self.grey, self.woven)
+        everything = (1.0, Uniform(self.target.cells))
+        near = (-1.0, Near(self.target.grid, radius))
+        self.coded(name, program, everything, near, light=light, gain=gain)
 
     def signed(
         self,

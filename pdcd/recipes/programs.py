@@ -231,6 +231,8 @@ class Far:
     radius: int
     grey: bool = False
     """Whether the mask may have grey levels."""
+    woven: bool = False
+    """Whether the light may have them, too: codes and masks are chosen together."""
     coded: bool = True
 
     @property
@@ -238,11 +240,11 @@ class Far:
         """``1 / (W + 1)``, which makes the weight ``p (1 - p)^W`` largest."""
         return 1.0 / ((2 * self.radius + 1) ** 2 + 1)
 
-    def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
-        """K pairs."""
+    def pairs(self, bits: Levels, lattice: Lattice) -> Pairs:
+        """K pairs; codes that are chosen together with masks come in levels."""
         side = 2 * self.radius + 1
         around = np.ones((side, side), dtype=np.uint8)
-        lit = bits.reshape(-1, *lattice.shape).astype(np.uint8)
+        lit = (bits > 0).reshape(-1, *lattice.shape).astype(np.uint8)
         near = np.stack([cv2.dilate(one, around) for one in lit]).astype(np.bool_)
         seen = ~near.reshape(len(bits), -1)
         return bits, opened(bits, seen, lattice.shape, self.radius, grey=self.grey)

@@ -1,0 +1,188 @@
+"""Codes of grey levels that are chosen together with the masks that they are seen through.
+
+The mask is closed around each lit cell, and cells that are scattered close most of it. Here light
+and masks are sought at once, so that they count far light evenly, and nothing from within the
+radius. What comes out are short lines and rings, whose cells share what is closed around them: more
+light passes, and it is counted more evenly. Only the light is kept, as the levels of the masks
+follow from it (`pdcd.codes.greyed`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.codes.alike import ALIKE, falling, gaussian
+from pdcd.codes.descent import descended
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+MOST_WORK = 4.1e8
+"""Cells squared times codes, of which all that goes with cells alone counts as 256: half a minute
+on two cores."""
+STAGES = ((0.01, 400), (0.3, 300))
+"""How much light from within the radius weighs, and in how many steps of descent. It is let in at
+first, as codes get stuck where they start otherwise."""
+ALONE = 0.5
+"""Weight of light that each cell has for itself; among codes chosen by chance less is better."""
+BLOB_CELLS, BLOB_SHARE = 2.0, 0.3
+"""Before the descent each code lights this share of the cells, in blobs of about that size."""
+LEAST_LEVEL = 0.1
+"""Light below this level is left out, as it closes the mask like any other."""
+LEVELS = 256
+"""Levels are whole multiples of one part in so many."""
+KEPT = 8
+"""Sets of codes that are remembered."""
+
+
+def weaves(count: int, cells: int) -> bool:
+    """Whether so many codes of so many cells are chosen together."""
+    return cells**2 * (count + 256) <= MOST_WORK
+
+
+def weaving_bytes(count: int, cells: int) -> int:
+    """Bytes that `woven` takes."""
+    return 4 * (12 * cells**2 + 2 * 32 * count * cells)
+
+
+def woven(
+    lattice: tuple[int, int], count: int, radius: int, seed: int, alive: Callable[[], None]
+) -> Floats:
+    """Levels of the projector, 0..1, (K, L), for light from beyond a radius of 1 or more.
+
+    `alive` is called at every step of the descent. The last digits depend on how a machine adds in
+    float32: codes of the same seed err alike on all machines, but are not the same.
+    """
+    return _woven(lattice, count, radius, seed, _Told(alive)) / LEVELS
+
+
+class _Told:
+    """A listener that counts as the same as any other, so that codes are found again."""
+
+    def __init__(self, alive: Callable[[], None]) -> None:
+        self.alive = alive
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Told)
+
+    def __hash__(self) -> int:
+        return 0
+
+
+@lru_cache(maxsize=KEPT)
+def _woven(
+    lattice: tuple[int, int], count: int, radius: int, seed: int, told: _Told
+) -> NDArray[np.uint16]:
+    """The same in parts of a level."""
+    measure = _Measure(lattice, radius, told.alive)
+    found = _start(lattice, count, radius, np.random.Generator(np.random.PCG64(seed)))
+    for weight, steps in STAGES:
+        found = descended(lambda both, w=weight: measure(both, w), found, steps)  # type: ignore[misc]
+    light = found[1]
+    levels = np.rint(np.where(light < LEAST_LEVEL, 0.0, light) * LEVELS)
+    return np.asarray(levels, dtype=np.uint16)
+
+
+def _start(lattice: tuple[int, int], count: int, radius: int, rng: np.random.Generator) -> Singles:
+    """Masks and light, (2, K, L): blobs by chance, and masks half open elsewhere."""
+    noise = rng.standard_normal((count, *lattice))
+    smooth = np.stack([cv2.GaussianBlur(one, (0, 0), BLOB_CELLS) for one in noise])
+    smooth = smooth.reshape(count, -1)
+    lit = smooth > np.quantile(smooth, 1.0 - BLOB_SHARE, axis=1, keepdims=True)
+    both = np.stack([np.where(lit, 0.02, 0.5), np.where(lit, 0.6, 0.02)])
+    return np.asarray(both + rng.uniform(0.0, 0.1, both.shape), dtype=np.float32)
+
+
+class _Measure:
+    """How much light through masks m of codes l errs: its value and slope over both (2, K, L).
+
+    The realised matrix over its mean weight far off, c, less the wanted one is ``d = l m / c - F``.
+    Light that is alike over some cells, and falls off from each camera cell or does not, errs
+    by ``d C d``. What a code lets in from within the radius is ``b``, over all codes and each
+    camera cell, and ``(b / c)^2`` is added to it, times a weight.
+    """
+
+    def __init__(self, lattice: tuple[int, int], radius: int, alive: Callable[[], None]) -> None:
+        rows, cols = lattice
+        self.lattice, self.cells, self.alive = lattice, rows * cols, alive
+        row, col = np.divmod(np.arange(self.cells), cols)
+        down, right = (np.abs(np.subtract.outer(x, x)) for x in (row, col))
+        far = np.maximum(down, right) > radius
+        self.far, self.paths = _single(far), float(far.sum())
+        self.close = [_single(np.tri(n, k=radius) * np.tri(n, k=radius).T) for n in lattice]
+        falls = (np.ones(far.shape), *falling(np.hypot(down, right), radius))
+        # Light that falls off fast errs most, close to the radius; it counts twice.
+        shares = (1.0, 1.0, 2.0)
+        self.falls = [
+            _single(fall * np.sqrt(share * self.cells / np.sum(fall**2)))
+            for fall, share in zip(falls, shares, strict=True)
+        ]
+        self.alike = [
+            (_single(share * gaussian(rows, reach)), _single(gaussian(cols, reach)))
+            for reach, share in ALIKE
+        ]
+        self.scratch = [np.empty_like(self.far) for _ in range(5)]
+        self.passes = (
+            np.empty((rows, cols * self.cells), np.float32),
+            np.empty((rows, cols, self.cells), np.float32),
+        )
+
+    def __call__(self, both: Singles, weight: float) -> tuple[float, Singles]:
+        self.alive()
+        mask, light = both
+        # Matrices of projector cells by camera cells lie where they did at the last call: to ask
+        # for their memory anew takes as long as to fill them.
+        realised, wrong, slope, spread, falling_light = self.scratch
+        np.matmul(light.T, mask, out=realised)
+        mean = _dot(realised, self.far) / self.paths
+        np.multiply(realised, np.float32(1.0 / mean), out=wrong)
+        wrong -= self.far
+        slope[:] = 0.0
+        for fall in self.falls:
+            np.multiply(fall, wrong, out=falling_light)
+            self._spread(falling_light, spread)
+            spread *= fall
+            slope += spread
+        near_light = self._near(light)
+        let_in = np.sum(mask * near_light, axis=0) / np.float32(mean)
+        close = weight * _dot(let_in, let_in)
+        value = _dot(slope, wrong) + close
+        # What follows is half of each slope. The mean depends on the far entries, too.
+        by_mean = (_dot(slope, realised) / mean + close) / (mean * self.paths)
+        slope *= np.float32(1.0 / mean)
+        np.multiply(self.far, np.float32(by_mean), out=spread)
+        slope -= spread
+        shut = np.float32(weight / mean) * let_in
+        by_mask = light @ slope + near_light * shut
+        by_light = mask @ slope.T + self._near(mask * shut)
+        return value / self.cells, np.stack([by_mask, by_light]) * np.float32(2.0 / self.cells)
+
+    def _near(self, images: Singles) -> Singles:
+        """Sums of images (K, L) within the radius of each cell, (K, L)."""
+        rows, cols = self.close
+        near = rows @ images.reshape(-1, *self.lattice) @ cols
+        return np.asarray(near.reshape(images.shape))
+
+    def _spread(self, light: Singles, spread: Singles) -> None:
+        """``C`` of light by projector cells and camera cells, into `spread`."""
+        rows, cols = self.lattice
+        across = light.reshape(rows, cols * self.cells)
+        once, twice = self.passes
+        np.multiply(light, np.float32(ALONE), out=spread)
+        for down, right in self.alike:
+            np.matmul(down, across, out=once)
+            np.matmul(right, once.reshape(twice.shape), out=twice)
+            spread += twice.reshape(spread.shape)
+
+
+def _single(values: Floats | NDArray[np.bool_]) -> Singles:
+    return np.asarray(values, dtype=np.float32)
+
+
+def _dot(one: Singles, other: Singles) -> float:
+    return float(np.vdot(one, other))
