@@ -17,6 +17,8 @@ FIRST = 0.1
 """How far the first step moves any number at most."""
 SHORTER, TRIES = 0.35, 10
 """A step after which the value is not lower is shortened by this factor, so often at most."""
+LEAST = 1e-7
+"""Share of the value that a step must bring to be followed by another: what float32 tells apart."""
 TINY = 1e-30
 """No slope at all."""
 ENOUGH = 1e-4
@@ -24,7 +26,7 @@ ENOUGH = 1e-4
 
 
 def descended(function: Function, start: Singles, steps: int) -> Singles:
-    """Where so many steps of descent from `start` lead; all numbers stay between 0 and 1.
+    """Where at most so many steps of descent from `start` lead; all numbers stay between 0 and 1.
 
     Steps go by the slope and by the curvature that the last steps met (limited-memory BFGS, Nocedal
     and Wright 2006, algorithm 7.4), of those numbers alone that are not held by their bounds. To
@@ -38,12 +40,17 @@ def descended(function: Function, start: Singles, steps: int) -> Singles:
         held = ((place <= 0.0) & (slope > 0.0)) | ((place >= 1.0) & (slope < 0.0))
         way = _way(np.where(held, np.float32(0.0), slope), met)
         way[held] = 0.0
-        if not np.any(way) or _dot(way, slope) >= 0.0:
-            if not met:
-                break
+        step = _step(function, place, value, slope, way)
+        if step is None and not met:
+            break
+        if step is None:
+            # What was met before misleads here.
             met = []
             continue
-        after, value, new_slope = _step(function, place, value, slope, way)
+        after, low, new_slope = step
+        if value - low < LEAST * abs(value):
+            return after
+        value = low
         moved, bent = after - place, new_slope - slope
         curved = _dot(moved, bent)
         if curved > 0.0:
@@ -72,17 +79,19 @@ def _way(slope: Singles, met: list[tuple[Singles, Singles, float]]) -> Singles:
 
 def _step(
     function: Function, place: Singles, value: float, slope: Singles, way: Singles
-) -> tuple[Singles, float, Singles]:
-    """The first place on the way, of ever nearer ones, where the value is low enough, or the last
-    that was tried; its value and slope."""
+) -> tuple[Singles, float, Singles] | None:
+    """The first place on the way, of ever nearer ones, where the value is low enough; its value and
+    slope. None where the way leads up, or none of them is."""
+    if _dot(way, slope) >= 0.0:
+        return None
     length = 1.0
     for _ in range(TRIES):
         after = np.clip(place + np.float32(length) * way, 0.0, 1.0)
         low, new_slope = function(after)
         if low <= value + ENOUGH * _dot(slope, after - place):
-            break
+            return after, low, new_slope
         length *= SHORTER
-    return after, low, new_slope
+    return None
 
 
 def _dot(one: Singles, other: Singles) -> float:

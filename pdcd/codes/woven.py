@@ -10,13 +10,13 @@ follow from it (`pdcd.codes.greyed`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.alike import ALIKE, falling, gaussian
+from pdcd.codes.alike import ALIKE, STEEP, falling, gaussian
 from pdcd.codes.descent import descended
 
 Floats = NDArray[np.float64]
@@ -38,6 +38,7 @@ LEVELS = 256
 """Levels are whole multiples of one part in so many."""
 KEPT = 8
 """Sets of codes that are remembered."""
+_known: dict[tuple[tuple[int, int], int, int, int], NDArray[np.uint16]] = {}
 
 
 def weaves(count: int, cells: int) -> bool:
@@ -47,7 +48,7 @@ def weaves(count: int, cells: int) -> bool:
 
 def weaving_bytes(count: int, cells: int) -> int:
     """Bytes that `woven` takes."""
-    return 4 * (12 * cells**2 + 2 * 32 * count * cells)
+    return 4 * (14 * cells**2 + 80 * count * cells)
 
 
 def woven(
@@ -58,37 +59,34 @@ def woven(
     `alive` is called at every step of the descent. The last digits depend on how a machine adds in
     float32: codes of the same seed err alike on all machines, but are not the same.
     """
-    return _woven(lattice, count, radius, seed, _Told(alive)) / LEVELS
+    key = (lattice, count, radius, seed)
+    levels = _known.get(key)
+    if levels is None:
+        levels = _known[key] = _weave(lattice, count, radius, seed, alive)
+        while len(_known) > KEPT:
+            _known.pop(next(iter(_known)), None)
+    return levels / LEVELS
 
 
-class _Told:
-    """A listener that counts as the same as any other, so that codes are found again."""
-
-    def __init__(self, alive: Callable[[], None]) -> None:
-        self.alive = alive
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Told)
-
-    def __hash__(self) -> int:
-        return 0
-
-
-@lru_cache(maxsize=KEPT)
-def _woven(
-    lattice: tuple[int, int], count: int, radius: int, seed: int, told: _Told
+def _weave(
+    lattice: tuple[int, int], count: int, radius: int, seed: int, alive: Callable[[], None]
 ) -> NDArray[np.uint16]:
     """The same in parts of a level."""
-    measure = _Measure(lattice, radius, told.alive)
-    found = _start(lattice, count, radius, np.random.Generator(np.random.PCG64(seed)))
+    measure = _Measure(lattice, radius)
+
+    def errs(both: Singles, weight: float) -> tuple[float, Singles]:
+        alive()
+        return measure(both, weight)
+
+    found = _start(lattice, count, np.random.Generator(np.random.PCG64(seed)))
     for weight, steps in STAGES:
-        found = descended(lambda both, w=weight: measure(both, w), found, steps)  # type: ignore[misc]
+        found = descended(partial(errs, weight=weight), found, steps)
     light = found[1]
     levels = np.rint(np.where(light < LEAST_LEVEL, 0.0, light) * LEVELS)
     return np.asarray(levels, dtype=np.uint16)
 
 
-def _start(lattice: tuple[int, int], count: int, radius: int, rng: np.random.Generator) -> Singles:
+def _start(lattice: tuple[int, int], count: int, rng: np.random.Generator) -> Singles:
     """Masks and light, (2, K, L): blobs by chance, and masks half open elsewhere."""
     noise = rng.standard_normal((count, *lattice))
     smooth = np.stack([cv2.GaussianBlur(one, (0, 0), BLOB_CELLS) for one in noise])
@@ -107,56 +105,39 @@ class _Measure:
     camera cell, and ``(b / c)^2`` is added to it, times a weight.
     """
 
-    def __init__(self, lattice: tuple[int, int], radius: int, alive: Callable[[], None]) -> None:
+    def __init__(self, lattice: tuple[int, int], radius: int) -> None:
         rows, cols = lattice
-        self.lattice, self.cells, self.alive = lattice, rows * cols, alive
+        self.lattice, self.cells = lattice, rows * cols
         row, col = np.divmod(np.arange(self.cells), cols)
         down, right = (np.abs(np.subtract.outer(x, x)) for x in (row, col))
         far = np.maximum(down, right) > radius
         self.far, self.paths = _single(far), float(far.sum())
         self.close = [_single(np.tri(n, k=radius) * np.tri(n, k=radius).T) for n in lattice]
         falls = (np.ones(far.shape), *falling(np.hypot(down, right), radius))
-        # Light that falls off fast errs most, close to the radius; it counts twice.
-        shares = (1.0, 1.0, 2.0)
         self.falls = [
             _single(fall * np.sqrt(share * self.cells / np.sum(fall**2)))
-            for fall, share in zip(falls, shares, strict=True)
+            for fall, share in zip(falls, (1.0, 1.0, STEEP), strict=True)
         ]
         self.alike = [
             (_single(share * gaussian(rows, reach)), _single(gaussian(cols, reach)))
             for reach, share in ALIKE
         ]
-        self.scratch = [np.empty_like(self.far) for _ in range(5)]
-        self.passes = (
-            np.empty((rows, cols * self.cells), np.float32),
-            np.empty((rows, cols, self.cells), np.float32),
-        )
 
     def __call__(self, both: Singles, weight: float) -> tuple[float, Singles]:
-        self.alive()
         mask, light = both
-        # Matrices of projector cells by camera cells lie where they did at the last call: to ask
-        # for their memory anew takes as long as to fill them.
-        realised, wrong, slope, spread, falling_light = self.scratch
-        np.matmul(light.T, mask, out=realised)
+        realised = light.T @ mask  # projector cells x camera cells
         mean = _dot(realised, self.far) / self.paths
-        np.multiply(realised, np.float32(1.0 / mean), out=wrong)
-        wrong -= self.far
-        slope[:] = 0.0
+        wrong = realised * np.float32(1.0 / mean) - self.far
+        slope = np.zeros_like(wrong)
         for fall in self.falls:
-            np.multiply(fall, wrong, out=falling_light)
-            self._spread(falling_light, spread)
-            spread *= fall
-            slope += spread
+            slope += fall * self._spread(fall * wrong)
         near_light = self._near(light)
         let_in = np.sum(mask * near_light, axis=0) / np.float32(mean)
         close = weight * _dot(let_in, let_in)
         value = _dot(slope, wrong) + close
         # What follows is half of each slope. The mean depends on the far entries, too.
         by_mean = (_dot(slope, realised) / mean + close) / (mean * self.paths)
-        slope *= np.float32(1.0 / mean)
-        np.multiply(self.far, np.float32(by_mean), out=spread)
-        slope -= spread
+        slope = slope * np.float32(1.0 / mean) - np.float32(by_mean) * self.far
         shut = np.float32(weight / mean) * let_in
         by_mask = light @ slope + near_light * shut
         by_light = mask @ slope.T + self._near(mask * shut)
@@ -168,16 +149,15 @@ class _Measure:
         near = rows @ images.reshape(-1, *self.lattice) @ cols
         return np.asarray(near.reshape(images.shape))
 
-    def _spread(self, light: Singles, spread: Singles) -> None:
-        """``C`` of light by projector cells and camera cells, into `spread`."""
+    def _spread(self, light: Singles) -> Singles:
+        """``C`` of light by projector cells and camera cells."""
         rows, cols = self.lattice
+        spread = np.float32(ALONE) * light
         across = light.reshape(rows, cols * self.cells)
-        once, twice = self.passes
-        np.multiply(light, np.float32(ALONE), out=spread)
         for down, right in self.alike:
-            np.matmul(down, across, out=once)
-            np.matmul(right, once.reshape(twice.shape), out=twice)
-            spread += twice.reshape(spread.shape)
+            both = right @ (down @ across).reshape(rows, cols, self.cells)
+            spread += both.reshape(light.shape)
+        return spread
 
 
 def _single(values: Floats | NDArray[np.bool_]) -> Singles:

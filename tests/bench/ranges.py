@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.far import far_codes
+from pdcd.codes.far import far_codes, woven_fits
 from pdcd.codes.make import make_codes
+from pdcd.codes.woven import woven
 from pdcd.frames.lattice import Lattice
 from pdcd.pictures.smooth import colour_correction
 from pdcd.probing.wanted import Near
@@ -33,9 +34,9 @@ GOALS = ("long-range", "short-range")
 Floats = NDArray[np.float64]
 Errors = dict[tuple[str, int, str, str], float]
 """(scene, number of codes, goal, a key of `HOW`) -> RMS error over the true RMS."""
-HOW = ("balanced", "black and white", "grey, as taken", "grey")
+HOW = ("balanced", "black and white", "grey masks", "grey")
 """Balanced codes, each closed around lit cells and nowhere else; masks of black and white; masks of
-grey levels as they are, and corrected for smooth light, as those of black and white are."""
+grey levels; and what is taken by default where both panels show them."""
 
 
 def run(*, quick: bool, folder: Path) -> Section:
@@ -53,12 +54,14 @@ def run(*, quick: bool, folder: Path) -> Section:
             "RMS error of the pictures of the goals long-range and short-range over the RMS of the "
             "true ones, 24 x 32 cells, whole windows, ideal panels. Balanced: cells lit as often "
             "as brings most light, each for itself, and the mask closed around them alone. Black "
-            "and white: dealt out evenly, half as often, and the mask closed at more cells so that "
-            "far light is counted alike. Grey: lit less often, and the mask at the levels that "
-            "count far light most alike, the default where the mask's levels are known. But for "
-            "'as taken' less what the codes get wrong of smooth light, by a model that the photo "
-            "gives. Short-range light is the difference of the indirect photo, which is corrected "
-            "in all, and the far one."
+            "and white: dealt out evenly, half as often, and the mask closed at more cells so "
+            "that far light is counted alike. Grey masks: lit less often, and the mask at the "
+            "levels that count far light most alike, the default where the mask's levels alone "
+            "are known. Grey: where both panels' are. 128 codes are chosen together with the "
+            "masks, of 512 half light stretches either way. But for the balanced ones less what "
+            "the codes get wrong of smooth light, by a model that the photo gives. Short-range "
+            "light is the difference of the indirect photo, which is corrected in all, and the "
+            "far one."
         ),
         tables=[table],
         aims=[],
@@ -121,15 +124,19 @@ def _far(scene: Scene, transport: Floats, count: int, seed: int) -> dict[str, Fl
     )
     closed = np.asarray(near.reshape(old.shape), dtype=np.float64)
     found = {HOW[0]: _pictured(1.0 - closed, old.astype(np.float64), scene, transport)[0]}
-    for how, grey in ((HOW[1], False), (HOW[3], True)):
-        rng = np.random.Generator(np.random.PCG64(seed))
-        codes = far_codes(scene.grid, count, best, rng, grey=grey)
-        bits, dual = Far(RADIUS, grey).pairs(codes, Lattice(scene.grid, "whole"))
+    codes: dict[str, NDArray[np.bool_] | Floats] = {
+        how: far_codes(scene.grid, count, best, np.random.default_rng(seed), grey=grey)
+        for how, grey in ((HOW[1], False), (HOW[2], True))
+    }
+    if woven_fits(scene.grid, count, best):
+        codes[HOW[3]] = woven(scene.grid, count, RADIUS, seed, lambda: None)
+    for how, levels in codes.items():
+        bits, dual = Far(RADIUS, how != HOW[1]).pairs(levels, Lattice(scene.grid, "whole"))
         left, right = dual.astype(np.float64), bits.astype(np.float64)
         image, weight = _pictured(left, right, scene, transport)
-        found[HOW[2]] = image  # those of the last
         more = colour_correction(left, right, weight, image, scene.grid, beyond=RADIUS)
         found[how] = np.asarray(image + more)
+    found.setdefault(HOW[3], found[HOW[2]])
     return found
 
 

@@ -72,6 +72,11 @@ def planned(
             {"goal": "long-range", "radius": 1},
             (48 + 80 + 40) * C + 40 * SQUARE + 9 * 12 * 24, 5 * C,
         ),
+        # Codes that are chosen together with them, too.
+        (
+            {"goal": "long-range", "radius": 1, "codes": 8},
+            4 * (14 * 144 + 80 * 96), 9 * 96,
+        ),
         ({"goal": "diagonal"}, 9 * C + 56 * C, 18 * C),
         ({"goal": "filtered", "kernel": KERNEL}, 9 * C + 56 * C, 18 * C),
         ({"goal": "relit", "matrix": MATRIX, "codes": 8}, 65 * 96 + 24 * 144, 18 * 96),
