@@ -20,6 +20,7 @@ from pdcd.recipes.programs import Far
 from pdcd.scene.matrix import load_matrix
 from pdcd.scene.presets import PRESETS
 from pdcd.scene.scene import Scene
+from tests.bench import plots
 from tests.bench.tables import Section, Table, percent
 from tests.places import ROOT
 
@@ -31,6 +32,10 @@ SCENES = ("open-book", "wax-disk", "milky-bottle", "disco-ball")
 MATRICES = ("corner_32x24", "mirror_32x24")
 GOALS = ("long-range", "short-range")
 
+CODES = "Scattered cells behind grey masks, codes chosen together with masks, and stretches"
+SHOWN, SHOWN_SEED = 6, 0
+"""Codes of each that are drawn, and their seed."""
+
 Floats = NDArray[np.float64]
 Errors = dict[tuple[str, int, str, str], float]
 """(scene, number of codes, goal, a key of `HOW`) -> RMS error over the true RMS."""
@@ -41,6 +46,7 @@ grey levels; and what is taken by default where both panels show them."""
 
 def run(*, quick: bool, folder: Path) -> Section:
     """Evaluate all scenes, without noise."""
+    draw(folder / "far-codes.png")
     errors = _errors(COUNTS[:1] if quick else COUNTS, 1 if quick else SEEDS)
     ways = [f"{goal}, {how}" for goal in GOALS for how in HOW]
     heads = ("scene", "K", *ways)
@@ -65,8 +71,24 @@ def run(*, quick: bool, folder: Path) -> Section:
         ),
         tables=[table],
         aims=[],
-        plots=[],
+        plots=[("far-codes.png", f"{CODES}: light in red, the open mask in green.")],
     )
+
+
+def draw(path: Path) -> None:
+    """Some codes of each way, a row each: light in red, the mask in green."""
+    rows = {}
+    for count, how in ((128, HOW[2]), (128, HOW[3]), (512, HOW[3])):
+        light, mask = _codes(GRID, count, SHOWN_SEED)[how]
+        shown = np.stack([light, mask, np.zeros_like(mask)], axis=-1)
+        rows[f"{count} codes, {how}"] = shown.reshape(count, *GRID, 3)[:SHOWN]
+    figure, axes = plots.panels(SHOWN, len(rows), scale=0.35)
+    for axis, image in zip(axes, np.concatenate([*rows.values()]), strict=True):
+        axis.imshow(image, interpolation="nearest")
+        axis.set_axis_off()
+    for axis, title in zip(axes[::SHOWN], rows, strict=True):
+        axis.set_title(title, fontsize=9, loc="left")
+    plots.save(figure, path)
 
 
 def _scenes() -> Iterator[tuple[str, Scene]]:
@@ -115,28 +137,33 @@ def _mean(left: Floats, right: Floats) -> float:
 
 def _far(scene: Scene, transport: Floats, count: int, seed: int) -> dict[str, Floats]:
     """The picture of far light in every way of `HOW`, (N, C)."""
+    found = {}
+    for how, (light, mask) in _codes(scene.grid, count, seed).items():
+        image, weight = _pictured(mask, light, scene, transport)
+        more = colour_correction(mask, light, weight, image, scene.grid, beyond=RADIUS)
+        found[how] = image if how == HOW[0] else np.asarray(image + more)
+    return found
+
+
+def _codes(grid: tuple[int, int], count: int, seed: int) -> dict[str, tuple[Floats, Floats]]:
+    """Levels of projector and mask, (K, N) each, in every way of `HOW`."""
     best = Far(RADIUS).p
     share = max(1, round(best * count)) / count
-    old = make_codes("balanced", scene.grid, count, dual="same", p=share, seed=seed).primal
+    old = make_codes("balanced", grid, count, dual="same", p=share, seed=seed).primal
     size = 2 * RADIUS + 1
     near = np.stack(
-        [cv2.dilate(one, np.ones((size, size))) for one in old.reshape(-1, *scene.grid) * 1.0]
+        [cv2.dilate(one, np.ones((size, size))) for one in old.reshape(-1, *grid) * 1.0]
     )
-    closed = np.asarray(near.reshape(old.shape), dtype=np.float64)
-    found = {HOW[0]: _pictured(1.0 - closed, old.astype(np.float64), scene, transport)[0]}
-    codes: dict[str, NDArray[np.bool_] | Floats] = {
-        how: far_codes(scene.grid, count, best, np.random.default_rng(seed), grey=grey)
+    levels: dict[str, NDArray[np.bool_] | Floats] = {
+        how: far_codes(grid, count, best, np.random.default_rng(seed), grey=grey)
         for how, grey in ((HOW[1], False), (HOW[2], True))
     }
-    if woven_fits(scene.grid, count, best):
-        codes[HOW[3]] = woven(scene.grid, count, RADIUS, seed, lambda: None)
-    for how, levels in codes.items():
-        bits, dual = Far(RADIUS, how != HOW[1]).pairs(levels, Lattice(scene.grid, "whole"))
-        left, right = dual.astype(np.float64), bits.astype(np.float64)
-        image, weight = _pictured(left, right, scene, transport)
-        more = colour_correction(left, right, weight, image, scene.grid, beyond=RADIUS)
-        found[how] = np.asarray(image + more)
-    found.setdefault(HOW[3], found[HOW[2]])
+    together = woven_fits(grid, count, best)
+    levels[HOW[3]] = woven(grid, count, RADIUS, seed, lambda: None) if together else levels[HOW[2]]
+    found = {HOW[0]: (old.astype(np.float64), np.asarray(1.0 - near, np.float64))}
+    for how, light in levels.items():
+        both = Far(RADIUS, how != HOW[1]).pairs(light, Lattice(grid, "whole"))
+        found[how] = (both[0].astype(np.float64), both[1].astype(np.float64))
     return found
 
 

@@ -72,7 +72,7 @@ def verdict(folder: Path, *, camera: dict[str, Any] | None = None, **asked: Any)
     tables = {k: asked.pop(k) for k in ("scene", "rig", "display", "mask") if k in asked}
     scene = tables.pop("scene", {})
     config = Config(
-        scene=SceneConfig(grid=GRID, **scene),
+        scene=SceneConfig(**{"grid": GRID, **scene}),
         camera=CameraConfig(**(camera or {})),
         limits=LimitsConfig(min_free_bytes=0),
         **tables,
@@ -103,7 +103,7 @@ def test_measured_error_bars_leave_no_remark(tmp_path: Path) -> None:
     [
         ("mirror-and-vase", {"codes": None}, ["bad"]),
         ("mirror-and-vase", {}, ["bad"]),
-        ("mirror-and-vase", {"goal": "long-range"}, ["doubtful", "bad"]),
+        ("mirror-and-vase", {"goal": "long-range", "codes": 16}, ["doubtful", "bad"]),
         ("milky-bottle", {"codes": None}, ["good"]),
         ("milky-bottle", {"goal": "long-range"}, ["good"]),
     ],
@@ -114,7 +114,7 @@ def test_near_light_that_is_lost_in_far_light(
     """Before a mirror hardly any light comes from near, and the photo is wrong by far more than
     there is; in milk there is much. With error bars that are measured, and with modelled ones."""
     given = {"goal": "short-range", "radius": 2, "codes": 128, **asked}
-    found = verdict(tmp_path, scene={"kind": scene}, **given)
+    found = verdict(tmp_path, scene={"kind": scene, "grid": (12, 16)}, **given)
     assert found.verdict in grades, found
     assert bool(found.reasons) == (scene == "mirror-and-vase")
 
