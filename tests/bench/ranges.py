@@ -32,7 +32,6 @@ SCENES = ("open-book", "wax-disk", "milky-bottle", "disco-ball")
 MATRICES = ("corner_32x24", "mirror_32x24")
 GOALS = ("long-range", "short-range")
 
-CODES = "Scattered cells behind grey masks, codes chosen together with masks, and stretches"
 SHOWN, SHOWN_SEED = 6, 0
 """Codes of each that are drawn, and their seed."""
 
@@ -71,17 +70,22 @@ def run(*, quick: bool, folder: Path) -> Section:
         ),
         tables=[table],
         aims=[],
-        plots=[("far-codes.png", f"{CODES}: light in red, the open mask in green.")],
+        plots=[("far-codes.png", "Codes for far light: light in red, the open mask in green.")],
     )
 
 
 def draw(path: Path) -> None:
     """Some codes of each way, a row each: light in red, the mask in green."""
     rows = {}
-    for count, how in ((128, HOW[2]), (128, HOW[3]), (512, HOW[3])):
+    ways = (
+        ("128: cells scattered behind grey masks", 128, HOW[2]),
+        ("128: light and masks chosen together", 128, HOW[3]),
+        ("512: half of them light stretches", 512, HOW[3]),
+    )
+    for title, count, how in ways:
         light, mask = _codes(GRID, count, SHOWN_SEED)[how]
         shown = np.stack([light, mask, np.zeros_like(mask)], axis=-1)
-        rows[f"{count} codes, {how}"] = shown.reshape(count, *GRID, 3)[:SHOWN]
+        rows[title] = shown.reshape(count, *GRID, 3)[:SHOWN]
     figure, axes = plots.panels(SHOWN, len(rows), scale=0.35)
     for axis, image in zip(axes, np.concatenate([*rows.values()]), strict=True):
         axis.imshow(image, interpolation="nearest")
@@ -151,9 +155,8 @@ def _codes(grid: tuple[int, int], count: int, seed: int) -> dict[str, tuple[Floa
     share = max(1, round(best * count)) / count
     old = make_codes("balanced", grid, count, dual="same", p=share, seed=seed).primal
     size = 2 * RADIUS + 1
-    near = np.stack(
-        [cv2.dilate(one, np.ones((size, size))) for one in old.reshape(-1, *grid) * 1.0]
-    )
+    kernel, images = np.ones((size, size)), old.reshape(-1, *grid).astype(np.float64)
+    near = np.stack([cv2.dilate(image, kernel) for image in images]).reshape(old.shape)
     levels: dict[str, NDArray[np.bool_] | Floats] = {
         how: far_codes(grid, count, best, np.random.default_rng(seed), grey=grey)
         for how, grey in ((HOW[1], False), (HOW[2], True))

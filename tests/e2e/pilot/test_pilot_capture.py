@@ -181,14 +181,14 @@ def test_paths_that_a_pilot_found_are_known_in_far_light(parts: int, tmp_path: P
     taken off, of all photos and of each part."""
     vase = SceneConfig(kind="mirror-and-vase", grid=(12, 16))
     asked: dict[str, Any] = {"goal": "long-range", "radius": 1, "codes": 64, "parts": parts}
-    asked["scene"] = vase
-    plain = error_of(tmp_path / "plain", **asked)
-    assert error_of(tmp_path / "pilot", pilot=16, **asked) < plain / 3.0
+    plain = error_of(tmp_path / "plain", scene=vase, **asked)
+    assert error_of(tmp_path / "pilot", scene=vase, pilot=16, **asked) < plain / 3.0
 
 
 def test_a_pilot_helps_light_under_an_illumination(tmp_path: Path) -> None:
     """A path from a cell that is lit by a fifth is wanted by a fifth."""
-    asked = {"goal": "indirect", "codes": 128, "illumination": STRIPES, "white": False}
+    asked: dict[str, Any] = {"goal": "indirect", "codes": 128, "white": False}
+    asked["illumination"] = STRIPES
     plain = error_of(tmp_path / "plain", **asked)
     assert error_of(tmp_path / "pilot", pilot=16, **asked) < plain / 2.0
 
