@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+Real = TypeVar("Real", NDArray[np.float64], NDArray[np.float32])
 
 ALIKE = ((8.0, 0.375), (3.0, 0.375), (1.5, 0.25))
 """How alike the light of two cells is taken to be: Gaussians of so many cells, and their shares."""
@@ -87,13 +89,18 @@ def blocks(
 
 def beyond(images: Floats, lattice: tuple[int, int], radius: int) -> Floats:
     """Sums of images (K, L) over all that is further than the radius from each cell, (K, L)."""
+    sums: Floats = images.sum(axis=1, keepdims=True) - within(images, lattice, radius)
+    return sums
+
+
+def within(images: Real, lattice: tuple[int, int], radius: int) -> Real:
+    """Sums of images (K, L) over all that is within the radius of each cell, (K, L)."""
     rows, cols = (
-        (np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= radius).astype(np.float64)
+        (np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= radius).astype(images.dtype)
         for n in lattice
     )
     near = (rows @ images.reshape(-1, *lattice) @ cols).reshape(images.shape)
-    sums: Floats = images.sum(axis=1, keepdims=True) - near
-    return sums
+    return np.asarray(near, dtype=images.dtype)
 
 
 def falling(apart: Floats, radius: int) -> tuple[Floats, Floats]:

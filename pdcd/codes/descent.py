@@ -52,7 +52,7 @@ def descended(function: Function, start: Singles, steps: int) -> Singles:
             return after
         value = low
         moved, bent = after - place, new_slope - slope
-        curved = _dot(moved, bent)
+        curved = dot(moved, bent)
         if curved > 0.0:
             met = [*met[1 - KEPT :], (moved, bent, 1.0 / curved)]
         place, slope = after, new_slope
@@ -67,13 +67,13 @@ def _way(slope: Singles, met: list[tuple[Singles, Singles, float]]) -> Singles:
         return way
     shares = []
     for moved, bent, scale in reversed(met):
-        share = scale * _dot(moved, way)
+        share = scale * dot(moved, way)
         shares.append(share)
         way -= np.float32(share) * bent
     moved, bent, scale = met[-1]
-    way *= np.float32(1.0 / (scale * _dot(bent, bent)))
+    way *= np.float32(1.0 / (scale * dot(bent, bent)))
     for (moved, bent, scale), share in zip(met, reversed(shares), strict=True):
-        way += np.float32(share - scale * _dot(bent, way)) * moved
+        way += np.float32(share - scale * dot(bent, way)) * moved
     return way
 
 
@@ -82,17 +82,18 @@ def _step(
 ) -> tuple[Singles, float, Singles] | None:
     """The first place on the way, of ever nearer ones, where the value is low enough; its value and
     slope. None where the way leads up, or none of them is."""
-    if _dot(way, slope) >= 0.0:
+    if dot(way, slope) >= 0.0:
         return None
     length = 1.0
     for _ in range(TRIES):
         after = np.clip(place + np.float32(length) * way, 0.0, 1.0)
         low, new_slope = function(after)
-        if low <= value + ENOUGH * _dot(slope, after - place):
+        if low <= value + ENOUGH * dot(slope, after - place):
             return after, low, new_slope
         length *= SHORTER
     return None
 
 
-def _dot(one: Singles, other: Singles) -> float:
+def dot(one: Singles, other: Singles) -> float:
+    """Sum of the products of all numbers."""
     return float(np.vdot(one, other))

@@ -82,10 +82,10 @@ def far_codes(
     cells are dealt out over the codes of each share by chance. Before masks of grey levels, where
     there are many codes, half light stretches of rows and columns (`pdcd.codes.stretches`).
     """
-    cells = lattice[0] * lattice[1]
-    times = times_lit(count, cells, best, grey=grey)
     if grey and (parts := _parts(lattice, count, best)):
         return stretched(lattice, count, parts, rng)
+    cells = lattice[0] * lattice[1]
+    times = times_lit(count, cells, best, grey=grey)
     codes = np.zeros((count, cells), dtype=np.bool_)
     for share in np.array_split(rng.permutation(count), times):
         codes[rng.permutation(share)[np.arange(cells) % share.size], rng.permutation(cells)] = True

@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.alike import ALIKE, STEEP, falling, gaussian
-from pdcd.codes.descent import descended
+from pdcd.codes.alike import ALIKE, STEEP, falling, gaussian, within
+from pdcd.codes.descent import Singles, descended, dot
+from pdcd.codes.greyed import LEVELS
 
 Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 MOST_WORK = 4.1e8
 """Cells squared times codes, of which all that goes with cells alone counts as 256: half a minute
@@ -34,8 +34,6 @@ BLOB_CELLS, BLOB_SHARE = 2.0, 0.3
 """Before the descent each code lights this share of the cells, in blobs of about that size."""
 LEAST_LEVEL = 0.1
 """Light below this level is left out, as it closes the mask like any other."""
-LEVELS = 256
-"""Levels are whole multiples of one part in so many."""
 KEPT = 8
 """Sets of codes that are remembered."""
 _known: dict[tuple[tuple[int, int], int, int, int], NDArray[np.uint16]] = {}
@@ -107,12 +105,11 @@ class _Measure:
 
     def __init__(self, lattice: tuple[int, int], radius: int) -> None:
         rows, cols = lattice
-        self.lattice, self.cells = lattice, rows * cols
+        self.lattice, self.radius, self.cells = lattice, radius, rows * cols
         row, col = np.divmod(np.arange(self.cells), cols)
         down, right = (np.abs(np.subtract.outer(x, x)) for x in (row, col))
         far = np.maximum(down, right) > radius
         self.far, self.paths = _single(far), float(far.sum())
-        self.close = [_single(np.tri(n, k=radius) * np.tri(n, k=radius).T) for n in lattice]
         falls = (np.ones(far.shape), *falling(np.hypot(down, right), radius))
         self.falls = [
             _single(fall * np.sqrt(share * self.cells / np.sum(fall**2)))
@@ -126,28 +123,22 @@ class _Measure:
     def __call__(self, both: Singles, weight: float) -> tuple[float, Singles]:
         mask, light = both
         realised = light.T @ mask  # projector cells x camera cells
-        mean = _dot(realised, self.far) / self.paths
+        mean = dot(realised, self.far) / self.paths
         wrong = realised * np.float32(1.0 / mean) - self.far
         slope = np.zeros_like(wrong)
         for fall in self.falls:
             slope += fall * self._spread(fall * wrong)
-        near_light = self._near(light)
+        near_light = within(light, self.lattice, self.radius)
         let_in = np.sum(mask * near_light, axis=0) / np.float32(mean)
-        close = weight * _dot(let_in, let_in)
-        value = _dot(slope, wrong) + close
+        close = weight * dot(let_in, let_in)
+        value = dot(slope, wrong) + close
         # What follows is half of each slope. The mean depends on the far entries, too.
-        by_mean = (_dot(slope, realised) / mean + close) / (mean * self.paths)
+        by_mean = (dot(slope, realised) / mean + close) / (mean * self.paths)
         slope = slope * np.float32(1.0 / mean) - np.float32(by_mean) * self.far
         shut = np.float32(weight / mean) * let_in
         by_mask = light @ slope + near_light * shut
-        by_light = mask @ slope.T + self._near(mask * shut)
+        by_light = mask @ slope.T + within(mask * shut, self.lattice, self.radius)
         return value / self.cells, np.stack([by_mask, by_light]) * np.float32(2.0 / self.cells)
-
-    def _near(self, images: Singles) -> Singles:
-        """Sums of images (K, L) within the radius of each cell, (K, L)."""
-        rows, cols = self.close
-        near = rows @ images.reshape(-1, *self.lattice) @ cols
-        return np.asarray(near.reshape(images.shape))
 
     def _spread(self, light: Singles) -> Singles:
         """``C`` of light by projector cells and camera cells."""
@@ -162,7 +153,3 @@ class _Measure:
 
 def _single(values: Floats | NDArray[np.bool_]) -> Singles:
     return np.asarray(values, dtype=np.float32)
-
-
-def _dot(one: Singles, other: Singles) -> float:
-    return float(np.vdot(one, other))

@@ -22,7 +22,7 @@ from pdcd.pictures.watch import Watch
 from pdcd.planning.look import percent
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import pairs_of
-from pdcd.planning.plan import Plan
+from pdcd.planning.plan import Plan, chosen_together
 from pdcd.planning.unasked import readout_s
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import FEWEST_PARTS
@@ -118,15 +118,20 @@ def _once_s(plan: Plan, config: Config, camera: CameraInfo | None) -> float:
 def _shown(plan: Plan, times: int, request: CaptureRequest, config: Config, watch: Watch) -> Plan:
     """A plan with everything shown so often. Raises RequestError where memory does not hold it."""
     how = plan.how
-    # Photos that are not of codes, as the white one of direct light, have no parts.
-    split = len(_rule(plan)) == 1 and times * how.parts >= FEWEST_PARTS
+    lattice = Lattice(plan.grid, plan.window)
+    # Photos that are not of codes, as the white one of direct light, have no parts; and codes that
+    # were chosen together with masks would err alike in all of them.
+    alike = any(
+        chosen_together(program, lattice, how.coded, how.family)
+        for program in plan.recipe.programs.values()
+    )
+    split = len(_rule(plan)) == 1 and times * how.parts >= FEWEST_PARTS and not alike
     if split:
         codes, parts = how.pilot + times * how.coded, times * how.parts
         how = msgspec.structs.replace(how, codes=codes, parts=parts)
     else:
         how = msgspec.structs.replace(how, repeat=times)
     recipe = recipe_of(plan.recipe.target, how)
-    lattice = Lattice(plan.grid, plan.window)
     family = how.family or config.schedule.family
     bytes_ = memory_bytes(recipe, how, family, lattice, plan.passes, config)
     check_memory(bytes_, config, plan.grid)

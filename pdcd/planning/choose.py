@@ -313,7 +313,9 @@ class _Search:
                 continue
             request = msgspec.structs.replace(asked, codes=count, pilot=share, family=family)
             try:
-                plan = make_plan(request, self.setting.config, self.grid, given=self.arrays)
+                plan = make_plan(
+                    request, self.setting.config, self.grid, given=self.arrays, compared=True
+                )
             except (MemoryLimitError, ExposureLimitError) as err:
                 self.refused = self.refused or err
                 return  # and more codes take more

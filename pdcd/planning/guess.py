@@ -21,15 +21,12 @@ import numpy as np
 
 from pdcd.planning.metering import TARGET
 from pdcd.planning.outlook import Estimate, Setting
-from pdcd.planning.plan import Plan
+from pdcd.planning.plan import COINS, Plan
 from pdcd.planning.rehearse import foreseen
 from pdcd.probing.deviation import weight_s
 
 GOALS = ("white", "indirect", "direct", "fraction")
 """Goals whose errors a guess can tell."""
-
-COINS = ("bernoulli", "rademacher")
-"""Families whose cells are lit unequally often."""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from pdcd.frames.schedule import slot_rows
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import MATCHED, SCOUTS
 from pdcd.planning.brightness import as_bright
-from pdcd.planning.far import grey_masks, mask_reasons, woven
-from pdcd.planning.grey import grey_reasons
+from pdcd.planning.far import grey_masks, mask_reasons
+from pdcd.planning.grey import grey_reasons, unsaid
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import plane_reasons, quietest, reasons_for, times_measured, window_for
@@ -50,17 +50,19 @@ def make_plan(
     mask_lag_s: float | None = None,
     given: Given = NOTHING,
     watch: Watch | None = None,
+    *,
+    compared: bool = False,
 ) -> Plan:
     """Resolve a request against the configuration.
 
     `mask_lag_s` is the lag of the mask that the display measured; None where it is not known.
     `given` holds the request's arrays. A `watch` is told how many programs have their codes, and
-    may end the work. Raises RequestError when the request contradicts itself, the rig, or the
-    limits.
+    may end the work. Of plans that are `compared` with many others codes are made in short time
+    (`How.woven`). Raises RequestError when the request contradicts itself, the rig, or the limits.
     """
     request = on_bench(request, config)
     blacks = settled(request, config)
-    how = _how(request, config, blacks.level)
+    how = _how(request, config, blacks.level, compared=compared)
     draft = draft_of(target_of(request, given, grid), how)
     smoothable = _smoothable(draft, request)
     lattice = Lattice(grid, window_of(request, config, grid))
@@ -114,7 +116,7 @@ def make_plan(
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *plane_reasons(config),
             *grey_reasons(patterns.values(), config),
-            *mask_reasons(recipe, patterns, request, config, lattice.window),
+            *mask_reasons(recipe, how, request, config, lattice),
             *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),
         ),
         curves=curves,
@@ -129,15 +131,21 @@ def make_plan(
     return replace(plan, otherwise=otherwise)
 
 
-def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> How:
-    """How to photograph, before the family is settled. Raises RequestError."""
+def _how(
+    request: CaptureRequest, config: Config, black_level: BlackLevel, *, compared: bool
+) -> How:
+    """How to photograph, before the family is settled; `compared` as of `make_plan`. Raises
+    RequestError."""
     total = config.schedule.codes if request.codes is None else request.codes
     if request.equal_brightness:
         total = as_bright(total, request)
+    parts, grey = check_parts(request), _grey_masks(request, config)
+    # Parts would err alike; and many plans that are compared would take minutes.
+    woven = grey and parts == 1 and not compared and not unsaid(config.projector, config)
     how = How(
         codes=total,
         pilot=request.pilot if isinstance(request.pilot, int) else 0,
-        parts=check_parts(request),
+        parts=parts,
         repeat=request.repeat,
         method=request.method,
         family=None,
@@ -150,8 +158,8 @@ def _how(request: CaptureRequest, config: Config, black_level: BlackLevel) -> Ho
         bars=True,
         direct_bars=True,
         far_paths=True,
-        grey_masks=_grey_masks(request, config),
-        woven=request.goal in FAR and woven(request, config),
+        grey_masks=grey,
+        woven=woven,
     )
     if how.coded < 0 or (how.coded == 0 and how.pilot not in MATCHED):
         raise RequestError(

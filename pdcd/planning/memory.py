@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pdcd.bench.grey import curves_of
 from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
-from pdcd.codes.far import evening_bytes, woven_fits
+from pdcd.codes.far import evening_bytes
 from pdcd.codes.greyed import fits, greying_bytes
 from pdcd.codes.woven import weaving_bytes
 from pdcd.errors import RequestError
@@ -25,7 +25,7 @@ from pdcd.frames.dither import COPIES
 from pdcd.frames.lattice import Lattice
 from pdcd.maps.map import Map
 from pdcd.pictures.exposed import LARGE_QUADS
-from pdcd.planning.plan import lattice_of, windowed
+from pdcd.planning.plan import chosen_together, lattice_of, windowed
 from pdcd.probing.deviation import EXACT_CELLS
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import BLOCK
@@ -158,7 +158,7 @@ def _of_program(
     if isinstance(inner, Rows):
         return bits, made * (8 + 60 * lit), made * (2 + 8 * lit)
     several = 8 if isinstance(inner, Coded | Far | Keyed | KeyedRange) else 4
-    if isinstance(inner, Far) and inner.woven and woven_fits(own.shape, codes, inner.p):
+    if chosen_together(program, lattice, codes, family):
         compiling = greying_bytes(codes, cells) + made * 80
         return weaving_bytes(codes, cells), compiling, made * 9
     if isinstance(inner, Far) and inner.radius and inner.grey and fits(codes, cells):

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from pdcd.codes.chained import chained
-from pdcd.codes.far import far_codes, woven_fits
+from pdcd.codes.far import far_codes
 from pdcd.codes.hadamard import hadamard, hadamard_fits
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
 from pdcd.codes.linked import prior_codes
@@ -21,7 +21,16 @@ from pdcd.frames.dither import code_to_send, sequence_to_send
 from pdcd.frames.lattice import Lattice
 from pdcd.pictures.watch import Watch
 from pdcd.pilot.codes import pilot_codes
-from pdcd.planning.plan import Pair, Plan, lattice_of, mean_light, shows_codes, windowed
+from pdcd.planning.plan import (
+    COINS,
+    Pair,
+    Plan,
+    chosen_together,
+    lattice_of,
+    mean_light,
+    shows_codes,
+    windowed,
+)
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
@@ -34,8 +43,6 @@ Bools = NDArray[np.bool_]
 
 FEWEST_LIT = 16
 """Codes that light a cell from which on Hadamard ones serve cells matched with others."""
-COINS: tuple[FamilyName, ...] = ("bernoulli", "rademacher")
-"""Families of which every cell is lit by chance in every code."""
 
 
 def settled_family(
@@ -159,7 +166,7 @@ def _bits(
     own = lattice_of(program, lattice)
     rng = np.random.Generator(np.random.PCG64(seed))
     if isinstance(inner, Far) and inner.radius and family not in COINS:
-        if inner.woven and woven_fits(own.shape, count, share):
+        if chosen_together(program, lattice, count, family):
             return woven(own.shape, count, inner.radius, seed, watch)
         return far_codes(own.shape, count, share, rng, grey=inner.grey)
     if share != 0.5 and p is None and not isinstance(inner, Coded):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import msgspec
 import numpy as np
 
+from pdcd.codes.far import woven_fits
 from pdcd.frames.curve import UNKNOWN, Curves, light_of
 from pdcd.frames.frames import Frames
 from pdcd.frames.lattice import Lattice
@@ -19,9 +20,12 @@ from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.recipes.repeat import repeated
 from pdcd.request import How, Leaks, PlanSummary, Prediction, ShotSummary
 from pdcd.runs.record import DarkPhoto
-from pdcd.words import ScheduleName
+from pdcd.words import FamilyName, ScheduleName
 
 Pair = tuple[Patterns, Patterns]
+
+COINS: tuple[FamilyName, ...] = ("bernoulli", "rademacher")
+"""Families of which every cell is lit by chance in every code."""
 
 
 @dataclass(frozen=True)
@@ -248,6 +252,14 @@ def beyond(program: Program) -> bool:
     """Whether a program keeps light from beyond a radius alone."""
     inner = within(program)
     return isinstance(inner, Far) and inner.radius > 0
+
+
+def chosen_together(program: Program, rig: Lattice, count: int, family: FamilyName | None) -> bool:
+    """Whether so many codes of a program are chosen together with its masks."""
+    inner = within(program)
+    if not isinstance(inner, Far) or not inner.woven or not beyond(program) or family in COINS:
+        return False
+    return woven_fits(lattice_of(program, rig).shape, count, inner.p)
 
 
 def mean_light(pair: Pair, cells: int, curves: Curves = UNKNOWN) -> float:

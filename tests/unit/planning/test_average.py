@@ -89,6 +89,17 @@ def test_one_exposure_is_repeated_or_taken_in_parts_as_long(
     assert all(after.refreshes(shot) == plan.refreshes(plan.recipe.shots[0]) for shot in lit)
 
 
+@pytest.mark.parametrize(("grey", "parts", "repeat"), [(None, 1, 4), (False, 4, 1)])
+def test_codes_that_were_chosen_with_masks_are_repeated(
+    grey: bool | None, parts: int, repeat: int
+) -> None:
+    """Those of other parts would err alike."""
+    plan = plan_of(goal="long-range", radius=1, codes=16, grey_masks=grey)
+    after, _, _ = shown(plan, math.sqrt(3.5) * NOISE)
+    assert (after.how.parts, after.how.repeat) == (parts, repeat)
+    assert (after.patterns is plan.patterns) is (repeat > 1)
+
+
 def test_all_photos_of_an_answer_are_repeated() -> None:
     plan = plan_of(goal="direct", codes=64, parts=4, white=True)
     after, _, _ = shown(plan, 1.7 * NOISE)

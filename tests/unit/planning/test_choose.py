@@ -113,6 +113,23 @@ def test_a_leak_is_measured_where_that_pays(tmp_path: Path) -> None:
         blacks(mask=leaking)
 
 
+def test_no_codes_that_take_long_are_chosen_for_plans_that_are_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[int] = []
+
+    def woven(lattice: tuple[int, int], count: int, *_: Any) -> np.ndarray:
+        calls.append(count)
+        return np.ones((count, lattice[0] * lattice[1]))
+
+    monkeypatch.setattr("pdcd.planning.pairs.woven", woven)
+    far: dict[str, Any] = {"goal": "long-range", "radius": 1}
+    plan(tmp_path, CaptureRequest(**far, seconds=5.0), scene=SMALL)
+    assert not calls
+    plan(tmp_path, CaptureRequest(**far, codes=16), scene=SMALL)
+    assert calls == [16]
+
+
 def test_confidence_costs_time(tmp_path: Path) -> None:
     """Between a coin toss and near certainty lies more light."""
     sums = [

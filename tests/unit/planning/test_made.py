@@ -288,6 +288,14 @@ def test_codes_of_far_light_are_chosen_together_with_masks_where_both_are_known(
     )
 
 
+def test_an_illumination_is_no_reason_to_say_so() -> None:
+    """It has grey levels, and codes that are not chosen together with masks have them under it."""
+    lit = np.linspace(0.2, 1.0, 192).reshape(12, 16).tolist()
+    request = request_of(goal="long-range", radius=2, codes=190, illumination=lit)
+    plan = make_plan(request, config(), (12, 16))
+    assert plan.patterns["far"][0].dtype == np.float32 and CHOSEN not in plan.reasons
+
+
 @pytest.mark.parametrize(
     ("goal", "radius", "shot", "seen"),
     [
