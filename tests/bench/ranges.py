@@ -78,9 +78,9 @@ def draw(path: Path) -> None:
     """Some codes of each way, a row each: light in red, the mask in green."""
     rows = {}
     ways = (
-        ("128: cells scattered behind grey masks", 128, HOW[2]),
-        ("128: light and masks chosen together", 128, HOW[3]),
-        ("512: half of them light stretches", 512, HOW[3]),
+        ("128 codes: cells scattered behind grey masks", 128, HOW[2]),
+        ("128 codes: light and masks chosen together", 128, HOW[3]),
+        ("512 codes: half of them light stretches", 512, HOW[3]),
     )
     for title, count, how in ways:
         light, mask = _codes(GRID, count, SHOWN_SEED)[how]
