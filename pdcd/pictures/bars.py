@@ -9,8 +9,8 @@ from pdcd.pictures.border_light import with_border_light
 from pdcd.pictures.combine import Picture, pictures_of
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned
-from pdcd.pictures.parted import barred_by_parts, part_images
-from pdcd.pictures.photos import corrected_photos
+from pdcd.pictures.parted import averaged, barred_by_parts, part_images, used
+from pdcd.pictures.photos import NOT_TOLD, corrected_photos, told_shares
 from pdcd.pictures.sigma import Barred
 from pdcd.pictures.sigma_model import modelled
 from pdcd.recipes.parts import FEWEST_PARTS, part_numbers
@@ -45,24 +45,36 @@ def barred_pictures(
             smooth=record.smooth,
             unmix=record.unmixed,
             alive=alive,
+            shares=shares,
         )
 
+    parts, by_cell = len(part_numbers(recipe)), record.parts_by_cell
+    told = by_cell and record.parts_apart
+    coarse, coarse_cells, shares = shots, cells, NOT_TOLD
+    if parts > 1 and by_cell:
+        coarse, coarse_cells = averaged(used(recipe, shots), cells, apart=told)
+    if record.how.told_by_parts and record.smooth:
+        shares = told_shares(
+            recipe, coarse, learned, coarse_cells,
+            normalise=record.normalise, unmix=record.unmixed, alive=alive,
+        )  # fmt: skip
     scaled = photos(recipe, shots, cells)
     whole, near = pictures_of(recipe, scaled), {}
     if record.alike:
         normalise = record.normalise
         near = beside_errors(recipe, shots, scaled, learned, cells, normalise=normalise)
     bars = record.how.bars
-    if len(part_numbers(recipe)) < FEWEST_PARTS:
+    if parts < FEWEST_PARTS:
         sharp = learned.sharp if learned is not None and record.scouted else None
         barred = modelled(
             recipe, shots, scaled, whole, cells, alive, sharp,
             near=near, by_row=bars, shown=record.how.direct_bars,
         )  # fmt: skip
     else:
-        by_cell = record.parts_by_cell
-        told = by_cell and record.parts_apart
-        parts = part_images(recipe, shots, cells, photos, by_cell=by_cell, apart=told)
+        whole_map = cells if by_cell else None
+        images = part_images(
+            recipe, coarse, coarse_cells, photos, averaged_from=whole_map, apart=told
+        )
         alike = pictures_beside(recipe, scaled, near)
-        barred = barred_by_parts(whole, parts, cells, alike, by_chance=bars, apart=told)
+        barred = barred_by_parts(whole, images, cells, alike, by_chance=bars, apart=told)
     return with_border_light(barred, recipe, scaled, apart, cells) if record.alike else barred

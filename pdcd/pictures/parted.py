@@ -43,26 +43,24 @@ def part_images(
     cells: CellMap,
     photos: Photos,
     *,
-    by_cell: bool,
+    averaged_from: CellMap | None,
     apart: bool = True,
 ) -> dict[str, list[Floats]]:
     """Every picture as each part alone makes it, (rows, cols, 3) in scene units: of cells, or of
     their `pieces`.
 
-    by_cell : average the shots first. Without it every part is worked out on all quads, as in runs
-        from before that was done.
-    apart : tell light of cells from that of their neighbours first (`averaged`), as runs from
-        before that was done are without.
+    averaged_from : the map of the camera, where shots and cells are those of `averaged`, with the
+        same `apart`. Without it every part is worked out on all quads, as in runs from before that
+        was done.
     """
     unseen = np.zeros(0, np.int64)
-    if by_cell:
-        unseen = np.flatnonzero(~pieces(cells, apart=apart).seen())
-        shots, cells = averaged(_used(recipe, shots), cells, apart=apart)
+    if averaged_from is not None:
+        unseen = np.flatnonzero(~pieces(averaged_from, apart=apart).seen())
     found: dict[str, list[Floats]] = {name: [] for name in recipe.pictures}
     for number in part_numbers(recipe):
         part = only_parts(recipe, {number})
         for name, picture in pictures_of(part, photos(part, shots, cells)).items():
-            whole = cells.map is None or not by_cell
+            whole = cells.map is None or averaged_from is None
             image = image_of_cells(picture, cells) if whole else picture.image.copy()
             image.reshape(-1, image.shape[2])[unseen] = 0.0
             found[name].append(image)
@@ -195,7 +193,7 @@ def _whole(light: Floats, cells: CellMap) -> Floats:
     return np.asarray(light / share[..., None])
 
 
-def _used(recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Exposed]:
+def used(recipe: Recipe, shots: Mapping[str, Exposed]) -> dict[str, Exposed]:
     """The shots of a recipe's photos."""
     names = dict.fromkeys(name for photo in recipe.photos for _, name in photo.shots)
     return {name: shots[name] for name in names}

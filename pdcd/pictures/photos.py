@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 from pdcd.pictures.combine import Floats, Picture, realised_photo, scaled_photos
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned, corrections
-from pdcd.pictures.smoothed import smoothed
+from pdcd.pictures.smoothed import shares_of, smoothed
 from pdcd.pictures.weights import brought, cell_weights_s, divided_by_row
-from pdcd.recipes.recipe import Recipe
+from pdcd.recipes.parts import only_parts, part_numbers
+from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
+
+Shares = Mapping[str, Floats]
+"""How much smooth light of each kind photos hold, (P,), by their names."""
+NOT_TOLD: Shares = MappingProxyType({})
 
 
 def corrected_photos(
@@ -24,6 +30,7 @@ def corrected_photos(
     smooth: bool,
     unmix: bool = True,
     alive: Callable[[], None] = lambda: None,
+    shares: Shares = NOT_TOLD,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
@@ -34,22 +41,67 @@ def corrected_photos(
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
         of far light.
     alive : called now and then, and may raise to end the work.
+    shares : of photos whose parts tell them (`told_shares`); others tell by themselves.
     """
     missing = _missing(recipe, shots, learned, cells, normalise)
     photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise, unmix=unmix)
     for photo in recipe.photos:
-        indirect = photo.name == "coded" and photo.wanted.uniform == (0.0, 1.0)
-        if not smooth or not (indirect or photo.beyond):
+        if not smooth or not _holds_smooth_light(photo):
             continue
         before = photos[photo.name]
-        known = learned if photo.paths else None
-        after = smoothed(photo, shots, before, known, cells, normalise=normalise, alive=alive)
+        after = smoothed(
+            photo, shots, before, learned if photo.paths else None, cells,
+            normalise=normalise, alive=alive, shares=shares.get(photo.name),
+        )  # fmt: skip
         photos[photo.name] = after
-        if indirect and "direct" in photos:  # of a pair: its codes err by as much the other way
+        if (
+            not photo.beyond and "direct" in photos
+        ):  # of a pair: its codes err by as much the other way
             direct = photos["direct"]
             image = direct.image - (after.image - before.image)
             photos["direct"] = Picture(image, direct.sigma)
     return photos
+
+
+def told_shares(
+    recipe: Recipe,
+    shots: Mapping[str, Exposed],
+    learned: Learned | None,
+    cells: CellMap,
+    *,
+    normalise: NormaliseName,
+    unmix: bool = True,
+    alive: Callable[[], None] = lambda: None,
+) -> Shares:
+    """What the parts of photos tell of the smooth light that `corrected_photos` corrects them for.
+
+    Arguments as there; nothing is told of photos that are not split. Means of cells do
+    (`pdcd.pictures.parted.averaged`).
+    """
+    numbers = part_numbers(recipe)
+    if len(numbers) < 2:
+        return NOT_TOLD
+    recipes = [recipe, *(only_parts(recipe, {part}) for part in numbers)]
+    pictures = [
+        corrected_photos(one, shots, learned, cells, normalise=normalise, smooth=False, unmix=unmix)
+        for one in recipes
+    ]
+    found = {}
+    for photo, *parts in zip(*(one.photos for one in recipes), strict=True):
+        if len(parts[0].shots) == len(photo.shots) or not _holds_smooth_light(photo):
+            continue
+        shares = shares_of(
+            photo, parts, shots, [made[photo.name] for made in pictures],
+            learned if photo.paths else None, cells, normalise=normalise, alive=alive,
+        )  # fmt: skip
+        if shares is not None:
+            found[photo.name] = shares
+    return found
+
+
+def _holds_smooth_light(photo: Photo) -> bool:
+    """Whether a photo is of indirect light, or of far light, by codes."""
+    return bool(photo.beyond) or (photo.name == "coded" and photo.wanted.uniform == (0.0, 1.0))
 
 
 def _missing(

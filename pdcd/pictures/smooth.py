@@ -8,18 +8,21 @@ wrong of such paths. This is taken off again: a control variate that costs no ph
 How light falls off with distance, the image tells too. What the codes get wrong of light that is
 spread evenly over the scene is a known pattern, and so is what they get wrong of light that stays
 near; both change from cell to cell like noise. As much of each as is found in the fine detail of
-the image, weighed against the chance that it is texture, is removed. Textured surfaces hide the
-patterns: then little is learnt and little is done.
+the image, weighed against the chance that it is texture, is removed (`pdcd.pictures.shares`). Where
+a photo was taken in parts, what these differ by tells more.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+
+from pdcd.pictures.shares import shares_by_detail, shares_by_parts
 
 Floats = NDArray[np.float64]
 Spread = Callable[[Floats], Floats]
@@ -31,14 +34,6 @@ USUAL = np.array([0.0, 0.1])
 more on some scenes; but where light stays near and codes are nearly exact, they do harm."""
 SURE = np.array([0.25, 0.2])
 """Standard deviations of these: how much the image must tell to be believed."""
-DETAIL = np.array([[-1.0, 2.0, -1.0], [2.0, -4.0, 2.0], [-1.0, 2.0, -1.0]]) / 4.0
-"""Keeps what changes from cell to cell, and nothing of a plane."""
-AROUND = 5
-"""Side, in cells, of the square over which the strength of detail is averaged."""
-DARK = 0.01
-"""Share of the mean light that all cells are taken to have beside their own."""
-LEAST = 1e-6
-"""Least strength of detail, over its mean: cells without light tell nothing."""
 ROUNDS = 8
 """Steps of the scaling that makes the model's row sums the image; each leaves half the error."""
 CHUNK = 2**22
@@ -50,6 +45,17 @@ FAR_USUAL, FAR_SURE = np.array([0.4, 0.3, 0.1]), np.array([0.3, 0.2, 0.15])
 """As `USUAL` and `SURE`."""
 
 
+@dataclass(frozen=True, eq=False)
+class Coded:
+    """A photo, or a part of it: factors of its realised probing matrix, (R, N) each, the weight
+    that it was divided by, and its image, (N,)."""
+
+    left: Floats
+    right: Floats
+    weight: float | Floats
+    image: Floats
+
+
 def colour_correction(
     left: Floats,
     right: Floats,
@@ -58,10 +64,12 @@ def colour_correction(
     grid: tuple[int, int],
     alive: Callable[[], None] = lambda: None,
     beyond: int = 0,
+    shares: Floats | None = None,
 ) -> Floats:
     """The same as `smooth_correction` for an image in colour: (N, C) float64.
 
     `beyond` is the radius of a photo of far light (`far_correction`), 0 for indirect light.
+    `shares` are those that parts told (`told_by_parts`); without them the image tells.
 
     What is missing of its grey is shared out among the channels as each cell has them: smooth light
     takes on the colour of where it arrives.
@@ -69,9 +77,9 @@ def colour_correction(
     light = np.maximum(image, 0.0)
     grey: Floats = light.mean(axis=1)
     if beyond:
-        missing = far_correction(left, right, weight, grey, grid, beyond, alive)
+        missing = far_correction(left, right, weight, grey, grid, beyond, alive, shares)
     else:
-        missing = smooth_correction(left, right, weight, grey, grid, alive)
+        missing = smooth_correction(left, right, weight, grey, grid, alive, shares)
     share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
     more: Floats = light * share[:, None]
     return more
@@ -84,6 +92,7 @@ def smooth_correction(
     image: Floats,
     grid: tuple[int, int],
     alive: Callable[[], None] = lambda: None,
+    shares: Floats | None = None,
 ) -> Floats:
     """Return what to add to an indirect image for its smooth light: (N,) float64, in its unit.
 
@@ -100,22 +109,16 @@ def smooth_correction(
     grid : (rows, cols)
         Cells of the scene, N in all.
     alive : called now and then, and may raise to end the work.
+    shares : of far and of near light to remove, where parts told them; else the image tells.
     """
     light = np.maximum(image, 0.0)
     if light.size < 2 or not light.any():
         return np.zeros_like(light)
-    kernel = _kernel(grid)
-    counted = kernel.copy()
-    for (row, col), share in beside(left, right, weight, grid).items():
-        counted[-row, -col] *= share
-    near, counted_near = _spread(kernel, grid), _spread(counted, grid)
-    missing = np.stack(
-        [
-            _missing(left, right, weight, light, _evenly, _evenly, alive),
-            _missing(left, right, weight, light, near, counted_near, alive),
-        ]
-    )
-    return np.asarray(_shares(light, missing, grid) @ missing)
+    codes = Coded(left, right, weight, image)
+    missing = _patterns(codes, light, _spreads(codes, grid, 0), alive)
+    if shares is None:
+        shares = shares_by_detail(light, missing, grid, USUAL, SURE)
+    return np.asarray(shares @ missing)
 
 
 def far_correction(
@@ -126,23 +129,72 @@ def far_correction(
     grid: tuple[int, int],
     radius: int,
     alive: Callable[[], None] = lambda: None,
+    shares: Floats | None = None,
 ) -> Floats:
     """Return what to add to an image of light from beyond `radius` cells: (N,) float64.
 
     The image itself says how much far light each cell gets, and the model has none from nearer.
-    Other arguments as of `smooth_correction`.
+    Other arguments as of `smooth_correction`; `shares` are of the ways in which light falls off.
     """
     light = np.maximum(image, 0.0)
     if light.size < 2 or not light.any():
         return np.zeros_like(light)
-    missing = []
-    for reach, power in FAR_SPREADS:
-        spread = _spread(_far_kernel(grid, reach, power, radius), grid)
-        missing.append(_missing(left, right, weight, light, spread, spread, alive))
-    patterns = np.stack(missing)
-    shares = _shares(light, patterns, grid, FAR_USUAL, FAR_SURE)
-    # The patterns are much alike: together they are no more than all of it.
-    return np.asarray(shares / max(1.0, float(shares.sum())) @ patterns)
+    codes = Coded(left, right, weight, image)
+    missing = _patterns(codes, light, _spreads(codes, grid, radius), alive)
+    if shares is None:
+        shares = shares_by_detail(light, missing, grid, FAR_USUAL, FAR_SURE)
+        # The patterns are much alike: together they are no more than all of it.
+        shares = shares / max(1.0, float(shares.sum()))
+    return np.asarray(shares @ missing)
+
+
+def told_by_parts(
+    whole: Coded,
+    parts: Sequence[Coded],
+    grid: tuple[int, int],
+    beyond: int = 0,
+    alive: Callable[[], None] = lambda: None,
+) -> Floats | None:
+    """How much of each pattern to remove, (P,), by what the parts of a photo differ by; None of a
+    dark one.
+
+    Each part has codes of its own and gets other amounts wrong of smooth light. All photograph the
+    same, so texture drops out of their differences, and what is left tells far more than the detail
+    of the image, which counts too. `beyond` as of `colour_correction`.
+    """
+    light = np.maximum(whole.image, 0.0)
+    if light.size < 2 or not light.any():
+        return None
+    usual, sure = (FAR_USUAL, FAR_SURE) if beyond else (USUAL, SURE)
+    kinds = _spreads(whole, grid, beyond)
+    missing = _patterns(whole, light, kinds, alive)
+    lacking, patterns = [], []
+    for part in parts:
+        counts = part.weight / whole.weight
+        lacking.append(counts * (whole.image - part.image))
+        patterns.append(counts * (_patterns(part, light, kinds, alive) - missing))
+    return shares_by_parts(light, missing, lacking, patterns, grid, usual, sure)
+
+
+def _spreads(codes: Coded, grid: tuple[int, int], beyond: int) -> list[tuple[Spread, Spread]]:
+    """Kinds of smooth light, each with what of it is to be counted: far and near light, or, beyond
+    a radius, each way in which it may fall off."""
+    if beyond:
+        ways = [_spread(_far_kernel(grid, *way, beyond), grid) for way in FAR_SPREADS]
+        return [(way, way) for way in ways]
+    kernel = _kernel(grid)
+    counted = kernel.copy()
+    for (row, col), share in beside(codes.left, codes.right, codes.weight, grid).items():
+        counted[-row, -col] *= share
+    return [(_evenly, _evenly), (_spread(kernel, grid), _spread(counted, grid))]
+
+
+def _patterns(
+    codes: Coded, light: Floats, kinds: Sequence[tuple[Spread, Spread]], alive: Callable[[], None]
+) -> Floats:
+    """What the codes miss of light of each kind, (P, N)."""
+    own = codes.left, codes.right, codes.weight
+    return np.stack([_missing(*own, light, *kind, alive) for kind in kinds])
 
 
 def _missing(
@@ -171,39 +223,6 @@ def _missing(
         realised += np.einsum("rn,rn->n", left[chunk], spread(right[chunk] * part))
     missing: Floats = part * (counted(part) - realised / weight)
     return missing
-
-
-def _shares(
-    image: Floats,
-    missing: Floats,
-    grid: tuple[int, int],
-    usual: Floats = USUAL,
-    sure: Floats = SURE,
-) -> Floats:
-    """How much of each pattern (P, N) to remove, (P,) from 0 to 1.
-
-    The likeliest shares for what the image lacks in detail, which is taken as normal with the
-    strength it has around each cell, and for shares that are normal with `usual` and `sure`.
-    """
-    # Relative to the light of each cell: a surface that is twice as bright shows twice the pattern,
-    # and its texture must not be taken for one.
-    level = image + DARK * image.mean()
-    lacking = -_detail(np.log(level), grid)
-    strength = scipy.ndimage.uniform_filter(lacking.reshape(grid) ** 2, AROUND).ravel()
-    floor = LEAST * float(strength.mean())
-    if not floor > 0.0:
-        return usual
-    scale = 1.0 / np.sqrt(np.maximum(strength, floor))
-    patterns = np.stack([_detail(one / level, grid) for one in missing]) * scale
-    known = patterns @ patterns.T + np.diag(sure**-2)
-    told = patterns @ (lacking * scale) + usual * sure**-2
-    shares: Floats = np.clip(np.linalg.solve(known, told), 0.0, 1.0)
-    return shares
-
-
-def _detail(image: Floats, grid: tuple[int, int]) -> Floats:
-    detail: Floats = scipy.ndimage.convolve(image.reshape(grid), DETAIL, mode="nearest").ravel()
-    return detail
 
 
 def _evenly(light: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from pdcd.pictures.combine import Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned, known_light
-from pdcd.pictures.smooth import colour_correction
+from pdcd.pictures.smooth import Coded, colour_correction, told_by_parts
 from pdcd.pictures.weights import brought_rows
+from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Photo
 from pdcd.sensor.bands import OfRows, banded
 from pdcd.sensor.cells import CellMap
@@ -32,39 +33,75 @@ def smoothed(
     *,
     normalise: NormaliseName = "auto",
     alive: Callable[[], None] = lambda: None,
+    shares: Floats | None = None,
 ) -> Picture:
     """A picture of indirect or of far light corrected for its smooth light
     (`pdcd.pictures.smooth`).
 
     What is missing of a cell is shared out among its quads as they have light. Sigma stays: the
     correction is a small part of the picture. `normalise` is what the picture was made with
-    (`pdcd.pictures.combine`). `alive` as of `smooth_correction`.
+    (`pdcd.pictures.combine`). `alive` and `shares` as of `smooth_correction`.
     """
-    realised = realised_photo(photo.shots, shots)
-    weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
-    image = cells.mean(picture.image)
-    seen = cells.seen()
-    if not seen.all():  # as bright as the others, for want of anything better
-        image[~seen] = image[seen].mean(axis=0) if seen.any() else 0.0
-    rest = image
-    if learned is not None:
-        rest = image - known_light(learned, photo.wanted)
+    realised, weight, image, rest = _of_cells(photo, shots, picture, learned, cells, normalise)
     more = colour_correction(
-        realised.left, realised.right, weight, rest, cells.grid, alive, photo.beyond
+        realised.left, realised.right, weight, rest, cells.grid, alive, photo.beyond, shares
     )
     whole = cells.known.all()
-    shares = [by_light(picture.image[..., c], image[:, c], cells) for c in range(image.shape[1])]
+    lit = [by_light(picture.image[..., c], image[:, c], cells) for c in range(image.shape[1])]
     missing = [brought_rows(one, cells, realised.fine) for one in more.T]
 
     def corrected(rows: slice) -> Floats:
         out = picture.image[rows].copy(order="K")
-        for channel, (share, lacking) in enumerate(zip(shares, missing, strict=True)):
+        for channel, (share, lacking) in enumerate(zip(lit, missing, strict=True)):
             out[..., channel] += share(rows) * lacking(rows)
         if not whole:
             np.copyto(out, 0.0, where=~cells.known[rows, :, None])
         return out
 
     return Picture(banded(picture.image.shape, np.float64, corrected), picture.sigma)
+
+
+def shares_of(
+    photo: Photo,
+    parts: Sequence[Photo],
+    shots: Mapping[str, Exposed],
+    pictures: Sequence[Picture],
+    learned: Learned | None,
+    cells: CellMap,
+    *,
+    normalise: NormaliseName = "auto",
+    alive: Callable[[], None] = lambda: None,
+) -> Floats | None:
+    """The shares of smooth light of each kind in a photo, as its parts tell them
+    (`pdcd.pictures.smooth.told_by_parts`); None of a dark one.
+
+    pictures : of the photo and of each of its parts, in that order. Others as of `smoothed`.
+    """
+    coded = []
+    for one, picture in zip((photo, *parts), pictures, strict=True):
+        realised, weight, _, rest = _of_cells(one, shots, picture, learned, cells, normalise)
+        coded.append(Coded(realised.left, realised.right, weight, rest.mean(axis=1)))
+    return told_by_parts(coded[0], coded[1:], cells.grid, photo.beyond, alive)
+
+
+def _of_cells(
+    photo: Photo,
+    shots: Mapping[str, Exposed],
+    picture: Picture,
+    learned: Learned | None,
+    cells: CellMap,
+    normalise: NormaliseName,
+) -> tuple[Factors, Floats, Floats, Floats]:
+    """Realised matrix and weights of a photo, its light (N, C), and that without the paths that
+    are known."""
+    realised = realised_photo(photo.shots, shots)
+    weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
+    image = cells.mean(picture.image)
+    seen = cells.seen()
+    if not seen.all():  # as bright as the others, for want of anything better
+        image[~seen] = image[seen].mean(axis=0) if seen.any() else 0.0
+    known = 0.0 if learned is None else known_light(learned, photo.wanted)
+    return realised, weight, image, image - known
 
 
 def by_light(image: NDArray[np.floating], of_cells: Floats, cells: CellMap) -> OfRows:

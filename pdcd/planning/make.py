@@ -157,6 +157,7 @@ def _how(
         by_light=request.goal in BY_LIGHT,
         bars=True,
         direct_bars=True,
+        told_by_parts=True,
         far_paths=True,
         grey_masks=grey,
         woven=woven,

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.pictures import smooth
 from pdcd.pictures.smooth import REACH, colour_correction, smooth_correction
 from pdcd.scene.presets import PRESETS
 from tests.places import DATA
@@ -181,15 +180,13 @@ def test_exact_codes_leave_nothing_to_correct() -> None:
 
 
 @pytest.mark.parametrize("step", [(0, 1), (0, -1), (1, 0), (-1, 0), (1, -1)])
-def test_light_that_no_cell_sees_from_one_side_is_not_corrected(
-    monkeypatch: pytest.MonkeyPatch, step: tuple[int, int]
-) -> None:
+def test_light_that_no_cell_sees_from_one_side_is_not_corrected(step: tuple[int, int]) -> None:
     """As with quarter windows out of register: all cells miss alike what lies to that side."""
     grid = (6, 8)
     row, col = np.divmod(np.arange(48), grid[1])
     seen = np.ones((48, 48))
     seen[(row[:, None] + step[0] == row) & (col[:, None] + step[1] == col)] = 0.0
     image = np.random.default_rng(2).uniform(0.5, 1.5, 48)
-    monkeypatch.setattr(smooth, "_shares", lambda *_: np.array([0.0, 1.0]))  # near light alone
-    more = smooth_correction(np.eye(48), seen, 1.0, image, grid)
+    near_alone = np.array([0.0, 1.0])
+    more = smooth_correction(np.eye(48), seen, 1.0, image, grid, shares=near_alone)
     np.testing.assert_allclose(more, 0.0, atol=1e-12)
