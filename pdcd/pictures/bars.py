@@ -10,7 +10,7 @@ from pdcd.pictures.combine import Picture, pictures_of
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned
 from pdcd.pictures.parted import averaged, barred_by_parts, part_images, used
-from pdcd.pictures.photos import NOT_TOLD, corrected_photos, told_shares
+from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
 from pdcd.pictures.sigma import Barred
 from pdcd.pictures.sigma_model import modelled
 from pdcd.recipes.parts import FEWEST_PARTS, part_numbers
@@ -45,16 +45,16 @@ def barred_pictures(
             smooth=record.smooth,
             unmix=record.unmixed,
             alive=alive,
-            shares=shares,
+            told=told,
         )
 
     parts, by_cell = len(part_numbers(recipe)), record.parts_by_cell
-    told = by_cell and record.parts_apart
-    coarse, coarse_cells, shares = shots, cells, NOT_TOLD
+    cells_apart = by_cell and record.parts_apart
+    coarse, coarse_cells, told = shots, cells, NOTHING_TOLD
     if parts > 1 and by_cell:
-        coarse, coarse_cells = averaged(used(recipe, shots), cells, apart=told)
+        coarse, coarse_cells = averaged(used(recipe, shots), cells, apart=cells_apart)
     if record.how.told_by_parts and record.smooth:
-        shares = told_shares(
+        told = told_by_parts(
             recipe, coarse, learned, coarse_cells,
             normalise=record.normalise, unmix=record.unmixed, alive=alive,
         )  # fmt: skip
@@ -73,8 +73,8 @@ def barred_pictures(
     else:
         whole_map = cells if by_cell else None
         images = part_images(
-            recipe, coarse, coarse_cells, photos, averaged_from=whole_map, apart=told
+            recipe, coarse, coarse_cells, photos, averaged_from=whole_map, apart=cells_apart
         )
         alike = pictures_beside(recipe, scaled, near)
-        barred = barred_by_parts(whole, images, cells, alike, by_chance=bars, apart=told)
+        barred = barred_by_parts(whole, images, cells, alike, by_chance=bars, apart=cells_apart)
     return with_border_light(barred, recipe, scaled, apart, cells) if record.alike else barred

@@ -8,16 +8,14 @@ from types import MappingProxyType
 from pdcd.pictures.combine import Floats, Picture, realised_photo, scaled_photos
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned, corrections
-from pdcd.pictures.smoothed import shares_of, smoothed
+from pdcd.pictures.smoothed import Told, smoothed, told_of
 from pdcd.pictures.weights import brought, cell_weights_s, divided_by_row
 from pdcd.recipes.parts import only_parts, part_numbers
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 
-Shares = Mapping[str, Floats]
-"""How much smooth light of each kind photos hold, (P,), by their names."""
-NOT_TOLD: Shares = MappingProxyType({})
+NOTHING_TOLD: Mapping[str, Told] = MappingProxyType({})
 
 
 def corrected_photos(
@@ -30,7 +28,7 @@ def corrected_photos(
     smooth: bool,
     unmix: bool = True,
     alive: Callable[[], None] = lambda: None,
-    shares: Shares = NOT_TOLD,
+    told: Mapping[str, Told] = NOTHING_TOLD,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
@@ -41,7 +39,7 @@ def corrected_photos(
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
         of far light.
     alive : called now and then, and may raise to end the work.
-    shares : of photos whose parts tell them (`told_shares`); others tell by themselves.
+    told : by the parts of photos, by their names (`told_by_parts`); others tell by themselves.
     """
     missing = _missing(recipe, shots, learned, cells, normalise)
     photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise, unmix=unmix)
@@ -51,7 +49,7 @@ def corrected_photos(
         before = photos[photo.name]
         after = smoothed(
             photo, shots, before, learned if photo.paths else None, cells,
-            normalise=normalise, alive=alive, shares=shares.get(photo.name),
+            normalise=normalise, alive=alive, told=told.get(photo.name),
         )  # fmt: skip
         photos[photo.name] = after
         if (
@@ -63,7 +61,7 @@ def corrected_photos(
     return photos
 
 
-def told_shares(
+def told_by_parts(
     recipe: Recipe,
     shots: Mapping[str, Exposed],
     learned: Learned | None,
@@ -72,7 +70,7 @@ def told_shares(
     normalise: NormaliseName,
     unmix: bool = True,
     alive: Callable[[], None] = lambda: None,
-) -> Shares:
+) -> Mapping[str, Told]:
     """What the parts of photos tell of the smooth light that `corrected_photos` corrects them for.
 
     Arguments as there; nothing is told of photos that are not split. Means of cells do
@@ -80,7 +78,7 @@ def told_shares(
     """
     numbers = part_numbers(recipe)
     if len(numbers) < 2:
-        return NOT_TOLD
+        return NOTHING_TOLD
     recipes = [recipe, *(only_parts(recipe, {part}) for part in numbers)]
     pictures = [
         corrected_photos(one, shots, learned, cells, normalise=normalise, smooth=False, unmix=unmix)
@@ -90,12 +88,12 @@ def told_shares(
     for photo, *parts in zip(*(one.photos for one in recipes), strict=True):
         if len(parts[0].shots) == len(photo.shots) or not _holds_smooth_light(photo):
             continue
-        shares = shares_of(
+        told = told_of(
             photo, parts, shots, [made[photo.name] for made in pictures],
             learned if photo.paths else None, cells, normalise=normalise, alive=alive,
         )  # fmt: skip
-        if shares is not None:
-            found[photo.name] = shares
+        if told is not None:
+            found[photo.name] = told
     return found
 
 

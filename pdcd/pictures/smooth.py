@@ -69,7 +69,7 @@ def colour_correction(
     """The same as `smooth_correction` for an image in colour: (N, C) float64.
 
     `beyond` is the radius of a photo of far light (`far_correction`), 0 for indirect light.
-    `shares` are those that parts told (`told_by_parts`); without them the image tells.
+    `shares` are those that parts told (`shares_of_parts`); without them the image tells.
 
     What is missing of its grey is shared out among the channels as each cell has them: smooth light
     takes on the colour of where it arrives.
@@ -148,7 +148,7 @@ def far_correction(
     return np.asarray(shares @ missing)
 
 
-def told_by_parts(
+def shares_of_parts(
     whole: Coded,
     parts: Sequence[Coded],
     grid: tuple[int, int],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from pdcd.pictures.combine import Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned, known_light
-from pdcd.pictures.smooth import Coded, colour_correction, told_by_parts
+from pdcd.pictures.smooth import Coded, colour_correction, shares_of_parts
 from pdcd.pictures.weights import brought_rows
 from pdcd.probing.realised import Factors
 from pdcd.recipes.recipe import Photo
@@ -24,6 +25,19 @@ MOST = 4.0
 """Most that a quad is taken to be brighter than its cell, where an error is shared out by light."""
 
 
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the parts of a photo tell of its smooth light: the light of cells, (N, C), without the
+    paths that are known, and the shares of each kind, (P,)
+    (`pdcd.pictures.smooth.shares_of_parts`).
+
+    Parts are corrected by the light of all of them, as their own errs by much more.
+    """
+
+    light: Floats
+    shares: Floats
+
+
 def smoothed(
     photo: Photo,
     shots: Mapping[str, Exposed],
@@ -33,18 +47,20 @@ def smoothed(
     *,
     normalise: NormaliseName = "auto",
     alive: Callable[[], None] = lambda: None,
-    shares: Floats | None = None,
+    told: Told | None = None,
 ) -> Picture:
     """A picture of indirect or of far light corrected for its smooth light
     (`pdcd.pictures.smooth`).
 
     What is missing of a cell is shared out among its quads as they have light. Sigma stays: the
     correction is a small part of the picture. `normalise` is what the picture was made with
-    (`pdcd.pictures.combine`). `alive` and `shares` as of `smooth_correction`.
+    (`pdcd.pictures.combine`). `alive` as of `smooth_correction`. `told` is what the parts of the
+    photo, or of that of which it is a part, tell; else the picture tells by itself.
     """
     realised, weight, image, rest = _of_cells(photo, shots, picture, learned, cells, normalise)
+    light, shares = (rest, None) if told is None else (told.light, told.shares)
     more = colour_correction(
-        realised.left, realised.right, weight, rest, cells.grid, alive, photo.beyond, shares
+        realised.left, realised.right, weight, light, cells.grid, alive, photo.beyond, shares
     )
     whole = cells.known.all()
     lit = [by_light(picture.image[..., c], image[:, c], cells) for c in range(image.shape[1])]
@@ -61,7 +77,7 @@ def smoothed(
     return Picture(banded(picture.image.shape, np.float64, corrected), picture.sigma)
 
 
-def shares_of(
+def told_of(
     photo: Photo,
     parts: Sequence[Photo],
     shots: Mapping[str, Exposed],
@@ -71,17 +87,18 @@ def shares_of(
     *,
     normalise: NormaliseName = "auto",
     alive: Callable[[], None] = lambda: None,
-) -> Floats | None:
-    """The shares of smooth light of each kind in a photo, as its parts tell them
-    (`pdcd.pictures.smooth.told_by_parts`); None of a dark one.
+) -> Told | None:
+    """What the parts of a photo tell of its smooth light; None of a dark one.
 
     pictures : of the photo and of each of its parts, in that order. Others as of `smoothed`.
     """
-    coded = []
+    coded, light = [], []
     for one, picture in zip((photo, *parts), pictures, strict=True):
         realised, weight, _, rest = _of_cells(one, shots, picture, learned, cells, normalise)
         coded.append(Coded(realised.left, realised.right, weight, rest.mean(axis=1)))
-    return told_by_parts(coded[0], coded[1:], cells.grid, photo.beyond, alive)
+        light.append(rest)
+    shares = shares_of_parts(coded[0], coded[1:], cells.grid, photo.beyond, alive)
+    return None if shares is None else Told(light[0], shares)
 
 
 def _of_cells(

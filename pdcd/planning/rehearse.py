@@ -22,7 +22,7 @@ from pdcd.frames.patterns import levels_of
 from pdcd.pictures.combine import combine, scaled_photos
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, learn
-from pdcd.pictures.photos import corrected_photos, told_shares
+from pdcd.pictures.photos import corrected_photos, told_by_parts
 from pdcd.pilot.codes import SCOUTS
 from pdcd.planning.guided import stopped, with_links
 from pdcd.planning.metering import TARGET, metered_pairs
@@ -280,9 +280,9 @@ def _added(
         for name, (light, matrix) in rehearsed.items()
     }
     plain = scaled_photos(recipe, shots, cells, normalise=normalise)
-    shares = told_shares(recipe, shots, learned, cells, normalise=normalise)
+    told = told_by_parts(recipe, shots, learned, cells, normalise=normalise)
     corrected = corrected_photos(
-        recipe, shots, learned, cells, normalise=normalise, smooth=plan.smooth, shares=shares
+        recipe, shots, learned, cells, normalise=normalise, smooth=plan.smooth, told=told
     )
     return {name: corrected[name].image - plain[name].image for name in names}
 

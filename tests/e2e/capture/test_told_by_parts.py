@@ -1,0 +1,85 @@
+"""The parts of a capture tell how much smooth light it holds: less error, and bars that know."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import CameraConfig, SceneConfig
+from pdcd.capture.engine import Engine
+from pdcd.pictures import bars
+from pdcd.pictures.decode import decode_folder
+from pdcd.pictures.photos import NOTHING_TOLD
+from pdcd.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from tests import bench_rig
+
+GRID = (12, 16)
+
+
+def take(folder: Path, goal: str, **fields: Any) -> tuple[Path, float, float]:
+    """The folder, RMS error over RMS of the true picture, and sigma of the codes over error."""
+    config = bench_rig.config(
+        Path(tempfile.mkdtemp(dir=folder)),
+        grid=GRID,
+        scene=SceneConfig(kind="wax-disk", grid=GRID),
+        camera=CameraConfig(noise="none", **fields.pop("camera", {})),
+    )
+    engine = Engine.from_config(config)
+    engine.start()
+    result = bench_rig.capture(
+        engine, msgspec.convert({"goal": goal, "codes": 32, "parts": 4, **fields}, CaptureRequest)
+    )
+    engine.stop()
+    assert result.error is None and result.folder is not None, result.error
+    found = Path(result.folder)
+    with np.load(found / "probe.npz") as made:
+        sigma = made["sigma_code"]
+    with np.load(found / "truth.npz") as known:
+        light = float(np.sqrt(np.mean(known["image"] ** 2)))
+    error = result.summary["rms_error"]
+    assert isinstance(error, float)
+    return found, error, float(np.sqrt(np.mean(sigma**2))) / (error * light)
+
+
+@pytest.mark.parametrize(
+    ("goal", "fields", "most"),
+    [
+        ("indirect", {}, 0.7),
+        ("indirect", {"camera": {"quads_per_cell": 3}}, 0.7),
+        ("long-range", {"radius": 2, "codes": 128}, 0.85),
+    ],
+)
+def test_smooth_light_is_corrected_by_what_parts_tell(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    goal: str,
+    fields: dict[str, Any],
+    most: float,
+) -> None:
+    folder, error, ratio = take(tmp_path, goal, **fields)
+    run = read_manifest(folder).run
+    assert run.how.told_by_parts
+    assert decode_folder(folder).identical
+    assert 0.6 < ratio < 2.0, ratio
+    monkeypatch.setattr(bars, "told_by_parts", lambda *_, **__: NOTHING_TOLD)
+    before = take(tmp_path, goal, **fields)[1]
+    assert error < most * before, (error, before)
+    assert not decode_folder(folder).identical
+
+
+def test_one_exposure_and_runs_uncorrected_are_told_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: Any, **__: Any) -> None:
+        raise AssertionError("shares were looked for")
+
+    monkeypatch.setattr("pdcd.pictures.photos.told_of", refused)
+    take(tmp_path, "indirect", parts=1)
+    take(tmp_path, "indirect", smooth=False)
+    take(tmp_path, "split", period=4)

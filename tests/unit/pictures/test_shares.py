@@ -1,0 +1,130 @@
+"""What the parts of a photo differ by tells how much smooth light it holds, against dense sums."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.codes.make import make_codes
+from pdcd.pictures.shares import FROM, TO
+from pdcd.pictures.smooth import (
+    Coded,
+    far_correction,
+    shares_of_parts,
+    smooth_correction,
+)
+
+Floats = NDArray[np.float64]
+
+GRID = (12, 16)
+N = GRID[0] * GRID[1]
+PARTS = 4
+ROW, COL = np.divmod(np.arange(N), GRID[1])
+SQUARED = (ROW[:, None] - ROW) ** 2.0 + (COL[:, None] - COL) ** 2.0
+NEAR = np.maximum(abs(ROW[:, None] - ROW), abs(COL[:, None] - COL))
+
+
+def transport(falling: Floats, texture: float, radius: int) -> Floats:
+    """``x_n k(d) x_m`` of a surface that is textured from cell to cell, all from beyond a radius,
+    (N, N)."""
+    albedo = np.exp(texture * np.random.default_rng(11).standard_normal(N))
+    return np.where(radius < NEAR, albedo[:, None] * falling * albedo, 0.0)
+
+
+def photos(light: Floats, wanted: Floats, radius: int, seed: int = 0) -> tuple[Coded, list[Coded]]:
+    """A photo by random codes and its parts; cells within the radius of a lit one are closed."""
+    parts = []
+    for part in range(PARTS):
+        codes = make_codes("bernoulli", GRID, 24, dual="complement", seed=seed * PARTS + part)
+        lit = codes.primal.astype(np.float64)
+        if radius:
+            lit = (np.random.default_rng([seed, part]).random(lit.shape) < 0.02).astype(np.float64)
+        mask = (lit @ (radius >= NEAR) == 0.0).astype(np.float64)
+        parts.append((mask, lit))
+
+    def photo(mask: Floats, lit: Floats) -> Coded:
+        realised = mask.T @ lit
+        weight = np.sum(realised * wanted, axis=1) / wanted.sum(axis=1)
+        if not radius:
+            weight = np.full(N, weight.mean())
+        weight = np.where(weight > 0.0, weight, 1.0)
+        return Coded(mask, lit, weight, np.sum(realised * light, axis=1) / weight)
+
+    masks, lights = (np.concatenate(side) for side in zip(*parts, strict=True))
+    return photo(masks, lights), [photo(*part) for part in parts]
+
+
+def off(image: Floats, truth: Floats) -> float:
+    return float(np.sqrt(np.mean((image - truth) ** 2) / np.mean(truth**2)))
+
+
+@pytest.mark.parametrize("falling", ["even", "near", "between"])
+def test_of_a_textured_surface_parts_tell_what_its_image_hides(falling: str) -> None:
+    """Texture of a factor of two from cell to cell; light of either form, and of neither."""
+    kernels = {
+        "even": np.ones((N, N)),
+        "near": 1.0 / (1.0 + SQUARED / 4.0),
+        "between": np.exp(-np.sqrt(SQUARED) / 4.0),
+    }
+    light = transport(kernels[falling], 0.7, 0)
+    whole, parts = photos(light, 1.0 - np.eye(N), 0)
+    truth = light.sum(axis=1)
+    shares = shares_of_parts(whole, parts, GRID)
+    assert shares is not None and shares.shape == (2,)
+    codes = whole.left, whole.right, whole.weight, whole.image, GRID
+    alone = off(whole.image + smooth_correction(*codes), truth)
+    told = off(whole.image + smooth_correction(*codes, shares=shares), truth)
+    assert off(whole.image, truth) > alone
+    assert told < 0.5 * alone
+    if falling != "between":
+        assert abs(shares - ([1.0, 0.0] if falling == "even" else [0.0, 1.0])).max() < 0.15
+
+
+@pytest.mark.parametrize("reach", [2.0, 5.0])
+def test_of_far_light_parts_tell_how_it_falls_off(reach: float) -> None:
+    light = transport(1.0 / (1.0 + SQUARED / reach**2) ** 2, 0.7, 1)
+    whole, parts = photos(light, (NEAR > 1).astype(np.float64), 1)
+    truth = light.sum(axis=1)
+    shares = shares_of_parts(whole, parts, GRID, 1)
+    assert shares is not None and shares.shape == (3,)
+    codes = whole.left, whole.right, whole.weight, whole.image, GRID, 1
+    alone = off(whole.image + far_correction(*codes), truth)
+    told = off(whole.image + far_correction(*codes, shares=shares), truth)
+    assert told < 0.6 * alone
+
+
+def test_single_sharp_paths_are_hardly_touched() -> None:
+    rng = np.random.default_rng(3)
+    light = np.zeros((N, N))
+    light[np.arange(N), rng.permutation(N)] = rng.exponential(size=N)
+    np.fill_diagonal(light, 0.0)
+    whole, parts = photos(light, 1.0 - np.eye(N), 0)
+    truth = light.sum(axis=1)
+    shares = shares_of_parts(whole, parts, GRID)
+    more = smooth_correction(
+        whole.left, whole.right, whole.weight, whole.image, GRID, shares=shares
+    )
+    assert off(whole.image + more, truth) < 1.02 * off(whole.image, truth)
+
+
+def test_parts_that_differ_by_noise_alone_leave_the_usual_shares() -> None:
+    """Codes that count everything alike get nothing wrong: there is nothing to tell."""
+    light = np.random.default_rng(4).uniform(0.5, 1.5, N)
+    noisy = light + 0.1 * np.random.default_rng(5).standard_normal((PARTS, N))
+    parts = [Coded(np.eye(N), 1.0 - np.eye(N), 1.0, image) for image in noisy]
+    whole = Coded(np.eye(N), 1.0 - np.eye(N), 1.0, noisy.mean(axis=0))
+    shares = shares_of_parts(whole, parts, GRID)
+    np.testing.assert_allclose(shares, [0.0, 0.1], atol=1e-9)
+
+
+def test_shares_stay_within_their_bounds() -> None:
+    light = transport(np.exp(-SQUARED / 2.0) - 0.02, 0.0, 0)
+    whole, parts = photos(light, 1.0 - np.eye(N), 0)
+    shares = shares_of_parts(whole, parts, GRID)
+    assert shares is not None and (shares >= FROM).all() and (shares <= TO).all()
+
+
+def test_a_dark_photo_tells_nothing() -> None:
+    dark = Coded(np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N))
+    assert shares_of_parts(dark, [dark, dark], GRID) is None
