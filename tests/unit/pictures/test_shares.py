@@ -115,7 +115,7 @@ def test_parts_that_differ_by_noise_alone_leave_the_usual_shares() -> None:
     parts = [Coded(np.eye(N), 1.0 - np.eye(N), 1.0, image) for image in noisy]
     whole = Coded(np.eye(N), 1.0 - np.eye(N), 1.0, noisy.mean(axis=0))
     shares = shares_of_parts(whole, parts, GRID)
-    np.testing.assert_allclose(shares, [0.0, 0.1], atol=1e-9)
+    assert shares is not None and np.abs(shares - [0.0, 0.1]).max() < 1e-9
 
 
 def test_shares_stay_within_their_bounds() -> None:
