@@ -19,7 +19,14 @@ from pdcd.planning.far import grey_masks, mask_reasons
 from pdcd.planning.grey import grey_reasons, unsaid
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
-from pdcd.planning.measured import plane_reasons, quietest, reasons_for, times_measured, window_for
+from pdcd.planning.measured import (
+    plane_reasons,
+    quietest,
+    reasons_for,
+    times_measured,
+    wandered_reasons,
+    window_for,
+)
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
@@ -115,6 +122,7 @@ def make_plan(
             *_brightness(request, how),
             *reasons_for(config, grid, lattice.window, schedule, mask_lag_s),
             *plane_reasons(config),
+            *wandered_reasons(recipe, lattice.window),
             *grey_reasons(patterns.values(), config),
             *mask_reasons(recipe, how, request, config, lattice),
             *depth_reasons(recipe, part_codes(how.coded, how.parts), lattice.window),

@@ -4,6 +4,7 @@ and why, in a line each."""
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 
 import msgspec
@@ -24,7 +25,9 @@ from pdcd.planning.guards import (
     lag_rows,
     shares_of_cell,
 )
+from pdcd.planning.plan import windowed
 from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
+from pdcd.recipes.recipe import Recipe
 from pdcd.words import ScheduleName
 
 MOST_LEAK = 0.005
@@ -182,6 +185,16 @@ def reasons_for(
             "gets into its neighbours"
         )
     return tuple(told)
+
+
+def wandered_reasons(recipe: Recipe, window: str) -> Iterator[str]:
+    """What small windows do with light that wanders within a cell, where photos are told apart by
+    codes (decision 0055)."""
+    if window != "whole" and any(windowed(program) for program in recipe.programs.values()):
+        yield (
+            f"window {window}: of light that wanders half a cell or more within its own cell, a "
+            "part counts as indirect; where much does, as in wax or glass, take smaller cells"
+        )
 
 
 def plane_reasons(config: Config) -> tuple[str, ...]:

@@ -117,10 +117,29 @@ def test_a_plan_says_why() -> None:
         projector={"rise_s": 0.002, "fall_s": 0.002},
     )
     plan = make_plan(CaptureRequest(goal="indirect", codes=16), found, (48, 64), 0.003)
-    cells, window, schedule, black = plan.summary().reasons
+    cells, window, schedule, wandered, black = plan.summary().reasons
     assert black.startswith("black exposures: decided after a look at one dark photo")
     assert "16 projector pixels" in cells and "0.06 px" in cells and "0.4 px" in cells
     assert window.startswith("window quarter: ") and "leaks" in window
     assert schedule.startswith("schedule full: the mask follows by 3 to 3 ms")
+    assert wandered.startswith("window quarter: of light that wanders half a cell or more")
     asked = CaptureRequest(goal="white", black_level="none")
     assert make_plan(asked, Config(), (48, 64)).summary().reasons == ()
+
+
+@pytest.mark.parametrize(
+    ("goal", "fields", "told"),
+    [
+        ("indirect", {"window": "quarter"}, True),
+        ("filtered", {"window": "quarter", "kernel": ((0.0, 1.0, 0.0),)}, True),
+        ("indirect", {"window": "whole"}, False),
+        ("long-range", {"window": "quarter", "radius": 1}, False),
+        ("white", {"window": "quarter"}, False),
+    ],
+)
+def test_a_plan_says_where_light_of_a_cell_counts_as_from_elsewhere(
+    goal: str, fields: dict[str, Any], told: bool
+) -> None:
+    request = msgspec.convert({"goal": goal, "black_level": "none", **fields}, CaptureRequest)
+    reasons = make_plan(request, Config(), (12, 16)).summary().reasons
+    assert any("wanders half a cell" in reason for reason in reasons) == told
