@@ -34,6 +34,16 @@ def barred_pictures(
     shots : of the run, and sums of them. learned : of its pilot, if any. apart : of shots of whole
     cells, the share of the field in which both panels draw different cells.
     """
+    in_parts, by_cell = len(part_numbers(recipe)) >= FEWEST_PARTS, record.parts_by_cell
+    cells_apart = by_cell and record.parts_apart
+    coarse, coarse_cells, told = shots, cells, NOTHING_TOLD
+    if in_parts and by_cell:
+        coarse, coarse_cells = averaged(used(recipe, shots), cells, apart=cells_apart)
+    if record.how.told_by_parts and record.smooth:
+        told = told_by_parts(
+            recipe, coarse, learned, coarse_cells,
+            normalise=record.normalise, unmix=record.unmixed, alive=alive,
+        )  # fmt: skip
 
     def photos(part: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> dict[str, Picture]:
         return corrected_photos(
@@ -48,23 +58,13 @@ def barred_pictures(
             told=told,
         )
 
-    parts, by_cell = len(part_numbers(recipe)), record.parts_by_cell
-    cells_apart = by_cell and record.parts_apart
-    coarse, coarse_cells, told = shots, cells, NOTHING_TOLD
-    if parts > 1 and by_cell:
-        coarse, coarse_cells = averaged(used(recipe, shots), cells, apart=cells_apart)
-    if record.how.told_by_parts and record.smooth:
-        told = told_by_parts(
-            recipe, coarse, learned, coarse_cells,
-            normalise=record.normalise, unmix=record.unmixed, alive=alive,
-        )  # fmt: skip
     scaled = photos(recipe, shots, cells)
     whole, near = pictures_of(recipe, scaled), {}
     if record.alike:
         normalise = record.normalise
         near = beside_errors(recipe, shots, scaled, learned, cells, normalise=normalise)
     bars = record.how.bars
-    if parts < FEWEST_PARTS:
+    if not in_parts:
         sharp = learned.sharp if learned is not None and record.scouted else None
         barred = modelled(
             recipe, shots, scaled, whole, cells, alive, sharp,

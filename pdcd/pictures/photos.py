@@ -10,7 +10,7 @@ from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned, corrections
 from pdcd.pictures.smoothed import Told, smoothed, told_of
 from pdcd.pictures.weights import brought, cell_weights_s, divided_by_row
-from pdcd.recipes.parts import only_parts, part_numbers
+from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
@@ -52,9 +52,8 @@ def corrected_photos(
             normalise=normalise, alive=alive, told=told.get(photo.name),
         )  # fmt: skip
         photos[photo.name] = after
-        if (
-            not photo.beyond and "direct" in photos
-        ):  # of a pair: its codes err by as much the other way
+        if "direct" in photos and not photo.beyond:
+            # Of a pair: its codes err by as much the other way.
             direct = photos["direct"]
             image = direct.image - (after.image - before.image)
             photos["direct"] = Picture(image, direct.sigma)
@@ -73,11 +72,11 @@ def told_by_parts(
 ) -> Mapping[str, Told]:
     """What the parts of photos tell of the smooth light that `corrected_photos` corrects them for.
 
-    Arguments as there; nothing is told of photos that are not split. Means of cells do
-    (`pdcd.pictures.parted.averaged`).
+    Arguments as there; nothing is told of photos that are not split, nor by fewer parts than
+    measure the error bars. Means of cells do (`pdcd.pictures.parted.averaged`).
     """
     numbers = part_numbers(recipe)
-    if len(numbers) < 2:
+    if len(numbers) < FEWEST_PARTS:
         return NOTHING_TOLD
     recipes = [recipe, *(only_parts(recipe, {part}) for part in numbers)]
     pictures = [

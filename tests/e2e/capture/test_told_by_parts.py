@@ -73,7 +73,7 @@ def test_smooth_light_is_corrected_by_what_parts_tell(
     assert not decode_folder(folder).identical
 
 
-def test_one_exposure_and_runs_uncorrected_are_told_nothing(
+def test_few_exposures_and_runs_uncorrected_are_told_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(*_: Any, **__: Any) -> None:
@@ -81,5 +81,6 @@ def test_one_exposure_and_runs_uncorrected_are_told_nothing(
 
     monkeypatch.setattr("pdcd.pictures.photos.told_of", refused)
     take(tmp_path, "indirect", parts=1)
+    take(tmp_path, "indirect", parts=2)
     take(tmp_path, "indirect", smooth=False)
     take(tmp_path, "split", period=4)
