@@ -242,8 +242,8 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     """Whether modelled error bars know that a photo which keeps a share of direct light shows no
     more than that of it (`pdcd.pictures.sigma_model`). Earlier runs have theirs as they were."""
     told_by_parts: bool = False
-    """Whether the parts of a photo tell how much smooth light it holds (`pdcd.pictures.shares`). In
-    earlier runs the image alone does."""
+    """Whether the parts of a photo tell how much smooth light it holds, and cells that no quad sees
+    do not (`pdcd.pictures.shares`). In earlier runs the image alone does, everywhere."""
     far_paths: bool = False
     """Whether a pilot's paths are corrected in photos of far light, too, and guide their codes.
     Earlier runs have these as they were taken."""

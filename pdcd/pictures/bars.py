@@ -13,6 +13,7 @@ from pdcd.pictures.parted import averaged, barred_by_parts, part_images, used
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
 from pdcd.pictures.sigma import Barred
 from pdcd.pictures.sigma_model import modelled
+from pdcd.pictures.smoothed import seen_of
 from pdcd.recipes.parts import FEWEST_PARTS, part_numbers
 from pdcd.recipes.recipe import Recipe
 from pdcd.runs.record import RunRecord
@@ -36,27 +37,22 @@ def barred_pictures(
     """
     in_parts, by_cell = len(part_numbers(recipe)) >= FEWEST_PARTS, record.parts_by_cell
     cells_apart = by_cell and record.parts_apart
-    coarse, coarse_cells, told = shots, cells, NOTHING_TOLD
+    coarse, coarse_cells = shots, cells
     if in_parts and by_cell:
         coarse, coarse_cells = averaged(used(recipe, shots), cells, apart=cells_apart)
-    if record.how.told_by_parts and record.smooth:
+    new = record.how.told_by_parts
+    told = NOTHING_TOLD
+    if new and record.smooth:
         told = told_by_parts(
-            recipe, coarse, learned, coarse_cells,
+            recipe, coarse, learned, coarse_cells, seen=seen_of(cells),
             normalise=record.normalise, unmix=record.unmixed, alive=alive,
         )  # fmt: skip
 
     def photos(part: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> dict[str, Picture]:
         return corrected_photos(
-            part,
-            shots,
-            learned,
-            cells,
-            normalise=record.normalise,
-            smooth=record.smooth,
-            unmix=record.unmixed,
-            alive=alive,
-            told=told,
-        )
+            part, shots, learned, cells, normalise=record.normalise, smooth=record.smooth,
+            unmix=record.unmixed, alive=alive, told=told, unseen_tell=not new,
+        )  # fmt: skip
 
     scaled = photos(recipe, shots, cells)
     whole, near = pictures_of(recipe, scaled), {}

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from pdcd.pictures.combine import Floats, Picture, realised_photo, scaled_photos
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned, corrections
+from pdcd.pictures.shares import Bools
 from pdcd.pictures.smoothed import Told, smoothed, told_of
 from pdcd.pictures.weights import brought, cell_weights_s, divided_by_row
 from pdcd.recipes.parts import FEWEST_PARTS, only_parts, part_numbers
@@ -29,6 +30,7 @@ def corrected_photos(
     unmix: bool = True,
     alive: Callable[[], None] = lambda: None,
     told: Mapping[str, Told] = NOTHING_TOLD,
+    unseen_tell: bool = False,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
@@ -40,6 +42,7 @@ def corrected_photos(
         of far light.
     alive : called now and then, and may raise to end the work.
     told : by the parts of photos, by their names (`told_by_parts`); others tell by themselves.
+    unseen_tell : as of `pdcd.pictures.smoothed.smoothed`.
     """
     missing = _missing(recipe, shots, learned, cells, normalise)
     photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise, unmix=unmix)
@@ -49,7 +52,7 @@ def corrected_photos(
         before = photos[photo.name]
         after = smoothed(
             photo, shots, before, learned if photo.paths else None, cells,
-            normalise=normalise, alive=alive, told=told.get(photo.name),
+            normalise=normalise, alive=alive, told=told.get(photo.name), unseen_tell=unseen_tell,
         )  # fmt: skip
         photos[photo.name] = after
         if "direct" in photos and not photo.beyond:
@@ -66,6 +69,7 @@ def told_by_parts(
     learned: Learned | None,
     cells: CellMap,
     *,
+    seen: Bools | None = None,
     normalise: NormaliseName,
     unmix: bool = True,
     alive: Callable[[], None] = lambda: None,
@@ -73,7 +77,8 @@ def told_by_parts(
     """What the parts of photos tell of the smooth light that `corrected_photos` corrects them for.
 
     Arguments as there; nothing is told of photos that are not split, nor by fewer parts than
-    measure the error bars. Means of cells do (`pdcd.pictures.parted.averaged`).
+    measure the error bars. Means of cells do (`pdcd.pictures.parted.averaged`). seen : cells (N,)
+    that any quad of the camera sees, None for all.
     """
     numbers = part_numbers(recipe)
     if len(numbers) < FEWEST_PARTS:
@@ -89,7 +94,7 @@ def told_by_parts(
             continue
         told = told_of(
             photo, parts, shots, [made[photo.name] for made in pictures],
-            learned if photo.paths else None, cells, normalise=normalise, alive=alive,
+            learned if photo.paths else None, cells, seen=seen, normalise=normalise, alive=alive,
         )  # fmt: skip
         if told is not None:
             found[photo.name] = told

@@ -16,6 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 DETAIL = np.array([[-1.0, 2.0, -1.0], [2.0, -4.0, 2.0], [-1.0, 2.0, -1.0]]) / 4.0
 """Keeps what changes from cell to cell, and nothing of a plane."""
@@ -35,14 +36,21 @@ ROUNDS = 2
 
 
 def shares_by_detail(
-    light: Floats, missing: Floats, grid: tuple[int, int], usual: Floats, sure: Floats
+    light: Floats,
+    missing: Floats,
+    grid: tuple[int, int],
+    usual: Floats,
+    sure: Floats,
+    seen: Bools | None = None,
 ) -> Floats:
     """Shares from 0 to 1, (P,), by the detail of an image alone.
 
     light : (N,), the image; not all dark. missing : (P, N), what it lacks of each kind of smooth
-    light. usual, sure : (P,), mean and standard deviation of shares before anything is told.
+    light. usual, sure : (P,), mean and standard deviation of shares before anything is told. seen :
+    (N,), cells whose light is known, None for all.
     """
-    return np.clip(_likeliest(*_by_detail(light, missing, grid), usual, sure), 0.0, 1.0)
+    told = _by_detail(light, missing, grid, seen)
+    return np.clip(_likeliest(*told, usual, sure), 0.0, 1.0)
 
 
 def shares_by_parts(
@@ -53,6 +61,7 @@ def shares_by_parts(
     grid: tuple[int, int],
     usual: Floats,
     sure: Floats,
+    seen: Bools | None = None,
 ) -> Floats:
     """Shares from `FROM` to `TO`, (P,), by the detail of an image and by what its parts differ by.
 
@@ -63,12 +72,12 @@ def shares_by_parts(
     level = light + DARK * light.mean()
     wrong = np.stack(lacking) / level  # (B, N)
     known = np.stack(patterns, axis=1) / level  # (P, B, N)
-    precision, told = _by_detail(light, missing, grid)
+    precision, told = _by_detail(light, missing, grid, seen)
     shares = usual
     for _ in range(ROUNDS):
         # What the shares leave is noise, and light that no pattern has.
         left = wrong - np.tensordot(shares, known, 1)
-        scale = _over_strength(np.mean(left**2, axis=0).reshape(grid))
+        scale = _over_strength(np.mean(left**2, axis=0).reshape(grid), seen)
         scaled = known * scale
         more = np.einsum("pbn,qbn->pq", scaled, scaled)
         shares = _likeliest(
@@ -80,14 +89,19 @@ def shares_by_parts(
     return np.clip(shares, FROM, TO)
 
 
-def _by_detail(light: Floats, missing: Floats, grid: tuple[int, int]) -> tuple[Floats, Floats]:
+def _by_detail(
+    light: Floats, missing: Floats, grid: tuple[int, int], seen: Bools | None
+) -> tuple[Floats, Floats]:
     """What the detail of an image tells of shares: their precision, (P, P), and that times the
     shares, (P,). Detail is taken as normal with the strength it has around each cell."""
     # Relative to the light of each cell: a surface that is twice as bright shows twice the pattern,
     # and its texture must not be taken for one.
     level = light + DARK * light.mean()
     lacking = -_detail(np.log(level), grid)
-    scale = _over_strength(lacking.reshape(grid) ** 2)
+    inner = None
+    if seen is not None:  # with all that the detail is made of
+        inner = scipy.ndimage.minimum_filter(seen.reshape(grid), 3, mode="nearest").ravel()
+    scale = _over_strength(lacking.reshape(grid) ** 2, inner)
     patterns = np.stack([_detail(one / level, grid) for one in missing]) * scale
     return patterns @ patterns.T, patterns @ (lacking * scale)
 
@@ -97,14 +111,23 @@ def _detail(image: Floats, grid: tuple[int, int]) -> Floats:
     return detail
 
 
-def _over_strength(squares: Floats) -> Floats:
-    """One over the strength around each cell, (N,), of what has these squares, (rows, cols); 0
-    everywhere where there is none."""
-    strength = scipy.ndimage.uniform_filter(squares, AROUND).ravel()
-    floor = LEAST * float(strength.mean())
+def _over_strength(squares: Floats, seen: Bools | None) -> Floats:
+    """One over the strength around each cell, (N,), of what has these squares, (rows, cols); 0 of
+    cells that are not seen, and everywhere where there is none."""
+    if seen is None:
+        strength = scipy.ndimage.uniform_filter(squares, AROUND).ravel()
+        floor = LEAST * float(strength.mean())
+    else:
+        known = seen.reshape(squares.shape).astype(np.float64)
+        counted, total = (
+            scipy.ndimage.uniform_filter(one, AROUND).ravel() for one in (known, squares * known)
+        )
+        strength = np.divide(total, counted, out=np.zeros_like(total), where=seen)
+        floor = LEAST * float(strength[seen].mean()) if seen.any() else 0.0
     if not floor > 0.0:
         return np.zeros_like(strength)
-    return np.asarray(1.0 / np.sqrt(np.maximum(strength, floor)))
+    scale = 1.0 / np.sqrt(np.maximum(strength, floor))
+    return np.asarray(scale if seen is None else np.where(seen, scale, 0.0))
 
 
 def _likeliest(precision: Floats, told: Floats, usual: Floats, sure: Floats) -> Floats:

@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.pictures.shares import shares_by_detail, shares_by_parts
+from pdcd.pictures.shares import Bools, shares_by_detail, shares_by_parts
 
 Floats = NDArray[np.float64]
 Spread = Callable[[Floats], Floats]
@@ -65,11 +65,13 @@ def colour_correction(
     alive: Callable[[], None] = lambda: None,
     beyond: int = 0,
     shares: Floats | None = None,
+    seen: Bools | None = None,
 ) -> Floats:
     """The same as `smooth_correction` for an image in colour: (N, C) float64.
 
     `beyond` is the radius of a photo of far light (`far_correction`), 0 for indirect light.
-    `shares` are those that parts told (`shares_of_parts`); without them the image tells.
+    `shares` are those that parts told (`shares_of_parts`); without them the image tells. `seen` as
+    of `pdcd.pictures.shares.shares_by_detail`.
 
     What is missing of its grey is shared out among the channels as each cell has them: smooth light
     takes on the colour of where it arrives.
@@ -77,9 +79,9 @@ def colour_correction(
     light = np.maximum(image, 0.0)
     grey: Floats = light.mean(axis=1)
     if beyond:
-        missing = far_correction(left, right, weight, grey, grid, beyond, alive, shares)
+        missing = far_correction(left, right, weight, grey, grid, beyond, alive, shares, seen)
     else:
-        missing = smooth_correction(left, right, weight, grey, grid, alive, shares)
+        missing = smooth_correction(left, right, weight, grey, grid, alive, shares, seen)
     share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
     more: Floats = light * share[:, None]
     return more
@@ -93,6 +95,7 @@ def smooth_correction(
     grid: tuple[int, int],
     alive: Callable[[], None] = lambda: None,
     shares: Floats | None = None,
+    seen: Bools | None = None,
 ) -> Floats:
     """Return what to add to an indirect image for its smooth light: (N,) float64, in its unit.
 
@@ -109,7 +112,8 @@ def smooth_correction(
     grid : (rows, cols)
         Cells of the scene, N in all.
     alive : called now and then, and may raise to end the work.
-    shares : of far and of near light to remove, where parts told them; else the image tells.
+    shares : of far and of near light to remove, where parts told them; else the image tells, of
+        the cells that are `seen`, (N,), None for all.
     """
     light = np.maximum(image, 0.0)
     if light.size < 2 or not light.any():
@@ -117,7 +121,7 @@ def smooth_correction(
     codes = Coded(left, right, weight, image)
     missing = _patterns(codes, light, _spreads(codes, grid, 0), alive)
     if shares is None:
-        shares = shares_by_detail(light, missing, grid, USUAL, SURE)
+        shares = shares_by_detail(light, missing, grid, USUAL, SURE, seen)
     return np.asarray(shares @ missing)
 
 
@@ -130,6 +134,7 @@ def far_correction(
     radius: int,
     alive: Callable[[], None] = lambda: None,
     shares: Floats | None = None,
+    seen: Bools | None = None,
 ) -> Floats:
     """Return what to add to an image of light from beyond `radius` cells: (N,) float64.
 
@@ -142,7 +147,7 @@ def far_correction(
     codes = Coded(left, right, weight, image)
     missing = _patterns(codes, light, _spreads(codes, grid, radius), alive)
     if shares is None:
-        shares = shares_by_detail(light, missing, grid, FAR_USUAL, FAR_SURE)
+        shares = shares_by_detail(light, missing, grid, FAR_USUAL, FAR_SURE, seen)
         # The patterns are much alike: together they are no more than all of it.
         shares = shares / max(1.0, float(shares.sum()))
     return np.asarray(shares @ missing)
@@ -154,13 +159,14 @@ def shares_of_parts(
     grid: tuple[int, int],
     beyond: int = 0,
     alive: Callable[[], None] = lambda: None,
+    seen: Bools | None = None,
 ) -> Floats | None:
     """How much of each pattern to remove, (P,), by what the parts of a photo differ by; None of a
     dark one.
 
     Each part has codes of its own and gets other amounts wrong of smooth light. All photograph the
     same, so texture drops out of their differences, and what is left tells far more than the detail
-    of the image, which counts too. `beyond` as of `colour_correction`.
+    of the image, which counts too. `beyond` and `seen` as of `colour_correction`.
     """
     light = np.maximum(whole.image, 0.0)
     if light.size < 2 or not light.any():
@@ -173,7 +179,7 @@ def shares_of_parts(
         counts = part.weight / whole.weight
         lacking.append(counts * (whole.image - part.image))
         patterns.append(counts * (_patterns(part, light, kinds, alive) - missing))
-    return shares_by_parts(light, missing, lacking, patterns, grid, usual, sure)
+    return shares_by_parts(light, missing, lacking, patterns, grid, usual, sure, seen)
 
 
 def _spreads(codes: Coded, grid: tuple[int, int], beyond: int) -> list[tuple[Spread, Spread]]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pdcd.pictures.combine import Picture, cell_weights_s, divided_by_row, realised_photo
 from pdcd.pictures.exposed import Exposed
 from pdcd.pictures.learn import Learned, known_light
+from pdcd.pictures.shares import Bools
 from pdcd.pictures.smooth import Coded, colour_correction, shares_of_parts
 from pdcd.pictures.weights import brought_rows
 from pdcd.probing.realised import Factors
@@ -48,6 +49,7 @@ def smoothed(
     normalise: NormaliseName = "auto",
     alive: Callable[[], None] = lambda: None,
     told: Told | None = None,
+    unseen_tell: bool = False,
 ) -> Picture:
     """A picture of indirect or of far light corrected for its smooth light
     (`pdcd.pictures.smooth`).
@@ -55,12 +57,14 @@ def smoothed(
     What is missing of a cell is shared out among its quads as they have light. Sigma stays: the
     correction is a small part of the picture. `normalise` is what the picture was made with
     (`pdcd.pictures.combine`). `alive` as of `smooth_correction`. `told` is what the parts of the
-    photo, or of that of which it is a part, tell; else the picture tells by itself.
+    photo, or of that of which it is a part, tell; else the picture tells by itself, where any quad
+    sees it: in runs from before that was done, everywhere (`unseen_tell`).
     """
     realised, weight, image, rest = _of_cells(photo, shots, picture, learned, cells, normalise)
     light, shares = (rest, None) if told is None else (told.light, told.shares)
+    seen = None if unseen_tell else seen_of(cells)
     more = colour_correction(
-        realised.left, realised.right, weight, light, cells.grid, alive, photo.beyond, shares
+        realised.left, realised.right, weight, light, cells.grid, alive, photo.beyond, shares, seen
     )
     whole = cells.known.all()
     lit = [by_light(picture.image[..., c], image[:, c], cells) for c in range(image.shape[1])]
@@ -85,20 +89,28 @@ def told_of(
     learned: Learned | None,
     cells: CellMap,
     *,
+    seen: Bools | None = None,
     normalise: NormaliseName = "auto",
     alive: Callable[[], None] = lambda: None,
 ) -> Told | None:
     """What the parts of a photo tell of its smooth light; None of a dark one.
 
-    pictures : of the photo and of each of its parts, in that order. Others as of `smoothed`.
+    pictures : of the photo and of each of its parts, in that order. seen : cells (N,) that any quad
+    of the camera sees, None for all. Others as of `smoothed`.
     """
     coded, light = [], []
     for one, picture in zip((photo, *parts), pictures, strict=True):
         realised, weight, _, rest = _of_cells(one, shots, picture, learned, cells, normalise)
         coded.append(Coded(realised.left, realised.right, weight, rest.mean(axis=1)))
         light.append(rest)
-    shares = shares_of_parts(coded[0], coded[1:], cells.grid, photo.beyond, alive)
+    shares = shares_of_parts(coded[0], coded[1:], cells.grid, photo.beyond, alive, seen)
     return None if shares is None else Told(light[0], shares)
+
+
+def seen_of(cells: CellMap) -> Bools | None:
+    """Cells that any quad sees, (N,); None for all."""
+    seen = cells.seen()
+    return None if seen.all() else seen
 
 
 def _of_cells(

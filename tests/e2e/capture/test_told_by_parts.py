@@ -12,6 +12,7 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
+from pdcd.maps.placing import Placing
 from pdcd.pictures import bars
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.photos import NOTHING_TOLD
@@ -52,6 +53,7 @@ def take(folder: Path, goal: str, **fields: Any) -> tuple[Path, float, float]:
     [
         ("indirect", {}, 0.7),
         ("indirect", {"camera": {"quads_per_cell": 3}}, 0.7),
+        ("indirect", {"camera": {"frame_quads": (48, 36), "place": Placing(scale=0.8)}}, 0.85),
         ("long-range", {"radius": 2, "codes": 128}, 0.85),
     ],
 )

@@ -128,3 +128,37 @@ def test_shares_stay_within_their_bounds() -> None:
 def test_a_dark_photo_tells_nothing() -> None:
     dark = Coded(np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N))
     assert shares_of_parts(dark, [dark, dark], GRID) is None
+
+
+def test_cells_that_are_not_seen_tell_nothing() -> None:
+    """What is put there in want of anything better has neither detail nor parts that differ."""
+    light = transport(1.0 / (1.0 + SQUARED / 4.0), 0.1, 0)
+    whole, parts = photos(light, 1.0 - np.eye(N), 0)
+    seen = COL < GRID[1] / 2
+
+    def blind(one: Coded) -> Coded:
+        image = np.where(seen, one.image, one.image[seen].mean())
+        return Coded(one.left, one.right, one.weight, image)
+
+    half, halves = blind(whole), [blind(part) for part in parts]
+    shares = shares_of_parts(half, halves, GRID, seen=seen)
+    assert shares is not None and abs(shares - [0.0, 1.0]).max() < 0.2
+    pulled = shares_of_parts(half, halves, GRID)
+    assert pulled is not None and pulled[1] < 0.7 * shares[1]
+    codes = half.left, half.right, half.weight, half.image, GRID
+    told = smooth_correction(*codes, seen=seen)
+    assert np.abs(told).max() > 2.0 * np.abs(smooth_correction(*codes)).max()
+    truth = light.sum(axis=1)[seen]
+    assert off((half.image + told)[seen], truth) < off(half.image[seen], truth)
+    # All that are seen is as if nothing was said.
+    every = np.ones(N, dtype=np.bool_)
+    np.testing.assert_allclose(
+        smooth_correction(*codes, seen=every), smooth_correction(*codes), rtol=1e-9
+    )
+
+
+def test_where_no_cell_is_seen_shares_are_the_usual_ones() -> None:
+    light = transport(np.ones((N, N)), 0.3, 0)
+    whole, parts = photos(light, 1.0 - np.eye(N), 0)
+    shares = shares_of_parts(whole, parts, GRID, seen=np.zeros(N, dtype=np.bool_))
+    assert shares is not None and abs(shares - [0.0, 0.1]).max() < 1e-9
