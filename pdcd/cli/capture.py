@@ -30,6 +30,7 @@ GUARDS = {
     "both": "both panels black between codes",
     "lag": "mask black after each code",
     "lead": "mask black before each code",
+    "tail": "mask black after each code, then both",
     "full": "with guards",
 }
 """Schedules of a code, for people."""

@@ -277,7 +277,7 @@ def _panel_options(parser: argparse.ArgumentParser) -> None:
         choices=SCHEDULES,
         dest="guards",
         help="refreshes that keep codes apart: 1 (none), 2 (both panels black; the mask, before or "
-        "after its code) or 3 (full); auto by the measured lag of the mask",
+        "after its code) or 3 (tail, for slow masks; full); auto by the measured lag of the mask",
     )
 
 

@@ -8,10 +8,10 @@ Only refreshes with the mask open by plan count. A black one may last as long as
 time and lets leaking light through, both of which the realised probing matrix holds.
 
 Weights are whole refreshes of the mask. Where guards hold the projector's code on both sides of
-the open mask ("full", and "lag" or "lead" for the sign of their name) they are exact. Where lag
-and light overlap in part ("none", "both" with a lag s), a code that was lit for two refreshes on
-end had 2 - s of light against the 2 (1 - s) of others that were shown twice: s remains, and is in
-the realised matrix.
+the open mask ("full", and "lag", "tail" or "lead" for the lags that they are for) they are exact.
+Where lag and light overlap in part ("none", "both" with a lag s), a code that was lit for two
+refreshes on end had 2 - s of light against the 2 (1 - s) of others that were shown twice: s
+remains, and is in the realised matrix.
 """
 
 from __future__ import annotations

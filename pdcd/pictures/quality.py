@@ -357,7 +357,8 @@ def direct_unseen(weight: float, limits: Limits = LIMITS) -> Iterator[Finding]:
             grade,
             f"direct light that was to be blocked has a weight of {percent(weight)} (limit "
             f"{percent(limits.direct_left[0] / UNSEEN)}), and no photo tells how much there is; "
-            "look at contrast, guards and places of the panels, or take indirect, which shows it",
+            "look at contrast and places of the panels, take --schedule auto or tail before a slow "
+            "mask, or take indirect, which shows it",
         )
 
 

@@ -20,6 +20,8 @@ from pdcd.planning.grey import grey_reasons, unsaid
 from pdcd.planning.guards import choose_schedule, lag_rows
 from pdcd.planning.look import looking, settled
 from pdcd.planning.measured import (
+    FAR_QUIET,
+    QUIET,
     plane_reasons,
     quietest,
     reasons_for,
@@ -40,7 +42,9 @@ from pdcd.recipes.recipe import Recipe
 from pdcd.request import CaptureRequest, How
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
 
-FAR = ("relit", "long-range", "short-range")
+RANGES = ("long-range", "short-range")
+"""Goals of light by its range."""
+FAR = ("relit", *RANGES)
 """Goals that may take photos of far light."""
 BY_LIGHT = ("descattered", "filtered", "fraction", "off-diagonal", "relit", "split")
 """Goals with photos that are not scaled by what fits the wanted matrix best, see `How.by_light`."""
@@ -229,7 +233,7 @@ def schedule_of(request: CaptureRequest, config: Config, mask_lag_s: float | Non
     """Refreshes of a code, as asked for or as the rig has them."""
     asked = config.schedule.guards if request.guards is None else request.guards
     if asked == "auto" and times_measured(config):
-        return quietest(config, mask_lag_s)
+        return quietest(config, mask_lag_s, FAR_QUIET if request.goal in RANGES else QUIET)
     return choose_schedule(asked, *lag_rows(config, mask_lag_s))
 
 

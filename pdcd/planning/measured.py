@@ -38,7 +38,10 @@ MOST_CELLS = 256 * 192
 """Cells of "auto" at most: more take long to plan and decode, and few scenes have such detail."""
 QUIET = 0.005
 """Share of a code's light in its neighbours at which a schedule is as good as any."""
-BY_COST: tuple[ScheduleName, ...] = ("lag", "lead", "both", "full")
+FAR_QUIET = 0.0005
+"""The same for far light: each of its paths shines through the mask in so few codes that what is
+left of one code in the next counts a hundred times as much."""
+BY_COST: tuple[ScheduleName, ...] = ("lag", "lead", "both", "tail", "full")
 """Schedules of two and three refreshes."""
 
 
@@ -117,16 +120,17 @@ def times_measured(config: Config) -> bool:
     return all(p.rise_s > 0.0 and p.fall_s > 0.0 for p in (config.projector, config.mask))
 
 
-def quietest(config: Config, mask_lag_s: float | None) -> ScheduleName:
-    """The schedule of the fewest refreshes that keeps codes apart; of those that do not, the best.
+def quietest(config: Config, mask_lag_s: float | None, quiet: float = QUIET) -> ScheduleName:
+    """The schedule of the fewest refreshes that lets no more than `quiet` of a code's light into
+    its neighbours; where none does, the best.
 
     Where the lag is not known, as `choose_schedule` has it.
     """
     if mask_lag_s is None:
         return choose_schedule("auto", *lag_rows(config, mask_lag_s))
     leaks = {name: schedule_leak(config, name, mask_lag_s) for name in BY_COST}
-    quiet = [name for name in BY_COST if leaks[name] <= QUIET]
-    return quiet[0] if quiet else min(BY_COST, key=lambda name: leaks[name])
+    fitting = [name for name in BY_COST if leaks[name] <= quiet]
+    return fitting[0] if fitting else min(BY_COST, key=lambda name: leaks[name])
 
 
 def schedule_leak(config: Config, schedule: ScheduleName, mask_lag_s: float) -> float:

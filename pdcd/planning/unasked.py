@@ -28,7 +28,7 @@ from pdcd.pilot.links import SHARP
 from pdcd.pilot.matching import MOST_CELLS
 from pdcd.planning.guided import plan_for
 from pdcd.planning.look import averaging
-from pdcd.planning.make import make_plan, schedule_of, window_of
+from pdcd.planning.make import RANGES, make_plan, schedule_of, window_of
 from pdcd.planning.plan import Plan
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.parts import FEWEST_PARTS
@@ -38,10 +38,8 @@ from pdcd.runs.record import ShotRecord
 from pdcd.words import FamilyName
 
 GOALS = ("indirect", "direct")
-"""Goals that get parts and a pilot unasked, as `RANGES` do; others take them when asked."""
-RANGES = ("long-range", "short-range")
-"""Goals that get a pilot and `FEWEST_PARTS` unasked. More parts would leave codes too dense for the
-radius."""
+"""Goals that get parts and a pilot unasked; others take them when asked. `RANGES` get a pilot and
+`FEWEST_PARTS`, as more parts would leave codes too dense for the radius."""
 PARTED = (
     "fraction", "split", "diagonal", "warped", "two-samples", "descattered", "filtered",
 )  # fmt: skip

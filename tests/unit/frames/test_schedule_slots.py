@@ -19,6 +19,7 @@ TABLE: dict[ScheduleName, tuple[list[int], list[int]]] = {
     "both": ([0, B, 1, B], [0, B, 1, B]),
     "lag": ([0, 0, 1, 1], [0, B, 1, B]),
     "lead": ([0, 0, 1, 1], [B, 0, B, 1]),
+    "tail": ([0, 0, B, 1, 1, B], [0, B, B, 1, B, B]),
     "full": ([0, 0, 0, 1, 1, 1], [B, 0, B, B, 1, B]),
 }
 

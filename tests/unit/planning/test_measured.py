@@ -11,8 +11,9 @@ from scipy.special import ndtr
 
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
+from pdcd.frames.schedule import SLOTS
 from pdcd.planning.guards import choose_window, lag_by_rows_s, lag_rows
-from pdcd.planning.make import make_plan
+from pdcd.planning.make import make_plan, schedule_of
 from pdcd.planning.measured import MOST_LEAK, quietest, schedule_leak, with_grid
 from pdcd.request import CaptureRequest
 
@@ -106,8 +107,26 @@ def test_the_quietest_schedule_goes_by_rise_fall_and_lag() -> None:
     swift = config(projector=quick, mask=quick)
     assert quietest(swift, 0.004) == "lag" and quietest(swift, -0.004) == "lead"
     slow = config(projector=quick, mask={"rise_s": 0.004, "fall_s": 0.009})
-    leaks = {name: schedule_leak(slow, name, 0.004) for name in ("lag", "lead", "both", "full")}
-    assert quietest(slow, 0.004) == min(leaks, key=lambda name: leaks[name])
+    leaks = {name: schedule_leak(slow, name, 0.004) for name in SLOTS}
+    assert quietest(slow, 0.004) == min(leaks, key=lambda name: leaks[name]) == "tail"
+
+
+@pytest.mark.parametrize(
+    ("fall_s", "indirect", "far"),
+    [(0.0008, "lag", "lag"), (0.0032, "lag", "tail"), (0.006, "tail", "tail")],
+)
+def test_far_light_wants_codes_kept_apart_ten_times_as_well(
+    fall_s: float, indirect: str, far: str
+) -> None:
+    panels = config(
+        projector={"rise_s": 2e-4, "fall_s": 2e-4}, mask={"rise_s": 0.001, "fall_s": fall_s}
+    )
+    for goal, fields, wanted in (
+        ("indirect", {}, indirect), ("long-range", {"radius": 1}, far),
+        ("short-range", {"radius": 1}, far),
+    ):  # fmt: skip
+        request = msgspec.convert({"goal": goal, "guards": "auto", **fields}, CaptureRequest)
+        assert schedule_of(request, panels, 0.001) == wanted
 
 
 def test_a_plan_says_why() -> None:

@@ -26,9 +26,10 @@ PROMISED = {
     "both": (-1.0, 1.0),
     "lag": (0.0, 1.0),
     "lead": (-1.0, 0.0),
+    "tail": (-1.0, 2.0),
     "full": (-1.0, 1.0),
 }
-SKEWS = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)
+SKEWS = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0, 1.4, 2.0)
 
 
 def frames_of(schedule: ScheduleName, count: int = 6, window: str = "whole") -> Frames:
@@ -92,7 +93,7 @@ def test_direct_light_is_exactly_zero_where_promised_and_only_there(
 
 
 @pytest.mark.parametrize("skew", SKEWS)
-@pytest.mark.parametrize("schedule", ["both", "lag", "lead", "full"])
+@pytest.mark.parametrize("schedule", ["both", "lag", "lead", "tail", "full"])
 def test_light_of_the_code_is_the_share_that_is_told(schedule: ScheduleName, skew: float) -> None:
     """Off-diagonal sum: the time a code shines through its own mask, times lit times open cells."""
     low, high = PROMISED[schedule]
@@ -102,13 +103,22 @@ def test_light_of_the_code_is_the_share_that_is_told(schedule: ScheduleName, ske
     on = np.unpackbits(frames.primal_patterns.astype(np.uint8), axis=1)[:, :6].astype(float)
     cells = float((on.sum(axis=1) * (6.0 - on.sum(axis=1))).sum())
     share = 1.0 - abs(skew) if schedule == "both" else 1.0
+    if schedule == "tail":
+        share = min(1.0, 1.0 + skew, 2.0 - skew)
     got = realised(frames, Panel(), skewed(skew))
     assert got.total_s == pytest.approx(share * T_S * cells, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize(
     ("schedule", "after"),
-    [("none", (0, 1)), ("both", (1, 2)), ("lag", (1, 3)), ("lead", (0, 2)), ("full", (1, 4))],
+    [
+        ("none", (0, 1)),
+        ("both", (1, 2)),
+        ("lag", (1, 3)),
+        ("lead", (0, 2)),
+        ("tail", (2, 4)),
+        ("full", (1, 4)),
+    ],
 )
 def test_the_tail_of_a_slow_mask_meets_what_the_schedule_says(
     schedule: ScheduleName, after: tuple[int, int]
@@ -125,7 +135,9 @@ def test_the_tail_of_a_slow_mask_meets_what_the_schedule_says(
     assert got.coaxial[0] == pytest.approx(opened * tail, rel=1e-9)
 
 
-@pytest.mark.parametrize(("schedule", "times"), [("none", 1), ("both", 1), ("lag", 2), ("full", 3)])
+@pytest.mark.parametrize(
+    ("schedule", "times"), [("none", 1), ("both", 1), ("lag", 2), ("tail", 2), ("full", 3)]
+)
 def test_a_leaking_mask_leaks_for_as_long_as_the_projector_is_lit(
     schedule: ScheduleName, times: int
 ) -> None:
@@ -138,7 +150,7 @@ def test_a_leaking_mask_leaks_for_as_long_as_the_projector_is_lit(
 
 
 def test_slots_in_full() -> None:
-    """[P 0] / [M 0], [P P] / [M 0], [P P] / [0 M], as index of two codes."""
+    """[P 0] / [M 0], [P P] / [M 0], [P P] / [0 M], [P P 0] / [M 0 0], as index of two codes."""
     p, m = {}, {}
     for schedule in SLOTS:
         frames = frames_of(schedule, 2)
@@ -148,6 +160,7 @@ def test_slots_in_full() -> None:
     assert p["both"] == m["both"] == [0, -1, 1, -1]
     assert (p["lag"], m["lag"]) == ([0, 0, 1, 1], [0, -1, 1, -1])
     assert (p["lead"], m["lead"]) == ([0, 0, 1, 1], [-1, 0, -1, 1])
+    assert (p["tail"], m["tail"]) == ([0, 0, -1, 1, 1, -1], [0, -1, -1, 1, -1, -1])
     assert (p["full"], m["full"]) == ([0] * 3 + [1] * 3, [-1, 0, -1, -1, 1, -1])
 
 
