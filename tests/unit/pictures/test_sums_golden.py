@@ -113,8 +113,9 @@ def corrected() -> Any:
         for goal, numbers in (("indirect", {}), ("short-range", {"radius": 1})):
             one = recipe(goal, How(structure=True), **numbers)
             found = corrected_photos(
-                one, shots_of(one, cells, 1), None, cells, normalise="auto", smooth=True
-            )
+                one, shots_of(one, cells, 1), None, cells, normalise="auto", smooth=True,
+                unseen_tell=True,  # as in runs from before
+            )  # fmt: skip
             told[f"{kind}, {goal}"] = pictures(found)
     return told
 
