@@ -30,6 +30,8 @@ LEAST_BLOCKS = 200
 ALIKE = 0.9
 """Of its inner neighbour's light, that a block at the photo's border has in the picture."""
 DUST = 0.003
+CLEAR = 1.0 - DUST
+"""Of the light to be expected there, that a side of the photo has in the picture."""
 TEXTURE = 0.01
 TEXTURE_SHARE = 0.1
 """Share of blocks off by 1 % from which there is no card."""
@@ -48,7 +50,8 @@ class Flat:
     coefficients : (3, polynomials) of R, G, B, in the order of `_columns`; 1 in the middle.
     shape : (h, w) quads of the photo.
     lit : (rows, cols) blocks of 8 quads that hold light.
-    residual : (rows, cols) mean over the channels of light over the surface, less 1; 0 in the dark.
+    residual : (rows, cols) mean over the channels of light over the surface, less 1; 0 in the dark,
+        and where the picture's blurred edge runs along the photo's.
     dust : (rows, cols) blocks where that is no noise and more than 0.3 %.
     """
 
@@ -110,26 +113,27 @@ def flat_of(white: Photo, without: Floats | None = None) -> Flat:
             device="camera",
             hint="a card must fill the field",
         )
+    told = _without_blurred(lit, light.sum(axis=2))
     rows, cols = lit.shape
     y, x = ((np.arange(n) + 0.5) * SIDE for n in (rows, cols))
     height, width = white.light.shape[:2]
-    columns = _columns(2.0 * x / width - 1.0, 2.0 * y / height - 1.0)[:, lit].T
-    fits, away, noise = [], np.zeros((3, int(lit.sum()))), np.zeros(int(lit.sum()))
+    columns = _columns(2.0 * x / width - 1.0, 2.0 * y / height - 1.0)[:, told].T
+    fits, away, noise = [], np.zeros((3, int(told.sum()))), np.zeros(int(told.sum()))
     for channel in range(3):
-        fit = _robust(columns, light[lit][:, channel], sigma[lit][:, channel])
+        fit = _robust(columns, light[told][:, channel], sigma[told][:, channel])
         surface = columns @ fit
         if surface.min() <= 0.0:
             raise _no_card("a smooth surface cannot follow the light")
-        away[channel] = light[lit][:, channel] / surface - 1.0
-        noise += (sigma[lit][:, channel] / surface) ** 2 / 9.0
+        away[channel] = light[told][:, channel] / surface - 1.0
+        noise += (sigma[told][:, channel] / surface) ** 2 / 9.0
         fits.append(fit)
     residual, dust = np.zeros(lit.shape), np.zeros(lit.shape, np.bool_)
-    residual[lit] = away.mean(axis=0)
+    residual[told] = away.mean(axis=0)
     limit = SIGMAS * np.sqrt(noise)
-    off = float(np.mean(np.abs(residual[lit]) > np.maximum(TEXTURE, limit)))
+    off = float(np.mean(np.abs(residual[told]) > np.maximum(TEXTURE, limit)))
     if off > TEXTURE_SHARE:
         raise _no_card(f"{100.0 * off:.0f} % of the picture is off a smooth surface by 1 %")
-    dust[lit] = np.abs(residual[lit]) > np.maximum(DUST, limit)
+    dust[told] = np.abs(residual[told]) > np.maximum(DUST, limit)
     middle = _columns(np.array([0.0]), np.array([0.0]))[:, 0, 0]
     coefficients = np.array(fits)
     return Flat(
@@ -142,6 +146,20 @@ def _cut_borders(lit: Marks, light: Floats) -> None:
     for marks, values in ((lit, light), (lit.T, light.T)):
         for border, inner in ((0, 1), (-1, -2)):
             marks[border] &= values[border] >= ALIKE * values[inner]
+
+
+def _without_blurred(lit: Marks, light: Floats) -> Marks:
+    """`lit` without sides of the photo that are darker than a parabola through the next three
+    blocks has them: there the picture ends, and the camera's blur meets darkness. A speck lies on
+    no whole side."""
+    told = lit.copy()
+    for marks, values in ((told, light), (told.T, light.T)):
+        for border, *inner in ((0, 1, 2, 3), (-1, -2, -3, -4)):
+            side = marks[border] & marks[inner].all(axis=0)
+            one, two, three = (values[k][side] for k in inner)
+            if side.any() and np.median(values[border][side] / (3 * one - 3 * two + three)) < CLEAR:
+                marks[border] = False
+    return told
 
 
 def _columns(x: Floats, y: Floats) -> Floats:

@@ -60,6 +60,21 @@ def test_the_pictures_edge_along_that_of_the_photo_is_no_dust() -> None:
     assert not flat.dust.any()
 
 
+@pytest.mark.parametrize("blur_quads", [0.4, 0.7, 1.5])
+def test_a_blurred_edge_of_the_picture_along_that_of_the_photo_is_no_dust(
+    blur_quads: float,
+) -> None:
+    """The picture ends where the photo does. The surface is that of the card up to there, and a
+    speck at the border is still one."""
+    light = card()
+    light[40:48, :8] *= 0.95
+    dark = gaussian_filter(np.pad(light, ((8, 8), (8, 8), (0, 0))), (blur_quads, blur_quads, 0))
+    flat = flat_of(photo(dark[8:-8, 8:-8], 5))
+    assert not flat.dust.any() and flat.lit[1:-1, 1:-1].all()
+    assert np.abs(flat.rows(0, 192) / BENCH.vignetting() - 1.0)[8:-8, 8:-8].max() < 0.004
+    assert flat_of(photo(light, 5)).dust[5, 0]
+
+
 def test_flat_takes_the_room_off() -> None:
     room = 2000.0 * np.linspace(0.0, 1.0, 256)[None, :, None] * np.ones((192, 1, 3))
     flat = flat_of(photo(card() + room, 2), without=room / 2.96)

@@ -26,7 +26,9 @@ def test_the_wax_is_soft_by_dense_transport_as_by_photos() -> None:
     soft = 2.0 * seen.min(axis=0)[wax].sum() / whole.sum(axis=1)[wax].sum()
     ours = photos["ours"]
     there = on_wax(Raster(ours.image.shape[:2]))
-    assert share(ours.truths, "low", there) == pytest.approx(soft, abs=0.06)
+    # The truth is told of places within cells, and a mean of the smallest is less than the smallest
+    # of means.
+    assert soft - 0.1 < share(ours.truths, "low", there) < soft
     assert share(ours.pictures, "low", there) == pytest.approx(soft, abs=0.10)
     numbers = numbers_of(FIGURE, photos)
     scale = numbers["indirect light of the striped photos over its truth"]
