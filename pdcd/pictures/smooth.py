@@ -69,19 +69,12 @@ def colour_correction(
 ) -> Floats:
     """The same as `smooth_correction` for an image in colour: (N, C) float64.
 
-    `beyond` is the radius of a photo of far light (`far_correction`), 0 for indirect light.
-    `shares` are those that parts told (`shares_of_parts`); without them the image tells. `seen` as
-    of `pdcd.pictures.shares.shares_by_detail`.
-
     What is missing of its grey is shared out among the channels as each cell has them: smooth light
     takes on the colour of where it arrives.
     """
     light = np.maximum(image, 0.0)
     grey: Floats = light.mean(axis=1)
-    if beyond:
-        missing = far_correction(left, right, weight, grey, grid, beyond, alive, shares, seen)
-    else:
-        missing = smooth_correction(left, right, weight, grey, grid, alive, shares, seen)
+    missing = smooth_correction(left, right, weight, grey, grid, alive, beyond, shares, seen)
     share = np.divide(missing, grey, out=np.zeros_like(grey), where=grey > 0.0)
     more: Floats = light * share[:, None]
     return more
@@ -94,10 +87,12 @@ def smooth_correction(
     image: Floats,
     grid: tuple[int, int],
     alive: Callable[[], None] = lambda: None,
+    beyond: int = 0,
     shares: Floats | None = None,
     seen: Bools | None = None,
 ) -> Floats:
-    """Return what to add to an indirect image for its smooth light: (N,) float64, in its unit.
+    """Return what to add to an image of indirect or of far light for its smooth light: (N,)
+    float64, in its unit.
 
     Parameters
     ----------
@@ -107,49 +102,26 @@ def smooth_correction(
     weight : float or (N,) float64
         Weight the image, or each cell of it, was divided by, in the unit of A.
     image : (N,) float64
-        The indirect image, row-major. Where sharp paths are known (`pdcd.pilot.links`), what is
-        left of it without their light, their row sums.
+        The image, row-major. Where sharp paths are known (`pdcd.pilot.links`), what is left of it
+        without their light, their row sums.
     grid : (rows, cols)
         Cells of the scene, N in all.
     alive : called now and then, and may raise to end the work.
-    shares : of far and of near light to remove, where parts told them; else the image tells, of
-        the cells that are `seen`, (N,), None for all.
+    beyond : the radius of an image of far light, which the model then has none of from nearer; 0
+        for indirect light.
+    shares : of each kind of light to remove (`_spreads`), where parts told them
+        (`shares_of_parts`); else the image tells.
+    seen : (N,) bool, cells whose light is known; None for all.
     """
     light = np.maximum(image, 0.0)
     if light.size < 2 or not light.any():
         return np.zeros_like(light)
     codes = Coded(left, right, weight, image)
-    missing = _patterns(codes, light, _spreads(codes, grid, 0), alive)
+    missing = _patterns(codes, light, _spreads(codes, grid, beyond), alive)
     if shares is None:
-        shares = shares_by_detail(light, missing, grid, USUAL, SURE, seen)
-    return np.asarray(shares @ missing)
-
-
-def far_correction(
-    left: Floats,
-    right: Floats,
-    weight: float | Floats,
-    image: Floats,
-    grid: tuple[int, int],
-    radius: int,
-    alive: Callable[[], None] = lambda: None,
-    shares: Floats | None = None,
-    seen: Bools | None = None,
-) -> Floats:
-    """Return what to add to an image of light from beyond `radius` cells: (N,) float64.
-
-    The image itself says how much far light each cell gets, and the model has none from nearer.
-    Other arguments as of `smooth_correction`; `shares` are of the ways in which light falls off.
-    """
-    light = np.maximum(image, 0.0)
-    if light.size < 2 or not light.any():
-        return np.zeros_like(light)
-    codes = Coded(left, right, weight, image)
-    missing = _patterns(codes, light, _spreads(codes, grid, radius), alive)
-    if shares is None:
-        shares = shares_by_detail(light, missing, grid, FAR_USUAL, FAR_SURE, seen)
-        # The patterns are much alike: together they are no more than all of it.
-        shares = shares / max(1.0, float(shares.sum()))
+        shares = shares_by_detail(light, missing, grid, *_before(beyond), seen)
+        if beyond:  # The patterns are much alike: together they are no more than all of it.
+            shares = shares / max(1.0, float(shares.sum()))
     return np.asarray(shares @ missing)
 
 
@@ -166,12 +138,11 @@ def shares_of_parts(
 
     Each part has codes of its own and gets other amounts wrong of smooth light. All photograph the
     same, so texture drops out of their differences, and what is left tells far more than the detail
-    of the image, which counts too. `beyond` and `seen` as of `colour_correction`.
+    of the image, which counts too. `beyond` and `seen` as of `smooth_correction`.
     """
     light = np.maximum(whole.image, 0.0)
     if light.size < 2 or not light.any():
         return None
-    usual, sure = (FAR_USUAL, FAR_SURE) if beyond else (USUAL, SURE)
     kinds = _spreads(whole, grid, beyond)
     missing = _patterns(whole, light, kinds, alive)
     lacking, patterns = [], []
@@ -179,7 +150,12 @@ def shares_of_parts(
         counts = part.weight / whole.weight
         lacking.append(counts * (whole.image - part.image))
         patterns.append(counts * (_patterns(part, light, kinds, alive) - missing))
-    return shares_by_parts(light, missing, lacking, patterns, grid, usual, sure, seen)
+    return shares_by_parts(light, missing, lacking, patterns, grid, *_before(beyond), seen)
+
+
+def _before(beyond: int) -> tuple[Floats, Floats]:
+    """Shares before anything is told, and their standard deviations."""
+    return (FAR_USUAL, FAR_SURE) if beyond else (USUAL, SURE)
 
 
 def _spreads(codes: Coded, grid: tuple[int, int], beyond: int) -> list[tuple[Spread, Spread]]:

@@ -126,8 +126,8 @@ def _of_cells(
     realised = realised_photo(photo.shots, shots)
     weight = cell_weights_s(photo, realised, by_row=divided_by_row(photo, shots, normalise))
     image = cells.mean(picture.image)
-    seen = cells.seen()
-    if not seen.all():  # as bright as the others, for want of anything better
+    seen = seen_of(cells)
+    if seen is not None:  # as bright as the others, for want of anything better
         image[~seen] = image[seen].mean(axis=0) if seen.any() else 0.0
     known = 0.0 if learned is None else known_light(learned, photo.wanted)
     return realised, weight, image, image - known

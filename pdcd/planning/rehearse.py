@@ -22,7 +22,7 @@ from pdcd.frames.patterns import levels_of
 from pdcd.pictures.combine import combine, scaled_photos
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, learn
-from pdcd.pictures.photos import corrected_photos, told_by_parts
+from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
 from pdcd.pilot.codes import SCOUTS
 from pdcd.planning.guided import stopped, with_links
 from pdcd.planning.metering import TARGET, metered_pairs
@@ -280,7 +280,9 @@ def _added(
         for name, (light, matrix) in rehearsed.items()
     }
     plain = scaled_photos(recipe, shots, cells, normalise=normalise)
-    told = told_by_parts(recipe, shots, learned, cells, normalise=normalise)
+    told = NOTHING_TOLD
+    if plan.smooth:
+        told = told_by_parts(recipe, shots, learned, cells, normalise=normalise)
     corrected = corrected_photos(
         recipe, shots, learned, cells, normalise=normalise, smooth=plan.smooth, told=told
     )

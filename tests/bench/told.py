@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pdcd.codes.far import far_codes
 from pdcd.codes.make import make_codes
 from pdcd.frames.lattice import Lattice
-from pdcd.pictures.smooth import Coded, far_correction, shares_of_parts, smooth_correction
+from pdcd.pictures.smooth import Coded, shares_of_parts, smooth_correction
 from pdcd.recipes.parts import coin_signs, part_seed
 from pdcd.recipes.programs import Far
 
@@ -107,11 +107,9 @@ def errors(transport: Floats, some: list[Codes], radius: int, noise: float) -> l
     shares = shares_of_parts(whole, parts, GRID, radius)
     found = [whole.image]
     for told in (None, shares):
-        codes_of = whole.left, whole.right, whole.weight, whole.image, GRID
-        if radius:
-            more = far_correction(*codes_of, radius, shares=told)
-        else:
-            more = smooth_correction(*codes_of, shares=told)
+        more = smooth_correction(
+            whole.left, whole.right, whole.weight, whole.image, GRID, beyond=radius, shares=told
+        )
         found.append(whole.image + more)
     return [float(np.sqrt(np.mean((one - truth) ** 2) / np.mean(truth**2))) for one in found]
 

@@ -10,7 +10,6 @@ from pdcd.codes.make import make_codes
 from pdcd.pictures.shares import FROM, TO
 from pdcd.pictures.smooth import (
     Coded,
-    far_correction,
     shares_of_parts,
     smooth_correction,
 )
@@ -88,9 +87,9 @@ def test_of_far_light_parts_tell_how_it_falls_off(reach: float) -> None:
     truth = light.sum(axis=1)
     shares = shares_of_parts(whole, parts, GRID, 1)
     assert shares is not None and shares.shape == (3,)
-    codes = whole.left, whole.right, whole.weight, whole.image, GRID, 1
-    alone = off(whole.image + far_correction(*codes), truth)
-    told = off(whole.image + far_correction(*codes, shares=shares), truth)
+    codes = whole.left, whole.right, whole.weight, whole.image, GRID
+    alone = off(whole.image + smooth_correction(*codes, beyond=1), truth)
+    told = off(whole.image + smooth_correction(*codes, beyond=1, shares=shares), truth)
     assert told < 0.6 * alone
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.frames.lattice import Lattice
-from pdcd.pictures.smooth import far_correction
+from pdcd.pictures.smooth import smooth_correction
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Far
@@ -36,7 +36,9 @@ def photo(transport: Floats, radius: int, seed: int) -> tuple[Floats, Floats, Fl
     realised = dual.T.astype(float) @ primal.astype(float)
     weight = (realised * far(radius)).sum(axis=1) / far(radius).sum(axis=1)
     image = (realised * transport).sum(axis=1) / weight
-    more = far_correction(dual.astype(float), primal.astype(float), weight, image, GRID, radius)
+    more = smooth_correction(
+        dual.astype(float), primal.astype(float), weight, image, GRID, beyond=radius
+    )
     return image, (far(radius) * transport).sum(axis=1), more
 
 
@@ -61,7 +63,9 @@ def test_before_single_sharp_paths_little_is_done() -> None:
     transport = np.eye(N) + 0.3 * np.eye(N)[rng.permutation(N)]
     image, truth, more = photo(transport, 2, 0)
     assert np.sqrt(np.mean(more**2)) < 0.3 * np.sqrt(np.mean((image - truth) ** 2))
-    assert not far_correction(np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N), GRID, 2).any()
+    assert not smooth_correction(
+        np.ones((1, N)), np.ones((1, N)), 1.0, np.zeros(N), GRID, beyond=2
+    ).any()
 
 
 @pytest.mark.parametrize("goal", ["long-range", "short-range"])
