@@ -14,10 +14,10 @@ import numpy as np
 from pdcd.bench.devices import Display, DisplayInfo, DriverContext, Shared
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.frames.balance import play_all, streams
-from pdcd.frames.bitplanes import check_binary
-from pdcd.frames.frames import BLACK, FrameLog, Frames
-from pdcd.frames.pixels import Recorder
+from pdcd.panels.balance import play_all, streams
+from pdcd.panels.bitplanes import check_binary
+from pdcd.panels.frames import BLACK, FrameLog, Frames
+from pdcd.panels.pixels import Recorder
 from pdcd.presenter.client import DisplayProcess, Log, Rows
 from pdcd.presenter.messages import Column, Open, Ready
 from pdcd.presenter.opening import opening

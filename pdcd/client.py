@@ -20,12 +20,10 @@ from typing import Any, TypeVar
 import msgspec
 
 from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError, of_kind
-from pdcd.inputs.sending import Sendable, parcels
-from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary, Sent
-from pdcd.runs.entry import Page, RunQuery, StoredRun
-from pdcd.runs.events import Attention, Event, read
-from pdcd.runs.views import RigView
-from pdcd.server.messages import (
+from pdcd.files.sending import Sendable, parcels
+from pdcd.protocol.entry import Page, RunQuery, StoredRun
+from pdcd.protocol.events import Attention, Event, read
+from pdcd.protocol.messages import (
     MAX_FDS,
     MAX_LINE,
     PROTOCOL,
@@ -37,11 +35,13 @@ from pdcd.server.messages import (
     Shown,
     Status,
 )
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary, Sent
+from pdcd.protocol.views import RigView
 
 T = TypeVar("T")
 
 OnEvent = Callable[[Event], None]
-"""Takes one event, a struct of `pdcd.runs.events`; `type` names its kind."""
+"""Takes one event, a struct of `pdcd.protocol.events`; `type` names its kind."""
 
 CONNECT_INTERVAL_S = 0.02
 """Pause in seconds before a full backlog is tried again."""

@@ -32,11 +32,11 @@ FamilyName = Literal[
 ]
 MethodName = Literal["coded", "pairs", "multi-image", "nayar"]
 ScheduleName = Literal["none", "both", "lag", "lead", "tail", "full"]
-"""Which black refreshes keep a code apart from the next (`pdcd.frames.schedule`)."""
+"""Which black refreshes keep a code apart from the next (`pdcd.panels.schedule`)."""
 GuardsName = Literal["none", "both", "lag", "lead", "tail", "full", "auto"]
 """The same as it may be asked for; "auto" is settled by the measured lag of the mask."""
 WindowName = Literal["auto", "whole", "quarter", "side-5/8", "side-3/4", "side-7/8"]
-"""Part of a mask cell that opens (`pdcd.frames.windows`)."""
+"""Part of a mask cell that opens (`pdcd.panels.windows`)."""
 BlackLevel = Literal["none", "mask", "ambient", "both"]
 """Leaks that black exposures measure and take off."""
 BlackLevelName = Literal["auto", "none", "mask", "ambient", "both"]
@@ -72,7 +72,7 @@ JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 NAME_WORDS = "1 to 80 letters, digits, spaces and any of _ . , : ; + = ( ) # ' & % @ -"
 TAG_WORDS = "1 to 40 letters, digits and any of _ . : + @ -"
 NOTE_WORDS = "up to 4096 characters that can be printed, in lines"
-"""What a run's name, a tag and the note may be (`pdcd.request`)."""
+"""What a run's name, a tag and the note may be (`pdcd.protocol.request`)."""
 
 SIGMA_KINDS = {
     "measured": "measured by the spread of parts",

@@ -28,11 +28,11 @@ from pdcd.bench.tables import (
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import Codes
-from pdcd.frames.patterns import Patterns, pack
+from pdcd.panels.patterns import Patterns, pack
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.planning.given import from_path, read_given
 from pdcd.probing.wanted import Match, Uniform, Wanted
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import read_manifest
 
 Floats = NDArray[np.float64]

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.frames.frames import FrameLog
-from pdcd.frames.patterns import compact
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import FrameLog
+from pdcd.panels.patterns import compact
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import Factors, collect, factors
-from pdcd.scene.effects import Dense, Direct
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.effects import Dense, Direct
+from pdcd.virtual.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]

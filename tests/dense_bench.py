@@ -1,8 +1,8 @@
 """A mock bench evaluated densely, from first principles: every pixel of both panels has a history
 of its own, every pair of them an integral, every sample of the camera a look at both.
 
-Nothing of `pdcd.probing`, `pdcd.optics`, or of the lattice and atoms of `pdcd.frames` is used; maps
-are (their own tests hold them against OpenCV's formulas).
+Nothing of `pdcd.probing`, `pdcd.virtual.optics`, or of the lattice and atoms of `pdcd.panels` is
+used; maps are (their own tests hold them against OpenCV's formulas).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.maps.map import Map
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.map import Map
 from tests.oracles import GUARDS
 
 Floats = NDArray[np.float64]

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
-from pdcd.frames.patterns import Patterns, levels_of
-from pdcd.maps.map import Map
+from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
+from pdcd.panels.map import Map
+from pdcd.panels.patterns import Patterns, levels_of
 from tests.oracles import GUARDS
 
 Floats = NDArray[np.float64]

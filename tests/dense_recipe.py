@@ -14,15 +14,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import levels_of
-from pdcd.pictures.watch import Watch
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import levels_of
 from pdcd.planning.pairs import pairs_of, settled_family
 from pdcd.planning.plan import Pair
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import MATRICES, Target, check_target
 from pdcd.recipes.make import draft_of, finished
 from pdcd.recipes.recipe import Extremes, Photo, Recipe
-from pdcd.request import Goal, How
+from pdcd.watch import Watch
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from pdcd.pictures import previews
+from pdcd.pictures.written import previews
 
 if TYPE_CHECKING:
     from _typeshed import HasFileno
@@ -46,6 +46,6 @@ def full_previews(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def begin() -> None:
     """Spare this process both."""
-    importlib.import_module("pdcd.pictures.export")  # which takes the full width with it
+    importlib.import_module("pdcd.pictures.written.export")  # which takes the full width with it
     previews.LEAST_PX = SMALL_PX
     os.fsync = looked_at

@@ -18,10 +18,11 @@ from jsonschema import Draft202012Validator
 
 from pdcd.capture.engine import Engine
 from pdcd.client import Client
+from pdcd.protocol import messages
+from pdcd.protocol.events import Emit, Event
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.recipes.arrays import Given
-from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Emit, Event
-from pdcd.server import connections, messages, protocol
+from pdcd.server import connections, protocol
 
 SEVERAL = 16
 """Of so many events alike that an engine tells of, one is looked at; of the wire every line is."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
+from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
 from pdcd.probing.panel import Panel
 
 Floats = NDArray[np.float64]

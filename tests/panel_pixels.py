@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.frames import BLACK, WHITE, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.panels import PanelView
-from pdcd.frames.patterns import compact, levels_of
-from pdcd.frames.pixels import Recorder, Shown
-from pdcd.maps.map import Map
+from pdcd.panels.frames import BLACK, WHITE, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.map import Map
+from pdcd.panels.panels import PanelView
+from pdcd.panels.patterns import compact, levels_of
+from pdcd.panels.pixels import Recorder, Shown
 from tests.oracles import GUARDS
 
 Pixels = NDArray[Any]

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from pdcd.codes import hadamard, singer
 from pdcd.codes.colouring import colour_lattice
 from pdcd.pictures import learn
-from pdcd.scene.presets import PRESETS, Builder
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.presets import PRESETS, Builder
+from pdcd.virtual.scene.scene import Scene
 
 SCENES, COLOURINGS, PATHS = 24, 512, 16
 """How many are kept; a scene of 48 x 64 cells takes tens of megabytes."""

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from pdcd.scene.displaced import Displaced
-from pdcd.scene.effects import Array
-from pdcd.scene.presets import PRESETS, STAGED, builder_of
-from pdcd.scene.scene import Scene
-from pdcd.scene.texture import cell_means, detailed
+from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.effects import Array
+from pdcd.virtual.scene.presets import PRESETS, STAGED, builder_of
+from pdcd.virtual.scene.scene import Scene
+from pdcd.virtual.scene.texture import cell_means, detailed
 from tests.places import ROOT
 
 GRID = (48, 64)

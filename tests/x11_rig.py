@@ -16,7 +16,7 @@ from Xlib.display import Display
 from drivers.x11 import X11Display
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig
-from pdcd.frames.pixels import Box
+from pdcd.panels.pixels import Box
 from tests import bench_rig
 from tests.xserver import XServer
 

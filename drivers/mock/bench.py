@@ -2,11 +2,12 @@
 
 Modelled: both panels' own refresh and phase, first-order response, black leak, skew, jitter and
 misregistration; sub-cell windows; ambient light; shutter lag and jitter. A bench whose devices are
-placed, or that has a truth, is one of pixels (`pdcd.optics`): there also maps, blur, falloff,
-scan-out, dead lines, gamma. So is an exposure in which a camera of several quads a cell sees the
-edges of windows. Not modelled: projector colour wheels and dithering, motion. Panels are taken to
-have settled to black when the shutter opens; where they had less time than `rig.settle_s` for it,
-there is no photo, unless it is of pixels and the rig meant the shutter to move (`Shared.moving`).
+placed, or that has a truth, is one of pixels (`pdcd.virtual.optics`): there also maps, blur,
+falloff, scan-out, dead lines, gamma. So is an exposure in which a camera of several quads a cell
+sees the edges of windows. Not modelled: projector colour wheels and dithering, motion. Panels are
+taken to have settled to black when the shutter opens; where they had less time than `rig.settle_s`
+for it, there is no photo, unless it is of pixels and the rig meant the shutter to move
+(`Shared.moving`).
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
 from pdcd.errors import ExposureError
-from pdcd.frames.buckets import second_bucket
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.optics.bench import OpticalBench
-from pdcd.optics.needed import optics_of, windows_cut
-from pdcd.optics.products import Exposure
+from pdcd.panels.buckets import second_bucket
+from pdcd.panels.frames import FrameLog, Frames
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
-from pdcd.scene.build import build_scene
-from pdcd.scene.scene import Scene
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.needed import optics_of, windows_cut
+from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.scene import Scene
 
 
 @dataclass
@@ -51,7 +52,7 @@ class Bench:
     """How the shutter of this exposure moved before the panels had settled; '' where it did not."""
     shutter_open: bool = field(default=False)
     second: bool = False
-    """Whether the second bucket of the sensor is read (`pdcd.frames.buckets`)."""
+    """Whether the second bucket of the sensor is read (`pdcd.panels.buckets`)."""
     shared: Shared = field(default_factory=Shared)
 
     @classmethod

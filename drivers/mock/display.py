@@ -12,10 +12,10 @@ from pdcd.bench.devices import Clock, DisplayInfo, DriverContext
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
-from pdcd.frames.balance import play_all, streams
-from pdcd.frames.bitplanes import check_binary
-from pdcd.frames.draw import check_fit
-from pdcd.frames.frames import BLACK, FrameLog, Frames
+from pdcd.panels.balance import play_all, streams
+from pdcd.panels.bitplanes import check_binary
+from pdcd.panels.draw import check_fit
+from pdcd.panels.frames import BLACK, FrameLog, Frames
 from pdcd.probing.panel import apart_s
 
 from .bench import Bench

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import SceneConfig
-from pdcd.scene.build import build_scene
 from pdcd.sensor.profile import load_profile
+from pdcd.virtual.scene.build import build_scene
 
 from ..mock.bench import Bench
 from ..mock.camera import BenchSensor

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdcd.bench.options import convert_field, unknown_key
 from pdcd.errors import RequestError
-from pdcd.inputs.sending import Sendable
-from pdcd.labels import LABELS
+from pdcd.files.sending import Sendable
+from pdcd.protocol.labels import LABELS
+from pdcd.protocol.request import ARRAYS, CaptureRequest, in_words
 from pdcd.recipes.goals import GOALS
-from pdcd.request import ARRAYS, CaptureRequest, in_words
 from pdcd.words import (
     BlackLevelName,
     FamilyName,
@@ -35,8 +35,8 @@ FIELDS = {field.name: field for field in msgspec.structs.fields(CaptureRequest)}
 
 
 class Arguments(TypedDict, total=False):
-    """What a capture takes beside its goal: the fields of `pdcd.request.CaptureRequest`, which
-    explains them; docs/python.md lists them."""
+    """What a capture takes beside its goal: the fields of
+    `pdcd.protocol.request.CaptureRequest`, which explains them; docs/python.md lists them."""
 
     codes: int
     family: FamilyName

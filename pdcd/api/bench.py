@@ -12,8 +12,8 @@ from pdcd.api.arguments import Arguments, asked
 from pdcd.api.progress import OnEvent, Shown, shown
 from pdcd.api.run import Run, open_run
 from pdcd.errors import of_kind
-from pdcd.inputs.sending import Sendable
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.files.sending import Sendable
+from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
 
 if TYPE_CHECKING:
     from pdcd.words import GoalName
@@ -59,7 +59,7 @@ class Bench(ABC):
         """Take the photo of a request and tell how that ended; nothing is raised for what goes
         wrong once the job has begun. `capture` is the same by keywords.
 
-        report : write its page (`pdcd.report`) at once, if that costs little.
+        report : write its page (`pdcd.pages.report`) at once, if that costs little.
 
         An interrupt ends the job in good order and is delivered afterwards.
         """
@@ -80,7 +80,8 @@ class Bench(ABC):
         ----------
         goal : what to keep of the light, such as "indirect" (`pdcd.recipes.goals`).
         progress : whether to show it, in a notebook or on the terminal; or what takes each event.
-        arguments : fields of `pdcd.request.CaptureRequest`. Arrays are numpy arrays, rows of
+        arguments : fields of `pdcd.protocol.request.CaptureRequest`. Arrays are numpy arrays, rows
+        of
             numbers, or paths.
 
         Raises

@@ -16,7 +16,7 @@ from pdcd.bench.config import load
 from pdcd.bench.folders import socket_path
 from pdcd.client import Client
 from pdcd.errors import DeniedError, PdcdError
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
 
 
 def connect(socket: Path | str | None = None, *, queue: bool = False) -> Connected:

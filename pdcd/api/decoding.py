@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.api.progress import OnEvent
+from pdcd.capture.worker.answers import rms_sigma
 from pdcd.errors import RequestError
-from pdcd.offload.answers import rms_sigma
 from pdcd.pictures.darkroom import Darkroom, Decoded
 from pdcd.pictures.decode import record_errors
 from pdcd.pictures.sigma import Barred
-from pdcd.pictures.watch import Watch
-from pdcd.runs.events import Decoded as Step
+from pdcd.protocol.events import Decoded as Step
 from pdcd.runs.record import RunRecord
+from pdcd.watch import Watch
 from pdcd.words import NormaliseName
 
 

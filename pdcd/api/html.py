@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import base64
 import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pdcd.errors import DecodeError
 from pdcd.printable import as_html
-
-if TYPE_CHECKING:
-    from pdcd.api.run import Run
+from pdcd.protocol.request import Figure, Quality
 
 WIDTH_PX = 320
 """Width of a preview in a notebook; larger ones are drawn smaller."""
 QUALITY = 85
 """Of JPEG: a page of a notebook holds many pictures."""
-MOST_PREVIEWS = 4
 
 FIGURES = (
     ("codes", "codes", "{:.0f}"),
@@ -33,11 +31,27 @@ SHARES = (
 )
 
 
-def run_html(run: Run) -> str:
+@dataclass(frozen=True)
+class RunCard:
+    """What a notebook shows of a run; `pdcd.api.run.Run` fills it in.
+
+    previews : pictures by name with the bytes of their PNG files, the first to be shown first.
+    """
+
+    job: str
+    goal: str
+    folder: Path
+    summary: Mapping[str, Figure]
+    quality: Quality | None
+    warnings: Sequence[str]
+    previews: Iterable[tuple[str, bytes]]
+
+
+def run_html(run: RunCard) -> str:
     """A run as HTML without script, style sheet or network."""
     return (
         f"<div><p><b>{as_html(run.goal)}</b> <code>{as_html(run.job)}</code></p>"
-        f"{_previews(run)}{_table(run)}{_notes(run)}</div>"
+        f"{_previews(run.previews)}{_table(run)}{_notes(run)}</div>"
     )
 
 
@@ -50,7 +64,7 @@ def table_html(heads: list[str], rows: list[list[str]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _table(run: Run) -> str:
+def _table(run: RunCard) -> str:
     summary = run.summary
     rows = [[name, form.format(v)] for key, name, form in FIGURES if (v := summary.get(key))]
     for key, name in SHARES:
@@ -65,24 +79,19 @@ def _near(folder: Path) -> bool:
     return folder.is_relative_to(Path.cwd())
 
 
-def _notes(run: Run) -> str:
+def _notes(run: RunCard) -> str:
     quality = run.quality
     told = [] if quality is None else [*quality.reasons, *quality.remarks]
     items = "".join(f"<li>{as_html(note)}</li>" for note in (*told, *run.warnings))
     return f"<ul>{items}</ul>" if items else ""
 
 
-def _previews(run: Run) -> str:
-    """The answer's preview first, then the others."""
-    answer = str(run.summary.get("picture"))
-    names = [n[8:-4] for n in run.manifest.files if n.startswith("preview/") and n.endswith(".png")]
-    known = [n for n in names if n == "transport" or n in run.pictures]
-    known.sort(key=lambda name: (name != answer, name))
+def _previews(previews: Iterable[tuple[str, bytes]]) -> str:
     figures = []
-    for name in known[:MOST_PREVIEWS]:
+    for name, content in previews:
         try:
-            data = _small(run.checked(f"preview/{name}.png"))
-        except (DecodeError, OSError):
+            data = _small(name, content)
+        except DecodeError:
             continue  # a view for eyes; whoever asks for the numbers is told
         source = "data:image/jpeg;base64," + base64.b64encode(data).decode("ascii")
         figures.append(
@@ -91,17 +100,17 @@ def _previews(run: Run) -> str:
     return f"<p>{' '.join(figures)}</p>" if figures else ""
 
 
-def _small(path: Path) -> bytes:
+def _small(name: str, content: bytes) -> bytes:
     """A picture as a JPEG file of at most the width wanted. Raises DecodeError."""
     import cv2
 
     try:
-        image = cv2.imdecode(np.frombuffer(path.read_bytes(), dtype=np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR)
         if image is None:
-            raise DecodeError(f"{path.name} is no picture")
+            raise DecodeError(f"{name} is no picture")
         height = max(1, round(image.shape[0] * WIDTH_PX / image.shape[1]))
         if image.shape[1] > WIDTH_PX:
             image = cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
         return bytes(cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))[1])
     except cv2.error as err:
-        raise DecodeError(f"{path.name} is damaged: {err.err}") from err
+        raise DecodeError(f"{name} is damaged: {err.err}") from err

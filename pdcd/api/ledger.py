@@ -11,7 +11,7 @@ import msgspec
 
 from pdcd.api.task import Record
 from pdcd.errors import BusyError, DecodeError, disk_errors
-from pdcd.runs.inside import opened, read_file
+from pdcd.files.inside import opened, read_file
 from pdcd.runs.manifest import MANIFEST, MAX_MANIFEST_BYTES
 
 NAME = "sweep.jsonl"

@@ -18,16 +18,16 @@ from pdcd.bench.config import from_table, load
 from pdcd.bench.measured import calibrated
 from pdcd.bench.reading import sized, text_table
 from pdcd.bench.tables import Config
-from pdcd.inputs.sending import parcels
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
-from pdcd.runs.events import Event
+from pdcd.files.sending import parcels
+from pdcd.protocol.events import Event
+from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
+from pdcd.protocol.views import OwnerView
 from pdcd.runs.folder import sha256_of
-from pdcd.runs.views import OwnerView
 
 if TYPE_CHECKING:
     from pdcd.capture.engine import Engine
-    from pdcd.optics.bench import OpticalBench
     from pdcd.recipes.arrays import Given
+    from pdcd.virtual.optics.bench import OpticalBench
 
 Configured = Config | Path | str | Mapping[str, Any] | None
 """A configuration: None, the path of a TOML file, TOML text, or tables."""

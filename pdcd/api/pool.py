@@ -17,9 +17,9 @@ from contextlib import suppress
 from typing import Any, Protocol
 
 from pdcd.api.task import Record, Task, failed, taken
+from pdcd.capture.worker.birth import Newborn, born
+from pdcd.capture.worker.pipe import PIECE_BYTES, Inbox, packed
 from pdcd.errors import ConfigError, PdcdError
-from pdcd.offload.birth import Newborn, born
-from pdcd.offload.pipe import PIECE_BYTES, Inbox, packed
 
 
 class Cluster(Protocol):

@@ -6,9 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from pdcd.printable import one_line
-from pdcd.runs.events import (
+from pdcd.printable import as_html, one_line
+from pdcd.protocol.events import (
     Armed,
     Attention,
     Converging,
@@ -24,7 +25,7 @@ from pdcd.runs.events import (
 )
 
 OnEvent = Callable[[Event], None]
-"""Takes one event, a struct of `pdcd.runs.events`; `type` names its kind."""
+"""Takes one event, a struct of `pdcd.protocol.events`; `type` names its kind."""
 
 Shown = bool | OnEvent
 """Whether to show progress, or what takes each event instead."""
@@ -34,6 +35,8 @@ Share = tuple[float, float]
 Show = Callable[[str, Share | None, bool], None]
 """Shows words, the share that is done where it is known, and whether a stage begins."""
 
+NOTEBOOK_INTERVAL_S = 0.2
+"""Least time between two changes of the line: each is a message to the browser."""
 LINE_INTERVAL_S = 1.0
 """Least time between two progress lines where no bar can be drawn."""
 
@@ -67,9 +70,7 @@ def drawn(first: str) -> Iterator[Show]:
     """What shows words and a share: a line in a notebook, a bar on a terminal, else lines on
     stderr, at most one a second."""
     if notebook():
-        from pdcd.api.notebook import line
-
-        with line() as show:
+        with notebook_line() as show:
             yield show
         return
     if not sys.stderr.isatty():
@@ -106,6 +107,43 @@ def notebook() -> bool:
     """Whether this is a cell of a notebook, which shows HTML; a terminal with IPython is none."""
     ipython = sys.modules.get("IPython")
     return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
+
+
+class Markup(str):
+    """HTML that a notebook shows as such."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        return str(self)
+
+
+@contextmanager
+def notebook_line() -> Iterator[Show]:
+    """What shows words and the share that is done.
+
+    When the context is left the line is gone; after an error it stays as it was.
+    """
+    from IPython import display
+
+    # Untyped there; nothing else of it is used.
+    handle: Any = display.display(Markup(_line_html("", None)), display_id=True)  # type: ignore[no-untyped-call]
+    next_s, left = 0.0, Left()
+
+    def show(words: str, share: Share | None, begins: bool) -> None:
+        nonlocal next_s
+        ahead = left.words(share, begins)
+        if begins or time.monotonic() >= next_s:
+            next_s = time.monotonic() + NOTEBOOK_INTERVAL_S
+            handle.update(Markup(_line_html(words + ahead, share)))
+
+    yield show
+    handle.update(Markup(""))
+
+
+def _line_html(words: str, share: Share | None) -> str:
+    value = f' value="{min(share[0] / share[1], 1.0):.3f}"' if share and share[1] > 0.0 else ""
+    return f'<progress max="1"{value}></progress> {as_html(words)}'
 
 
 class _Lines:

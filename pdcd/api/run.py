@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 
 from pdcd.api.progress import Shown, shown
 from pdcd.errors import DecodeError
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import Patterns, fit, levels_of
-from pdcd.request import Figure, Quality, quality_of
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import Patterns, fit, levels_of
+from pdcd.protocol.request import Figure, Quality, quality_of
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.frame_table import read_columns
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 PANELS = ("primal", "dual")
+MOST_PREVIEWS = 4
+"""Previews that a notebook shows of a run."""
 
 
 def open_run(folder: Path | str) -> Run:
@@ -134,7 +137,7 @@ class Run:
     def truth(self) -> Floats | None:
         """What `image` is in truth, the same shape; None where nobody knows the scene, NaN where a
         cell cannot be compared. `rms_error` is by quads where the camera has more than cells."""
-        from pdcd.planning.known import TRUTH, read_truth
+        from pdcd.pictures.truth import TRUTH, read_truth
 
         cells = self.manifest.run.cells
         if TRUTH not in self.manifest.files or cells is None:
@@ -222,7 +225,7 @@ class Run:
 
         out : the file; None: `report.html` in the run's folder. Raises NoSpaceError and DiskError.
         """
-        from pdcd.report.write import write
+        from pdcd.pages.report.write import write
 
         return write(self.folder, None if out is None else Path(out))
 
@@ -237,9 +240,21 @@ class Run:
         return f"<Run {self.job}: {self.goal}, {', '.join(told)}>"
 
     def _repr_html_(self) -> str:
-        from pdcd.api.html import run_html
+        from pdcd.api.html import RunCard, run_html
 
-        return run_html(self)
+        told = self.job, self.goal, self.folder, self.summary, self.quality, self.warnings
+        return run_html(RunCard(*told, self._previews()))
+
+    def _previews(self) -> Iterator[tuple[str, bytes]]:
+        """The first previews by name, as PNG: that of the answer, then the others."""
+        answer = str(self.summary.get("picture"))
+        files = (n for n in self.manifest.files if n.startswith("preview/") and n.endswith(".png"))
+        names = [n for n in (f[8:-4] for f in files) if n == "transport" or n in self.pictures]
+        names.sort(key=lambda name: (name != answer, name))
+        for name in names[:MOST_PREVIEWS]:
+            # A view for eyes: whoever asks for the numbers is told what is wrong.
+            with suppress(DecodeError, OSError):
+                yield name, self.checked(f"preview/{name}.png").read_bytes()
 
     @cached_property
     def _probe(self) -> dict[str, NDArray[Any]]:
@@ -279,7 +294,7 @@ class _Pictures(Mapping[str, NDArray[np.float32]]):
         if name not in self._names:
             raise KeyError(name)
         if name not in self._read:
-            from pdcd.pictures.develop import read_tiff
+            from pdcd.pictures.written.develop import read_tiff
 
             self._read[name] = read_tiff(self._run.checked(f"linear/{name}.tif"))
         return self._read[name]

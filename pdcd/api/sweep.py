@@ -22,7 +22,7 @@ from pdcd.api.table import Table
 from pdcd.api.task import Record, Task, Value, ended, failed, held, key_of, taken
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, RequestError
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 Request = Mapping[str, Any] | CaptureRequest | str
 """Keywords of a capture with its "goal", and for a sweep over benches a "config"; a request; or

@@ -16,11 +16,11 @@ import numpy as np
 from pdcd.api.local import LocalBench
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, RequestError
-from pdcd.inputs.limits import Limits, Unsound
-from pdcd.inputs.opening import contents, open_own
-from pdcd.inputs.sending import Sendable
+from pdcd.files.limits import Limits, Unsound
+from pdcd.files.opening import contents, open_own
+from pdcd.files.sending import Sendable
+from pdcd.protocol.request import CaptureRequest, CaptureResult, figure_of, quality_of
 from pdcd.recipes.arrays import MOST_ELEMENTS
-from pdcd.request import CaptureRequest, CaptureResult, figure_of, quality_of
 from pdcd.version import __version__
 
 logger = logging.getLogger(__name__)

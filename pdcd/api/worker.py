@@ -9,7 +9,7 @@ import sys
 def serve(talk: socket.socket) -> None:
     """Take what photos are asked for, until the other end is gone."""
     from pdcd.api.task import taken
-    from pdcd.offload.pipe import PIECE_BYTES, Inbox, packed
+    from pdcd.capture.worker.pipe import PIECE_BYTES, Inbox, packed
 
     inbox = Inbox()
     while data := talk.recv(PIECE_BYTES):
@@ -19,7 +19,7 @@ def serve(talk: socket.socket) -> None:
 
 if __name__ == "__main__":
     # Before the imports that follow, which take long.
-    from pdcd.offload.limits import confine
+    from pdcd.capture.worker.limits import confine
 
     confine()
     with socket.socket(fileno=int(sys.argv[1])) as ours:

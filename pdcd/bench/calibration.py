@@ -29,8 +29,8 @@ from msgspec import Meta
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.errors import ConfigError
-from pdcd.inputs.limits import Unsound
-from pdcd.inputs.opening import open_own
+from pdcd.files.limits import Unsound
+from pdcd.files.opening import open_own
 from pdcd.words import MarksName, SubjectName, VerdictName
 
 RECORD, DIGEST = "calibration.json", "calibration.json.sha256"

@@ -25,8 +25,8 @@ from pdcd.bench.tables import (
 from pdcd.bench.toml_text import TIMES
 from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
-from pdcd.frames.windows import windows
-from pdcd.maps.between_fields import through
+from pdcd.panels.between_fields import through
+from pdcd.panels.windows import windows
 
 PLANE_TIMES = (0.6, 1.4)
 """Times of bit planes over their mean: where rows are counted by the time they last, one must not

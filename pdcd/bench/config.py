@@ -20,8 +20,8 @@ from pdcd.bench.reading import Fault, faults_error, overlay, toml_table
 from pdcd.bench.tables import Config
 from pdcd.bench.toml_text import NO_NOTES, TIMES, emit
 from pdcd.errors import ConfigError
-from pdcd.maps.file import load_map
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
+from pdcd.panels.map_file import load_map
 
 DEVICES = ("projector", "mask", "camera")
 """Tables with a place on the field."""

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.pixels import Shown
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.pixels import Shown
 
 Maturity = str
 """One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""

@@ -11,9 +11,9 @@ import msgspec
 from pdcd.bench.reading import Fault
 from pdcd.bench.tables import Config, Lut, PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.frames.curve import LEVELS, Curve, Curves, power, table, table_fault
-from pdcd.inputs.limits import Unsound
-from pdcd.inputs.opening import open_own
+from pdcd.files.limits import Unsound
+from pdcd.files.opening import open_own
+from pdcd.panels.curve import LEVELS, Curve, Curves, power, table, table_fault
 
 MAX_BYTES = 2**16
 """Longest file of lights."""

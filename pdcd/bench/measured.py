@@ -17,9 +17,9 @@ from pdcd.bench.calibration import MAPS, RECORD, Calibration, Entry, read_calibr
 from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import CalibrationConfig, Config
 from pdcd.errors import ConfigError, disk_errors
-from pdcd.maps.file import load_maps
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
+from pdcd.panels.map import Map
+from pdcd.panels.map_file import load_maps
+from pdcd.panels.placing import Placing
 
 FOLDER = "calibrations"
 """Below the state folder."""

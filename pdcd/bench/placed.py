@@ -9,20 +9,20 @@ from typing import Literal
 
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.frames.atoms import check_cells
-from pdcd.frames.panels import PanelView
-from pdcd.maps.file import load_map
-from pdcd.maps.map import Map
-from pdcd.maps.placing import placed
-from pdcd.maps.scale import covers, fewest_pixels
-from pdcd.maps.sound import check_share, share
+from pdcd.panels.atoms import check_cells
+from pdcd.panels.map import Map
+from pdcd.panels.map_file import load_map
+from pdcd.panels.map_scale import covers, fewest_pixels
+from pdcd.panels.map_soundness import check_share, share
+from pdcd.panels.panels import PanelView
+from pdcd.panels.placing import placed
 
 Role = Literal["projector", "mask"]
 
 
 @dataclass(frozen=True)
 class Panels:
-    """Both panels as `pdcd.frames.draw.draw` wants them."""
+    """Both panels as `pdcd.panels.draw.draw` wants them."""
 
     projector: PanelView
     mask: PanelView
@@ -30,7 +30,7 @@ class Panels:
 
 def panels_of(config: Config) -> Panels:
     """Both panels, placed. Raises ConfigError for a map that cannot be used, or that leaves most
-    of the field without a pixel of the panel (`pdcd.maps.sound.LEAST_SHARE`)."""
+    of the field without a pixel of the panel (`pdcd.panels.map_soundness.LEAST_SHARE`)."""
     return panels_from(config.projector, config.mask)
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, field
 
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.words import (
     ArrangementName,
     BlackLevelName,
@@ -197,7 +197,7 @@ class TriggerConfig(_Table, frozen=True):
 class SceneConfig(_Table, frozen=True):
     """[scene] the virtual scene of the mock bench.
 
-    `kind` is a preset name (see `pdcd.scene.presets`) or "matrix" with `path` to an .npz.
+    `kind` is a preset name (see `pdcd.virtual.scene.presets`) or "matrix" with `path` to an .npz.
     """
 
     kind: str = "open-book"

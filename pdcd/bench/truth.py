@@ -18,7 +18,7 @@ from pdcd.bench.grey import curve_fault, with_lut
 from pdcd.bench.reading import Fault, faults_error, number_faults, overlay, toml_table
 from pdcd.bench.tables import Config, Gamma, Lut, NonNegative, PanelConfig, Positive
 from pdcd.errors import ConfigError
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.placing import Placing, placed
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Line = Annotated[int, Meta(ge=0)]

@@ -12,8 +12,8 @@ from pdcd.calibration.shown import Bits, Levels, Shown
 from pdcd.calibration.strips import CLIPPED, COLOURS, FEWEST_QUADS
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK, WHITE
-from pdcd.maps.map import Map
+from pdcd.panels.frames import BLACK, WHITE
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 

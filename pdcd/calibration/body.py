@@ -23,7 +23,7 @@ from pdcd.calibration.photo import BLACK_MOVES_DN, block_means, refuse_dark, wit
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.transfer import SIDE, Pair, Transfer, pair_of, transfer_of
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK, WHITE
+from pdcd.panels.frames import BLACK, WHITE
 from pdcd.sensor.profile import IsoRow, SensorProfile
 
 Floats = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.similarity import Similarity, similarity
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.fit import Fitted, Pairs, fit_map
 from pdcd.errors import CalibrationError, ConfigError
-from pdcd.maps.map import Map
-from pdcd.maps.sound import check_share
+from pdcd.panels.map import Map
+from pdcd.panels.map_soundness import check_share
 
 Floats = NDArray[np.float64]
 

@@ -1,9 +1,9 @@
 """A smooth correction of a map, out of offsets that were measured here and there.
 
-The correction is the spline of a map's own residual (`pdcd.maps.residual`): its nodes are fitted
-to the offsets, by reweighted least squares (Cauchy), with a penalty on second differences that
-carries it where nothing was measured. So it goes into the map's residual without loss, and can be
-repeated.
+The correction is the spline of a map's own residual (`pdcd.panels.map_residual`): its nodes are
+fitted to the offsets, by reweighted least squares (Cauchy), with a penalty on second differences
+that carries it where nothing was measured. So it goes into the map's residual without loss, and can
+be repeated.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 
 from pdcd.calibration.registration import Offsets
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
-from pdcd.maps.residual import Residual
-from pdcd.maps.sound import check
+from pdcd.panels.map import Map, between
+from pdcd.panels.map_residual import Residual
+from pdcd.panels.map_soundness import check
 
 Floats = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def fitted(offsets: Offsets, mask: Map) -> Correction:
 def corrected(mask: Map, projector: Map, correction: Correction) -> Map:
     """The mask's map without the offset that was measured with it.
 
-    Raises ConfigError (`pdcd.maps.sound`) where the corrected map cannot be used.
+    Raises ConfigError (`pdcd.panels.map_soundness`) where the corrected map cannot be used.
     """
 
     def meant(points_px: Floats) -> Floats:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.timing_model import Ran
-from pdcd.frames.frames import BLACK
+from pdcd.panels.frames import BLACK
 
 Rows = NDArray[np.int32]
 

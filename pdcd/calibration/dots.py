@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.shown import Bits, Shown, still
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK, WHITE
+from pdcd.panels.frames import BLACK, WHITE
 
 Floats = NDArray[np.float64]
 PanelName = Literal["projector", "mask"]

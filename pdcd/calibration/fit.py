@@ -1,6 +1,6 @@
 """A map fitted to points of one device and where they lie on another: robust, with its errors.
 
-The model is that of `pdcd.maps.map.Map`: with u a point of the source in half heights from its
+The model is that of `pdcd.panels.map.Map`: with u a point of the source in half heights from its
 middle,
 
     straight = u (1 + k1 r^2 + k2 r^4) + residual(u),    target = H straight,
@@ -22,9 +22,9 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from pdcd.errors import CalibrationError, ConfigError
-from pdcd.maps.map import Map, matrix
-from pdcd.maps.residual import Nodes
-from pdcd.maps.sound import check
+from pdcd.panels.map import Map, matrix
+from pdcd.panels.map_residual import Nodes
+from pdcd.panels.map_soundness import check
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -264,8 +264,8 @@ class _Model:
         return found
 
     def basis(self, source_px: Floats) -> Floats:
-        """Displacement at points (n, 2) by a node of 1: (n, nodes). `pdcd.maps.residual.Residual`
-        is the same spline."""
+        """Displacement at points (n, 2) by a node of 1: (n, nodes).
+        `pdcd.panels.map_residual.Residual` is the same spline."""
         rows, cols = self._nodes
         at = np.clip(source_px / self._source, 0.0, 1.0)
         across = CubicSpline(np.arange(cols), np.eye(cols))(at[:, 0] * (cols - 1))

@@ -19,7 +19,7 @@ from pdcd.calibration.light_plan import LightPlan
 from pdcd.calibration.photo import Photo, refuse_clipped, steady
 from pdcd.calibration.shown import Shown
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK, WHITE
+from pdcd.panels.frames import BLACK, WHITE
 
 Floats = NDArray[np.float64]
 

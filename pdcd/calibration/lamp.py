@@ -12,7 +12,7 @@ from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import Photo, refuse_clipped, refuse_dark
 from pdcd.calibration.shown import Shown, still
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
+from pdcd.panels.frames import WHITE
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]

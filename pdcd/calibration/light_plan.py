@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdcd.calibration.shown import Shown
-from pdcd.frames.frames import BLACK, WHITE
+from pdcd.panels.frames import BLACK, WHITE
 
 COVERED = ("C", "C-again")
 """Photos for which somebody covers the projector's lens."""

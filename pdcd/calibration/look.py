@@ -26,8 +26,8 @@ from pdcd.calibration.similarity import Similarity, similarity
 from pdcd.calibration.strips import read_strips
 from pdcd.calibration.timing_model import Model, Tail, Times
 from pdcd.calibration.window import shared
-from pdcd.frames.frames import WHITE
-from pdcd.maps.map import Map, between
+from pdcd.panels.frames import WHITE
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]

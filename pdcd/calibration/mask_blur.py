@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.registration import Series, nearest
 from pdcd.calibration.stripes import Stripes, attenuation, slope_at
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.shown import Shown, still
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK, WHITE
+from pdcd.panels.frames import BLACK, WHITE
 
 FULL = 0.65
 """Share of saturation that white light reaches after `Session.full` refreshes."""

@@ -25,7 +25,7 @@ from pdcd.calibration.lit import GREEN, SURE
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Bits, Shown
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
+from pdcd.panels.frames import WHITE
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from pdcd.calibration.shown import Bits, Shown
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK, WHITE
-from pdcd.maps.map import Map
+from pdcd.panels.frames import BLACK, WHITE
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from pdcd.calibration.averaging import Averaging
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.stripes import Stripes
 from pdcd.calibration.window import WHOLE, Window
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

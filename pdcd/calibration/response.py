@@ -24,7 +24,7 @@ from scipy.optimize import minimize_scalar
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.photo import NO_LIGHT_SIGMAS, Photo, refuse_clipped, refuse_dark, steady
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 Strips = NDArray[np.int32]

@@ -23,8 +23,8 @@ from pdcd.calibration.photo import Photo, Seen, photo_of
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.timing_model import Ran
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import FrameLog
-from pdcd.maps.map import Map
+from pdcd.panels.frames import FrameLog
+from pdcd.panels.map import Map
 from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import RawFrame
 from pdcd.words import MarksName, SubjectName

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from pdcd.calibration.averaging import Averaging
 from pdcd.calibration.window import WHOLE, Window
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

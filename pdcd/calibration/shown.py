@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
-from pdcd.frames.patterns import Patterns, none, pack
+from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.panels.patterns import Patterns, none, pack
 
 Bits = NDArray[np.bool_]
 Levels = NDArray[np.uint8]

@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 
 from pdcd.calibration.bars import CellLight
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import FrameLog
+from pdcd.panels.frames import FrameLog
 
 Floats = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.shown import Bits, Shown
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK
-from pdcd.maps.map import Map, between
+from pdcd.panels.frames import BLACK
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.programmes import Programme, Strips
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 

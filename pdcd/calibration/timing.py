@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.programmes import COARSE, Programme
-from pdcd.calibration.pulses import Answer, Kept, kept_apart
 from pdcd.calibration.strips import Readings
 from pdcd.calibration.timing_fit import LONGEST_S, Fit, Fitted
 from pdcd.calibration.timing_model import COMMON, TAUS, Model, Ran, Tail
 from pdcd.errors import CalibrationError
-from pdcd.frames.schedule import SLOTS
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
+from pdcd.panels.schedule import SLOTS
+from pdcd.probing.pulses import Answer, Kept, kept_apart
 from pdcd.words import ScheduleName
 
 Floats = NDArray[np.float64]

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.programmes import asked, pulse
-from pdcd.calibration.pulses import Answer, mean_light, mean_product
 from pdcd.calibration.strips import Readings
-from pdcd.frames.frames import FrameLog, Frames
+from pdcd.panels.frames import FrameLog, Frames
 from pdcd.probing.panel import Panel
+from pdcd.probing.pulses import Answer, mean_light, mean_product
 from pdcd.probing.realised import Factors, collect, factors
 
 Floats = NDArray[np.float64]

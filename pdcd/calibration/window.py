@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 

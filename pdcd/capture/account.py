@@ -14,9 +14,10 @@ import numpy as np
 
 from pdcd.bench.tables import Config
 from pdcd.capture.job import Job
+from pdcd.capture.worker.answers import Developed
 from pdcd.errors import Cancelled, PdcdError, error_fields
-from pdcd.offload.answers import Developed
-from pdcd.request import CaptureResult, Figure, PlanSummary
+from pdcd.protocol.request import CaptureResult, Figure, PlanSummary
+from pdcd.protocol.views import RigView
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.ledger import Begun
 from pdcd.runs.provenance import git_commit, utc_now, versions
@@ -26,7 +27,6 @@ from pdcd.runs.record import (
     Manifest,
     MeterRecord,
 )
-from pdcd.runs.views import RigView
 from pdcd.sensor.profile import SensorProfile
 
 logger = logging.getLogger(__name__)

@@ -18,8 +18,8 @@ from pdcd.bench.calibration import (
     read_calibration,
 )
 from pdcd.bench.tables import Config
+from pdcd.capture.worker.calibrating import HELPED, Begin, Found, NextAsk, Study
 from pdcd.errors import CalibrationError, ConfigError, disk_errors
-from pdcd.offload.calibrating import HELPED, Begin, Found, NextAsk, Study
 from pdcd.sensor.profile import SensorProfile
 
 LOOK, FIRST = "check.", "check.dots"

@@ -18,18 +18,18 @@ from pdcd.bench.tables import Config
 from pdcd.calibration.script import Ask
 from pdcd.calibration.steps.all import BY_HAND, METER, ordered
 from pdcd.capture.rig import Exposure, Rig
+from pdcd.capture.worker.calibrating import Begin, Found, NextAsk, NextPhoto
+from pdcd.capture.worker.desk import Desk
+from pdcd.capture.worker.hands import Hands
 from pdcd.errors import CalibrationError, Cancelled, ConfigError, DeviceLost, SyncError, disk_errors
-from pdcd.offload.calibrating import Begin, Found, NextAsk, NextPhoto
-from pdcd.offload.desk import Desk
-from pdcd.offload.hands import Hands
-from pdcd.pictures.watch import Watch
-from pdcd.request import CalibrateRequest, CaptureResult
-from pdcd.runs import events
-from pdcd.runs.events import Emit, Event, logged
+from pdcd.protocol import events
+from pdcd.protocol.events import Emit, Event, logged
+from pdcd.protocol.request import CalibrateRequest, CaptureResult
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.provenance import utc_now
 from pdcd.sensor.profile import SensorProfile
 from pdcd.version import __version__
+from pdcd.watch import Watch
 from pdcd.words import SubjectName, VerdictName
 
 logger = logging.getLogger(__name__)

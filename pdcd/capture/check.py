@@ -21,11 +21,11 @@ from pdcd.bench.registry import Role, load_driver
 from pdcd.bench.tables import DEFAULT_GRID, CameraConfig, Config, SceneConfig
 from pdcd.capture.sight import hold_against
 from pdcd.errors import PdcdError
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.planning.guided import plan_for
-from pdcd.request import CaptureRequest
-from pdcd.scene.build import build_scene
+from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.profile import load_profile
+from pdcd.virtual.scene.build import build_scene
 
 TABLES: dict[Role, str] = {"display": "display", "shutter": "trigger", "readout": "camera"}
 """Table of the file that names the driver of each role."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdcd.offload.answers import Seen
+from pdcd.capture.worker.answers import Seen
+from pdcd.protocol.events import Converging
 from pdcd.recipes.recipe import Recipe, Shot
-from pdcd.runs.events import Converging
 
 
 @dataclass

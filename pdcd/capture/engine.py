@@ -19,25 +19,25 @@ from pdcd.capture.previews import forget_old
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
 from pdcd.capture.show import pattern_frames
+from pdcd.capture.worker.birth import Newborn
+from pdcd.capture.worker.desk import Desk, Facts
+from pdcd.capture.worker.hands import Hands, Here
+from pdcd.capture.worker.keeper import Child
 from pdcd.errors import Cancelled, DeviceLost, PdcdError, of_kind
-from pdcd.offload.birth import Newborn
-from pdcd.offload.desk import Desk, Facts
-from pdcd.offload.hands import Hands, Here
-from pdcd.offload.keeper import Child
-from pdcd.optics.bench import OpticalBench
-from pdcd.optics.needed import optics_of
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.guards import asks_for_lag
 from pdcd.planning.measured import with_grid
 from pdcd.planning.unasked import asks_for_camera
+from pdcd.protocol.events import Emit, Event
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.views import CameraView, DriverView, OwnerView, Preview, RigView
 from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
-from pdcd.runs.events import Emit, Event
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.place import Place
-from pdcd.runs.views import CameraView, DriverView, OwnerView, Preview, RigView
-from pdcd.scene.card import CARD
 from pdcd.sensor.profile import load_profile
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.needed import optics_of
+from pdcd.virtual.scene.card import CARD
 
 logger = logging.getLogger(__name__)
 
@@ -257,7 +257,7 @@ class Engine:
         `given` holds the arrays of the request: no file that a request names is opened here.
         `emit(event)` is told of every step; `cancelled()` is asked at every one of them. The run
         goes into `parent`, which stays open; without, to where request and configuration say.
-        With `report` it gets its page (`pdcd.report`) at once, if that costs little.
+        With `report` it gets its page (`pdcd.pages.report`) at once, if that costs little.
         """
         ordered = Job(job, request, owner, emit, cancelled, given, report)
         self._rig.pulse.heard_by = cancelled

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 from pdcd.bench.devices import Clock
 from pdcd.errors import Cancelled
-from pdcd.pictures.watch import Watch
+from pdcd.protocol.events import Decoded, Emit, Event, Planning, logged
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.views import OwnerView
 from pdcd.recipes.arrays import Given
-from pdcd.request import CaptureRequest
-from pdcd.runs.events import Decoded, Emit, Event, Planning, logged
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.ledger import Ledger
-from pdcd.runs.views import OwnerView
+from pdcd.watch import Watch
 
 
 @dataclass(frozen=True)

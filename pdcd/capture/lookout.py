@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from pdcd.capture.job import Journal
 from pdcd.capture.shots import ShotTaker
+from pdcd.capture.worker.answers import Planned, Stray
+from pdcd.capture.worker.desk import Desk
+from pdcd.capture.worker.hands import Hands
 from pdcd.errors import SyncError
-from pdcd.offload.answers import Planned, Stray
-from pdcd.offload.desk import Desk
-from pdcd.offload.hands import Hands
 from pdcd.planning.look import due
 from pdcd.recipes.recipe import Shot
 from pdcd.runs.record import DarkPhoto, ShotRecord

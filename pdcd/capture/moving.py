@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from pdcd.bench.devices import Clock, Shutter, WhileShown
 from pdcd.errors import ExposureError, PdcdError
-from pdcd.runs.events import Emit, ShutterClosed, ShutterOpen
+from pdcd.protocol.events import Emit, ShutterClosed, ShutterOpen
 
 EARLY_NS = 150_000_000
 """So long before the shutter is to close, a call waits for that: the next one might come late."""

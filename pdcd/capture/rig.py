@@ -29,9 +29,9 @@ from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import DEFAULT_GRID, Config
 from pdcd.capture.moving import MovingShutter
 from pdcd.errors import Cancelled, ConfigError, SyncError, disk_errors
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.runs.events import Armed, Emit, ShutterClosed, ShutterOpen
-from pdcd.scene.scene import Scene
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.protocol.events import Armed, Emit, ShutterClosed, ShutterOpen
+from pdcd.virtual.scene.scene import Scene
 
 logger = logging.getLogger(__name__)
 

@@ -24,26 +24,26 @@ from pdcd.capture.rig import Rig
 from pdcd.capture.same_bench import doubts
 from pdcd.capture.shots import ShotTaker
 from pdcd.capture.sight import Sight
+from pdcd.capture.worker.answers import Planned, record_of
+from pdcd.capture.worker.desk import Desk
+from pdcd.capture.worker.hands import Hands
+from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import DeviceLost
-from pdcd.offload.answers import Planned, record_of
-from pdcd.offload.desk import Desk
-from pdcd.offload.hands import Hands
-from pdcd.pictures.watch import Watch
-from pdcd.pilot.codes import SCOUTS
 from pdcd.planning.grey import grey_warnings
 from pdcd.planning.guided import piloted, scouted
 from pdcd.planning.look import last_exposed
 from pdcd.planning.plan import Plan
+from pdcd.protocol import events
+from pdcd.protocol.request import CaptureResult
+from pdcd.protocol.views import RigView
 from pdcd.recipes.recipe import Shot
-from pdcd.request import CaptureResult
-from pdcd.runs import events
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.ledger import Ledger
 from pdcd.runs.manifest import DIGEST, MANIFEST
 from pdcd.runs.provenance import utc_now
 from pdcd.runs.record import ShotRecord
-from pdcd.runs.views import RigView
 from pdcd.sensor.profile import SensorProfile
+from pdcd.watch import Watch
 
 logger = logging.getLogger(__name__)
 

@@ -20,23 +20,23 @@ import msgspec
 
 from pdcd.bench.tables import Config
 from pdcd.capture.account import manifest_of, summary_of, taken_words, warnings_of
+from pdcd.capture.worker.answers import developed_of
 from pdcd.errors import BusyError, DecodeError, RequestError, disk_errors
-from pdcd.offload.answers import developed_of
+from pdcd.files.inside import CHUNK_BYTES, fault_of, opened, opened_file, path_of
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import record_errors, write_pictures
-from pdcd.pictures.watch import Watch
 from pdcd.printable import one_line
+from pdcd.protocol.request import PlanSummary
 from pdcd.recipes.possible import possible
 from pdcd.recipes.recipe import Recipe, Shot
-from pdcd.request import PlanSummary
 from pdcd.runs.folder import LOG, RunFolder
 from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.inside import CHUNK_BYTES, fault_of, opened, opened_file, path_of
 from pdcd.runs.ledger import NAME as LEDGER
 from pdcd.runs.ledger import Kept, read_ledger
 from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.place import UNFINISHED, Place
 from pdcd.runs.record import FileRecord, MeterRecord, RunRecord
+from pdcd.watch import Watch
 
 MOST_BYTES = 2**32
 """Longest ledger or log that is copied."""

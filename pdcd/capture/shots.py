@@ -12,16 +12,16 @@ from pdcd.bench.tables import Config
 from pdcd.capture.job import Journal
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.capture.sight import Sight
+from pdcd.capture.worker.desk import Desk
+from pdcd.capture.worker.hands import Hands
 from pdcd.errors import ConfigError, ExposureError, SyncError
-from pdcd.frames.balance import lit_weights
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.offload.desk import Desk
-from pdcd.offload.hands import Hands
+from pdcd.panels.balance import lit_weights
+from pdcd.panels.frames import FrameLog, Frames
 from pdcd.planning.look import dark_frames, last_exposed, phase_rows
 from pdcd.planning.metering import MAX_TESTS, next_aperture
 from pdcd.planning.plan import Plan
+from pdcd.protocol import events
 from pdcd.recipes.recipe import Shot
-from pdcd.runs import events
 from pdcd.runs.record import DarkPhoto, MeterRecord, ShotRecord
 from pdcd.sensor.profile import SensorProfile
 

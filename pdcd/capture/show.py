@@ -10,11 +10,11 @@ from pdcd.bench.tables import Config
 from pdcd.calibration.pictures import MOVING, STILL
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
-from pdcd.frames.draw import draw
-from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import Patterns, compact, none, pack
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.draw import draw
+from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import Patterns, compact, none, pack
+from pdcd.panels.schedule import build_frames
 from pdcd.planning.measured import window_for
 
 CELL_PATTERNS = ("white", "checker", "grid", "code")

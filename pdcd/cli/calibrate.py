@@ -18,8 +18,8 @@ from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_compared, say_notes, say_result, say_table, say_text
 from pdcd.client import Client, OnEvent
 from pdcd.errors import ConfigError
-from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
-from pdcd.runs.events import Event, StepEnded
+from pdcd.protocol.events import Event, StepEnded
+from pdcd.protocol.request import CalibrateRequest, CaptureResult, new_job_id
 from pdcd.words import StepName
 
 LOOK_S = 0.1

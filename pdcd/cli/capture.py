@@ -18,8 +18,8 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import percent, say_json, say_result, say_table
 from pdcd.client import Client, OnEvent, Unreachable
 from pdcd.errors import ConfigError
-from pdcd.labels import LABELS
-from pdcd.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, in_words
+from pdcd.protocol.labels import LABELS
+from pdcd.protocol.request import ARRAYS, CaptureRequest, CaptureResult, PlanSummary, in_words
 
 PAPER_SHARE = 1.0 / 48.0
 """Share of the light that the paper's codes keep: half of all cells lit, half of the others open,

@@ -9,7 +9,7 @@ import msgspec
 from pdcd.cli.capture import arrays_of, refuse_with_local, request_of, take
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_notes, say_result, say_table
-from pdcd.request import CaptureRequest, CaptureResult, Quality, figure_of, quality_of
+from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality, figure_of, quality_of
 from pdcd.words import MethodName
 
 COMPARED: tuple[MethodName, ...] = ("coded", "multi-image", "nayar")

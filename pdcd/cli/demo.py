@@ -14,8 +14,8 @@ from pathlib import Path
 from pdcd.api.progress import bar, tell
 from pdcd.cli.output import say, say_result
 from pdcd.client import Client, Unreachable
-from pdcd.report import write
-from pdcd.request import CaptureRequest
+from pdcd.pages.report import write
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.later import REPORT
 
 CONFIG = """\

@@ -13,7 +13,7 @@ from pdcd.errors import RequestError
 
 
 class Written(msgspec.Struct, frozen=True, kw_only=True):
-    """One file as it was written; counts are those of `pdcd.pictures.export.Exported`."""
+    """One file as it was written; counts are those of `pdcd.pictures.written.export.Exported`."""
 
     file: str
     picture: str
@@ -28,9 +28,9 @@ class Written(msgspec.Struct, frozen=True, kw_only=True):
 
 def export(args: argparse.Namespace) -> int:
     """Write the files, all or none of which are new, and say what did not fit into them."""
-    from pdcd.pictures.export import Asked, exported
+    from pdcd.files.put import put, refuse_taken
+    from pdcd.pictures.written.export import Asked, exported
     from pdcd.runs.place import Place
-    from pdcd.runs.put import put, refuse_taken
 
     if args.white_patch is not None and not all(0.0 <= at <= 1.0 for at in args.white_patch):
         raise RequestError("a white patch lies at 0 to 1 across and 0 to 1 down")

@@ -10,9 +10,9 @@ from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json, say_result, say_table
 from pdcd.client import Client
 from pdcd.errors import ConfigError
-from pdcd.runs.entry import MOST_RUNS
-from pdcd.runs.events import Event, fields, wire
-from pdcd.server.messages import JobList, JobView
+from pdcd.protocol.entry import MOST_RUNS
+from pdcd.protocol.events import Event, fields, wire
+from pdcd.protocol.messages import JobList, JobView
 
 
 def status(args: argparse.Namespace) -> int:

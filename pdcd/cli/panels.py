@@ -23,7 +23,7 @@ from pdcd.words import MovingName
 if TYPE_CHECKING:
     from pdcd.bench.devices import Display
     from pdcd.bench.tables import Config
-    from pdcd.frames.frames import Frames
+    from pdcd.panels.frames import Frames
 
 MOCK = "mock"
 NOTHING_TO_SEE = "these are the mock bench's panels, which exist as numbers only: nothing to see"
@@ -144,8 +144,8 @@ def _draw(args: argparse.Namespace, config: Config, frames: Frames | None) -> No
 
     from pdcd.bench.placed import panels_of
     from pdcd.capture.show import sheet
-    from pdcd.pictures.captions import strip
-    from pdcd.pictures.develop import write_png
+    from pdcd.pictures.written.captions import strip
+    from pdcd.pictures.written.develop import write_png
 
     what = "all codes" if args.loop else _picture(args.pattern, args.index)
     sizes = [f"{p.size_px[0]} x {p.size_px[1]} px" for p in (config.projector, config.mask)]

@@ -7,9 +7,9 @@ import argparse
 from pdcd.api.progress import bar
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say, say_json
-from pdcd.pictures.watch import Watch
-from pdcd.report import write
-from pdcd.runs.events import Decoded
+from pdcd.pages.report import write
+from pdcd.protocol.events import Decoded
+from pdcd.watch import Watch
 
 
 def report(args: argparse.Namespace) -> int:

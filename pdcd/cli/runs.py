@@ -21,10 +21,10 @@ from pdcd.cli.output import percent, say, say_json, say_table, say_verdict
 from pdcd.cli.runs_parser import LISTED
 from pdcd.cli.tables import WIDTH
 from pdcd.errors import ConfigError, DecodeError
-from pdcd.labels import LABELS
 from pdcd.printable import one_line
-from pdcd.request import CaptureRequest, quality_of
-from pdcd.runs.entry import MOST_RUNS, Page, RunEntry, RunQuery
+from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
+from pdcd.protocol.labels import LABELS
+from pdcd.protocol.request import CaptureRequest, quality_of
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.index import at, find, named, one
 from pdcd.runs.later import REPORT

@@ -6,7 +6,7 @@ import argparse
 import gc
 from functools import partial
 
-from pdcd.offload.birth import Newborn, born
+from pdcd.capture.worker.birth import Newborn, born
 
 
 def serve(args: argparse.Namespace) -> int:

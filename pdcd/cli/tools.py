@@ -14,9 +14,9 @@ from pdcd.bench.tables import Config
 from pdcd.cli.exits import DONE, FAILED
 from pdcd.cli.output import say, say_compared, say_json, say_table
 from pdcd.errors import ConfigError
-from pdcd.pictures.watch import Watch
-from pdcd.runs.events import Decoded
+from pdcd.protocol.events import Decoded
 from pdcd.version import __version__
+from pdcd.watch import Watch
 
 
 def drivers(args: argparse.Namespace) -> int:

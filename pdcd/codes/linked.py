@@ -25,8 +25,8 @@ def prior_codes(
 
     The error of a cell comes from the light of the cells that share its column, so a link counts by
     its squared strength, besides the distance that `hadamard` goes by. Any prior will do: paths
-    that a pilot found (`pdcd.pilot.links`), a whole transport matrix, or a guess that falls off
-    with distance.
+    that a pilot found (`pdcd.codes.pilot.links`), a whole transport matrix, or a guess that falls
+    off with distance.
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ from pdcd.bench.tables import (
 from pdcd.bench.toml_text import TIMES, emit
 from pdcd.bench.truth import TrueCamera, TruePanel, TrueSensor, Truth
 from pdcd.figures.figure import Mode, Take
-from pdcd.maps.map import matrix
-from pdcd.maps.placing import Placing
+from pdcd.panels.map import matrix
+from pdcd.panels.placing import Placing
 
 PROJECTOR_PX, MASK_PX = (1024, 768), (1600, 1200)
 FILLED = 0.94

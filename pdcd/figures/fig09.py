@@ -33,7 +33,7 @@ from pdcd.figures.figure import (
     codes_printed,
 )
 from pdcd.figures.plot import finish
-from pdcd.scene.presets.chart import BLOCKS, bars
+from pdcd.virtual.scene.presets.chart import BLOCKS, bars
 
 SCENE = "chart-in-milk"
 BESIDE = (0, -1)

@@ -30,8 +30,8 @@ from pdcd.figures.figure import (
     codes_printed,
 )
 from pdcd.figures.places import share_in
-from pdcd.scene.presets.ball_book import on_pages, on_wax
-from pdcd.scene.presets.canvas import Raster
+from pdcd.virtual.scene.presets.ball_book import on_pages, on_wax
+from pdcd.virtual.scene.presets.canvas import Raster
 
 SCENE = "ball-wax-book"
 CODES = {"codes": codes_printed(128)}

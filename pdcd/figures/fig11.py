@@ -34,9 +34,9 @@ from pdcd.figures.figure import (
     codes_printed,
 )
 from pdcd.figures.plot import finish
-from pdcd.scene.build import build_scene
-from pdcd.scene.displaced import Displaced
-from pdcd.scene.effects import Array
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.effects import Array
 
 SCENE = "off-axis-box"
 DEPTHS = {"b": -2.0, "c": -1.0, "d": -0.5, "e": 0.0, "f": 0.5, "g": 2.0}

@@ -32,8 +32,8 @@ from pdcd.figures.figure import (
 )
 from pdcd.figures.places import share_in
 from pdcd.figures.plot import finish
-from pdcd.scene.presets.canvas import WIDTH, Raster
-from pdcd.scene.presets.vase import on_glass
+from pdcd.virtual.scene.presets.canvas import WIDTH, Raster
+from pdcd.virtual.scene.presets.vase import on_glass
 
 SCENES = {
     "disco-ball": ("Ball of mirrors", 512),

@@ -20,7 +20,7 @@ from pdcd.figures.photo import packed, photographs
 from pdcd.figures.plot import check_plots
 from pdcd.figures.store import PAGE, Made, Store
 from pdcd.figures.write import write_figure
-from pdcd.runs.put import put_file
+from pdcd.files.put import put_file
 
 TOGETHER = 8
 """Captures before one bench that one process takes in one go, at most."""

@@ -22,18 +22,17 @@ from pdcd.api.arguments import asked
 from pdcd.api.bench import Bench, finished
 from pdcd.api.local import local
 from pdcd.api.run import Run
+from pdcd.capture.worker.truths import pictures_in_truth
 from pdcd.errors import Cancelled, PdcdError
 from pdcd.figures.bench import BORDER_PX, PROJECTOR_PX, bench_of
 from pdcd.figures.figure import Mode, Photo, Take
-from pdcd.offload.truths import pictures_in_truth
-from pdcd.optics.bench import OpticalBench
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import TRANSPORT
+from pdcd.pictures.truth import TRUTH, entries, read_truth
 from pdcd.pictures.upright import Sampler, View
-from pdcd.planning.known import TRUTH, read_truth
-from pdcd.planning.truth import entries
-from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.scene.scene import Scene
 from pdcd.words import GoalName
 
 Heard = Callable[[], None]

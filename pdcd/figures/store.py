@@ -24,7 +24,7 @@ import numpy as np
 from pdcd.errors import disk_errors
 from pdcd.figures.figure import Figure, Mode, Photo, Take
 from pdcd.figures.photo import unpacked
-from pdcd.runs.put import put_file
+from pdcd.files.put import put_file
 from pdcd.version import __version__
 
 PAGE, DATA, PHOTOS = "index.html", "data", "photos"

@@ -24,8 +24,8 @@ from pdcd.figures.figure import (
     codes_printed,
 )
 from pdcd.figures.picture import white_of
-from pdcd.scene.presets.canvas import WIDTH, Raster
-from pdcd.scene.presets.still_life import (
+from pdcd.virtual.scene.presets.canvas import WIDTH, Raster
+from pdcd.virtual.scene.presets.still_life import (
     MIRROR_FOOT,
     MIRROR_HALF,
     MIRROR_LANDS,

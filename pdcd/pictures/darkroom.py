@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from pdcd.bench.placed import panels_from
 from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
-from pdcd.frames.patterns import Patterns, none
-from pdcd.maps.placing import placed
+from pdcd.panels.patterns import Patterns, none
+from pdcd.panels.placing import placed
 from pdcd.pictures.bars import barred_pictures
 from pdcd.pictures.cell_light import Ambient
 from pdcd.pictures.combine import Matrix, Shown, realised_photo
-from pdcd.pictures.develop import warp
 from pdcd.pictures.exposed import Exposed, Negative
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.quads import cell_means
@@ -28,7 +27,7 @@ from pdcd.pictures.sigma import Barred
 from pdcd.pictures.software import software_sums, summed_matrices
 from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
-from pdcd.pictures.watch import Watch
+from pdcd.pictures.written.develop import warp
 from pdcd.probing.borders import drawn_apart_share
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
@@ -43,6 +42,7 @@ from pdcd.runs.record import DarkPhoto, RunRecord, ShotRecord
 from pdcd.sensor.bands import THREADS
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw, rgb_variance, to_rgb
+from pdcd.watch import Watch
 
 Alive = Callable[[], None]
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from pdcd.errors import ConfigError, DecodeError, PdcdError, disk_errors
 from pdcd.pictures.darkroom import Darkroom, Decoded
-from pdcd.pictures.develop import write_png, write_tiff
-from pdcd.pictures.previews import write_previews
 from pdcd.pictures.transport import Sliced, picture_of
-from pdcd.pictures.watch import Watch
-from pdcd.request import Goal
+from pdcd.pictures.written.develop import write_png, write_tiff
+from pdcd.pictures.written.previews import write_previews
+from pdcd.protocol.request import Goal
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.verify import PROBE, whole_manifest
+from pdcd.watch import Watch
 
 TRANSPORT = "transport.npz"
 TRANSPORT_PICTURE = "preview/transport.png"

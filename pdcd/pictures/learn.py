@@ -10,13 +10,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from pdcd.codes.pilot.codes import MATCHED, SCOUTS
+from pdcd.codes.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
+from pdcd.codes.pilot.near_light import near_light
+from pdcd.codes.pilot.sharp_light import sharp_squares
+from pdcd.codes.pilot.worth import Worth, worth
 from pdcd.pictures.cell_light import Ambient, Lit, light_of_cells
 from pdcd.pictures.exposed import Exposed
-from pdcd.pilot.codes import MATCHED, SCOUTS
-from pdcd.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
-from pdcd.pilot.near_light import near_light
-from pdcd.pilot.sharp_light import sharp_squares
-from pdcd.pilot.worth import Worth, worth
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Wanted
 from pdcd.recipes.recipe import Recipe
@@ -35,7 +35,7 @@ class Learned:
     worth : predicted errors with and without the pilot; if it does not pay, the paths are empty.
         None where only the scouts were taken, which find no paths, and after a short pilot, whose
         scouts alone tell whether it pays.
-    sharpness : of the light in the scouts (`pdcd.pilot.links.sharpness`).
+    sharpness : of the light in the scouts (`pdcd.codes.pilot.links.sharpness`).
     """
 
     links: scipy.sparse.csr_array
@@ -44,10 +44,10 @@ class Learned:
     sharpness: float
     sharp: Floats
     """(N, 3), sum of the squares of the sharp paths of each cell that were not found
-    (`pdcd.pilot.sharp_light`)."""
+    (`pdcd.codes.pilot.sharp_light`)."""
     near: Floats
     """(N, 3), light that each cell gets from one of those right beside it, on average
-    (`pdcd.pilot.near_light`)."""
+    (`pdcd.codes.pilot.near_light`)."""
 
     @property
     def promising(self) -> bool:

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.pictures.cell_light import Apart, Bools, told_apart
 from pdcd.pictures.combine import Floats, Picture, pictures_of
 from pdcd.pictures.exposed import Exposed, Print

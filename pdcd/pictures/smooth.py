@@ -102,8 +102,8 @@ def smooth_correction(
     weight : float or (N,) float64
         Weight the image, or each cell of it, was divided by, in the unit of A.
     image : (N,) float64
-        The image, row-major. Where sharp paths are known (`pdcd.pilot.links`), what is left of it
-        without their light, their row sums.
+        The image, row-major. Where sharp paths are known (`pdcd.codes.pilot.links`), what is left
+        of it without their light, their row sums.
     grid : (rows, cols)
         Cells of the scene, N in all.
     alive : called now and then, and may raise to end the work.

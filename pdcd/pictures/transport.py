@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
-from pdcd.pictures.captions import strip
 from pdcd.pictures.cell_light import light_of_cells
 from pdcd.pictures.exposed import Exposed
+from pdcd.pictures.written.captions import strip
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.transport import Slice, s_matrix
 from pdcd.sensor.cells import CellMap

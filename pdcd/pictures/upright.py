@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.runs.record import RunRecord
 from pdcd.sensor.bands import in_bands
 from pdcd.sensor.cells import CellMap

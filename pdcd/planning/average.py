@@ -17,17 +17,17 @@ import msgspec
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
-from pdcd.pictures.watch import Watch
+from pdcd.panels.lattice import Lattice
 from pdcd.planning.look import percent
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import pairs_of
 from pdcd.planning.plan import Plan, chosen_together
 from pdcd.planning.unasked import readout_s
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import FEWEST_PARTS
 from pdcd.recipes.recipe import Combination, Extremes, Photo
-from pdcd.request import CaptureRequest
+from pdcd.watch import Watch
 
 NOISE = 0.018
 """RMS noise, over the RMS of the picture, that a plain capture bears of ambient light. With the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pdcd.errors import RequestError
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 NEAR = 0.25
 """How far from the number that the rule gives another one is looked for, over that number."""

@@ -16,11 +16,10 @@ from itertools import product
 import msgspec
 import numpy as np
 
+from pdcd.codes.pilot.codes import pilot_share
+from pdcd.codes.pilot.matching import MOST_CELLS
 from pdcd.errors import RequestError
 from pdcd.pictures.learn import Learned
-from pdcd.pictures.watch import Watch
-from pdcd.pilot.codes import pilot_share
-from pdcd.pilot.matching import MOST_CELLS
 from pdcd.planning.guards import choose_schedule, lag_rows, tolerant
 from pdcd.planning.guess import GOALS, Prior, guess
 from pdcd.planning.guided import by_prior, guidable
@@ -32,10 +31,11 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
 from pdcd.planning.rehearse import rehearse
 from pdcd.planning.rungs import LADDER, counts_of, family_of, most_repeats, parts_of
+from pdcd.protocol.request import CaptureRequest, Prediction
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.off_axis import FewCodesError
-from pdcd.request import CaptureRequest, Prediction
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.scene import Scene
+from pdcd.watch import Watch
 from pdcd.words import BlackLevel, ScheduleName
 
 CONFIDENCE = 0.95

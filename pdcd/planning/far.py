@@ -6,11 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from pdcd.bench.tables import Config
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.planning.grey import unsaid
 from pdcd.planning.plan import beyond, chosen_together
+from pdcd.protocol.request import CaptureRequest, How
 from pdcd.recipes.recipe import Recipe
-from pdcd.request import CaptureRequest, How
 
 
 def grey_masks(request: CaptureRequest, config: Config) -> bool:

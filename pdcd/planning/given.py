@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.inputs.limits import Limits, Unsound
-from pdcd.inputs.opening import Asker, contents, open_beneath, open_own
-from pdcd.inputs.read import read_array
+from pdcd.files.limits import Limits, Unsound
+from pdcd.files.opening import Asker, contents, open_beneath, open_own
+from pdcd.files.read import read_array
 from pdcd.planning.prior import GRID
+from pdcd.protocol.request import ARRAYS, CaptureRequest, Sent, in_words
 from pdcd.recipes.arrays import Given, most_elements, of_rows
-from pdcd.request import ARRAYS, CaptureRequest, Sent, in_words
-from pdcd.scene.matrix import read_transport
+from pdcd.virtual.scene.matrix import read_transport
 
 KEPT_NUMBERS = 4096
 """Numbers in rows that are kept as they came; more become an array at once, 8 bytes each."""

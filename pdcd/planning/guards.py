@@ -9,8 +9,8 @@ import numpy as np
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
-from pdcd.frames.windows import windows
-from pdcd.request import CaptureRequest
+from pdcd.panels.windows import windows
+from pdcd.protocol.request import CaptureRequest
 from pdcd.words import GuardsName, ScheduleName
 
 FIELD_POINTS = 9
@@ -67,7 +67,7 @@ weaker."""
 
 BLUR_LEAK = 1.6
 """Share of the direct light that blur brings into an indirect photo under whole cells, over its
-standard deviation in cells (`pdcd.calibration.cell_size`)."""
+standard deviation in cells (`pdcd.probing.cell_size`)."""
 
 
 def shares_of_cell(config: Config, cell_px: float) -> tuple[float, float]:

@@ -9,20 +9,20 @@ import scipy
 
 from pdcd.bench.tables import Config
 from pdcd.codes.orders import is_order
+from pdcd.codes.pilot.codes import MATCHED, SCOUTS
+from pdcd.codes.pilot.links import SHARP
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
-from pdcd.pictures.watch import Watch
-from pdcd.pilot.codes import MATCHED, SCOUTS
-from pdcd.pilot.links import SHARP
+from pdcd.panels.lattice import Lattice
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.pairs import linked_pairs
 from pdcd.planning.plan import Plan
 from pdcd.planning.prior import GivenPrior, load_prior
+from pdcd.protocol.request import CaptureRequest, PilotCost, PlanSummary
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded, Program, Signed, within
-from pdcd.request import CaptureRequest, PilotCost, PlanSummary
+from pdcd.watch import Watch
 
 
 def plan_for(

@@ -18,16 +18,16 @@ import numpy as np
 
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
-from pdcd.frames.curve import light_of
-from pdcd.frames.frames import BLACK, WHITE, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import none
-from pdcd.frames.schedule import SLOTS, slot_rows
+from pdcd.panels.curve import light_of
+from pdcd.panels.frames import BLACK, WHITE, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import none
+from pdcd.panels.schedule import SLOTS, slot_rows
 from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.plan import Look, Plan
+from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Shot
-from pdcd.request import CaptureRequest, Leaks
 from pdcd.runs.record import ShotRecord
 from pdcd.words import BlackLevel
 

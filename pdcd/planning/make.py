@@ -8,12 +8,11 @@ import msgspec
 
 from pdcd.bench.grey import curves_of
 from pdcd.bench.tables import Config
+from pdcd.codes.pilot.codes import MATCHED, SCOUTS
 from pdcd.errors import ConfigError, RequestError
-from pdcd.frames.bitplanes import check_binary
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.schedule import slot_rows
-from pdcd.pictures.watch import Watch
-from pdcd.pilot.codes import MATCHED, SCOUTS
+from pdcd.panels.bitplanes import check_binary
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import slot_rows
 from pdcd.planning.brightness import as_bright
 from pdcd.planning.far import grey_masks, mask_reasons
 from pdcd.planning.grey import grey_reasons, unsaid
@@ -33,13 +32,14 @@ from pdcd.planning.memory import check_memory, memory_bytes
 from pdcd.planning.off_axis import depth_reasons, on_bench
 from pdcd.planning.pairs import pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, shows_codes, windowed
+from pdcd.protocol.request import CaptureRequest, How
 from pdcd.recipes.arrays import NOTHING, Given, target_of
 from pdcd.recipes.isolation import FAMILIES as ISOLATION
 from pdcd.recipes.isolation import check_isolation
 from pdcd.recipes.make import draft_of, finished
 from pdcd.recipes.parts import check_parts, part_codes
 from pdcd.recipes.recipe import Recipe
-from pdcd.request import CaptureRequest, How
+from pdcd.watch import Watch
 from pdcd.words import BlackLevel, FamilyName, ScheduleName
 
 RANGES = ("long-range", "short-range")

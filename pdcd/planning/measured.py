@@ -12,11 +12,9 @@ import numpy as np
 
 from pdcd.bench.placed import panels_from, panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.calibration.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
-from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.errors import ConfigError
-from pdcd.frames.windows import ATOMS, GUARDS, whole_pixels, windows
-from pdcd.maps.scale import fewest_pixels
+from pdcd.panels.map_scale import fewest_pixels
+from pdcd.panels.windows import ATOMS, GUARDS, whole_pixels, windows
 from pdcd.planning.guards import (
     WHOLE_CELL_LIMIT,
     choose_schedule,
@@ -27,6 +25,8 @@ from pdcd.planning.guards import (
 )
 from pdcd.planning.plan import windowed
 from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
+from pdcd.probing.cell_size import Meeting, largest_window, leak_of, smallest_cell_for
+from pdcd.probing.pulses import Answer, kept_apart
 from pdcd.recipes.recipe import Recipe
 from pdcd.words import ScheduleName
 

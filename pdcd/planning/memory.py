@@ -20,15 +20,16 @@ from pdcd.codes.far import evening_bytes
 from pdcd.codes.greyed import fits, greying_bytes
 from pdcd.codes.woven import weaving_bytes
 from pdcd.errors import RequestError
-from pdcd.frames.curve import UNKNOWN
-from pdcd.frames.dither import COPIES
-from pdcd.frames.lattice import Lattice
-from pdcd.maps.map import Map
+from pdcd.panels.curve import UNKNOWN
+from pdcd.panels.dither import COPIES
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.map import Map
 from pdcd.pictures.exposed import LARGE_QUADS
 from pdcd.planning.plan import chosen_together, lattice_of, windowed
 from pdcd.probing.deviation import EXACT_CELLS
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import BLOCK
+from pdcd.protocol.request import How
 from pdcd.recipes.isolation import Isolation
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.parts import part_codes
@@ -44,7 +45,6 @@ from pdcd.recipes.programs import (
     within,
 )
 from pdcd.recipes.recipe import Photo, Recipe
-from pdcd.request import How
 from pdcd.words import FamilyName
 
 BASE = 32 * 2**20

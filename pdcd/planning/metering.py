@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.curve import light_of
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.curve import light_of
+from pdcd.panels.lattice import Lattice
 from pdcd.planning.memory import exact_pairs
 from pdcd.planning.plan import Plan, beyond
 from pdcd.recipes.programs import Blocks, SignedBlocks
@@ -67,7 +67,7 @@ def _meter_pairs(plan: Plan, shot: Shot, of_shot: int) -> int:
 
 
 def _sequence(plan: Plan, shot: Shot) -> int:
-    """Pairs of an exact sequence, shown in one copy or several (`pdcd.frames.dither`)."""
+    """Pairs of an exact sequence, shown in one copy or several (`pdcd.panels.dither`)."""
     program = plan.recipe.programs[shot.program]
     return (
         exact_pairs(program) if isinstance(program, Blocks | SignedBlocks) else plan.pairs_of(shot)

@@ -8,10 +8,10 @@ import msgspec
 
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.goals import OFF_AXIS
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.recipe import Recipe
-from pdcd.request import CaptureRequest
 
 
 def on_bench(request: CaptureRequest, config: Config) -> CaptureRequest:

@@ -14,13 +14,12 @@ from pdcd.codes.hadamard import hadamard, hadamard_fits
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
 from pdcd.codes.linked import prior_codes
 from pdcd.codes.make import make_codes
+from pdcd.codes.pilot.codes import pilot_codes
 from pdcd.codes.woven import woven
 from pdcd.errors import RequestError
-from pdcd.frames.curve import UNKNOWN, Curves
-from pdcd.frames.dither import code_to_send, sequence_to_send
-from pdcd.frames.lattice import Lattice
-from pdcd.pictures.watch import Watch
-from pdcd.pilot.codes import pilot_codes
+from pdcd.panels.curve import UNKNOWN, Curves
+from pdcd.panels.dither import code_to_send, sequence_to_send
+from pdcd.panels.lattice import Lattice
 from pdcd.planning.plan import (
     COINS,
     Pair,
@@ -31,12 +30,13 @@ from pdcd.planning.plan import (
     shows_codes,
     windowed,
 )
+from pdcd.protocol.request import How
 from pdcd.recipes.off_axis import Keyed, KeyedRange, Rows
 from pdcd.recipes.partners import far_partners, partner_links
 from pdcd.recipes.parts import coin_signs, part_codes, part_seed
 from pdcd.recipes.programs import Coded, Far, Levels, Program, extended, on_lattice, within
 from pdcd.recipes.recipe import Recipe
-from pdcd.request import How
+from pdcd.watch import Watch
 from pdcd.words import FamilyName
 
 Bools = NDArray[np.bool_]

@@ -9,16 +9,16 @@ import msgspec
 import numpy as np
 
 from pdcd.codes.far import woven_fits
-from pdcd.frames.curve import UNKNOWN, Curves, light_of
-from pdcd.frames.frames import Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import Patterns
-from pdcd.frames.schedule import build_frames, slot_rows
+from pdcd.panels.curve import UNKNOWN, Curves, light_of
+from pdcd.panels.frames import Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import Patterns
+from pdcd.panels.schedule import build_frames, slot_rows
+from pdcd.protocol.request import How, Leaks, PlanSummary, Prediction, ShotSummary
 from pdcd.recipes.goals import Target
 from pdcd.recipes.programs import Far, Floodlit, Program, within
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.recipes.repeat import repeated
-from pdcd.request import How, Leaks, PlanSummary, Prediction, ShotSummary
 from pdcd.runs.record import DarkPhoto
 from pdcd.words import FamilyName, ScheduleName
 

@@ -18,11 +18,11 @@ import numpy as np
 import scipy
 
 from pdcd.errors import RequestError
+from pdcd.protocol.request import Sent
 from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.request import Sent
-from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.presets import builder_of, kinds
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.presets import builder_of, kinds
+from pdcd.virtual.scene.scene import Scene
 
 MOST_CELLS = 6144
 """Cells beyond which the paths between all pairs of them, 300 MB here, are too many to hold."""

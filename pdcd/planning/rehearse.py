@@ -16,24 +16,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdcd.bench.tables import Config
-from pdcd.frames.balance import streams
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.patterns import levels_of
+from pdcd.codes.pilot.codes import SCOUTS
+from pdcd.panels.balance import streams
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.patterns import levels_of
 from pdcd.pictures.combine import combine, scaled_photos
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.learn import Learned, learn
 from pdcd.pictures.photos import NOTHING_TOLD, corrected_photos, told_by_parts
-from pdcd.pilot.codes import SCOUTS
+from pdcd.pictures.truth import answer
 from pdcd.planning.guided import stopped, with_links
 from pdcd.planning.metering import TARGET, metered_pairs
 from pdcd.planning.outlook import Alive, Estimate, Floats, Setting
 from pdcd.planning.plan import Plan
-from pdcd.planning.truth import answer
 from pdcd.probing.panel import apart_s
 from pdcd.probing.realised import Factors, bench_factors, collect
 from pdcd.recipes.recipe import Extremes, Recipe, Shot
-from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
+from pdcd.virtual.scene.scene import Scene
 from pdcd.words import NormaliseName
 
 

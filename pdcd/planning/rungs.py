@@ -7,7 +7,7 @@ from fractions import Fraction
 
 from pdcd.codes.hadamard import hadamard_fits
 from pdcd.codes.singer import line_count
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.words import FamilyName
 
 LADDER = tuple(sorted(k * 2**n for k in (8, 12) for n in range(10)))

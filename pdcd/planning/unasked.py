@@ -18,23 +18,23 @@ import msgspec
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
 from pdcd.codes.hadamard import hadamard_fits
+from pdcd.codes.pilot.codes import SCOUTS, pilot_share
+from pdcd.codes.pilot.links import SHARP
+from pdcd.codes.pilot.matching import MOST_CELLS
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.schedule import slot_rows
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import slot_rows
 from pdcd.pictures.learn import Learned
-from pdcd.pictures.watch import Watch
-from pdcd.pilot.codes import SCOUTS, pilot_share
-from pdcd.pilot.links import SHARP
-from pdcd.pilot.matching import MOST_CELLS
 from pdcd.planning.guided import plan_for
 from pdcd.planning.look import averaging
 from pdcd.planning.make import RANGES, make_plan, schedule_of, window_of
 from pdcd.planning.plan import Plan
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.parts import FEWEST_PARTS
 from pdcd.recipes.programs import Far
-from pdcd.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
+from pdcd.watch import Watch
 from pdcd.words import FamilyName
 
 GOALS = ("indirect", "direct")

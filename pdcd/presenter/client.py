@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, PdcdError, SyncError
-from pdcd.frames.frames import BLACK, Frames
-from pdcd.frames.pixels import Picture
+from pdcd.panels.frames import BLACK, Frames
+from pdcd.panels.pixels import Picture
 from pdcd.presenter.grabs import PICTURES, room
 from pdcd.presenter.memory import share
 from pdcd.presenter.messages import (

@@ -17,7 +17,7 @@ from Xlib import X, error
 from pdcd.bench.findings import Finding, fault
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.presenter import desktop, drm
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import Mode, Open, Ready

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.frames.pixels import Box, Picture, picture
+from pdcd.panels.pixels import Box, Picture, picture
 from pdcd.presenter.xgrab import RootGrabber
 
 PICTURES = ("projector_pictures", "mask_pictures")

@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.presenter.memory import Slot
 from pdcd.presenter.options import Options
 

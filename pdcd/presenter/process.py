@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
-from pdcd.frames.frames import BLACK, Frames
-from pdcd.frames.panels import PanelView
+from pdcd.panels.frames import BLACK, Frames
+from pdcd.panels.panels import PanelView
 from pdcd.presenter import desktop, drm, realtime
 from pdcd.presenter.clocks import (
     Completions,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
-from pdcd.frames.frames import BLACK, Frames
-from pdcd.frames.patterns import pack
+from pdcd.panels.frames import BLACK, Frames
+from pdcd.panels.patterns import pack
 from pdcd.presenter.client import DisplayProcess, Log
 from pdcd.presenter.messages import Column, Ready
 from pdcd.presenter.opening import opening

@@ -4,7 +4,7 @@ The largest parts of the field that are lit as one, whatever the row, are its *p
 halves of cells, or windows. All patterns of a shot lie in one integer texture, bits or bytes as
 they come. A refresh first puts what each piece shows into a small picture, a pixel for each piece.
 Then every pixel of the panel is copied out of that picture, as a table says that is made once for
-each geometry (`pdcd.frames.atoms`). So a pixel costs two look-ups, upright or under a map that
+each geometry (`pdcd.panels.atoms`). So a pixel costs two look-ups, upright or under a map that
 bends, and none depends on how a card rounds.
 
 Panels show 8 bits: grey levels are rounded to 255ths. Their response to a level is the panel's
@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.frames.atoms import atoms
-from pdcd.frames.bitplanes import PLANES
-from pdcd.frames.draw import check_fit
-from pdcd.frames.frames import BLACK, WHITE, Frames
-from pdcd.frames.panels import PanelView
-from pdcd.frames.patterns import grey_bytes
-from pdcd.frames.windows import ATOMS, strip_numbers, windows
+from pdcd.panels.atoms import atoms
+from pdcd.panels.bitplanes import PLANES
+from pdcd.panels.draw import check_fit
+from pdcd.panels.frames import BLACK, WHITE, Frames
+from pdcd.panels.panels import PanelView
+from pdcd.panels.patterns import grey_bytes
+from pdcd.panels.windows import ATOMS, strip_numbers, windows
 
 COVER = """#version 330 core
 void main() {  // one triangle over the whole viewport

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DeviceLost
-from pdcd.frames.bitplanes import PLANES
-from pdcd.frames.frames import Frames
-from pdcd.frames.panels import PanelView
+from pdcd.panels.bitplanes import PLANES
+from pdcd.panels.frames import Frames
+from pdcd.panels.panels import PanelView
 from pdcd.presenter.messages import Rect
 from pdcd.presenter.viewport import UNITS, Viewport
 

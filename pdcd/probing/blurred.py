@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.frames.lattice import Lattice, Piece
+from pdcd.panels.lattice import Lattice, Piece
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.panels import PanelView
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
+from pdcd.panels.panels import PanelView
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]

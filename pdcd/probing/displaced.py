@@ -1,11 +1,11 @@
 """For how long points of a camera cell are seen while the place that lights them is lit.
 
 On an off-axis bench the light at the point x of a camera cell was sent from x + d, with one
-displacement d for each cell (`pdcd.scene.displaced`). Windows of the mask and halves of projector
-cells cut the cell into rectangles on which neither changes. Along either axis these are cut by the
-same edges of windows in all cells, and by the edges of projector cells moved by -d, which differ
-from cell to cell. So each pair of a window and one of the few halves that a cell can meet is taken
-for all cells at once, with the area that it has in each.
+displacement d for each cell (`pdcd.virtual.scene.displaced`). Windows of the mask and halves of
+projector cells cut the cell into rectangles on which neither changes. Along either axis these are
+cut by the same edges of windows in all cells, and by the edges of projector cells moved by -d,
+which differ from cell to cell. So each pair of a window and one of the few halves that a cell can
+meet is taken for all cells at once, with the area that it has in each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.lattice import Lattice, Overlap
+from pdcd.panels.lattice import Lattice, Overlap
 
 Floats = NDArray[np.float64]
 

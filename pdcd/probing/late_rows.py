@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.windows import LOWER, MOVED, PLACED, UPPER
-from pdcd.maps.map import Map
-from pdcd.maps.placing import placed
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.map import Map
+from pdcd.panels.placing import placed
+from pdcd.panels.windows import LOWER, MOVED, PLACED, UPPER
 
 Times = NDArray[np.int64]
 
@@ -55,7 +55,7 @@ def band_delays_ns(scan_s: float, bands: int) -> Times:
 def bands_of(
     panel: PanelConfig, projector_px: tuple[int, int], lattice: Lattice, *, mask: bool
 ) -> tuple[Band, ...]:
-    """The fields of a panel (`pdcd.frames.lattice`), in bands that come equally late.
+    """The fields of a panel (`pdcd.panels.lattice`), in bands that come equally late.
 
     Raises ConfigError for a place that cannot be used.
     """

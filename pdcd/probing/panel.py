@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.grey import curve_of
 from pdcd.bench.tables import PanelConfig
-from pdcd.frames.curve import Curve
+from pdcd.panels.curve import Curve
 
 Floats = NDArray[np.float64]
 

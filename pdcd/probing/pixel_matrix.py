@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.frames.curve import Curve
-from pdcd.frames.frames import FrameLog
-from pdcd.frames.pixels import BLACK_PICTURE, PanelPictures, Shown
+from pdcd.panels.curve import Curve
+from pdcd.panels.frames import FrameLog
+from pdcd.panels.pixels import BLACK_PICTURE, PanelPictures, Shown
 from pdcd.probing.panel import Panel, Trajectory, offset_cells
 from pdcd.probing.realised import Factors, Floats
 from pdcd.probing.spans import span_starts, span_weights

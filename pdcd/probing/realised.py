@@ -23,8 +23,8 @@ import scipy
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.lattice import Lattice, Overlap
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.lattice import Lattice, Overlap
 from pdcd.probing.blurred import Blur
 from pdcd.probing.displaced import Beams
 from pdcd.probing.fine import Fine, FineSums, cut_by_windows, summed

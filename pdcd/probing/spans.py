@@ -7,9 +7,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.frames.curve import Curve, light_of
-from pdcd.frames.frames import BLACK, WHITE, Frames
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.curve import Curve, light_of
+from pdcd.panels.frames import BLACK, WHITE, Frames
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.panel import Kept, Panel, Trajectory, decay_integral
 
 Floats = NDArray[np.float64]

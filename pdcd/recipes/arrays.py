@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
+from pdcd.protocol.request import ARRAYS, CaptureRequest, Goal, Rows, Sent
 from pdcd.recipes.goals import MATRICES, PLANES, Target, check_target
-from pdcd.request import ARRAYS, CaptureRequest, Goal, Rows, Sent
 
 Floats = NDArray[np.float64]
 Given = Mapping[str, Floats]

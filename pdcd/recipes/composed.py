@@ -50,7 +50,7 @@ EQUAL = 1e-6
 
 def composed(maker: Maker, codes: int, *, scattered: bool = False) -> Combination:
     """Photos of any matrix A, taken apart (`pdcd.recipes.structure`), and the sum that is A.
-    `scattered` as of `pdcd.request.How`."""
+    `scattered` as of `pdcd.protocol.request.How`."""
     matrix = maker.target.matrices["matrix"]
     if _blocks(maker, matrix, min(FEW_ROWS, codes)):
         return ((1.0, "relit"),)

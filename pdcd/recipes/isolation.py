@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import Wanted
 from pdcd.recipes.programs import Bools, Floats, Pairs, Program
 from pdcd.recipes.recipe import Recipe

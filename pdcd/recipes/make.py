@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pdcd.errors import RequestError
+from pdcd.protocol.request import How
 from pdcd.recipes.alternatives import Fitted, Masked, checkers, shares
 from pdcd.recipes.composed import composed
 from pdcd.recipes.each import RECIPES
@@ -24,7 +25,6 @@ from pdcd.recipes.programs import (
 from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule, Shot
 from pdcd.recipes.repeat import repeated
 from pdcd.recipes.transport import transport
-from pdcd.request import How
 
 
 def recipe_of(target: Target, how: How) -> Recipe:

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
-from pdcd.maps.between_fields import through
+from pdcd.panels.between_fields import through
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import Indices
-from pdcd.request import Goal
+from pdcd.protocol.request import Goal
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]

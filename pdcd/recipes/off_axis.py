@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.lines import SameRow
 from pdcd.probing.wanted import Indices, Match, Uniform
 from pdcd.recipes.maker import Maker

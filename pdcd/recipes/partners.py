@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from pdcd.codes.linked import symmetric
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import Grid, Indices, shifted
 from pdcd.recipes.programs import (
     Coded,

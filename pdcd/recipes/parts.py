@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Recipe, Shot
-from pdcd.request import CaptureRequest
 
 FEWEST_PARTS = 4
 """Parts from which on their spread says more than a model of the scene does."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.codes.far import opened
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.convolved import convolved
 from pdcd.probing.wanted import Indices, shifted
 

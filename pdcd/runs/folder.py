@@ -35,12 +35,12 @@ from numpy.typing import NDArray
 
 from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError, NoSpaceError, PdcdError, disk_errors
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.patterns import Patterns
+from pdcd.files.inside import hashed, opened, opened_file, path_of, read_file
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.patterns import Patterns
 from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.frame_table import append_frames
-from pdcd.runs.inside import hashed, opened, opened_file, path_of, read_file
 from pdcd.runs.manifest import (
     DIGEST,
     MANIFEST,

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
-from pdcd.frames.frames import BLACK, FrameLog, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import Patterns, fit
+from pdcd.panels.frames import BLACK, FrameLog, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import Patterns, fit
 from pdcd.runs.record import ShotRecord
 
 NAME = "frames.csv"

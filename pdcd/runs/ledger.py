@@ -16,9 +16,9 @@ from typing import Any
 import msgspec
 
 from pdcd.errors import DecodeError, disk_errors
+from pdcd.files.inside import hashed, opened_file, read_file
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.inside import hashed, opened_file, read_file
 from pdcd.runs.patterns import NAME as CODES
 from pdcd.runs.record import Count, FileRecord, MeterRecord, RunRecord, Sha256, ShotRecord
 

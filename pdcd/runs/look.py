@@ -12,10 +12,10 @@ from typing import Any, Literal
 import msgspec
 
 from pdcd.errors import DecodeError, of_kind
-from pdcd.labels import MOST_TAGS
-from pdcd.runs.entry import RunEntry
+from pdcd.files.inside import opened_file, read_file
+from pdcd.protocol.entry import RunEntry
+from pdcd.protocol.labels import MOST_TAGS
 from pdcd.runs.folder import LOG
-from pdcd.runs.inside import opened_file, read_file
 from pdcd.runs.ledger import Begun, read_begun
 from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.place import UNFINISHED

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pdcd.errors import PdcdError, RequestError, disk_errors
-from pdcd.runs.inside import WAY, path_of
+from pdcd.files.inside import WAY, path_of
 from pdcd.runs.manifest import MANIFEST
 
 UNFINISHED = ".partial"

@@ -8,8 +8,8 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.bench.tables import Homography, NonNegative, PanelConfig
-from pdcd.maps.placing import Placing
-from pdcd.request import Figure, Goal, How, Place
+from pdcd.panels.placing import Placing
+from pdcd.protocol.request import Figure, Goal, How, Place
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName

@@ -10,7 +10,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from pdcd.errors import DiskError
-from pdcd.runs.entry import RunEntry, RunQuery, StoredRun, StoredState
+from pdcd.protocol.entry import RunEntry, RunQuery, StoredRun, StoredState
 from pdcd.runs.index import find
 from pdcd.runs.place import UNFINISHED
 

@@ -2,7 +2,7 @@
 
 The manifest itself is held against the digest beside it (`pdcd.runs.manifest`), its entries against
 their types and against each other, and the folder against its list of files. What lies in the
-folder is never trusted: see `pdcd.runs.inside`.
+folder is never trusted: see `pdcd.files.inside`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import msgspec
 
 from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError
+from pdcd.files.inside import fault_of, hashed, listing, opened, opened_file, read_file
 from pdcd.printable import one_line
 from pdcd.runs.folder import LOG
 from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, read_file
 from pdcd.runs.later import made_later
 from pdcd.runs.manifest import DIGEST, MANIFEST, MAX_MANIFEST_BYTES, parsed
 from pdcd.runs.patterns import NAME as CODES

@@ -8,9 +8,9 @@ from pathlib import Path
 import msgspec
 
 from pdcd.bench.calibration import DIGEST, MAX_RECORD_BYTES, RECORD, Calibration
+from pdcd.files.inside import fault_of
 from pdcd.printable import one_line
 from pdcd.runs.frame_table import NAME as FRAMES
-from pdcd.runs.inside import fault_of
 from pdcd.runs.record import FileRecord
 from pdcd.runs.verify import Check, Verified
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from pdcd.bench.measured import FOLDER as CALIBRATIONS
 from pdcd.errors import DiskError, RequestError
-from pdcd.runs.inside import WAY
+from pdcd.files.inside import WAY
 
 DEPTH = 3
 """Folders below the one given in which runs are looked for: `captures`, and what `out` named."""

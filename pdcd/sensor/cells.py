@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.sensor.bands import OfRows, banded, in_channels, planar
 
 if TYPE_CHECKING:

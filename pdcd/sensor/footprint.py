@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.sensor.quad_places import ROWS, SNAP, Nodes, upright
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.sensor.bands import in_bands
 
 Floats = NDArray[np.float64]

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from pdcd.bench.tables import ServerConfig
 from pdcd.errors import ConfigError
+from pdcd.protocol.roles import Role
 from pdcd.server.aside import aside
-from pdcd.server.roles import Role
 
 logger = logging.getLogger(__name__)
 

@@ -6,9 +6,9 @@ import asyncio
 import logging
 from collections import deque
 
+from pdcd.protocol.messages import Interest
+from pdcd.protocol.roles import Role
 from pdcd.server.access import Peer
-from pdcd.server.messages import Interest
-from pdcd.server.roles import Role
 from pdcd.server.stream import Stream
 
 logger = logging.getLogger(__name__)

@@ -17,12 +17,13 @@ import msgspec
 
 from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import BusyError, DeniedError, PdcdError, ProtocolError
-from pdcd.runs.events import THINNED, Event
+from pdcd.protocol.events import THINNED, Event
+from pdcd.protocol.messages import Hello
+from pdcd.protocol.roles import Role
 from pdcd.server.access import Access, Names, Peer, peer_of
 from pdcd.server.callers import Caller
 from pdcd.server.descriptors import Descriptors
 from pdcd.server.jobs import Job
-from pdcd.server.messages import Hello
 from pdcd.server.protocol import (
     Connection,
     Fault,
@@ -31,7 +32,6 @@ from pdcd.server.protocol import (
     encode_notification,
     encode_reply,
 )
-from pdcd.server.roles import Role
 from pdcd.server.stream import Stream
 
 logger = logging.getLogger(__name__)

@@ -20,7 +20,7 @@ from socket import socket as Socket  # noqa: N812 - `socket` is a path here
 from pdcd.bench.folders import socket_path, state_dir
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import ConfigError, DriverUnavailable, PdcdError
-from pdcd.runs.events import ENDS, THINNED, Decoded, Event, Planning, Progress
+from pdcd.protocol.events import ENDS, THINNED, Decoded, Event, Planning, Progress
 from pdcd.server import log
 from pdcd.server.access import Access
 from pdcd.server.aside import aside

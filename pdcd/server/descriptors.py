@@ -8,8 +8,8 @@ import os
 from collections.abc import Callable, Iterable
 
 from pdcd.errors import BusyError, ProtocolError
+from pdcd.protocol.messages import MAX_FDS
 from pdcd.server.aside import aside
-from pdcd.server.messages import MAX_FDS
 
 
 def close_aside(fds: tuple[int, ...]) -> asyncio.Task[None]:

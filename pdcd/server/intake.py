@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from pdcd.errors import RequestError
-from pdcd.inputs.opening import Asker
+from pdcd.files.opening import Asker
 from pdcd.planning.given import (
     Source,
     file_fields,
@@ -23,8 +23,8 @@ from pdcd.planning.given import (
     long_rows,
     read_given,
 )
+from pdcd.protocol.request import CaptureRequest, Sent
 from pdcd.recipes.arrays import NOTHING, Floats, Given, most_elements
-from pdcd.request import CaptureRequest, Sent
 from pdcd.server.access import Peer
 from pdcd.server.readers import Readers
 

@@ -24,18 +24,18 @@ from typing import Protocol
 import msgspec
 
 from pdcd.errors import BusyError, Cancelled, PdcdError, RequestError, error_fields
-from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.request import (
+from pdcd.protocol.events import Emit, Event
+from pdcd.protocol.messages import JobView, Shown, ShowParams
+from pdcd.protocol.request import (
     CalibrateRequest,
     CaptureRequest,
     CaptureResult,
     PlanSummary,
     new_job_id,
 )
-from pdcd.runs.events import Emit, Event
+from pdcd.protocol.views import OwnerView, Preview, RigView
+from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.runs.place import Place
-from pdcd.runs.views import OwnerView, Preview, RigView
-from pdcd.server.messages import JobView, Shown, ShowParams
 from pdcd.words import JobKind, JobState
 
 ENDED: frozenset[str] = frozenset({"done", "failed", "cancelled"})
@@ -94,7 +94,7 @@ class EngineLike(Protocol):
         folder is made in `parent`; with `report` it gets its page, if that costs little.
 
         `cancelled()` is asked at least ten times a second, which also proves that the thread
-        lives; `emit` takes the events of `pdcd.runs.events`, all but `Queued` and the ends. On
+        lives; `emit` takes the events of `pdcd.protocol.events`, all but `Queued` and the ends. On
         return the panels are black and the shutter is closed.
         """
         ...

@@ -14,19 +14,8 @@ import msgspec
 
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, Cancelled, DeniedError, PdcdError
-from pdcd.recipes.arrays import NOTHING, Given
-from pdcd.recipes.goals import GOALS, MATRICES, PLANES, may_take
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
-from pdcd.runs.index import search
-from pdcd.runs.place import Place
-from pdcd.runs.stored import stored_runs
-from pdcd.runs.views import Preview, RigView
-from pdcd.server import messages
-from pdcd.server.aside import aside
-from pdcd.server.callers import Caller
-from pdcd.server.intake import Intake
-from pdcd.server.jobs import EngineLike, Job, Owner
-from pdcd.server.messages import (
+from pdcd.protocol import messages
+from pdcd.protocol.messages import (
     Admitted,
     Agreed,
     CalibrateParams,
@@ -47,8 +36,19 @@ from pdcd.server.messages import (
     SubscribeParams,
     Subscription,
 )
+from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.roles import Role
+from pdcd.protocol.views import Preview, RigView
+from pdcd.recipes.arrays import NOTHING, Given
+from pdcd.recipes.goals import GOALS, MATRICES, PLANES, may_take
+from pdcd.runs.index import search
+from pdcd.runs.place import Place
+from pdcd.runs.stored import stored_runs
+from pdcd.server.aside import aside
+from pdcd.server.callers import Caller
+from pdcd.server.intake import Intake
+from pdcd.server.jobs import EngineLike, Job, Owner
 from pdcd.server.protocol import Request
-from pdcd.server.roles import Role
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
 from pdcd.version import __version__

@@ -19,9 +19,9 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from pdcd.errors import PdcdError, ProtocolError, RequestError
-from pdcd.server import messages
+from pdcd.protocol import messages
+from pdcd.protocol.messages import MAX_FDS, MAX_LINE, METHODS, PROTOCOL, HelloParams
 from pdcd.server.descriptors import Descriptors
-from pdcd.server.messages import MAX_FDS, MAX_LINE, METHODS, PROTOCOL, HelloParams
 
 Id = str | int
 """Request id. The limits below keep an echoed id exact in every client and the reply short."""

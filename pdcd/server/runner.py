@@ -10,12 +10,13 @@ from collections.abc import Callable
 import msgspec
 
 from pdcd.errors import Cancelled, PdcdError, of_kind
+from pdcd.protocol import events
+from pdcd.protocol.events import Event
+from pdcd.protocol.messages import Shown, ShowParams, plain
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.views import Preview
 from pdcd.recipes.arrays import Given
-from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
-from pdcd.runs import events
-from pdcd.runs.events import Event
 from pdcd.runs.place import Place
-from pdcd.runs.views import Preview
 from pdcd.server.jobs import (
     ENDED,
     PROGRESS_INTERVAL_NS,
@@ -28,7 +29,6 @@ from pdcd.server.jobs import (
     Request,
     failed_result,
 )
-from pdcd.server.messages import Shown, ShowParams, plain
 from pdcd.server.worker import Worker
 from pdcd.words import JobKind
 

@@ -11,7 +11,7 @@ import contextlib
 import socket
 from typing import NamedTuple
 
-from pdcd.server.messages import MAX_FDS
+from pdcd.protocol.messages import MAX_FDS
 
 READ_BYTES = 65536
 """Most that is taken from a socket at a time."""

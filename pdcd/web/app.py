@@ -14,8 +14,8 @@ from aiohttp import web
 
 from pdcd.client import INTAKE_TIMEOUT_S
 from pdcd.errors import PdcdError
-from pdcd.request import CalibrateRequest, CaptureRequest
-from pdcd.server.messages import MAX_LINE, JobParams, NoParams
+from pdcd.protocol.messages import MAX_LINE, JobParams, NoParams
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.web.asks import ENGINE_S, Asks
 from pdcd.web.door import ENTER, REPORT, Asked, Door, Refused
 from pdcd.web.guard import REQUEST_S, Guards

@@ -18,7 +18,7 @@ import msgspec
 
 from pdcd.client import Client
 from pdcd.errors import PdcdError
-from pdcd.runs.events import ENDS, THINNED, Event, Queued, Started, wire
+from pdcd.protocol.events import ENDS, THINNED, Event, Queued, Started, wire
 from pdcd.web.asks import CONNECT_S, Asks
 
 RETRY_S = 1.0

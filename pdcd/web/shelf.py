@@ -18,9 +18,9 @@ import msgspec
 
 from pdcd.bench.measured import FOLDER as CALIBRATIONS
 from pdcd.errors import DecodeError, RequestError
-from pdcd.runs.entry import RunEntry
+from pdcd.files.inside import read_file
+from pdcd.protocol.entry import RunEntry
 from pdcd.runs.index import named, one, runs, search
-from pdcd.runs.inside import read_file
 from pdcd.runs.later import REPORT
 from pdcd.runs.place import UNFINISHED
 from pdcd.runs.walk import is_job, opened_run, opened_state

@@ -19,9 +19,9 @@ from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
 from pdcd.planning.given import from_path, read_given
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.place import Place
-from pdcd.scene.presets import PRESETS
+from pdcd.virtual.scene.presets import PRESETS
 from tests.bench.measure import REPEATS, peak_mib, timed
 from tests.bench.photo import SCENE
 from tests.places import ROOT

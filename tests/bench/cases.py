@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import pack
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import pack
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel
 
 REFRESH_NS = 16_666_667

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pdcd.codes.make import Codes, make_codes
 from pdcd.pictures.smooth import colour_correction
 from pdcd.probing.realised import Factors
-from pdcd.scene.matrix import load_matrix
-from pdcd.scene.presets import PRESETS
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.matrix import load_matrix
+from pdcd.virtual.scene.presets import PRESETS
+from pdcd.virtual.scene.scene import Scene
 from tests.bench import plots
 from tests.bench.captures import noisy_errors
 from tests.bench.tables import Aim, Section, Table, percent

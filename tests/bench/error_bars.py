@@ -19,7 +19,7 @@ import numpy as np
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
 from pdcd.capture.engine import Engine
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.places import DATA
 
 MATRICES = ("corner", "mirror")

@@ -12,8 +12,8 @@ from typing import Literal
 import msgspec
 
 from pdcd.capture.engine import Engine
-from pdcd.request import CaptureRequest
-from pdcd.scene.presets import PRESETS
+from pdcd.protocol.request import CaptureRequest
+from pdcd.virtual.scene.presets import PRESETS
 from pdcd.words import FamilyName
 from tests.bench import plots
 from tests.bench.captures import capture_with, config_for, opened

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing, placed
 
 Floats = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.scene.effects import Dense, Effect, LowRank, Sparse
-from pdcd.scene.kernel import Kernel
-from pdcd.scene.matrix import load_matrix
-from pdcd.scene.presets import PRESETS
+from pdcd.virtual.scene.effects import Dense, Effect, LowRank, Sparse
+from pdcd.virtual.scene.kernel import Kernel
+from pdcd.virtual.scene.matrix import load_matrix
+from pdcd.virtual.scene.presets import PRESETS
 from tests.bench.measure import peak_mib, timed
 from tests.places import ROOT
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
 from pdcd.capture.engine import Engine
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 GRID = (12, 16)
 N = GRID[0] * GRID[1]

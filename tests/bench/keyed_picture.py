@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, RigConfig, SceneConfig, ServerConfig
 from pdcd.capture.engine import Engine
-from pdcd.request import CaptureRequest
-from pdcd.scene.build import build_scene
-from pdcd.scene.effects import Array
-from pdcd.scene.scene import Scene
+from pdcd.protocol.request import CaptureRequest
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.effects import Array
+from pdcd.virtual.scene.scene import Scene
 from pdcd.words import WindowName
 from tests import bench_rig
 from tests.bench import plots

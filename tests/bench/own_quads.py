@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.capture.engine import Engine
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.planning.known import read_truth
-from pdcd.request import CaptureRequest
+from pdcd.pictures.truth import read_truth
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.verify import whole_manifest
 from tests.bench.error_bars import SCENES as FEW
 from tests.bench.error_bars import bench

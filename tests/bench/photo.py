@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.probing.realised import Factors, collect, factors
-from pdcd.scene.presets import PRESETS
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.presets import PRESETS
+from pdcd.virtual.scene.scene import Scene
 from tests.bench.cases import Case, make_case
 from tests.bench.measure import peak_mib, timed
 

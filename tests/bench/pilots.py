@@ -9,8 +9,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from pdcd.pilot.codes import MATCHED, pilot_share
-from pdcd.request import CaptureRequest
+from pdcd.codes.pilot.codes import MATCHED, pilot_share
+from pdcd.protocol.request import CaptureRequest
 from tests.bench import plots
 from tests.bench.captures import capture_with, config_for, opened
 from tests.bench.tables import Aim, Section, Table, percent

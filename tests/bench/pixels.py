@@ -13,14 +13,14 @@ import msgspec
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config
-from pdcd.maps.placing import Placing
-from pdcd.optics.bench import OpticalBench
-from pdcd.optics.products import Exposure
+from pdcd.panels.placing import Placing
 from pdcd.pictures import decode
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.later import REPORT
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.products import Exposure
 from tests.bench.captures import PDCD, capture_with, config_for, opened
 from tests.bench.measure import REPEATS, alone, peak_mib, timed
 from tests.bench.photo import SCENE

@@ -20,22 +20,22 @@ from numpy.typing import NDArray
 
 from pdcd.bench.placed import camera_map, frame_of
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.maps.placing import Placing, placed
-from pdcd.optics.bench import OpticalBench
-from pdcd.optics.products import Exposure
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.placing import Placing, placed
 from pdcd.pictures.combine import Picture, pictures_of
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.photos import corrected_photos
+from pdcd.pictures.truth import answer
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
-from pdcd.planning.truth import answer
 from pdcd.probing.realised import bench_factors, collect
-from pdcd.request import CaptureRequest
-from pdcd.scene.build import build_scene
-from pdcd.scene.effects import LowRank, coloured_direct
-from pdcd.scene.scene import Scene
+from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.cells import CellMap
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.effects import LowRank, coloured_direct
+from pdcd.virtual.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 

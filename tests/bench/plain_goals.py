@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pdcd.capture.engine import Engine
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.bench.error_bars import SCENES, bench
 
 GRID = (24, 32)

@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.opening import opening
 from pdcd.presenter.timing import Timing, measure, random_codes

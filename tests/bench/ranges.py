@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from pdcd.codes.far import far_codes, woven_fits
 from pdcd.codes.make import make_codes
 from pdcd.codes.woven import woven
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.pictures.smooth import colour_correction
 from pdcd.probing.wanted import Near
 from pdcd.recipes.programs import Far
-from pdcd.scene.matrix import load_matrix
-from pdcd.scene.presets import PRESETS
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.matrix import load_matrix
+from pdcd.virtual.scene.presets import PRESETS
+from pdcd.virtual.scene.scene import Scene
 from tests.bench import plots
 from tests.bench.tables import Section, Table, percent
 from tests.places import ROOT

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from pdcd.report import write
+from pdcd.pages.report import write
 from tests.browser import browser
 
 WIDTH_PX, HEIGHT_PX = 1000, 700

@@ -11,7 +11,7 @@ import numpy as np
 import rawpy
 
 from pdcd.codes.make import FAMILIES, make_codes
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.sensor.raw import read_raw
 from tests.bench import plots
 from tests.bench.measure import REPEATS, timed

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.far import far_codes
 from pdcd.codes.make import make_codes
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.pictures.smooth import Coded, shares_of_parts, smooth_correction
 from pdcd.recipes.parts import coin_signs, part_seed
 from pdcd.recipes.programs import Far

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pdcd.bench.calibration import MAPS, Calibration
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.calibration.pulses import Answer
-from pdcd.maps.file import load_maps
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
+from pdcd.panels.map_file import load_maps
+from pdcd.probing.pulses import Answer
 from pdcd.sensor.profile import IsoRow
 from tests.e2e.calibration.timing_rig import leaks_of
 

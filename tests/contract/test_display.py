@@ -13,8 +13,8 @@ from pdcd.bench.tables import Config, DisplayConfig, FaultsConfig, PanelConfig
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import make_codes
 from pdcd.errors import Cancelled, ConfigError
-from pdcd.frames.frames import Frames
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import Frames
+from pdcd.panels.schedule import build_frames
 from tests import bench_rig
 
 GRID = bench_rig.GRID

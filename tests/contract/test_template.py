@@ -16,7 +16,7 @@ from pdcd.bench import registry
 from pdcd.bench.tables import PanelConfig, TriggerConfig
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from tests import bench_rig
 from tests.contract.test_camera import ShutterContract
 from tests.fake_serial import FakeLine, fake_line

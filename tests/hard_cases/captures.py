@@ -18,8 +18,8 @@ import numpy as np
 from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.darkroom import Darkroom
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Extremes
-from pdcd.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig

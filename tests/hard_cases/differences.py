@@ -7,15 +7,15 @@ from fractions import Fraction
 import numpy as np
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.patterns import Patterns
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.patterns import Patterns
+from pdcd.panels.schedule import build_frames
 from pdcd.pictures.combine import Picture, combine
 from pdcd.pictures.exposed import Print
 from pdcd.probing.panel import Panel
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe
-from pdcd.request import Goal, How
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst

@@ -13,7 +13,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
+from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import Factors, collect, factors
 

@@ -16,16 +16,16 @@ import msgspec
 import numpy as np
 
 from pdcd.codes.make import make_codes
+from pdcd.codes.pilot.links import estimate_links
 from pdcd.pictures.combine import combine
 from pdcd.pictures.exposed import Print
-from pdcd.pilot.links import estimate_links
 from pdcd.planning.make import make_plan
 from pdcd.probing.panel import Panel
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.programs import Blocks, SignedBlocks, SignedMatrix
-from pdcd.request import CaptureRequest
-from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
+from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import log_of, realised

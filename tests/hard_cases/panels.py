@@ -15,8 +15,8 @@ from fractions import Fraction
 import numpy as np
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel, decay_integral
 from tests import bench_rig
 from tests.hard_cases.case import Case, Outcome, worst

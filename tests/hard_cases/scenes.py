@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel
-from pdcd.scene.kernel import Kernel
-from pdcd.scene.presets import PRESETS
-from pdcd.scene.radiosity import (
+from pdcd.virtual.scene.kernel import Kernel
+from pdcd.virtual.scene.presets import PRESETS
+from pdcd.virtual.scene.radiosity import (
     Radiosity,
     Relief,
     closed_exchange,

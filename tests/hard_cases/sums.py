@@ -9,12 +9,12 @@ from functools import cache
 import numpy as np
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import Factors, collect, factors
-from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 from tests.hard_cases.case import Case, Floats, Outcome, worst
 from tests.hard_cases.exposures import Exact, closing_ns, exact, log_of, photo, spans

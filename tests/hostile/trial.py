@@ -19,12 +19,12 @@ from pdcd.bench.folders import state_dir
 from pdcd.bench.tables import LimitsConfig, ServerConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError, error_fields
+from pdcd.protocol.messages import Admitted
+from pdcd.protocol.roles import Role
 from pdcd.server.access import Peer
 from pdcd.server.descriptors import Descriptors
-from pdcd.server.messages import Admitted
 from pdcd.server.methods import Methods
 from pdcd.server.protocol import Fault, Request, parse
-from pdcd.server.roles import Role
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
 from tests import bench_rig

@@ -14,9 +14,9 @@ from pdcd.bench.truth import truth_of
 from pdcd.calibration import metering
 from pdcd.capture.again import again
 from pdcd.capture.engine import Engine
-from pdcd.maps.file import load_maps
-from pdcd.maps.map import between
-from pdcd.request import CalibrateRequest
+from pdcd.panels.map import between
+from pdcd.panels.map_file import load_maps
+from pdcd.protocol.request import CalibrateRequest
 from tests import x11_rig
 from tests.xserver import XServer
 

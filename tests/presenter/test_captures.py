@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.bench.tables import RigConfig
 from pdcd.capture.engine import Engine
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig, x11_rig
 from tests.xserver import XServer
 

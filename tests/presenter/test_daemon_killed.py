@@ -22,8 +22,8 @@ import pytest
 from pdcd.bench.tables import RigConfig, TriggerConfig
 from pdcd.client import Client
 from pdcd.presenter.xgrab import RootGrabber
-from pdcd.request import CaptureRequest
-from pdcd.runs.events import ENDS, Cancelled, Done, Failed
+from pdcd.protocol.events import ENDS, Cancelled, Done, Failed
+from pdcd.protocol.request import CaptureRequest
 from tests import x11_rig
 from tests.e2e.server.test_daemon_real import connect, daemon, last_event, wait_for_codes
 from tests.xserver import QUARTER, XServer, run

@@ -21,8 +21,8 @@ from drivers.mock.bench import Bench
 from pdcd.bench.tables import DisplayConfig, RigConfig, SceneConfig
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, SyncError
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.schedule import build_frames
 from pdcd.presenter.xconnection import connect, disconnect
 from pdcd.probing.pixel_matrix import pixel_factors
 from tests import bench_rig, lateness, x11_rig

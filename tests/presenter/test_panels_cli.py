@@ -12,7 +12,7 @@ from pdcd.bench.config import show
 from pdcd.bench.tables import Config
 from pdcd.capture.show import loop_frames, pattern_frames
 from pdcd.cli.main import main
-from pdcd.frames.patterns import levels_of
+from pdcd.panels.patterns import levels_of
 from tests import x11_rig
 from tests.xserver import XServer
 

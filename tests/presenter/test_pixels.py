@@ -16,12 +16,12 @@ from drivers.x11 import X11Display
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.frames.draw import draw, draw_planes
-from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
-from pdcd.frames.panels import PanelView
-from pdcd.frames.patterns import pack
-from pdcd.frames.pixels import Box
-from pdcd.maps.placing import Placing
+from pdcd.panels.draw import draw, draw_planes
+from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.panels.panels import PanelView
+from pdcd.panels.patterns import pack
+from pdcd.panels.pixels import Box
+from pdcd.panels.placing import Placing
 from tests import lateness, x11_rig
 from tests.panel_pixels import planned, random_frames
 from tests.sampled import sampled

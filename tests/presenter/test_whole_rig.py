@@ -13,7 +13,7 @@ import pytest
 
 from pdcd.bench.tables import PanelConfig, RigConfig
 from pdcd.probing.panel import Panel
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor.raw import read_raw
 from tests import bench_rig, oracles, whole_rig, x11_rig

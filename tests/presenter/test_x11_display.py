@@ -23,7 +23,7 @@ from pdcd.bench.tables import Config, PanelConfig, RigConfig
 from pdcd.capture.rig import Rig
 from pdcd.capture.show import pattern_frames
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.frames.frames import BLACK
+from pdcd.panels.frames import BLACK
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import Column
 from pdcd.presenter.opening import opening

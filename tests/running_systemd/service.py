@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pdcd.client import Client, Unreachable
-from pdcd.runs.events import Progress
+from pdcd.protocol.events import Progress
 from tests.running_systemd.machine import PDCD, SLOW_S, Machine, wait_until
 
 STATE = "/var/lib/pdcd"

@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.e2e.systemd.test_x_service import adapted
 from tests.running_systemd.machine import UNITS, Machine, wait_until
 from tests.running_systemd.service import CAPTURE_TOML, Line, Service

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests.running_systemd.service import CAPTURE_TOML, STATE, Line, Service
 

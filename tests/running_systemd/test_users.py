@@ -8,7 +8,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.places import ROOT
 from tests.running_systemd.machine import TREE, Machine
 from tests.running_systemd.service import CAPTURE_TOML, STATE, Service

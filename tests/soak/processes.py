@@ -7,7 +7,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-ROLES = {"presenter": "pdcd.presenter", "guardian": "guard", "decoder": "pdcd.offload"}
+ROLES = {"presenter": "pdcd.presenter", "guardian": "guard", "decoder": "pdcd.capture.worker"}
 """Part of the command line of each."""
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 GRID = (12, 16)
 CELLS = GRID[0] * GRID[1]

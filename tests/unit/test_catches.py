@@ -25,7 +25,7 @@ ALLOWED = {
     "pdcd/capture/rig.py::Rig.disconnect": "one device must not keep the others held",
     "pdcd/capture/rig.py::Rig.make_safe": "one device must not keep the others from being safe",
     "pdcd/capture/run.py::Run._report": "the run is there; its report can be made again",
-    "pdcd/offload/process.py::_answer": "the answer of the work process, raised in the daemon",
+    "pdcd/capture/worker/process.py::_answer": "the work process's answer, raised in the daemon",
     "pdcd/pictures/decode.py::record_errors": "a record that fits no files, raised as that",
     "pdcd/presenter/process.py::main": "the end of the display process: black, then it is told",
     "pdcd/server/aside.py::aside.run": "a thread hands it to whoever waits",

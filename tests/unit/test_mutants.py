@@ -126,9 +126,9 @@ def test_known_equivalents_are_changes_that_can_still_be_made() -> None:
 
 
 def test_related_tests_are_those_of_the_module_and_its_room() -> None:
-    found = related("pdcd/frames/balance.py", ROOT)
-    assert found[0] == "tests/unit/frames/test_balance.py"
-    assert "tests/unit/frames/test_pixels.py" in found
+    found = related("pdcd/panels/balance.py", ROOT)
+    assert found[0] == "tests/unit/panels/test_balance.py"
+    assert "tests/unit/panels/test_pixels.py" in found
     assert found[-1].startswith("tests/e2e/capture/")
     assert not any("ptp" in name for name in related("drivers/serial_shutter/port.py", ROOT))
     # Drivers name each other relatively.

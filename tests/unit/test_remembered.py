@@ -9,7 +9,7 @@ import numpy as np
 
 from pdcd.codes import hadamard, singer
 from pdcd.codes.colouring import colour_lattice
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.scene import Scene
 from tests.remembered import Memory, colouring, scene_builder
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdcd.labels import LABELS
-from pdcd.request import (
+from pdcd.protocol.labels import LABELS
+from pdcd.protocol.request import (
     ARRAYS,
     CalibrateRequest,
     CaptureRequest,

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.calibration.arrows import arrows
-from pdcd.calibration.cell_size import HALF, guard_px
 from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.check import (
     DARKEST,
@@ -43,7 +42,8 @@ from pdcd.calibration.script import Measured, Outcome, Script, Session
 from pdcd.calibration.skew_change import skew_change
 from pdcd.calibration.steps.registration import cell_px
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
+from pdcd.probing.cell_size import HALF, guard_px
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.steps.geometry import both_by_dots
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 

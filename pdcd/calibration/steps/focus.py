@@ -15,8 +15,8 @@ from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted, take
 from pdcd.calibration.shown import still
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
-from pdcd.maps.map import Map, between
+from pdcd.panels.frames import WHITE
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 

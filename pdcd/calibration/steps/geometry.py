@@ -34,7 +34,7 @@ from pdcd.calibration.steps.striped import base_px, by_gray, by_maps, by_xor
 from pdcd.calibration.stripes import slope_at
 from pdcd.calibration.xor import XorCode
 from pdcd.errors import CalibrationError, ConfigError
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 from pdcd.words import MarksName
 
 Floats = NDArray[np.float64]

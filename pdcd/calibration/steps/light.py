@@ -30,7 +30,7 @@ from pdcd.calibration.script import (
 )
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.steps.sensor import BLACK, EDGE, GAIN
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]

@@ -9,14 +9,6 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import DEFAULT_GRID, Config
 from pdcd.calibration.arrows import arrows
-from pdcd.calibration.cell_size import (
-    HALF,
-    Meeting,
-    leak_of,
-    printed,
-    smallest_cell_px,
-    table,
-)
 from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.correction import Correction, corrected, fitted
 from pdcd.calibration.figures import Figure, Verdict
@@ -37,8 +29,16 @@ from pdcd.calibration.shown import still
 from pdcd.calibration.steps.geometry import finer
 from pdcd.calibration.stripes import MOVES, Stripes, patterns, periods_for
 from pdcd.calibration.window import shared
-from pdcd.frames.frames import WHITE
-from pdcd.maps.map import Map
+from pdcd.panels.frames import WHITE
+from pdcd.panels.map import Map
+from pdcd.probing.cell_size import (
+    HALF,
+    Meeting,
+    leak_of,
+    printed,
+    smallest_cell_px,
+    table,
+)
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from pdcd.calibration.response import (
 )
 from pdcd.calibration.script import Measured, Outcome, Script, Session, Wanted, take
 from pdcd.calibration.shown import Shown, still
-from pdcd.frames.frames import WHITE
+from pdcd.panels.frames import WHITE
 
 HELD = 128
 """Refreshes for which a picture is held, at least: ways from grey to grey are slow."""

@@ -16,7 +16,7 @@ from pdcd.calibration.shown import still
 from pdcd.calibration.shutter import Opened, ShutterLag, bar_cells, fit_shutter, lag_of
 from pdcd.calibration.window import shared
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
+from pdcd.panels.frames import WHITE
 
 PHOTOS = 5
 CELLS = (24, 29), (35, 40)

@@ -29,7 +29,7 @@ from pdcd.calibration.timing import LAG_LIMIT_S, Timing, coarse_delay, fit_timin
 from pdcd.calibration.timing_model import TAUS, Ran
 from pdcd.calibration.window import Window, shared
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from pdcd.api.connected import Connected
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.client import Client, Unreachable
-from pdcd.request import CaptureRequest
-from pdcd.runs.events import Event
+from pdcd.protocol.events import Event
+from pdcd.protocol.request import CaptureRequest
 from pdcd.server.daemon import serve
 from tests.bench_rig import GRID, config
 from tests.e2e.server._server_harness import threaded_daemon

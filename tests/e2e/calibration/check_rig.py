@@ -20,8 +20,8 @@ from pdcd.bench.tables import (
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.script import Outcome
 from pdcd.calibration.steps.check import KEPT, check_bench
-from pdcd.maps.placing import Placing
-from pdcd.offload.calibrating import read_arrays, write_arrays
+from pdcd.capture.worker.calibrating import read_arrays, write_arrays
+from pdcd.panels.placing import Placing
 from tests.e2e.calibration.hands import Hands
 
 SKEW_S, CONTRAST = 3.7e-3, 450.0

@@ -15,7 +15,7 @@ from pdcd.calibration.script import Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.shown import frames_of
 from pdcd.calibration.steps.check import check_bench
 from pdcd.capture.rig import Rig
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import read_raw
 

@@ -16,10 +16,10 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from pdcd.capture.engine import Engine
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
-from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
-from pdcd.runs.events import Event, StepEnded
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
+from pdcd.protocol.events import Event, StepEnded
+from pdcd.protocol.request import CalibrateRequest, CaptureResult, new_job_id
 
 QUADS = (256, 192)
 PROJECTOR_PX, MASK_PX = (256, 192), (400, 300)

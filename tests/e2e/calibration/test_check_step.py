@@ -13,10 +13,10 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.truth import truth_of
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.steps.check import KEPT, NO_LAG
+from pdcd.capture.worker.calibrating import read_arrays, write_arrays
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import between
-from pdcd.maps.placing import Placing
-from pdcd.offload.calibrating import read_arrays, write_arrays
+from pdcd.panels.map import between
+from pdcd.panels.placing import Placing
 from tests.e2e.calibration.check_rig import (
     CHANGES,
     SKEW_S,

@@ -13,8 +13,8 @@ from pdcd.bench.config import load
 from pdcd.bench.tables import Config
 from pdcd.bench.toml_text import emit
 from pdcd.cli.main import main
-from pdcd.scene.build import build_scene
-from pdcd.scene.displaced import Displaced
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.displaced import Displaced
 from tests.e2e.calibration.steps_rig import SmallBench
 
 GRID = (24, 32)

@@ -13,7 +13,7 @@ from pdcd.bench.measured import calibrated
 from pdcd.capture.again import again
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
-from pdcd.offload.calibrating import read_arrays
+from pdcd.capture.worker.calibrating import read_arrays
 from pdcd.sensor.profile import load_profile
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 

@@ -11,8 +11,8 @@ from pdcd.bench.calibration import MAPS
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.truth import truth_of
 from pdcd.capture.again import again
-from pdcd.maps.file import load_maps
-from pdcd.maps.map import between
+from pdcd.panels.map import between
+from pdcd.panels.map_file import load_maps
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 
 TRUTH = """

@@ -22,8 +22,8 @@ from pdcd.bench.truth import truth_of
 from pdcd.calibration.script import Session
 from pdcd.calibration.steps.registration import registration
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
-from pdcd.maps.placing import Placing
+from pdcd.panels.map import Map, between
+from pdcd.panels.placing import Placing
 from tests.e2e.calibration.hands import Hands
 
 TRUTH = """

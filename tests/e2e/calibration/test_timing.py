@@ -10,8 +10,8 @@ import pytest
 
 from pdcd.bench.tables import Config, RigConfig
 from pdcd.bench.truth import truth_of
-from pdcd.calibration.pulses import Answer
-from pdcd.frames.schedule import SLOTS
+from pdcd.panels.schedule import SLOTS
+from pdcd.probing.pulses import Answer
 from tests.e2e.calibration.timing_rig import (
     REFRESH_S,
     bench,

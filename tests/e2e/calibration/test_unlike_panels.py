@@ -12,8 +12,8 @@ from pdcd.bench.calibration import MAPS
 from pdcd.bench.placed import camera_map, panels_of
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import truth_of
-from pdcd.maps.file import load_maps
-from pdcd.maps.map import between
+from pdcd.panels.map import between
+from pdcd.panels.map_file import load_maps
 from tests.e2e.calibration.steps_rig import Calibrated, SmallBench, calibrate
 
 TRUTH = """

@@ -16,12 +16,12 @@ from pdcd.bench.tables import (
     SceneConfig,
     ServerConfig,
 )
-from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.capture.engine import Engine
-from pdcd.frames.schedule import SLOTS
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
-from pdcd.request import CalibrateRequest, CaptureResult, new_job_id
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
+from pdcd.panels.schedule import SLOTS
+from pdcd.probing.pulses import Answer, kept_apart
+from pdcd.protocol.request import CalibrateRequest, CaptureResult, new_job_id
 
 REFRESH_S = 1.0 / 60.0
 PROJECTOR_PX, MASK_PX, QUADS = (192, 96), (216, 120), (192, 120)

@@ -12,10 +12,10 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
 from pdcd.capture.engine import Engine
 from pdcd.capture.salvage import decode_partial
+from pdcd.pages.report.write import write as write_report
 from pdcd.pictures.decode import decode_folder
-from pdcd.report.write import write as write_report
-from pdcd.request import CaptureRequest, CaptureResult, Quality
-from pdcd.runs.events import Armed, Event
+from pdcd.protocol.events import Armed, Event
+from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from pdcd.runs.verify import verify

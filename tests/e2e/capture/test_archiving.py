@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from pdcd.capture.engine import Engine
-from pdcd.request import CaptureRequest
-from pdcd.runs.events import Archived, Event
+from pdcd.protocol.events import Archived, Event
+from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 
 

@@ -14,12 +14,12 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning.make import make_plan
+from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
-from pdcd.request import CaptureRequest, Goal, How
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig

@@ -20,8 +20,8 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest, new_job_id
-from pdcd.runs.events import Event
+from pdcd.protocol.events import Event
+from pdcd.protocol.request import CaptureRequest, new_job_id
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig, tampered

@@ -14,8 +14,8 @@ import pytest
 from pdcd.bench.tables import RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeviceLost, ExposureError
-from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Event
+from pdcd.protocol.events import Event
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.manifest import MANIFEST
 from tests import bench_rig
 

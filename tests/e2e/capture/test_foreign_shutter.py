@@ -12,7 +12,7 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, DisplayConfig, FaultsConfig, RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import ExposureError
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig, whole_rig
 from tests.e2e.capture.test_whole_rig import images
 from tests.fake_serial import FakeLine, fake_line

@@ -18,9 +18,9 @@ from pdcd.bench.devices import CameraSettings
 from pdcd.bench.tables import Config
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import make_codes
-from pdcd.frames.frames import Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel
 from pdcd.words import ScheduleName
 from tests import bench_rig, oracles

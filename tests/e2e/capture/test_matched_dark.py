@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

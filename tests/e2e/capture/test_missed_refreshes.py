@@ -22,9 +22,9 @@ from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import make_codes
 from pdcd.errors import SyncError
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.schedule import build_frames
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import build_frames
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig, SceneConfig, ScheduleConfig
 from pdcd.capture.engine import Engine
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest, Quality
+from pdcd.protocol.request import CaptureRequest, Quality
 from pdcd.runs.folder import read_manifest
-from pdcd.scene.effects import Array
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.effects import Array
+from pdcd.virtual.scene.scene import Scene
 from pdcd.words import WindowName
 from tests import bench_rig
 from tests.sampled import sampled

@@ -20,13 +20,13 @@ from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.capture.salvage import decode_partial
 from pdcd.cli.main import main
+from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import BusyError, DecodeError, RequestError
+from pdcd.files.inside import opened
 from pdcd.pictures.decode import decode_folder
-from pdcd.pilot.codes import SCOUTS
-from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Armed, Decoding, Event
+from pdcd.protocol.events import Armed, Decoding, Event
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import RunFolder, read_manifest
-from pdcd.runs.inside import opened
 from pdcd.runs.ledger import read_ledger
 from pdcd.runs.place import Place
 from pdcd.runs.verify import verify
@@ -68,7 +68,7 @@ from pathlib import Path
 import pdcd.capture.salvage as salvage
 import tests.e2e.capture.test_partial as t
 from pdcd.capture.job import Journal
-from pdcd.runs.events import Decoding
+from pdcd.protocol.events import Decoding
 
 def die():
     os.kill(os.getpid(), signal.SIGKILL)

@@ -17,7 +17,7 @@ from pdcd.bench.tables import (
     ScheduleConfig,
 )
 from pdcd.capture.engine import Engine
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 from tests.places import DATA

@@ -22,11 +22,11 @@ from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
-from pdcd.frames.frames import BLACK, FrameLog
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import BLACK, FrameLog
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import collect, factors
-from pdcd.request import CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

@@ -15,10 +15,10 @@ from drivers.virtual_camera import BULB_BODY, Body, VirtualUsb
 from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import ConfigError
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
-from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Event, ShutterOpen
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
+from pdcd.protocol.events import Event, ShutterOpen
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from tests import bench_rig
 from tests.placed_film import PlacedFilm, Shot, masked_dng
 

@@ -13,12 +13,12 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
 from pdcd.pictures.combine import combine
 from pdcd.pictures.decode import decode_folder
-from pdcd.pictures.develop import read_tiff
 from pdcd.pictures.exposed import Print
+from pdcd.pictures.written.develop import read_tiff
 from pdcd.probing.realised import Factors
+from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import recipe_of
-from pdcd.request import CaptureRequest, Goal, How
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 

@@ -12,11 +12,11 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.pictures import bars
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.photos import NOTHING_TOLD
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

@@ -12,9 +12,9 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from tests import bench_rig
 from tests.sampled import sampled
 

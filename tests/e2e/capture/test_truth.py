@@ -13,8 +13,8 @@ from pdcd.bench.tables import (
     ServerConfig,
 )
 from pdcd.capture.engine import Engine
-from pdcd.maps.placing import Placing
-from pdcd.request import CaptureRequest
+from pdcd.panels.placing import Placing
+from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 
 GRID = (12, 16)

@@ -16,7 +16,7 @@ from pdcd.capture.engine import Engine
 from pdcd.errors import ConfigError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.planning.make import make_plan
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig

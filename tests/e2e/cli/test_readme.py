@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.client import Client, Unreachable
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.places import ROOT
 
 PATIENCE_S = 60.0

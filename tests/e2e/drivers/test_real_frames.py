@@ -27,10 +27,10 @@ from drivers.virtual_camera import BULB_BODY, Body, Exposure, VirtualUsb
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, TriggerConfig
 from pdcd.capture.engine import Engine
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing, placed
-from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Event, ShutterClosed
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing, placed
+from pdcd.protocol.events import Event, ShutterClosed
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify
 from tests import bench_rig

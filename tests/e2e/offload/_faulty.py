@@ -11,7 +11,7 @@ import sys
 import time
 from typing import Any, NoReturn
 
-from pdcd.offload.limits import confine
+from pdcd.capture.worker.limits import confine
 
 
 def main() -> int:
@@ -29,7 +29,7 @@ def main() -> int:
         os._exit(3)
 
     rawpy.imread = imread  # type: ignore[assignment]
-    from pdcd.offload import process
+    from pdcd.capture.worker import process
 
     return process.main(fd)
 

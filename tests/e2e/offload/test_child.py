@@ -18,17 +18,17 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, LimitsConfig
 from pdcd.capture.engine import Engine
+from pdcd.capture.worker.birth import born
+from pdcd.capture.worker.desk import Desk
+from pdcd.capture.worker.keeper import Child
 from pdcd.errors import Cancelled, PdcdError, PlanError
-from pdcd.offload.birth import born
-from pdcd.offload.desk import Desk
-from pdcd.offload.keeper import Child
-from pdcd.pictures.watch import Watch
-from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Event, Planning
+from pdcd.protocol.events import Event, Planning
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.manifest import MANIFEST
 from pdcd.runs.patterns import read_patterns
 from pdcd.runs.place import Place
+from pdcd.watch import Watch
 from tests import bench_rig
 
 REQUEST = CaptureRequest(goal="indirect", codes=4, white=False)

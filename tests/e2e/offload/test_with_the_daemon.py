@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.errors import PlanError
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.e2e.server.test_daemon_real import connect, daemon
 
 REQUEST = CaptureRequest(goal="indirect", codes=8, white=False)
@@ -20,7 +20,7 @@ def work_process(daemon_pid: int) -> int:
     """Process number of the daemon's work process."""
     threads = Path(f"/proc/{daemon_pid}/task").glob("*/children")
     for pid in (int(word) for thread in threads for word in thread.read_text().split()):
-        if b"pdcd.offload" in Path(f"/proc/{pid}/cmdline").read_bytes():
+        if b"pdcd.capture.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
             return pid
     raise AssertionError("the daemon has no work process")
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.placing import Placing, placed
 from pdcd.pictures import darkroom
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
-from pdcd.pictures.develop import read_tiff
-from pdcd.request import CaptureRequest
+from pdcd.pictures.written.develop import read_tiff
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw

@@ -10,7 +10,7 @@ from pdcd.bench.devices import RawFile
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 
 REQUEST = CaptureRequest(goal="indirect", codes=4, white=False)

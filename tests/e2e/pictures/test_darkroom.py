@@ -16,7 +16,7 @@ from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.row import matrix_row
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.sensor import raw
 from pdcd.words import MethodName

@@ -10,9 +10,9 @@ import pytest
 
 from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.pictures.captions import HEIGHT_PX
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest
+from pdcd.pictures.written.captions import HEIGHT_PX
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import Manifest
 from tests import bench_rig

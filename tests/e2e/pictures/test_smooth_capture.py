@@ -9,7 +9,7 @@ import pytest
 from pdcd.bench.tables import CameraConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from tests import bench_rig
 
 

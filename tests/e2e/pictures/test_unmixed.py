@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, SceneConfig
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests.bench.captures import capture_with, opened
 from tests.bench_rig import cells_error

@@ -26,10 +26,10 @@ from pdcd.bench.tables import (
     RigConfig,
     SceneConfig,
 )
-from pdcd.frames.frames import Frames
-from pdcd.frames.patterns import Patterns, pack
-from pdcd.maps.placing import Placing
-from pdcd.request import CaptureRequest, Quality
+from pdcd.panels.frames import Frames
+from pdcd.panels.patterns import Patterns, pack
+from pdcd.panels.placing import Placing
+from pdcd.protocol.request import CaptureRequest, Quality
 from pdcd.runs.folder import read_manifest
 from tests.bench.captures import capture_with, opened
 

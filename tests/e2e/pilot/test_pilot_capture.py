@@ -10,10 +10,10 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, LimitsConfig, PanelConfig, SceneConfig
 from pdcd.capture.engine import Engine
+from pdcd.codes.pilot.codes import SCOUTS
 from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder
-from pdcd.pilot.codes import SCOUTS
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import ShotRecord
 from tests import bench_rig

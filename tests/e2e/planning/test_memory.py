@@ -16,11 +16,11 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import PdcdError, RequestError
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning import memory
 from pdcd.planning.guided import plan_for
-from pdcd.request import CaptureRequest, new_job_id
+from pdcd.protocol.request import CaptureRequest, new_job_id
 from pdcd.sensor import cells
 from tests import bench_rig
 from tests.sampled import sampled

@@ -19,9 +19,9 @@ from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder
 from pdcd.planning.given import from_path, read_given
 from pdcd.planning.prior import GivenPrior, load_prior
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.runs.folder import read_manifest
-from pdcd.scene.presets import PRESETS
+from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
 from tests.e2e.server.test_daemon_real import connect, daemon
 from tests.places import DATA

@@ -17,11 +17,11 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
+from pdcd.pages.report import write
 from pdcd.pictures.darkroom import Darkroom
-from pdcd.pictures.develop import read_tiff
 from pdcd.pictures.row import matrix_row
-from pdcd.report import write
-from pdcd.request import CaptureRequest
+from pdcd.pictures.written.develop import read_tiff
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.verify import verify
 from tests import bench_rig, tools

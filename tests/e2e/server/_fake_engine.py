@@ -18,18 +18,18 @@ import msgspec
 
 from pdcd.bench.tables import Config, RigConfig, ServerConfig
 from pdcd.errors import Cancelled, DeviceLost, RequestError, of_kind
-from pdcd.recipes.arrays import Floats, Given
-from pdcd.request import (
+from pdcd.protocol import events
+from pdcd.protocol.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
+from pdcd.protocol.request import (
     CalibrateRequest,
     CaptureRequest,
     CaptureResult,
     PlanSummary,
     ShotSummary,
 )
-from pdcd.runs import events
-from pdcd.runs.events import Armed, Emit, Progress, ShutterClosed, ShutterOpen
+from pdcd.protocol.views import OwnerView, Preview, RigView
+from pdcd.recipes.arrays import Floats, Given
 from pdcd.runs.place import Place
-from pdcd.runs.views import OwnerView, Preview, RigView
 from pdcd.server.daemon import run
 from pdcd.words import JobState
 

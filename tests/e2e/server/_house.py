@@ -16,13 +16,13 @@ import msgspec
 
 from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import ConfigError
-from pdcd.request import CaptureRequest
+from pdcd.protocol.messages import PROTOCOL, ClockAnchor, Hello
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.roles import Role
 from pdcd.server.access import Access
 from pdcd.server.callers import Caller
 from pdcd.server.connections import Server, Service
-from pdcd.server.messages import PROTOCOL, ClockAnchor, Hello
 from pdcd.server.protocol import Request
-from pdcd.server.roles import Role
 from tests.e2e.server._server_harness import PATIENCE_S
 
 

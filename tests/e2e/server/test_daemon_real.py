@@ -17,9 +17,9 @@ import pytest
 from pdcd.bench import config as settings
 from pdcd.bench.tables import CameraConfig, RigConfig
 from pdcd.client import Client, Unreachable
-from pdcd.request import CaptureRequest, Quality
-from pdcd.runs.entry import RunQuery
-from pdcd.runs.events import Progress
+from pdcd.protocol.entry import RunQuery
+from pdcd.protocol.events import Progress
+from pdcd.protocol.request import CaptureRequest, Quality
 from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 

@@ -13,8 +13,8 @@ import pytest
 from pdcd.bench.tables import CameraConfig, DisplayConfig, FaultsConfig, RigConfig
 from pdcd.client import Client
 from pdcd.errors import ProtocolError
-from pdcd.request import CalibrateRequest, CaptureRequest
-from pdcd.runs.events import ENDS, THINNED, TYPES, Event, Queued, Unknown, read, wire
+from pdcd.protocol.events import ENDS, THINNED, TYPES, Event, Queued, Unknown, read, wire
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest
 from pdcd.runs.folder import read_manifest
 from tests.e2e.server.test_daemon_real import connect, daemon, wait_for_codes
 from tests.heard import Heard

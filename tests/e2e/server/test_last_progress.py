@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.runs.events import Emit, Progress
+from pdcd.protocol.events import Emit, Progress
 from tests.e2e.server._server_harness import daemon
 
 PATIENCE_S = 20.0

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from pdcd.bench.tables import Config
+from pdcd.protocol.messages import ShowParams
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.recipes.arrays import NOTHING
-from pdcd.request import CaptureRequest, CaptureResult
 from pdcd.server.jobs import Job, JobTable, Owner
-from pdcd.server.messages import ShowParams
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
 from tests.e2e.server._fake_engine import FakeEngine

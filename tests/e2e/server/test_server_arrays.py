@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import RigConfig, ServerConfig
 from pdcd.client import Client
 from pdcd.errors import BusyError, PdcdError, RequestError
-from pdcd.inputs import opening
-from pdcd.inputs.read import read_array
-from pdcd.inputs.sending import Sendable
-from pdcd.request import CaptureRequest, Sent
+from pdcd.files import opening
+from pdcd.files.read import read_array
+from pdcd.files.sending import Sendable
+from pdcd.protocol.request import CaptureRequest, Sent
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.patterns import read_patterns
 from pdcd.server.access import Peer

@@ -12,9 +12,9 @@ import msgspec
 import pytest
 
 from pdcd.client import Client
-from pdcd.request import CalibrateRequest
-from pdcd.runs.events import Attention, Event
-from pdcd.server.messages import PROTOCOL, ClockAnchor, Hello
+from pdcd.protocol.events import Attention, Event
+from pdcd.protocol.messages import PROTOCOL, ClockAnchor, Hello
+from pdcd.protocol.request import CalibrateRequest
 from pdcd.words import StepName
 from tests.e2e.server._server_harness import daemon, threaded_daemon
 from tests.e2e.server._users import ANNA, BERT, Users

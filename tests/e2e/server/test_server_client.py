@@ -16,9 +16,9 @@ import pytest
 
 from pdcd.client import Client, Unreachable
 from pdcd.errors import BusyError, DeviceLost, PdcdError, ProtocolError, RequestError
-from pdcd.request import CaptureRequest
-from pdcd.runs.events import Event
-from pdcd.server.messages import MAX_LINE, PROTOCOL
+from pdcd.protocol.events import Event
+from pdcd.protocol.messages import MAX_LINE, PROTOCOL
+from pdcd.protocol.request import CaptureRequest
 from tests.e2e.server._server_harness import nothing_left, threaded_daemon
 
 WHITE = CaptureRequest(goal="white")

@@ -19,8 +19,8 @@ import pytest
 
 from pdcd.client import Client
 from pdcd.errors import ProtocolError
+from pdcd.protocol.messages import MAX_FDS
 from pdcd.server import connections
-from pdcd.server.messages import MAX_FDS
 from tests.e2e.server._house import Guest, held, house
 from tests.e2e.server._server_harness import PATIENCE_S, nothing_left
 

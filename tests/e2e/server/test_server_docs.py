@@ -17,10 +17,11 @@ from typing import Any, BinaryIO
 import pytest
 
 from pdcd.bench.tables import LimitsConfig
-from pdcd.runs.events import COMMON, TYPES
-from pdcd.server import callers, connections, messages
-from pdcd.server.messages import CODES, METHODS
-from pdcd.server.roles import Role
+from pdcd.protocol import messages
+from pdcd.protocol.events import COMMON, TYPES
+from pdcd.protocol.messages import CODES, METHODS
+from pdcd.protocol.roles import Role
+from pdcd.server import callers, connections
 from tests.places import ROOT
 from tests.sampled import sampled
 from tests.tools import linked, needs, program

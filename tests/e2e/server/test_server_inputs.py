@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.server.messages import MAX_LINE
+from pdcd.protocol.messages import MAX_LINE
 from tests.e2e.server._server_harness import daemon, nothing_left
 
 

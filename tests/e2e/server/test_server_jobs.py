@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pdcd.runs.views import OwnerView
+from pdcd.protocol.views import OwnerView
 from tests.e2e.server._server_harness import Daemon, Wire, daemon, nothing_left
 
 

@@ -16,12 +16,12 @@ import pytest
 
 from pdcd.bench.tables import Config, RoleConfig, ServerConfig
 from pdcd.errors import ConfigError
+from pdcd.protocol.roles import Role
 from pdcd.server import callers
 from pdcd.server import daemon as server_daemon
 from pdcd.server.access import Peer
 from pdcd.server.callers import QUEUE_LINES, Caller
 from pdcd.server.daemon import serve
-from pdcd.server.roles import Role
 from pdcd.server.stream import Stream
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import daemon, nothing_left

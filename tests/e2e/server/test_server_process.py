@@ -23,9 +23,9 @@ import pytest
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.client import Client, Unreachable
 from pdcd.errors import PdcdError
-from pdcd.request import CaptureRequest
+from pdcd.protocol.messages import METHODS
+from pdcd.protocol.request import CaptureRequest
 from pdcd.server.daemon import serve
-from pdcd.server.messages import METHODS
 from tests.e2e.server._fake_engine import FakeEngine
 from tests.e2e.server._server_harness import PATIENCE_S, Wire, nothing_left
 from tests.places import ROOT

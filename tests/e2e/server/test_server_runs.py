@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from pdcd.client import Client
-from pdcd.runs.entry import Page, RunQuery, StoredRun
+from pdcd.protocol.entry import Page, RunQuery, StoredRun
+from pdcd.protocol.messages import MAX_LINE
 from pdcd.runs.index import runs
 from pdcd.server import connections, methods
-from pdcd.server.messages import MAX_LINE
 from tests.e2e.server._server_harness import daemon, nothing_left, threaded_daemon
 from tests.run_folders import cut, finished, job
 

@@ -18,9 +18,9 @@ from pdcd.api.local import LocalBench, local
 from pdcd.bench.tables import Config
 from pdcd.capture.engine import Engine
 from pdcd.errors import DeniedError, DeviceLost, PdcdError, RequestError
-from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Event, Started
-from pdcd.runs.views import RigView
+from pdcd.protocol.events import Event, Started
+from pdcd.protocol.request import CaptureRequest, CaptureResult
+from pdcd.protocol.views import RigView
 
 WHITE = CaptureRequest(goal="white")
 DONE = CaptureResult(job="j", state="done", folder="/x/j")

@@ -14,7 +14,7 @@ from pdcd.api.local import configured
 from pdcd.bench.tables import Config, DisplayConfig, FaultsConfig, LimitsConfig, RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import Cancelled, ConfigError, DeviceLost, RequestError
-from pdcd.runs.events import Event
+from pdcd.protocol.events import Event
 from tests.bench_rig import GRID, config, transport
 
 

@@ -12,7 +12,7 @@ import pytest
 import pdcd
 from pdcd.api.arguments import FIELDS, Arguments, asked
 from pdcd.errors import RequestError
-from pdcd.request import ARRAYS, CaptureRequest
+from pdcd.protocol.request import ARRAYS, CaptureRequest
 
 
 def test_import_pdcd_loads_next_to_nothing() -> None:

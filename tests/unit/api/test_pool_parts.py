@@ -15,10 +15,10 @@ from pdcd.api import pool, task, worker
 from pdcd.api.pool import in_processes, on_cluster
 from pdcd.api.task import Record, Task
 from pdcd.bench.tables import Config
+from pdcd.capture.worker.birth import Newborn
+from pdcd.capture.worker.pipe import Inbox, packed
 from pdcd.errors import ConfigError, PdcdError
-from pdcd.offload.birth import Newborn
-from pdcd.offload.pipe import Inbox, packed
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 
 def tasks(*notes: str) -> list[Task]:

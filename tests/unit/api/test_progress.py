@@ -10,8 +10,8 @@ import pytest
 
 from pdcd.api import progress
 from pdcd.api.progress import Left, Stages, bar, notebook, share_of, shown, words_of
-from pdcd.runs import events
-from pdcd.runs.events import Attention, Progress
+from pdcd.protocol import events
+from pdcd.protocol.events import Attention, Progress
 
 
 class Handle:

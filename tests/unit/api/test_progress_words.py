@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
-from pdcd.api import notebook as notebook_module
 from pdcd.api import progress as module
 from pdcd.api.progress import Left, Stages, bar, drawn, share_of, shown, words_of
 from pdcd.api.signals import held_back, signals_to
-from pdcd.runs import events
+from pdcd.protocol import events
 
 
 class Terminal(io.StringIO):
@@ -131,7 +130,7 @@ def test_a_line_of_a_notebook_is_full_at_most(monkeypatch: pytest.MonkeyPatch) -
     vars(page).update(display=display)
     monkeypatch.setitem(sys.modules, "IPython", ipython)
     monkeypatch.setitem(sys.modules, "IPython.display", page)
-    with notebook_module.line() as show:
+    with module.notebook_line() as show:
         for share in ((3.0, 2.0), (1.0, 2.0), (1.0, 0.0), (1.0, 0.5), None):
             show("w", share, True)
     empty = '<progress max="1"></progress>'

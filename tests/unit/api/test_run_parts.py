@@ -16,8 +16,8 @@ from pdcd.api import html
 from pdcd.api import run as module
 from pdcd.api.run import Run
 from pdcd.errors import DecodeError
-from pdcd.frames.patterns import pack
-from pdcd.request import Quality
+from pdcd.panels.patterns import pack
+from pdcd.protocol.request import Quality
 from tests.unit.api.test_tasks import run_of
 
 
@@ -32,7 +32,7 @@ def test_pictures_are_read_once_each_when_asked_for(monkeypatch: pytest.MonkeyPa
         read.append(path)
         return f"picture {len(read)}"
 
-    monkeypatch.setattr("pdcd.pictures.develop.read_tiff", read_tiff)
+    monkeypatch.setattr("pdcd.pictures.written.develop.read_tiff", read_tiff)
     monkeypatch.setattr(Run, "checked", lambda self, name: Path("/checked") / name)
     names = ("linear/a.tif", "linear/b.c.tif", "other/d.tif", "linear/e.png", "linear.tif")
     pictures: Any = run_of(files=files(*names)).pictures
@@ -105,10 +105,8 @@ def test_patterns_that_fit_no_window_are_none(monkeypatch: pytest.MonkeyPatch) -
     assert run.codes["coded"].mask.dtype == np.bool_
 
 
-def small(tmp_path: Path, image: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    path = tmp_path / "a.png"
-    cv2.imwrite(str(path), image)
-    data = html._small(path)
+def small(image: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    data = html._small("a", cv2.imencode(".png", image)[1].tobytes())
     assert data.startswith(b"\xff\xd8")  # JPEG
     return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
 
@@ -121,36 +119,36 @@ def small(tmp_path: Path, image: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     ],
 )  # fmt: skip
 def test_previews_are_at_most_320_pixels_wide(
-    shape: tuple[int, int], wanted: tuple[int, int], tmp_path: Path
+    shape: tuple[int, int], wanted: tuple[int, int]
 ) -> None:
-    found = small(tmp_path, np.full((*shape, 3), 100, np.uint8))
+    found = small(np.full((*shape, 3), 100, np.uint8))
     assert found.shape == (*wanted, 3)
 
 
-def test_a_small_preview_is_made_of_all_pixels(tmp_path: Path) -> None:
+def test_a_small_preview_is_made_of_all_pixels() -> None:
     stripes = np.zeros((16, 1280, 3), np.uint8)
     stripes[:, ::4] = 200  # one of the four columns that become one
-    assert abs(float(small(tmp_path, stripes).mean()) - 50.0) < 3.0
+    assert abs(float(small(stripes).mean()) - 50.0) < 3.0
 
 
 @pytest.mark.parametrize("data", [b"", b"no picture", b"\x89PNG\r\n\x1a\n" + bytes(40)])
-def test_a_preview_that_is_no_picture_is_told_apart(data: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    path.write_bytes(data)
-    with pytest.raises(DecodeError, match=r"a\.png is (no picture|damaged)"):
-        html._small(path)
+def test_a_preview_that_is_no_picture_is_told_apart(data: bytes) -> None:
+    with pytest.raises(DecodeError, match=r"a is (no picture|damaged)"):
+        html._small("a", data)
 
 
 def test_the_answer_of_a_run_is_shown_in_so_many_pictures(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(Run, "checked", lambda self, name: Path(name))
-    monkeypatch.setattr(html, "_small", lambda path: path.stem.encode())
+    monkeypatch.setattr(Run, "checked", lambda self, name: tmp_path / Path(name).name)
+    monkeypatch.setattr(html, "_small", lambda name, content: content)
     names = ("preview/a.png", "preview/b.png", "preview/transport.png", "preview/odd.png",
              "preview/c.jpg", "views/d.png")  # fmt: skip
     run: Any = run_of(summary={"picture": "b"}, files=files(*names))
     run.pictures = dict.fromkeys("abcd")
-    shown = html.run_html(run)
+    for name in ("a", "b", "transport"):
+        (tmp_path / f"{name}.png").write_text(name)
+    shown = run._repr_html_()
     found = re.findall(r'<img src="data:image/jpeg;base64,([^"]*)" alt="(\w+)" title="(\w+)"'
                        r' width="320">', shown)  # fmt: skip
     assert found == [
@@ -162,11 +160,11 @@ def test_the_answer_of_a_run_is_shown_in_so_many_pictures(
 def test_what_is_to_be_known_of_a_run_is_listed_in_order() -> None:
     quality = Quality(verdict="doubtful", reasons=("r",), remarks=("<m>",))
     summary: Any = {"quality": quality, "codes": 8, "parts": 2, "rms_sigma": 0.5, "rms_error": 1}
-    shown = html.run_html(run_of(summary=summary, folder=Path("/elsewhere/j")))
+    shown = run_of(summary=summary, folder=Path("/elsewhere/j"))._repr_html_()
     assert "<ul><li>r</li><li>&lt;m&gt;</li><li>&lt;w&gt;</li></ul></div>" in shown
     rows = (("codes", "8"), ("parts", "2"), ("RMS sigma", "50 %"), ("folder", "/elsewhere/j"))
     body = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
     assert f"<th>verdict</th><th>doubtful</th></tr></thead><tbody>{body}</tbody>" in shown
     bare: Any = run_of(folder=Path("/elsewhere/j"))
     bare.manifest.warnings = ()
-    assert "<ul>" not in html.run_html(bare) and "<th></th>" in html.run_html(bare)
+    assert "<ul>" not in bare._repr_html_() and "<th></th>" in bare._repr_html_()

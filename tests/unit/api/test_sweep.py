@@ -18,7 +18,7 @@ from pdcd.api.local import LocalBench
 from pdcd.api.task import ENDING, Record, key_of
 from pdcd.bench.tables import Config
 from pdcd.errors import BusyError, ConfigError, DeviceLost, RequestError
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from tests.bench_rig import config, matrix_scene, transport
 
 REQUESTS: list[Any] = [
@@ -173,7 +173,7 @@ def test_on_one_bench_one_after_the_other(
 
 MORTAL = """
 import os, sys, socket
-from pdcd.offload.pipe import packed
+from pdcd.capture.worker.pipe import packed
 
 with socket.socket(fileno=int(sys.argv[1])) as ours:
     while data := ours.recv(65536):  # a task, whole: it is small

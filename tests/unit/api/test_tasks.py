@@ -10,11 +10,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
 
-from pdcd.api import html, pool, sweep
+from pdcd.api import pool, sweep
 from pdcd.api.arguments import asked, plain
 from pdcd.api.bench import finished
 from pdcd.api.ledger import NAME, Ledger
@@ -24,12 +25,12 @@ from pdcd.api.run import Run
 from pdcd.api.table import Table
 from pdcd.api.task import ENDING, Record, Task, ended, failed, held, taken
 from pdcd.bench.tables import Config, SceneConfig
+from pdcd.capture.worker.birth import Newborn
+from pdcd.capture.worker.pipe import packed
 from pdcd.errors import BusyError, DecodeError, DeviceLost, PdcdError, RequestError
-from pdcd.inputs.limits import Limits
-from pdcd.inputs.npy import read_npz
-from pdcd.offload.birth import Newborn
-from pdcd.offload.pipe import packed
-from pdcd.request import CaptureRequest, CaptureResult, Quality
+from pdcd.files.limits import Limits
+from pdcd.files.npy import read_npz
+from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality
 
 WHITE = CaptureRequest(goal="white")
 
@@ -400,33 +401,36 @@ def test_a_run_tells_its_figures_as_far_as_they_are_known() -> None:
 
 def test_a_run_in_a_notebook_has_a_line_for_each_figure() -> None:
     summary = {"codes": 8.0, "exposure_s": 1.23456, "missed_refreshes": 0, "rms_error": 0.012345}
-    shown = html.run_html(run_of(summary=summary, folder=Path.cwd() / "runs" / "j"))
+    shown = run_of(summary=summary, folder=Path.cwd() / "runs" / "j")._repr_html_()
     for cells in (("codes", "8"), ("exposure", "1.23 s"), ("RMS error", "1.23 %"),
                   ("folder", "runs/j")):  # fmt: skip
         assert "<td>{}</td><td>{}</td>".format(*cells) in shown
     assert "missed" not in shown and "RMS sigma" not in shown and "<img" not in shown
     assert "<li>&lt;w&gt;</li>" in shown
-    assert "<td>/x</td>" in html.run_html(run_of())
+    assert "<td>/x</td>" in run_of()._repr_html_()
 
 
-def test_a_preview_that_cannot_be_read_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_preview_that_cannot_be_read_is_left_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     names = ("white", "direct", "indirect", "high", "low", "odd")
     run: Any = run_of(
         summary={"picture": "low"}, files=dict.fromkeys(f"preview/{n}.png" for n in names)
     )
     run.pictures = dict.fromkeys(names[:5])
-    monkeypatch.setattr(Run, "checked", lambda self, name: Path(name))
     faults: dict[str, Exception] = {}
+    (tmp_path / "a.png").write_bytes(cv2.imencode(".png", np.zeros((2, 2, 3), np.uint8))[1])
 
-    def small(path: Path) -> bytes:
-        if path.stem in faults:
-            raise faults[path.stem]
-        return b"jpeg"
+    def checked(self: Run, name: str) -> Path:
+        if Path(name).stem in faults:
+            raise faults[Path(name).stem]
+        return tmp_path / "a.png"
+
+    monkeypatch.setattr(Run, "checked", checked)
 
     def shown() -> list[str]:
-        return re.findall(r'alt="(\w+)"', html.run_html(run))
+        return re.findall(r'alt="(\w+)"', run._repr_html_())
 
-    monkeypatch.setattr(html, "_small", small)
     # The answer first, and no more than four; one without linear values is none.
     assert shown() == ["low", "direct", "high", "indirect"]
     faults |= {"direct": DecodeError("damaged"), "low": OSError("gone")}

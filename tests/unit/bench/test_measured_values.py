@@ -25,7 +25,7 @@ from pdcd.bench.measured import (
 )
 from pdcd.bench.tables import CalibrationConfig, Config, PanelConfig, RigConfig, ServerConfig
 from pdcd.errors import ConfigError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from tests.unit.bench._calibrations import entry, of_rig, record, written
 
 

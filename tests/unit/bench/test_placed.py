@@ -15,9 +15,9 @@ from pdcd.bench.tables import Config
 from pdcd.capture.rig import Rig
 from pdcd.cli.main import main
 from pdcd.errors import ConfigError
-from pdcd.maps.file import save_maps
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
+from pdcd.panels.map import Map
+from pdcd.panels.map_file import save_maps
+from pdcd.panels.placing import Placing
 
 MASK = Map.filling((1600, 1200)).then([[0.9, 0.02, 0.03], [0.01, -0.95, 0.98], [0.0, 0.01, 1.0]])
 

@@ -17,8 +17,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.timing_model import Ran
-from pdcd.frames.frames import WHITE, FrameLog
-from pdcd.maps.map import Map
+from pdcd.panels.frames import WHITE, FrameLog
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 

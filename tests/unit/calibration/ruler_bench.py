@@ -20,8 +20,8 @@ from scipy.special import ndtr
 
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown, still
-from pdcd.frames.frames import BLACK, WHITE
-from pdcd.maps.map import Map, between
+from pdcd.panels.frames import BLACK, WHITE
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 

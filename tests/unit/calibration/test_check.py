@@ -15,7 +15,7 @@ from pdcd.calibration.check import Checked, Dots, Look, check, closed_share, par
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.skew_change import skew_change
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
+from pdcd.panels.map import Map, between
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.coaxial import Parallax, parallax
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, matrix
+from pdcd.panels.map import Map, matrix
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import pytest
 from pdcd.calibration.compose import compose, one_field
 from pdcd.calibration.fit import Fitted, Pairs, fit_map
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import between
+from pdcd.panels.map import between
 from tests.unit.calibration.geometry_bench import Way
 
 FRAME = (1424, 2136)

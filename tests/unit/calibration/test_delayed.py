@@ -8,7 +8,7 @@ import pytest
 from pdcd.calibration.delayed import delayed, ran_as
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.timing_model import Ran
-from pdcd.frames.frames import FrameLog
+from pdcd.panels.frames import FrameLog
 
 REFRESH_NS = 16_666_667
 

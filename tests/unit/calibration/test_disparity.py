@@ -14,14 +14,14 @@ from pdcd.calibration.phase import Decoded, PhaseCode
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import frames_of
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import FrameLog
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing, placed
-from pdcd.optics.bench import OpticalBench
-from pdcd.optics.products import Exposure
+from pdcd.panels.frames import FrameLog
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing, placed
+from pdcd.protocol.request import Goal
 from pdcd.recipes.matching import matches, places_of
-from pdcd.request import Goal
-from pdcd.scene.build import build_scene
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.scene.build import build_scene
 from tests.unit.calibration.decoding import decode
 
 GRID = (12, 16)

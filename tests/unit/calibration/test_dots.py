@@ -9,7 +9,7 @@ from scipy.ndimage import binary_dilation, center_of_mass, label
 from pdcd.calibration.dots import DotGrid, PanelName
 from pdcd.calibration.lattice import SYMMETRIES, placed
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK, WHITE
+from pdcd.panels.frames import BLACK, WHITE
 
 PROJECTOR = DotGrid.usual("projector", (1024, 768))
 MASK = DotGrid.usual("mask", (1600, 1200))

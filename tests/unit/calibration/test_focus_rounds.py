@@ -14,8 +14,8 @@ from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Wanted
 from pdcd.calibration.steps.focus import focus
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
 from tests.unit.calibration.scripted import Answered, Run, run, session_of
 from tests.unit.planning.test_measured import config
 

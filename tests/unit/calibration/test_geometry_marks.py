@@ -20,8 +20,8 @@ from pdcd.calibration.script import Outcome, Wanted
 from pdcd.calibration.steps.geometry import geometry, marks_of
 from pdcd.calibration.steps.striped import base_px
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map, between
-from pdcd.maps.placing import Placing
+from pdcd.panels.map import Map, between
+from pdcd.panels.placing import Placing
 from tests.unit.calibration.geometry_bench import Bench, Way, small_way
 from tests.unit.calibration.scripted import Answered, run, session_of
 

@@ -10,7 +10,7 @@ from pdcd.calibration.lamp import Iris, Lamp, iris_of, iris_photos, lamp_of
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.polariser import Curve, Polariser, curve_of, polariser_of
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
+from pdcd.panels.frames import WHITE
 
 TIMES = np.array([0.0, 10.0, 20.0, 30.0, 40.0])
 ZIGZAG = np.array([1.0, -2.0, 2.0, -2.0, 1.0])

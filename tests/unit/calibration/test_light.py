@@ -17,8 +17,8 @@ from pdcd.calibration.light_plan import COVERED, Edges, LightPlan
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.patterns import none
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.patterns import none
 from pdcd.probing.realised import bench_factors, collect
 from tests.unit.calibration.light_bench import LightBench, TruePanel, TrueSensor
 

@@ -17,7 +17,7 @@ from pdcd.calibration.script import Wanted
 from pdcd.calibration.steps.light import COVER, LAMP_PHOTOS, UNCOVER, light
 from pdcd.calibration.steps.sensor import BLACK, EDGE, GAIN
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
+from pdcd.panels.frames import WHITE
 from tests.unit.calibration.scripted import Answered, Run, run, session_of
 from tests.unit.planning.test_measured import config
 

@@ -10,7 +10,7 @@ from pdcd.calibration.mask_blur import MaskBlur, blur
 from pdcd.calibration.registration import Series
 from pdcd.calibration.stripes import Stripes, attenuation
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 

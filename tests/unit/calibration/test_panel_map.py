@@ -25,7 +25,7 @@ from pdcd.calibration.panel_map import (
     turned_against,
 )
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from tests.unit.calibration.geometry_bench import Bench, Way, small_way
 
 FRAME = (320, 480)

@@ -16,7 +16,7 @@ from pdcd.calibration.photo import Photo
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.xor import XorCode
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
+from pdcd.panels.frames import WHITE
 from tests.unit.calibration.decoding import decode, decode_by_prior, decode_xor
 from tests.unit.calibration.geometry_bench import Bench, Way
 

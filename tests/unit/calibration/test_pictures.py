@@ -11,8 +11,8 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.calibration.pictures import FLASH_EVERY, MOVING, POSITIONS, STEPS, STILL
 from pdcd.capture.show import PATTERNS, pattern_frames, pixel_frames, sheet
-from pdcd.frames.draw import draw
-from pdcd.frames.frames import BLACK
+from pdcd.panels.draw import draw
+from pdcd.panels.frames import BLACK
 from pdcd.words import MovingName, PatternName
 
 SIZES = ((64, 48), (101, 77))

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.calibration.cell_size import Meeting
 from pdcd.calibration.correction import Correction, bent_to, corrected, fitted
 from pdcd.calibration.mask_blur import blur
 from pdcd.calibration.photo import Photo
@@ -19,7 +18,8 @@ from pdcd.calibration.registration import Offsets, Series, joined, measure, near
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.stripes import FINE, RULER, Stripes, patterns, periods_for
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
+from pdcd.probing.cell_size import Meeting
 from tests.unit.calibration.ruler_bench import RulerBench, misplaced
 
 Floats = NDArray[np.float64]

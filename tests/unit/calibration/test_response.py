@@ -21,7 +21,7 @@ from pdcd.calibration.response import (
     strips_seen,
 )
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from tests.unit.calibration.light_bench import LightBench
 
 Floats = NDArray[np.float64]

@@ -14,9 +14,9 @@ from pdcd.calibration.photo import Photo, Seen
 from pdcd.calibration.script import Wanted
 from pdcd.calibration.steps.response import HELD, response
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
+from pdcd.panels.frames import WHITE
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
 from tests.unit.calibration.scripted import Answered, Run, run, session_of
 from tests.unit.calibration.test_response import CAMERA, PANEL, Law, power, s_curve, series
 from tests.unit.planning.test_measured import config

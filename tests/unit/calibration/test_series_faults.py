@@ -19,7 +19,7 @@ from pdcd.calibration.series_faults import (
     refuse_saturated,
 )
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from pdcd.calibration.light_plan import COVERED, LightPlan
 from pdcd.calibration.script import Measured, Outcome, Taken, Wanted, take
 from pdcd.calibration.shown import still
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import BLACK, WHITE
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
+from pdcd.panels.frames import BLACK, WHITE
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
 from tests.unit.calibration.scripted import run, session_of
 from tests.unit.planning.test_measured import config
 

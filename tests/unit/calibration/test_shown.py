@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pdcd.calibration.shown import Shown, frames_of, still
-from pdcd.frames.draw import draw
-from pdcd.frames.frames import BLACK, WHITE
-from pdcd.frames.panels import PanelView
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.draw import draw
+from pdcd.panels.frames import BLACK, WHITE
+from pdcd.panels.panels import PanelView
+from pdcd.panels.placing import Placing, placed
 
 SIZES = {"projector": (7, 5), "mask": (9, 4)}
 VIEWS = {

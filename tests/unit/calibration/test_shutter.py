@@ -15,8 +15,8 @@ from pdcd.calibration.programmes import strip_photo, strips_on
 from pdcd.calibration.shown import Shown, still
 from pdcd.calibration.shutter import Opened, bar_cells, fit_shutter, lag_of
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE, FrameLog
-from pdcd.maps.map import Map
+from pdcd.panels.frames import WHITE, FrameLog
+from pdcd.panels.map import Map
 
 T = 1.0 / 60.0
 TAUS = (0.0015, 0.003)

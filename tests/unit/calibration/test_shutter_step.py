@@ -16,7 +16,7 @@ from pdcd.calibration.photo import Photo
 from pdcd.calibration.script import Wanted
 from pdcd.calibration.steps.shutter import shutter
 from pdcd.errors import CalibrationError
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from tests.unit.calibration.scripted import Answered, Run, run, session_of
 from tests.unit.calibration.test_shutter import (
     CAMERA,

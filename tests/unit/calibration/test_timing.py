@@ -11,14 +11,14 @@ import pytest
 from pdcd.calibration.figures import Verdict
 from pdcd.calibration.photo import Photo
 from pdcd.calibration.programmes import COARSE, SETS, Strips, strip_photo, strips_on, whole_photos
-from pdcd.calibration.pulses import Answer, kept_apart
 from pdcd.calibration.shown import Shown
 from pdcd.calibration.strips import Readings, read_strips, read_whole
 from pdcd.calibration.timing import Timing, coarse_delay, fit_timing, straight
 from pdcd.errors import CalibrationError
-from pdcd.frames.frames import WHITE
-from pdcd.frames.schedule import SLOTS
-from pdcd.maps.map import Map, matrix
+from pdcd.panels.frames import WHITE
+from pdcd.panels.map import Map, matrix
+from pdcd.panels.schedule import SLOTS
+from pdcd.probing.pulses import Answer, kept_apart
 from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel, prepare
 
 PROJECTOR = Map.filling((256, 192))

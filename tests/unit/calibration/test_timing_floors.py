@@ -12,7 +12,7 @@ from pdcd.calibration.programmes import SETS, strip_photo, strips_on
 from pdcd.calibration.strips import Readings
 from pdcd.calibration.timing_fit import FLAT, FLOOR, LEAST_FLOORS, Fit, Fitted
 from pdcd.calibration.timing_model import Model, Times
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from tests.unit.calibration.pulsed_bench import REFRESH_S, Bench, TruePanel
 
 Floats = NDArray[np.float64]

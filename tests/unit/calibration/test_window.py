@@ -7,7 +7,7 @@ import pytest
 
 from pdcd.calibration.window import WHOLE, Window, shared
 from pdcd.errors import CalibrationError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 
 SIZE = (400, 300)
 

@@ -23,9 +23,9 @@ from pdcd.capture.account import (
     warnings_of,
 )
 from pdcd.errors import Cancelled, DiskError, ExposureError, PdcdError
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.views import OwnerView
 from pdcd.runs.record import SCHEMA_VERSION
-from pdcd.runs.views import OwnerView
 
 NAMES = tuple("abcdefghij")
 

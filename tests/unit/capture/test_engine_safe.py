@@ -13,8 +13,8 @@ from pdcd.capture.calibrate import CalibrationRun
 from pdcd.capture.engine import Engine
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult
-from pdcd.runs.events import Archived, Event
+from pdcd.protocol.events import Archived, Event
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult
 from tests import bench_rig
 
 

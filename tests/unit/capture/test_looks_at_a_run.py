@@ -15,10 +15,10 @@ from pdcd.capture.job import Job, Journal
 from pdcd.capture.lookout import Lookout, next_shot
 from pdcd.capture.same_bench import doubts, held_otherwise
 from pdcd.capture.sight import Sight
+from pdcd.capture.worker.answers import Seen
 from pdcd.errors import Cancelled, ConfigError, ExposureError, SyncError
-from pdcd.offload.answers import Seen
-from pdcd.request import CaptureRequest
-from pdcd.runs import events
+from pdcd.protocol import events
+from pdcd.protocol.request import CaptureRequest
 
 
 def shot(name: str, part: int = 0, beside: str = "") -> Any:

@@ -8,7 +8,7 @@ from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import WhileShown
 from pdcd.capture.moving import MovingShutter
 from pdcd.errors import DeviceLost, ExposureError
-from pdcd.runs.events import Event, ShutterClosed, ShutterOpen
+from pdcd.protocol.events import Event, ShutterClosed, ShutterOpen
 
 REFRESH_NS = 16_666_667
 SURE_NS = 100_000_000

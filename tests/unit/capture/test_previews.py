@@ -10,7 +10,7 @@ from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.capture.previews import KEPT, forget_old
 from pdcd.errors import Cancelled
-from pdcd.request import CaptureRequest, new_job_id
+from pdcd.protocol.request import CaptureRequest, new_job_id
 from tests import bench_rig
 
 

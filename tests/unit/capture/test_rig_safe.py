@@ -19,8 +19,8 @@ from pdcd.bench.tables import CameraConfig, PanelConfig, RigConfig
 from pdcd.capture.rig import Exposure, Rig
 from pdcd.codes.make import make_codes
 from pdcd.errors import DeviceLost, ExposureError, SyncError
-from pdcd.frames.frames import Frames
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import Frames
+from pdcd.panels.schedule import build_frames
 from tests import bench_rig
 
 SETTLE_S = 0.25

@@ -13,12 +13,12 @@ from pdcd import words
 from pdcd.bench.tables import Config
 from pdcd.client import OnEvent, Unreachable
 from pdcd.errors import PdcdError
+from pdcd.protocol.entry import StoredRun
+from pdcd.protocol.events import Armed, Emit, Event, read
+from pdcd.protocol.messages import ClockAnchor, JobView, Status
+from pdcd.protocol.request import CaptureRequest, CaptureResult, Figure, PlanSummary, ShotSummary
+from pdcd.protocol.views import OwnerView
 from pdcd.recipes.arrays import Given
-from pdcd.request import CaptureRequest, CaptureResult, Figure, PlanSummary, ShotSummary
-from pdcd.runs.entry import StoredRun
-from pdcd.runs.events import Armed, Emit, Event, read
-from pdcd.runs.views import OwnerView
-from pdcd.server.messages import ClockAnchor, JobView, Status
 
 JOB = "20260101T120301Z-7f3a"
 SUMMARY: dict[str, Figure] = {

@@ -24,7 +24,7 @@ from pdcd.errors import (
     RequestError,
     SyncError,
 )
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from tests.unit.cli.cli_stubs import (
     JOB,
     SUMMARY,
@@ -85,7 +85,7 @@ def test_a_client_imports_no_heavy_library() -> None:
     code = "import sys, pdcd.client; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = set(run.stdout.split())
-    assert "pdcd.maps.map" in modules
+    assert "pdcd.panels.map" in modules
     assert not modules & {"scipy", "cv2", "rawpy", "asyncio"}
 
 

@@ -14,8 +14,8 @@ from pdcd.bench.calibration import FigureRecord
 from pdcd.cli import calibrate as calibrate_cli
 from pdcd.cli.main import main
 from pdcd.errors import Cancelled
-from pdcd.request import CalibrateRequest, CaptureResult, Quality
-from pdcd.runs.events import StepEnded
+from pdcd.protocol.events import StepEnded
+from pdcd.protocol.request import CalibrateRequest, CaptureResult, Quality
 from tests.unit.cli.cli_stubs import JOB, StubClient, StubEngine, no_configuration, stub_engine
 
 

@@ -14,12 +14,12 @@ import pytest
 
 from pdcd import __version__
 from pdcd.bench.tables import Config
+from pdcd.capture.worker.birth import Newborn
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
-from pdcd.offload.birth import Newborn
 from pdcd.pictures.decode import Compared, Comparison
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from tests.unit.cli.cli_stubs import (
     JOB,
     STATUS,

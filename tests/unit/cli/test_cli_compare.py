@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from pdcd.cli.main import main
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.unit.cli.cli_stubs import (
     StubClient,
     ended,

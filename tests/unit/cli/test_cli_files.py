@@ -20,7 +20,7 @@ from pdcd.cli.export import Written
 from pdcd.cli.main import main
 from pdcd.figures.figure import FULL, QUICK
 from pdcd.figures.make import Ahead
-from pdcd.pictures.export import Asked, Exported
+from pdcd.pictures.written.export import Asked, Exported
 from pdcd.runs.verify import Finding, Verified
 
 # --- export ---------------------------------------------------------------------------------------
@@ -47,7 +47,7 @@ def pictures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         found.append((folder, asked))
         return found[0]
 
-    monkeypatch.setattr("pdcd.pictures.export.exported", exported)
+    monkeypatch.setattr("pdcd.pictures.written.export.exported", exported)
     return found
 
 

@@ -18,8 +18,8 @@ from pdcd.cli import runs_prune as prune_cli
 from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DecodeError, RequestError
-from pdcd.request import Quality
-from pdcd.runs.entry import Page, RunEntry, RunQuery
+from pdcd.protocol.entry import Page, RunEntry, RunQuery
+from pdcd.protocol.request import Quality
 from pdcd.runs.prune import Unwanted
 from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, no_configuration, stub_daemon
 

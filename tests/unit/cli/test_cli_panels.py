@@ -15,7 +15,7 @@ from pdcd.bench.clock import VirtualClock
 from pdcd.bench.tables import Config
 from pdcd.cli.main import main
 from pdcd.errors import Cancelled, DeviceLost
-from pdcd.frames.frames import Frames
+from pdcd.panels.frames import Frames
 from tests.unit.cli.cli_stubs import no_configuration
 
 SIZE = "size_px = [128, 96]\n"

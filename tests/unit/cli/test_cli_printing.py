@@ -16,9 +16,9 @@ from pdcd.cli.main import main
 from pdcd.client import Unreachable
 from pdcd.errors import DeviceLost
 from pdcd.printable import lines, one_line
-from pdcd.request import CaptureResult
-from pdcd.runs.events import Armed, Event, Unknown, read
-from pdcd.runs.views import OwnerView
+from pdcd.protocol.events import Armed, Event, Unknown, read
+from pdcd.protocol.request import CaptureResult
+from pdcd.protocol.views import OwnerView
 from tests.places import ROOT
 from tests.unit.cli import cli_stubs
 from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, StubClient, no_configuration, stub_daemon

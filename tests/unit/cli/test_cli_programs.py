@@ -22,7 +22,7 @@ from pdcd.cli.main import main
 from pdcd.cli.parser import build_parser
 from pdcd.cli.web import web
 from pdcd.client import Unreachable
-from pdcd.request import CaptureRequest, CaptureResult
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.server import log
 from tests.unit.cli.cli_stubs import JOB, no_configuration
 

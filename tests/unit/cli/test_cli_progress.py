@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from pdcd.api.progress import bar
-from pdcd.runs.events import Decoded, Decoding, Progress
+from pdcd.protocol.events import Decoded, Decoding, Progress
 from tests.unit.cli.cli_stubs import EVENTS
 
 

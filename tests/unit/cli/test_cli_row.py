@@ -13,9 +13,9 @@ import pytest
 from pdcd.bench.tables import RigConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
-from pdcd.pictures.captions import HEIGHT_PX
 from pdcd.pictures.row import matrix_row
-from pdcd.request import CaptureRequest
+from pdcd.pictures.written.captions import HEIGHT_PX
+from pdcd.protocol.request import CaptureRequest
 from tests import bench_rig
 
 ROWS, COLS = bench_rig.GRID

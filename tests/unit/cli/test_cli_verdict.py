@@ -10,8 +10,8 @@ from pdcd.capture.account import TOLD, told
 from pdcd.cli.main import main
 from pdcd.cli.output import say_result
 from pdcd.cli.tables import WIDTH
-from pdcd.request import CaptureResult, Quality
-from pdcd.runs import events
+from pdcd.protocol import events
+from pdcd.protocol.request import CaptureResult, Quality
 from tests.unit.cli.cli_stubs import StubClient, no_configuration, stub_daemon
 
 LONG = "shot coded: 1.2 % of the field is saturated (limit 0.2 %); " + "close the aperture " * 8

@@ -20,7 +20,7 @@ from pdcd.cli.main import main
 from pdcd.cli.output import percent, say_compared, say_result
 from pdcd.cli.parser import build_parser
 from pdcd.cli.tables import fitted, wrapped
-from pdcd.request import (
+from pdcd.protocol.request import (
     CaptureRequest,
     CaptureResult,
     PilotCost,

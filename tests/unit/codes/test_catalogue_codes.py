@@ -10,13 +10,13 @@ import pytest
 from pdcd.bench.tables import Config
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import build_frames
 from pdcd.planning.guards import choose_window
 from pdcd.planning.make import make_plan
 from pdcd.probing.panel import Panel
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.programs import Coded, Far, Signed, Under
-from pdcd.request import CaptureRequest
 from tests import bench_rig, catalogue_rig, oracles
 from tests.catalogue_rig import photo, scene_of, show, transport
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pdcd.cli import options
 from pdcd.codes.make import FAMILIES, Codes, make_codes
 from pdcd.errors import RequestError
-from pdcd.frames.patterns import pack
+from pdcd.panels.patterns import pack
 from pdcd.words import FamilyName
 
 Dual = Literal["complement", "same"]

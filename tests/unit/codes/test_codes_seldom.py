@@ -17,8 +17,8 @@ from pdcd.codes.make import Codes, make_codes
 from pdcd.codes.singer import difference_set, line_count
 from pdcd.codes.spread import partial_spread, spread_size
 from pdcd.errors import RequestError
-from pdcd.request import CaptureRequest
-from pdcd.scene.presets import PRESETS
+from pdcd.protocol.request import CaptureRequest
+from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
 
 ORDERS = [2, 3, 4, 5, 7, 8, 9, 11, 13, 16, 25, 31]

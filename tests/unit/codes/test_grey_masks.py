@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from pdcd.codes import alike, far, greyed
 from pdcd.codes.far import far_codes, opened, times_lit
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.recipes.programs import Far
 
 GRID = (12, 16)

@@ -10,7 +10,7 @@ from pdcd.codes import far
 from pdcd.codes.far import far_codes, opened
 from pdcd.codes.stretches import parts_of, stretched
 from pdcd.probing.wanted import Near
-from pdcd.scene.presets import PRESETS
+from pdcd.virtual.scene.presets import PRESETS
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

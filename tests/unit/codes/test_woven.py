@@ -11,10 +11,10 @@ from scipy.optimize import approx_fprime
 
 from pdcd.codes import alike, woven
 from pdcd.codes.far import far_codes, opened, woven_fits
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import Near
 from pdcd.recipes.programs import Far
-from pdcd.scene.presets import PRESETS
+from pdcd.virtual.scene.presets import PRESETS
 
 Floats = NDArray[np.float64]
 

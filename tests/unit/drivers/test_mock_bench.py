@@ -22,8 +22,8 @@ from pdcd.bench.tables import (
     TriggerConfig,
 )
 from pdcd.errors import ConfigError, ExposureError
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.maps.placing import Placing
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.placing import Placing
 
 MS = 1_000_000
 GRID = (3, 4)

@@ -25,7 +25,7 @@ from pdcd.bench.tables import (
     SceneConfig,
 )
 from pdcd.errors import Cancelled, ConfigError, PdcdError
-from pdcd.frames.frames import BLACK, FrameLog, Frames
+from pdcd.panels.frames import BLACK, FrameLog, Frames
 
 MS = 1_000_000
 T0 = 1000 * MS

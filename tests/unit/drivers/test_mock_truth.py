@@ -26,8 +26,8 @@ from pdcd.bench.tables import (
 from pdcd.bench.truth import TrueSensor
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
 from pdcd.sensor.profile import load_profile
 from pdcd.sensor.raw import read_raw
 

@@ -13,9 +13,9 @@ from drivers.virtual_camera import Exposure, chart_film
 from drivers.virtual_camera.films import PlainFilm, scene_film
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.scene.build import build_scene
 from pdcd.sensor.profile import load_profile, variance_dn2
 from pdcd.sensor.raw import RawFrame, read_raw
+from pdcd.virtual.scene.build import build_scene
 
 SECOND = Exposure(0, 1_000_000_000, iso=100, f_number=8.0)
 

@@ -20,7 +20,7 @@ from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig
 from pdcd.codes.make import make_codes
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.schedule import build_frames
 from pdcd.sensor.raw import read_raw
 from tests import bench_rig
 from tests.virtual_eos import Client, virtual_usb

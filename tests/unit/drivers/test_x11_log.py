@@ -14,7 +14,7 @@ from drivers.x11 import X11Display, frame_log, several_codes
 from pdcd.bench.clock import RealClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import DisplayConfig, PanelConfig, RigConfig
-from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
 from tests import bench_rig
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures import fig09, fig10, fig11, fig12
 from pdcd.figures.figure import FULL, QUICK, Figure, Mode, Number, Photo
-from pdcd.scene.build import build_scene
-from pdcd.scene.presets.chart import bars
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.presets.chart import bars
 
 SIZE = (90, 120)
 

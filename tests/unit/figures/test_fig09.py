@@ -8,8 +8,8 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures.fig09 import FIGURE, SCENE, contrasts
 from pdcd.figures.figure import TINY
-from pdcd.scene.build import build_scene
-from pdcd.scene.texture import cell_means
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.texture import cell_means
 from tests.figures_rig import numbers_of, taken
 
 P = 1.0 / 8.0

@@ -8,9 +8,9 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures.fig10 import FIGURE, PERIOD, SCENE, share
 from pdcd.figures.figure import TINY
-from pdcd.scene.build import build_scene
-from pdcd.scene.presets.ball_book import on_wax
-from pdcd.scene.presets.canvas import Raster
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.presets.ball_book import on_wax
+from pdcd.virtual.scene.presets.canvas import Raster
 from tests.figures_rig import numbers_of, taken
 
 

@@ -10,8 +10,8 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures.fig11 import FIGURE, left
 from pdcd.figures.figure import TINY
-from pdcd.scene.build import build_scene
-from pdcd.scene.texture import cell_means
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.texture import cell_means
 from tests.figures_rig import taken
 
 

@@ -10,9 +10,9 @@ import pytest
 from pdcd.bench.tables import SceneConfig
 from pdcd.figures.fig12 import FIGURE, MIRROR, left, retro
 from pdcd.figures.figure import TINY
-from pdcd.scene.build import build_scene
-from pdcd.scene.presets.canvas import Raster
-from pdcd.scene.presets.vase import on_glass
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.presets.canvas import Raster
+from pdcd.virtual.scene.presets.vase import on_glass
 from tests.figures_rig import taken
 
 

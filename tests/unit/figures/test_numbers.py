@@ -119,7 +119,7 @@ def test_figure_1_sees_the_star_in_the_indirect_picture_alone() -> None:
 @pytest.mark.long
 def test_the_path_by_the_mirror_goes_the_way_of_the_scene() -> None:
     """The warp of Table 1 names the cells that the still life's mirror really joins."""
-    from pdcd.scene.presets import builder_of
+    from pdcd.virtual.scene.presets import builder_of
 
     build = builder_of("still-life")
     assert build is not None

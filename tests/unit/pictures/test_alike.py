@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 from pdcd.bench.tables import Config
-from pdcd.frames.frames import FrameLog, Frames
+from pdcd.panels.frames import FrameLog, Frames
 from pdcd.pictures.beside import USUAL, beside_errors, pictures_beside
 from pdcd.pictures.border_light import with_border_light
 from pdcd.pictures.combine import Picture, pictures_of
@@ -19,7 +19,7 @@ from pdcd.pictures.sigma import barred
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.probing.realised import bench_factors, collect
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.cells import CellMap
 from tests.dense_camera import SETTLE_NS, on_time
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.placing import Placing, placed
 from pdcd.pictures.cell_light import light_of_cells
 from pdcd.pictures.exposed import Print
 from pdcd.probing.realised import Factors

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pdcd.errors import ConfigError, DecodeError, NoSpaceError, PdcdError
-from pdcd.pictures.develop import blocks, read_tiff, warp, write_png, write_tiff
+from pdcd.pictures.written.develop import blocks, read_tiff, warp, write_png, write_tiff
 from tests.tools import needs, program
 
 

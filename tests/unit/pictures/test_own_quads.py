@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config, PanelConfig
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.placing import Placing, placed
 from pdcd.pictures.combine import Picture
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.photos import corrected_photos
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.probing.realised import bench_factors, collect
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.sensor.cells import CellMap
 from pdcd.words import NormaliseName
 from tests.dense_camera import SETTLE_NS, DenseCamera, on_time

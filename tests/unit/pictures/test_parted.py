@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.placing import Placing, placed
 from pdcd.pictures.combine import Picture
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.parted import averaged, barred_by_parts, pieces

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import NoSpaceError
-from pdcd.maps.map import Map
-from pdcd.pictures import previews
-from pdcd.pictures.captions import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, strip
-from pdcd.pictures.previews import HATCH, Previews, coded, write_previews
+from pdcd.panels.map import Map
 from pdcd.pictures.sigma import Barred
 from pdcd.pictures.upright import View
+from pdcd.pictures.written import previews
+from pdcd.pictures.written.captions import HEIGHT_PX, MARGIN_PX, PAPER, STEP_PX, strip
+from pdcd.pictures.written.previews import HATCH, Previews, coded, write_previews
 
 Floats = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from pdcd.pictures.combine import Picture, combine, pictures_of
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Extremes, Rule
-from pdcd.request import Goal, How
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 

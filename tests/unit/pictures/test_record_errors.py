@@ -8,7 +8,7 @@ import pytest
 
 from pdcd.errors import ConfigError, DecodeError, DiskError, NoSpaceError, PdcdError
 from pdcd.pictures.decode import record_errors
-from pdcd.pictures.watch import Watch
+from pdcd.watch import Watch
 
 
 @pytest.mark.parametrize(

@@ -14,21 +14,21 @@ import pytest
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.pictures import darkroom
 from pdcd.pictures.cell_light import Ambient
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.learn import stack_photos
-from pdcd.pictures.watch import Watch
 from pdcd.probing.realised import Factors
+from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
-from pdcd.request import CaptureRequest, Goal, How
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.record import DarkPhoto, RunRecord
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import RawFrame, read_raw
+from pdcd.watch import Watch
 from tests import bench_rig
 
 

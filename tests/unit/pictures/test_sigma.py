@@ -8,17 +8,17 @@ import scipy.special
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.pictures.combine import Picture, pictures_of, scaled_photos
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.sigma import _inverse_trigamma, measured
 from pdcd.pictures.sigma_model import code_error, modelled
 from pdcd.probing.deviation import row_deviations
 from pdcd.probing.realised import Factors
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Far
-from pdcd.request import Goal, How
 from pdcd.sensor.cells import CellMap
 from tests import bench_rig
 

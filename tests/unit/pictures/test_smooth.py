@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
 from pdcd.pictures.smooth import REACH, colour_correction, smooth_correction
-from pdcd.scene.presets import PRESETS
+from pdcd.virtual.scene.presets import PRESETS
 from tests.places import DATA
 
 Floats = NDArray[np.float64]

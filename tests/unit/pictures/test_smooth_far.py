@@ -7,12 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.pictures.smooth import smooth_correction
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Far
-from pdcd.request import Goal, How
 
 GRID = (12, 16)
 N = GRID[0] * GRID[1]

@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing, placed
-from pdcd.pictures.assess import Thinned
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing, placed
 from pdcd.pictures.combine import Picture, combine
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.leaks import Answer, Dark, answers_of
@@ -34,11 +33,12 @@ from pdcd.pictures.unmixed import direct_share
 from pdcd.pictures.upright import Sampler, View
 from pdcd.pictures.weights import Weights
 from pdcd.probing.realised import Factors
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe
-from pdcd.request import Goal, How
 from pdcd.sensor.cells import CellMap
+from pdcd.verdict.assess import Thinned
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 

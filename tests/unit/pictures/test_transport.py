@@ -9,11 +9,11 @@ from pdcd.errors import DecodeError, RequestError
 from pdcd.pictures.exposed import Exposed, Print
 from pdcd.pictures.transport import picture_of, sliced
 from pdcd.probing.panel import Panel
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.transport import MOST_PHOTOS, check_slice, photos_of, s_matrix
 from pdcd.recipes.transport import transport as recipe_of_slice
-from pdcd.request import Goal, How
 from pdcd.sensor.cells import CellMap
 from tests import catalogue_rig
 

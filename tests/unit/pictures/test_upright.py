@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing, placed
 from pdcd.pictures.upright import Sampler, View
 
 Floats = NDArray[np.float64]

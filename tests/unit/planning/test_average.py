@@ -10,14 +10,14 @@ import pytest
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.tables import Config
-from pdcd.pictures.watch import Watch
 from pdcd.planning.average import MOST_EXPOSURES, MOST_S, NOISE, averaged, noise_of_plan
 from pdcd.planning.look import with_blacks
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
 from pdcd.planning.unasked import plan_unasked
+from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.recipes.parts import part_seed
-from pdcd.request import CaptureRequest, Leaks
+from pdcd.watch import Watch
 from tests.unit.planning.test_measured import config
 
 GRID = (6, 8)

@@ -13,12 +13,12 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
+from pdcd.codes.pilot.codes import MATCHED
 from pdcd.errors import RequestError
-from pdcd.pilot.codes import MATCHED
 from pdcd.planning.choose import choose, wants_choice
 from pdcd.planning.given import from_path, read_given
 from pdcd.planning.outlook import Estimate, Setting
-from pdcd.request import CaptureRequest, PlanSummary
+from pdcd.protocol.request import CaptureRequest, PlanSummary
 from tests import bench_rig
 from tests.places import DATA
 

@@ -13,7 +13,6 @@ import pytest
 from pdcd.bench.tables import CameraConfig, LimitsConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import RequestError
-from pdcd.pictures.watch import Watch
 from pdcd.planning.choose import Choice, choose, wants_choice
 from pdcd.planning.guess import Prior, guess
 from pdcd.planning.make import make_plan
@@ -21,9 +20,10 @@ from pdcd.planning.outlook import Estimate, Outlook, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.rehearse import rehearse
 from pdcd.planning.rungs import LADDER, MOST_REPEATS
-from pdcd.request import CaptureRequest
-from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.scene import Scene
+from pdcd.protocol.request import CaptureRequest
+from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.scene import Scene
+from pdcd.watch import Watch
 from pdcd.words import ScheduleName
 from tests import bench_rig
 

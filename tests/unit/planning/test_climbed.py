@@ -16,7 +16,7 @@ from pdcd.planning.choose import Choice, choose
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.rungs import LADDER
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.unit.planning.test_measured import config
 
 GRID = (3, 4)

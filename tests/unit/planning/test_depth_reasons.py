@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import Config, RigConfig, ScheduleConfig
-from pdcd.frames.patterns import levels_of
+from pdcd.panels.patterns import levels_of
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.words import WindowName
 
 ROWS = 4

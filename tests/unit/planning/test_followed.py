@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import Config
 from pdcd.codes.linked import prior_codes
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import levels_of
-from pdcd.pictures.watch import Watch
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import levels_of
 from pdcd.planning.guided import (
     by_prior,
     guidable,
@@ -30,10 +29,11 @@ from pdcd.planning.guided import (
 from pdcd.planning.pairs import linked_pairs, pairs_of, settled_family, white_slots
 from pdcd.planning.plan import Plan, mean_light
 from pdcd.planning.prior import load_prior
+from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import draft_of
 from pdcd.recipes.parts import coin_signs, part_seed
-from pdcd.request import CaptureRequest, Goal, How
+from pdcd.watch import Watch
 
 GRID = (3, 4)
 CELLS = 12

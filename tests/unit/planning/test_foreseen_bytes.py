@@ -11,9 +11,9 @@ import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, PanelConfig, RigConfig
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
 from pdcd.pictures.exposed import LARGE_QUADS
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import (
@@ -28,7 +28,7 @@ from pdcd.planning.memory import (
     planning_bytes,
 )
 from pdcd.planning.plan import Plan
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 GRID = (3, 4)
 RNG = np.random.default_rng(0)

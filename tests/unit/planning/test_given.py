@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import Cancelled, RequestError
-from pdcd.inputs.limits import Limits, Unsound
+from pdcd.files.limits import Limits, Unsound
 from pdcd.planning.given import (
     KEPT_NUMBERS,
     Source,
@@ -25,7 +25,7 @@ from pdcd.planning.given import (
     read_given,
 )
 from pdcd.planning.prior import GRID
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 LIMITS = Limits(100)
 

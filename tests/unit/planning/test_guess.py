@@ -15,9 +15,9 @@ from pdcd.planning.make import make_plan
 from pdcd.planning.outlook import Setting
 from pdcd.planning.plan import Plan
 from pdcd.planning.rehearse import rehearse
-from pdcd.request import CaptureRequest
-from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.scene import Scene
+from pdcd.protocol.request import CaptureRequest
+from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 
 GRID = (24, 32)

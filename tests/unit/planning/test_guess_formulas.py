@@ -14,7 +14,7 @@ from pdcd.bench.tables import Config
 from pdcd.planning.guess import Guess, Prior, guess
 from pdcd.planning.make import make_plan
 from pdcd.planning.outlook import Setting
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from tests.unit.planning.test_measured import config
 
 GRID = (3, 4)

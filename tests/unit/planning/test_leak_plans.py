@@ -9,12 +9,12 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.planning.look import dark_frames, last_exposed, phase_rows, with_blacks
 from pdcd.planning.make import make_plan
 from pdcd.planning.memory import MemoryLimitError, memory_bytes
 from pdcd.planning.plan import Look, Plan
-from pdcd.request import CaptureRequest, Leaks
+from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.runs.record import ShotRecord
 from tests.unit.planning.test_measured import config
 

@@ -16,7 +16,7 @@ from pdcd.pictures.learn import Learned
 from pdcd.planning.guided import plan_for
 from pdcd.planning.plan import Plan
 from pdcd.planning.unasked import looked, plan_unasked, settled
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.record import ShotRecord
 from tests.unit.planning.test_measured import config
 

@@ -10,13 +10,13 @@ import pytest
 
 from pdcd.bench.tables import Config
 from pdcd.errors import Cancelled, ConfigError, RequestError
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import levels_of
-from pdcd.pictures.watch import Watch
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import levels_of
 from pdcd.planning.make import make_plan, schedule_of, window_of
 from pdcd.planning.measured import quietest
 from pdcd.planning.plan import Plan, mean_light
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
+from pdcd.watch import Watch
 from tests.unit.planning.test_measured import config
 
 GRID = (6, 8)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import Config
-from pdcd.calibration.cell_size import Meeting, largest_window, leak_of
 from pdcd.errors import ConfigError
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.planning.guards import choose_schedule, lag_by_rows_s, lag_rows
 from pdcd.planning.measured import (
     BY_COST,
@@ -26,6 +25,7 @@ from pdcd.planning.measured import (
     window_for,
     with_grid,
 )
+from pdcd.probing.cell_size import Meeting, largest_window, leak_of
 from tests.unit.planning.test_measured import config
 
 TIMES = {"rise_s": 2e-4, "fall_s": 3e-4}

@@ -11,8 +11,8 @@ import pytest
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.capture.engine import Engine
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import levels_of
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import levels_of
 from pdcd.planning.make import make_plan
 from pdcd.planning.metering import (
     SEEN,
@@ -22,11 +22,11 @@ from pdcd.planning.metering import (
     next_aperture,
     peak_share,
 )
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
-from pdcd.scene.presets import PRESETS
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.raw import read_raw
+from pdcd.virtual.scene.presets import PRESETS
 from tests import bench_rig
 from tests.places import DATA
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pdcd.bench.tables import Config, LimitsConfig, RigConfig
 from pdcd.errors import ConfigError, RequestError
 from pdcd.planning.make import make_plan
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 GRID = (48, 64)
 

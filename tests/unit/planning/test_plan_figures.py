@@ -12,8 +12,8 @@ import pytest
 from pdcd.bench.tables import Config
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Look, Plan, windowed
+from pdcd.protocol.request import CaptureRequest
 from pdcd.recipes.recipe import Shot
-from pdcd.request import CaptureRequest
 from tests.unit.planning.test_measured import config
 
 GRID = (6, 8)

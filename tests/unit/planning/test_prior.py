@@ -10,10 +10,10 @@ import pytest
 from pdcd.errors import RequestError
 from pdcd.planning import prior
 from pdcd.planning.prior import GRID, links_of, load_prior
-from pdcd.request import Sent
-from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.presets import PRESETS
-from pdcd.scene.scene import Scene
+from pdcd.protocol.request import Sent
+from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.presets import PRESETS
+from pdcd.virtual.scene.scene import Scene
 
 SMALL = (3, 4)
 CELLS = 12

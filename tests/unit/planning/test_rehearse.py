@@ -10,7 +10,7 @@ import pytest
 from pdcd.bench.tables import CameraConfig, PanelConfig
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.schedule import build_frames
 from pdcd.planning.outlook import Setting
 from pdcd.planning.rehearse import _on_time, _variance
 from pdcd.sensor.profile import expose

@@ -7,8 +7,8 @@ import dataclasses
 import msgspec
 import pytest
 
+from pdcd.codes.pilot.codes import pilot_share
 from pdcd.errors import RequestError
-from pdcd.pilot.codes import pilot_share
 from tests.unit.planning.test_climbed import Foreseen, chosen, estimate, rig
 from tests.unit.planning.test_measured import config
 

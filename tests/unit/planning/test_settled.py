@@ -12,12 +12,12 @@ import pytest
 
 from pdcd.bench.tables import BenchConfig, Config
 from pdcd.errors import ConfigError, DecodeError, RequestError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.pictures.sigma import Barred
+from pdcd.pictures.truth import Known, read_truth, write_truth
 from pdcd.planning.brightness import as_bright
 from pdcd.planning.grey import as_described, grey_panels, grey_reasons
 from pdcd.planning.guards import asks_for_lag, choose_window, lag_rows, shares_of_cell, tolerant
-from pdcd.planning.known import Known, read_truth, write_truth
 from pdcd.planning.look import (
     dark_frames,
     dark_s,
@@ -34,8 +34,8 @@ from pdcd.planning.metering import at_least, next_aperture
 from pdcd.planning.off_axis import on_bench
 from pdcd.planning.outlook import Estimate, Setting
 from pdcd.planning.plan import Look, Plan, mean_light
+from pdcd.protocol.request import CaptureRequest, Leaks
 from pdcd.recipes.goals import OFF_AXIS
-from pdcd.request import CaptureRequest, Leaks
 from pdcd.sensor.cells import CellMap
 from tests.unit.planning.test_measured import config
 

@@ -14,7 +14,7 @@ from pdcd.errors import RequestError
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.make import make_plan
 from pdcd.planning.unasked import Settled, asks_for_camera, readout_s, settled
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 GRID = (48, 64)
 N = GRID[0] * GRID[1]

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.presenter import client
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import (

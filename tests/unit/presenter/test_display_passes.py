@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.frames.frames import BLACK, WHITE, Frames
+from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.presenter import realtime
 from pdcd.presenter.messages import HEAD_SIZE, LOG_COLUMNS, Head, Load, Play
 from pdcd.presenter.options import Options

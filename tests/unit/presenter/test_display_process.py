@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.presenter import process
 from pdcd.presenter.memory import share
 from pdcd.presenter.messages import (

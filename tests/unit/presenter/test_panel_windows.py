@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DeviceLost
-from pdcd.frames.panels import PanelView
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
+from pdcd.panels.panels import PanelView
 from pdcd.presenter import windows as windows_module
 from pdcd.presenter.messages import Rect
 from pdcd.presenter.windows import Windows

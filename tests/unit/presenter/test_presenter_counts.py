@@ -12,7 +12,7 @@ import pytest
 from drivers.x11 import X11Display, frame_log
 from pdcd.bench.devices import Shared
 from pdcd.bench.tables import PanelConfig
-from pdcd.frames.frames import FrameLog
+from pdcd.panels.frames import FrameLog
 from pdcd.presenter.clocks import SwapReturns
 from pdcd.presenter.messages import LOG_COLUMNS, Ready
 from tests import bench_rig

@@ -12,7 +12,7 @@ import pytest
 
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.presenter import drm, process, realtime
 from pdcd.presenter.messages import Black, Load, Mode, Open, Play, Quit, Rect, Show
 from pdcd.presenter.opening import opening, options_of

@@ -10,7 +10,7 @@ import pytest
 from Xlib import error
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.presenter import desktop
 from pdcd.presenter import places as places_module
 from pdcd.presenter.messages import Mode, Open, Rect

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import Cancelled, DeviceLost, SyncError
-from pdcd.frames.frames import BLACK
+from pdcd.panels.frames import BLACK
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.memory import attach
 from pdcd.presenter.messages import (

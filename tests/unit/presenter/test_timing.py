@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import DisplayConfig, PanelConfig, RigConfig
-from pdcd.frames.frames import BLACK
+from pdcd.panels.frames import BLACK
 from pdcd.presenter import timing
 from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
 from pdcd.presenter.timing import Timing, measure, random_codes

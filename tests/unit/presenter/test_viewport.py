@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.frames.frames import BLACK, PIXELS, WHITE, Frames
-from pdcd.frames.panels import PanelView
-from pdcd.maps.map import Map
+from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
+from pdcd.panels.map import Map
+from pdcd.panels.panels import PanelView
 from pdcd.presenter.viewport import (
     CELLS,
     HALVES,

@@ -17,8 +17,8 @@ from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import DisplayConfig, PanelConfig, RigConfig
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.frames.frames import Frames
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import Frames
+from pdcd.panels.schedule import build_frames
 from pdcd.presenter.messages import LOG_COLUMNS, Column, Ready
 from tests import bench_rig
 

@@ -9,8 +9,8 @@ import pytest
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig, RigConfig
-from pdcd.frames.windows import windows
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
+from pdcd.panels.windows import windows
 from pdcd.planning.measured import window_for
 from pdcd.probing.borders import drawn_apart_px, drawn_apart_share
 

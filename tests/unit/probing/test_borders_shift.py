@@ -6,7 +6,7 @@ import pytest
 
 from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, PanelConfig, RigConfig
-from pdcd.maps.placing import Placing
+from pdcd.panels.placing import Placing
 from pdcd.probing.borders import ACROSS, drawn_apart_px, drawn_apart_share
 
 SIZE = (512, 384)

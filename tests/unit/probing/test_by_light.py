@@ -9,8 +9,8 @@ import numpy as np
 from pdcd.probing.deviation import weight_s
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Match, Uniform, Wanted
+from pdcd.protocol.request import How
 from pdcd.recipes.make import recipe_of
-from pdcd.request import How
 from tests import dense_recipe
 
 GRID = (4, 8)

@@ -15,11 +15,11 @@ import pytest
 
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
+from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Signed
-from pdcd.request import CaptureRequest, Goal, How
 from pdcd.runs.folder import read_manifest
 from pdcd.words import GoalName
 from tests import bench_rig, catalogue_rig

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.panel import Panel
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded
-from pdcd.request import Goal, How
 from tests.catalogue_rig import photo, scene_of, show, transport
 
 GRID = (4, 5)

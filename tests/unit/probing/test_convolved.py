@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.convolved import Kernel
 from pdcd.probing.wanted import Full, Match, Near, Part, Uniform, Wanted, shifted
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes import each
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe
-from pdcd.request import Goal, How
 
 GRID = (5, 7)
 CELLS = 35

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import CameraConfig, Config, DisplayConfig, PanelConfig, ScheduleConfig
-from pdcd.frames.frames import FrameLog
-from pdcd.frames.lattice import Lattice
-from pdcd.optics.bench import OpticalBench
-from pdcd.optics.products import Exposure
+from pdcd.panels.frames import FrameLog
+from pdcd.panels.lattice import Lattice
 from pdcd.planning.make import make_plan
 from pdcd.probing.displaced import Beams
 from pdcd.probing.realised import bench_factors, collect
-from pdcd.request import CaptureRequest
-from pdcd.scene.displaced import Displaced
-from pdcd.scene.scene import Scene
+from pdcd.protocol.request import CaptureRequest
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.scene import Scene
 
 GRID = (3, 5)
 FINE = 40

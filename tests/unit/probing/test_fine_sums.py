@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.frames.lattice import Lattice
-from pdcd.maps.placing import Placing
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.placing import Placing
 from pdcd.probing.blurred import REACH, Blur
 from pdcd.probing.fine import Fine, FineSums, cut_by_windows, summed
 from pdcd.probing.late_rows import ALL_AT_ONCE, Band, band_delays_ns, bands_of

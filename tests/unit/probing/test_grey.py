@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.frames.curve import power, table
-from pdcd.frames.draw import draw
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.curve import power, table
+from pdcd.panels.draw import draw
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.panel import Panel
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors, collect

@@ -14,11 +14,11 @@ from scipy.special import ndtr
 from pdcd.bench.tables import PanelConfig
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.pixels import PanelPictures, Shown
-from pdcd.frames.schedule import build_frames
-from pdcd.maps.placing import Placing
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.pixels import PanelPictures, Shown
+from pdcd.panels.placing import Placing
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.late_rows import ALL_AT_ONCE, band_delays_ns, bands_of
 from pdcd.probing.panel import Panel, offset_cells
 from pdcd.probing.pixel_matrix import pixel_factors

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.bench.tables import PanelConfig
-from pdcd.frames.curve import power
+from pdcd.panels.curve import power
 from pdcd.probing.panel import Panel, Trajectory, apart_s, blur_cells, decay_integral
 
 MS = 1_000_000

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.codes.make import make_codes
 from pdcd.errors import ConfigError
-from pdcd.frames.frames import BLACK, WHITE, FrameLog, Frames
-from pdcd.frames.patterns import levels_of
-from pdcd.frames.pixels import Shown
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
+from pdcd.panels.patterns import levels_of
+from pdcd.panels.pixels import Shown
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import Factors, bench_factors, collect
-from pdcd.scene.matrix import matrix_effects
-from pdcd.scene.scene import Scene
+from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.scene import Scene
 from tests import bench_rig
 from tests.panel_pixels import from_pictures
 

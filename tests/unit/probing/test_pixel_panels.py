@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.frames.frames import FrameLog
-from pdcd.frames.pixels import Shown
+from pdcd.panels.frames import FrameLog
+from pdcd.panels.pixels import Shown
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import Factors, collect
 from tests.panel_pixels import from_pictures

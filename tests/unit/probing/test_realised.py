@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.schedule import build_frames
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import build_frames
 from pdcd.probing.deviation import deviation, weight_s
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import collect, factors, signed_sum

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from pdcd.codes.make import make_codes
-from pdcd.frames.frames import FrameLog, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.schedule import SLOTS, build_frames
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import SLOTS, build_frames
 from pdcd.planning.guards import choose_schedule, tolerant
 from pdcd.probing.panel import Panel
 from pdcd.probing.realised import Factors, collect, factors

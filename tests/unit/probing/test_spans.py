@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.frames.curve import power
-from pdcd.frames.frames import BLACK, WHITE, Frames
-from pdcd.frames.lattice import Lattice
-from pdcd.frames.patterns import compact
+from pdcd.panels.curve import power
+from pdcd.panels.frames import BLACK, WHITE, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import compact
 from pdcd.probing.panel import Panel, Trajectory
 from pdcd.probing.spans import frame_spans, met, span_starts, span_weights, target
 

@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import Match, Uniform, Wanted
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.factored import distinct_rows
 from pdcd.recipes.goals import Target
 from pdcd.recipes.isolation import FAMILIES, Isolation, check_isolation, isolated
@@ -17,7 +18,6 @@ from pdcd.recipes.programs import Blocks, SignedBlocks, SignedMatrix
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.structure import structure_of
 from pdcd.recipes.transport import MOST_PHOTOS, Slice, check_slice, photos_of
-from pdcd.request import Goal, How
 
 GRID = (9, 12)
 N = 108

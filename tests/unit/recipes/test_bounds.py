@@ -12,7 +12,7 @@ from pdcd.bench.tables import Config, SceneConfig
 from pdcd.errors import RequestError
 from pdcd.planning.choose import wants_choice
 from pdcd.planning.make import make_plan
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
 
 GRID = (48, 64)
 CONFIG = Config(scene=SceneConfig(grid=GRID))

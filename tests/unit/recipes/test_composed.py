@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
 from pdcd.planning.brightness import as_bright
+from pdcd.protocol.request import CaptureRequest, How
 from pdcd.recipes.make import recipe_of
-from pdcd.request import CaptureRequest, How
 from tests import dense_recipe
 from tests.sampled import sampled
 

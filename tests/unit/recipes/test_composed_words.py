@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.probing.wanted import Near
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.programs import Coded
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.structure import structure_of
-from pdcd.request import Goal, How
 
 GRID = (9, 12)
 N = 108

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
+from pdcd.protocol.request import Goal
 from pdcd.recipes.goals import GOALS, Target, check_target, may_take
 from pdcd.recipes.partners import partner_of
-from pdcd.request import Goal
 
 ROWS, COLS = GRID = (4, 8)
 CELLS = ROWS * COLS

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.recipe import Recipe
-from pdcd.request import Goal, How
 
 HOW: list[dict[str, Any]] = [
     {"codes": 40, "pilot": 16, "black_level": "ambient"},

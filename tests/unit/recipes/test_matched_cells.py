@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
+from pdcd.protocol.request import Goal
 from pdcd.recipes.matching import NOWHERE, check_depths, matches, on_lattice, places_of
 from pdcd.recipes.partners import REACH, cells_of, far_partners, partner_links, partner_of
 from pdcd.recipes.programs import Coded, Far, Signed, SignedMatrix, Under
-from pdcd.request import Goal
 
 GRID = (3, 5)
 N = 15

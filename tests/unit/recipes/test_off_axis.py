@@ -11,7 +11,7 @@ import pytest
 
 from pdcd.bench.tables import Config, RigConfig, ScheduleConfig
 from pdcd.errors import RequestError
-from pdcd.frames.patterns import levels_of
+from pdcd.panels.patterns import levels_of
 from pdcd.pictures.combine import combine
 from pdcd.pictures.exposed import Print
 from pdcd.planning.make import make_plan
@@ -19,12 +19,12 @@ from pdcd.planning.plan import Plan
 from pdcd.planning.rehearse import foreseen
 from pdcd.probing.lines import SameRow
 from pdcd.probing.wanted import Match, Near, Outer, Part, Uniform, Wanted
+from pdcd.protocol.request import CaptureRequest, Goal
 from pdcd.recipes.matching import matches, places_of
-from pdcd.request import CaptureRequest, Goal
-from pdcd.scene.displaced import Displaced
-from pdcd.scene.effects import Dense
-from pdcd.scene.scene import Scene
 from pdcd.sensor.cells import CellMap
+from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.effects import Dense
+from pdcd.virtual.scene.scene import Scene
 
 GRID = (6, 10)
 ROWS, COLS = GRID

@@ -12,13 +12,13 @@ from pdcd.bench.tables import Config
 from pdcd.errors import RequestError
 from pdcd.pictures.combine import combine
 from pdcd.pictures.exposed import Exposed, Print
-from pdcd.pictures.quality import Grade, pair_sum
 from pdcd.planning.make import make_plan
 from pdcd.probing.realised import Factors
+from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
-from pdcd.request import CaptureRequest, Goal, How
 from pdcd.sensor.cells import CellMap
+from pdcd.verdict.quality import Grade, pair_sum
 from tests import bench_rig
 
 GRID = (3, 4)

@@ -11,6 +11,7 @@ from pdcd.capture.engine import Engine
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.planning.make import make_plan
+from pdcd.protocol.request import CaptureRequest, Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.parts import (
@@ -22,7 +23,6 @@ from pdcd.recipes.parts import (
     part_seed,
     taken_parts,
 )
-from pdcd.request import CaptureRequest, Goal, How
 from tests import bench_rig
 
 GRID = (3, 4)

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
 from pdcd.recipes.possible import possible
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.repeat import repeated
-from pdcd.request import Goal, How
 
 GRID = (4, 8)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pdcd.protocol.request import Goal
 from pdcd.recipes.alternatives import (
     ALL_DARK,
     Fitted,
@@ -16,7 +17,6 @@ from pdcd.recipes.alternatives import (
     shares,
 )
 from pdcd.recipes.goals import Target
-from pdcd.request import Goal
 
 COUNT = 12
 

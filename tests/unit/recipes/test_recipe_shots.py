@@ -9,13 +9,13 @@ import pytest
 
 from pdcd.errors import RequestError
 from pdcd.probing.wanted import Near, Uniform
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.each import RECIPES
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import draft_of, finished, recipe_of
 from pdcd.recipes.maker import Maker, itself
 from pdcd.recipes.programs import Behind, Coded, Convolved, Far, Floodlit, Signed, Under
 from pdcd.recipes.recipe import Extremes, Recipe
-from pdcd.request import Goal, How
 
 GRID = (4, 8)
 N = 32

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.frames.lattice import Lattice
+from pdcd.panels.lattice import Lattice
 from pdcd.probing.wanted import Near, shifted
+from pdcd.protocol.request import Goal, How
 from pdcd.recipes.alternatives import Fitted, Masked, Mixture, checkers
 from pdcd.recipes.even import even_part
 from pdcd.recipes.factored import factors_of
@@ -29,7 +30,6 @@ from pdcd.recipes.partners import partner_links
 from pdcd.recipes.recipe import Recipe
 from pdcd.recipes.structure import structure_of
 from pdcd.recipes.transport import photos_of, s_matrix
-from pdcd.request import Goal, How
 from tests.golden import alike, keep, kept_in, plain
 from tests.places import DATA
 

@@ -16,11 +16,12 @@ import pytest
 
 from pdcd.bench.calibration import RECORD
 from pdcd.errors import DecodeError, DiskError, RequestError
-from pdcd.runs import index, look, manifest, patterns, provenance, prune, put
-from pdcd.runs.entry import RunQuery
+from pdcd.files import put
+from pdcd.files.inside import opened
+from pdcd.protocol.entry import RunQuery
+from pdcd.runs import index, look, manifest, patterns, provenance, prune
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.index import at, named, runs
-from pdcd.runs.inside import opened
 from pdcd.runs.ledger import read_ledger
 from pdcd.runs.place import Place
 from pdcd.runs.stored import stored_runs
@@ -74,7 +75,7 @@ def of_stored(folder: Path) -> object:
         ("pdcd.runs.prune.shutil.rmtree", of_removal),
         ("pdcd.runs.prune.opened_state", of_removal),
         ("pdcd.runs.verify_calibration.msgspec.json.decode", verify_calibration),
-        ("pdcd.runs.put.os.link", of_put),
+        ("pdcd.files.put.os.link", of_put),
         ("pathlib.Path.read_text", lambda _: provenance.git_commit()),
         ("pdcd.runs.index.msgspec.convert", lambda _: named("vase")),
     ],

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError
-from pdcd.frames.frames import BLACK, FrameLog, Frames
-from pdcd.frames.patterns import none, pack
+from pdcd.panels.frames import BLACK, FrameLog, Frames
+from pdcd.panels.patterns import none, pack
 from pdcd.runs.frame_table import COLUMNS, NAME, FrameTable, append_frames, read_columns
 from pdcd.runs.record import ShotRecord
 

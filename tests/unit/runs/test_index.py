@@ -14,8 +14,8 @@ import msgspec
 import pytest
 
 from pdcd.errors import DiskError, RequestError
+from pdcd.protocol.entry import RunEntry, RunQuery
 from pdcd.runs import index, look, walk
-from pdcd.runs.entry import RunEntry, RunQuery
 from pdcd.runs.folder import RunFolder
 from pdcd.runs.index import at, named, one, runs, search
 from pdcd.runs.place import Place

@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError, PdcdError
-from pdcd.runs import events, inside, manifest, provenance
-from pdcd.runs.inside import fault_of, hashed, listing, opened, opened_file, path_of, read_file
+from pdcd.files import inside
+from pdcd.files.inside import fault_of, hashed, listing, opened, opened_file, path_of, read_file
+from pdcd.protocol import events
+from pdcd.runs import manifest, provenance
 from pdcd.runs.patterns import read_patterns, stored_arrays
 from pdcd.runs.verify import _what, _words
 

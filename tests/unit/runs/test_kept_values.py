@@ -9,8 +9,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdcd.runs import entry, events, ledger, record, views
-from pdcd.runs.entry import MOST_RUNS, RunQuery
+from pdcd.protocol import entry, events, views
+from pdcd.protocol.entry import MOST_RUNS, RunQuery
+from pdcd.runs import ledger, record
 from pdcd.runs.later import made_later, row_name
 from pdcd.runs.record import Count, FileRecord, Nanoseconds, Positive, Sha256
 from pdcd.runs.walk import is_job, spot_in

@@ -12,8 +12,8 @@ import msgspec
 import pytest
 
 from pdcd.errors import DecodeError
+from pdcd.files.inside import opened
 from pdcd.runs import ledger as module
-from pdcd.runs.inside import opened
 from pdcd.runs.ledger import Begun, Enough, Ledger, Taken, Warned, read_begun, read_ledger
 from pdcd.runs.record import FileRecord, MeterRecord, ShotRecord
 

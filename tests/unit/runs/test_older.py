@@ -13,7 +13,7 @@ from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
-from pdcd.request import Goal, How
+from pdcd.protocol.request import Goal, How
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.older import upgraded
 from pdcd.runs.record import SCHEMA_VERSION

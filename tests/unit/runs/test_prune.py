@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from pdcd.errors import DiskError
+from pdcd.files.inside import opened
+from pdcd.protocol.entry import RunQuery
 from pdcd.runs import prune
-from pdcd.runs.entry import RunQuery
 from pdcd.runs.index import runs
-from pdcd.runs.inside import opened
 from pdcd.runs.prune import Unwanted, remove, unwanted
 from tests.run_folders import cut, finished, job
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from pdcd.errors import DiskError, NoSpaceError, RequestError
-from pdcd.runs.put import put, put_file, refuse_taken
+from pdcd.files.put import put, put_file, refuse_taken
 
 
 @pytest.fixture

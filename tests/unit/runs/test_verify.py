@@ -16,11 +16,11 @@ from pdcd.cli.main import main
 from pdcd.errors import DecodeError
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.row import matrix_row
-from pdcd.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.views import OwnerView
 from pdcd.runs.manifest import DIGEST, MANIFEST
 from pdcd.runs.record import SCHEMA_VERSION
 from pdcd.runs.verify import Verified, verify
-from pdcd.runs.views import OwnerView
 from tests import bench_rig, tampered
 from tests.tampered import FORGERIES, HIDDEN, TAMPERINGS, Tampering
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from pdcd.errors import DecodeError
+from pdcd.files.inside import opened, read_file
 from pdcd.runs import verify as module
-from pdcd.runs.inside import opened, read_file
 from pdcd.runs.record import FileRecord
 from pdcd.runs.verify import MAX_CELLS, MAX_FINDINGS, MAX_WORDS, Check, whole_manifest
 

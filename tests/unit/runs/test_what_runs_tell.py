@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.runs.entry import RunEntry
+from pdcd.protocol.entry import RunEntry
 from pdcd.runs.index import at, one, runs
 from tests.run_folders import HEAD, cut, finished, job
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.placing import Placing, placed
 from pdcd.sensor.cells import CellMap
 
 RNG = np.random.default_rng(5)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DecodeError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.sensor.cells import CellMap
-from tests.unit.maps.test_map import bent
+from tests.unit.panels.test_map import bent
 
 RNG = np.random.default_rng(12)
 BLOCKS = CellMap.block((2, 3), (4, 6))

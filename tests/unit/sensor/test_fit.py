@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.maps.map import Map
-from pdcd.maps.placing import Placing, placed
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing, placed
 from pdcd.sensor.fit import check_fit, fit_of
 
 GRID = (48, 64)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.sensor.fit import Fit, check_fit, fit_of
 
 FULL = Map.filling((64, 48))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.special
 
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.sensor.footprint import Cuts, Footprint, footprint
 
 UNCUT: Cuts = ((0.0, 1.0), (0.0, 1.0))

@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.maps.map import Map
+from pdcd.panels.map import Map
 from pdcd.sensor.quad_places import Nodes, between_cells, bilinear, places, upright
-from tests.unit.maps.test_map import bent
+from tests.unit.panels.test_map import bent
 
 FULL = Map.filling((6, 4))
 RNG = np.random.default_rng(2)

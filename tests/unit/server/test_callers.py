@@ -8,10 +8,10 @@ from typing import cast
 
 import pytest
 
+from pdcd.protocol.roles import Role
 from pdcd.server import callers
 from pdcd.server.access import Peer
 from pdcd.server.callers import Caller
-from pdcd.server.roles import Role
 from pdcd.server.stream import Stream
 
 ANNA = Peer(11, 1000, 1000, "anna")

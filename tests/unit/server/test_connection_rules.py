@@ -13,14 +13,14 @@ import pytest
 
 from pdcd.bench.tables import LimitsConfig
 from pdcd.errors import DeniedError
-from pdcd.request import CaptureRequest
-from pdcd.runs import events
+from pdcd.protocol import events
+from pdcd.protocol.messages import MAX_LINE, NoParams, Shown
+from pdcd.protocol.request import CaptureRequest
 from pdcd.server import connections as module
 from pdcd.server.access import Access, Peer
 from pdcd.server.callers import Caller
 from pdcd.server.connections import Server
 from pdcd.server.jobs import Job, JobTable, Owner
-from pdcd.server.messages import MAX_LINE, NoParams, Shown
 from pdcd.server.protocol import Request
 
 ANNA, BERT, OWN = 1001, 1002, 900

@@ -12,8 +12,8 @@ import pytest
 
 from pdcd.bench.tables import Config, ServerConfig
 from pdcd.errors import ConfigError, DeviceLost, DriverUnavailable
-from pdcd.request import CaptureRequest
-from pdcd.runs import events
+from pdcd.protocol import events
+from pdcd.protocol.request import CaptureRequest
 from pdcd.server import daemon, log
 from pdcd.server.daemon import feed, run
 from pdcd.server.jobs import Job, JobTable, Owner

@@ -7,10 +7,10 @@ from typing import Any, cast
 import pytest
 
 from pdcd.errors import BusyError, Cancelled, RequestError
-from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult
-from pdcd.runs.events import Progress
+from pdcd.protocol.events import Progress
+from pdcd.protocol.messages import ShowParams
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult
 from pdcd.server.jobs import PROGRESS_INTERVAL_NS, Coalescer, Job, JobTable, Owner, failed_result
-from pdcd.server.messages import ShowParams
 
 WHITE = CaptureRequest(goal="white")
 ANNA = Owner(uid=1000, pid=11, user="anna", connection=1)

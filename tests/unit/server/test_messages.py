@@ -9,11 +9,10 @@ import msgspec
 import pytest
 
 from pdcd.errors import BusyError
-from pdcd.runs import events
-from pdcd.runs.entry import MOST_RUNS
-from pdcd.server import messages
-from pdcd.server.messages import METHODS, JobParams, ListParams, ShowParams, SubscribeParams
-from pdcd.server.roles import Role
+from pdcd.protocol import events, messages
+from pdcd.protocol.entry import MOST_RUNS
+from pdcd.protocol.messages import METHODS, JobParams, ListParams, ShowParams, SubscribeParams
+from pdcd.protocol.roles import Role
 
 OWN = [
     kind

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.errors import KINDS, BusyError, PdcdError, ProtocolError, error_fields
-from pdcd.request import CaptureRequest
-from pdcd.server import messages
-from pdcd.server.messages import CODES, METHODS, JobParams, StartParams
+from pdcd.protocol import messages
+from pdcd.protocol.messages import CODES, METHODS, JobParams, StartParams
+from pdcd.protocol.request import CaptureRequest
 from pdcd.server.protocol import (
     Connection,
     Fault,

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from pdcd.errors import BusyError, ProtocolError
+from pdcd.protocol.messages import MAX_FDS, MAX_LINE
 from pdcd.server.descriptors import Descriptors
-from pdcd.server.messages import MAX_FDS, MAX_LINE
 from pdcd.server.protocol import (
     Connection,
     Fault,

@@ -8,9 +8,9 @@ import json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pdcd.server import messages
+from pdcd.protocol import messages
+from pdcd.protocol.messages import METHODS
 from pdcd.server.descriptors import Descriptors
-from pdcd.server.messages import METHODS
 from pdcd.server.protocol import Connection, Fault, Request
 from tests.unit.server.test_protocol import JSON
 

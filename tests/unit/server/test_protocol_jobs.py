@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdcd.errors import BusyError, Cancelled, DeviceLost, RequestError
-from pdcd.request import CaptureRequest, CaptureResult
-from pdcd.runs.events import Learning, Progress
+from pdcd.protocol.events import Learning, Progress
+from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.server.jobs import ENDED, Coalescer, Job, JobTable, Owner, failed_result
 
 WHITE = CaptureRequest(goal="white")

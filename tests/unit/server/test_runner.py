@@ -12,11 +12,11 @@ from typing import Any, cast
 import pytest
 
 from pdcd.errors import BusyError, Cancelled, DeviceLost, PdcdError, RequestError
-from pdcd.request import CalibrateRequest, CaptureRequest, CaptureResult, new_job_id
-from pdcd.runs.events import Armed, Attention, Event, Progress
-from pdcd.runs.views import Preview
+from pdcd.protocol.events import Armed, Attention, Event, Progress
+from pdcd.protocol.messages import Shown, ShowParams
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, new_job_id
+from pdcd.protocol.views import Preview
 from pdcd.server.jobs import Job, Owner
-from pdcd.server.messages import Shown, ShowParams
 from pdcd.server.runner import Runner
 from pdcd.server.worker import Worker
 from tests.processes import LONG_S

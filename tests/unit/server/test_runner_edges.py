@@ -11,10 +11,10 @@ from typing import Any, cast
 import pytest
 
 from pdcd.errors import PdcdError
-from pdcd.request import CalibrateRequest, CaptureResult, PlanSummary, ShotSummary
-from pdcd.runs.events import Armed, Event, Progress
+from pdcd.protocol.events import Armed, Event, Progress
+from pdcd.protocol.messages import ShowParams
+from pdcd.protocol.request import CalibrateRequest, CaptureResult, PlanSummary, ShotSummary
 from pdcd.server import runner as module
-from pdcd.server.messages import ShowParams
 from tests.processes import LONG_S
 from tests.unit.server.test_runner import ANNA, BERT, PHOTO, WHITE, Desk, play, until_cancelled
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pdcd.errors import BusyError
-from pdcd.runs import events
+from pdcd.protocol import events
 from pdcd.web import news as module
 from pdcd.web.asks import Asks
 from pdcd.web.news import News, TooMany

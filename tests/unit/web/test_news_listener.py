@@ -14,7 +14,7 @@ import pytest
 
 from pdcd.client import Unreachable
 from pdcd.errors import BusyError, PdcdError
-from pdcd.runs import events
+from pdcd.protocol import events
 from pdcd.web import news as module
 from pdcd.web.asks import CONNECT_S, Asks
 from pdcd.web.news import News

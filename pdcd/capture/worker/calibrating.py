@@ -1,0 +1,299 @@
+"""A calibration as it is worked out: scripts are sent photos, and say what they want next."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.calibration import (
+    ARRAYS,
+    MAPS,
+    PROFILE,
+    Entry,
+    FigureRecord,
+    PhotoRecord,
+    StepRecord,
+)
+from pdcd.bench.devices import CameraInfo, WhileShown
+from pdcd.bench.tables import Config
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
+from pdcd.calibration.shown import frames_of
+from pdcd.calibration.steps.all import METER, script_of
+from pdcd.errors import CalibrationError, PdcdError, disk_errors
+from pdcd.files.limits import Limits, Unsound
+from pdcd.files.npy import members, read_npz
+from pdcd.panels.frames import Frames
+from pdcd.panels.map import Map
+from pdcd.panels.map_file import save_maps
+from pdcd.pictures.written.develop import write_png
+from pdcd.runs.frame_table import FrameTable
+from pdcd.sensor.profile import SensorProfile
+from pdcd.sensor.raw import read_raw
+from pdcd.words import MarksName, SubjectName, VerdictName
+
+HELPED = "helped"
+"""Of the settings of a step: 1 where what it asked of a person was done."""
+MAX_ARRAY_VALUES = 2**24
+"""Most numbers of one array that is kept for later steps."""
+FILES = {"disparity.right": "disparities.npy"}
+"""Arrays that a request takes, by the step that finds them: files of their own, too."""
+NO_ARRAYS = b"PK\5\6" + bytes(18)
+"""What `numpy.savez` makes of no arrays."""
+VERDICTS: Mapping[Verdict, VerdictName] = {
+    Verdict.GOOD: "good",
+    Verdict.DOUBTFUL: "doubtful",
+    Verdict.BAD: "bad",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class NextPhoto:
+    """Take this photo; f_number is None where the lens is not set from here. covered : of a bench
+    whose projector's lens is covered. moving : for a shutter that moves meanwhile."""
+
+    name: str
+    frames: Frames
+    iso: int
+    f_number: float | None
+    covered: bool = False
+    moving: WhileShown | None = None
+
+
+@dataclass(frozen=True)
+class NextAsk:
+    """Have somebody do this."""
+
+    ask: Ask
+
+
+@dataclass(frozen=True)
+class Found:
+    """The step is done."""
+
+    step: StepRecord
+
+
+Next = NextPhoto | NextAsk | Found
+
+
+@dataclass(frozen=True)
+class Begin:
+    """What a calibration starts from.
+
+    before : folder of the calibration that is in use, for what its steps left for later ones.
+    helped : whether what is asked of a person is done. subject : what is before the camera. marks :
+        what the geometry is to show.
+    """
+
+    config: Config
+    profile: SensorProfile
+    camera: CameraInfo
+    before: Path | None = None
+    helped: bool = False
+    subject: SubjectName = "card"
+    marks: MarksName = "auto"
+
+
+@dataclass
+class Study:
+    """One calibration under way: the script that runs, and what those before it found."""
+
+    folder: Path
+    session: Session
+    table: FrameTable
+    now_utc: str = ""
+    script: Script | None = None
+    step: str = ""
+    photos: list[PhotoRecord] = field(default_factory=list)
+    seconds: float = 0.0
+    settings: dict[str, float] = field(default_factory=dict)
+    entries: dict[str, Entry] = field(default_factory=dict)
+    profile_text: str | None = None
+
+    @classmethod
+    def begun(cls, begin: Begin, folder: Path) -> Study:
+        """A new one, whose photos will lie in `folder`. Raises ConfigError."""
+        camera, config = begin.camera, begin.config
+        iso = config.camera.iso if config.camera.iso is not None else min(camera.isos)
+        arrays = {} if begin.before is None else read_arrays(begin.before / ARRAYS)
+        session = Session(
+            config,
+            begin.profile,
+            camera,
+            iso,
+            arrays=arrays,
+            helped=begin.helped,
+            subject=begin.subject,
+            marks=begin.marks,
+        )
+        return cls(folder, session, FrameTable(folder))
+
+    def begin(self, step: str, now_utc: str) -> Next:
+        """Start the script of a step. Raises CalibrationError."""
+        session = self.session
+        self.step, self.now_utc, self.photos, self.seconds = step, now_utc, [], 0.0
+        self.settings = {
+            "iso": float(session.iso),
+            "full_refreshes": float(session.full),
+            HELPED: float(session.helped),
+        }
+        if session.f_number is not None:
+            self.settings["f_number"] = session.f_number
+        self.script = script_of(step, session)
+        return self._go_on(None)
+
+    def photo(self, record: PhotoRecord) -> Next:
+        """Send the photo that was asked for. Raises DecodeError and CalibrationError."""
+        began_s = time.process_time()
+        raw = read_raw(
+            self.folder / record.raw,
+            sha256=record.sha256,
+            size_bytes=record.size_bytes,
+            saturation_dn=self.session.profile.saturation_dn(record.iso),
+        )
+        log = self.table.log_of(
+            record.name,
+            record.refreshes,
+            end_ns=record.end_ns,
+            source=record.source,
+            verified=record.verified,
+            mask_delay=record.mask_delay,
+        )
+        self.photos.append(record)
+        name = record.name.removeprefix(f"{self.step}-")
+        taken = Taken(name, raw, log, record.open_ns, record.close_ns, record.iso)
+        self.seconds += time.process_time() - began_s
+        return self._go_on(taken)
+
+    def answered(self) -> Next:
+        """Go on: what was asked of a person is done."""
+        return self._go_on(None)
+
+    def _go_on(self, taken: Taken | None) -> Next:
+        if self.script is None:
+            raise PdcdError("no step of a calibration is under way")
+        began_s = time.process_time()
+        try:
+            wanted = self.script.send(taken)
+        except StopIteration as end:
+            self.script = None
+            self.seconds += time.process_time() - began_s
+            return Found(self._learn(end.value))
+        self.seconds += time.process_time() - began_s
+        if isinstance(wanted, Ask):
+            return NextAsk(wanted)
+        return self._wanted(wanted)
+
+    def _wanted(self, wanted: Wanted) -> NextPhoto:
+        session = self.session
+        f_number = session.f_number if wanted.f_number is None else wanted.f_number
+        return NextPhoto(
+            name=f"{self.step}-{wanted.shown.name}",
+            frames=frames_of(wanted.shown),
+            iso=session.iso if wanted.iso is None else wanted.iso,
+            f_number=f_number,
+            covered=wanted.covered,
+            moving=wanted.moving,
+        )
+
+    def _learn(self, outcome: Outcome) -> StepRecord:
+        """Keep what a step found."""
+        step = self.step
+        self.session.learn(step, outcome)
+        for key, found in outcome.words.items():
+            self.entries[key] = Entry(
+                value=found.value, sigma=found.sigma, step=step, made_utc=self.now_utc
+            )
+        if outcome.profile is not None:
+            from pdcd.calibration.body import profile_text  # what a capture never needs
+
+            self.profile_text = profile_text(outcome.profile)
+        if outcome.picture is not None:
+            with disk_errors(str(self.folder)):
+                write_png(self.folder / "preview" / f"{step}.png", outcome.picture)
+        return StepRecord(
+            name=step,
+            made_utc=self.now_utc,
+            seconds=self.seconds,
+            verdict=VERDICTS[outcome.verdict],
+            figures=tuple(map(_record, outcome.figures)),
+            advice=outcome.advice,
+            photos=tuple(self.photos),
+            settings=self.settings,
+        )
+
+    def write(self) -> dict[str, Entry]:
+        """Write maps, arrays and profile; returns what was measured. Raises DiskError."""
+        with disk_errors(str(self.folder)):
+            if maps := self._all_maps():
+                save_maps(self.folder / MAPS, maps)
+            if self.session.arrays:  # the focus keeps none
+                write_arrays(self.folder / ARRAYS, self.session.arrays)
+            for name, file in FILES.items():
+                if name.partition(".")[0] in self.session.done:
+                    np.save(self.folder / file, self.session.arrays[name], allow_pickle=False)
+            if self.profile_text is not None:
+                (self.folder / PROFILE).write_text(self.profile_text)
+        return self.entries
+
+    def _all_maps(self) -> dict[str, Map]:
+        """The maps of all devices, those of this calibration and those that it did not measure."""
+        places = {
+            name: getattr(self.session.config, name).place.map
+            for name in ("projector", "mask", "camera")
+        }
+        return {name: map_ for name, map_ in places.items() if isinstance(map_, Map)}
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays as .npz, the same bytes for the same numbers. Raises OSError; ValueError for an
+    array that `read_arrays` would refuse."""
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"array {name} holds what is no number")
+    with path.open("wb") as file:
+        np.savez(file, **{name: arrays[name] for name in sorted(arrays)})  # type: ignore[arg-type]
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an earlier calibration; none where it kept none, in no file or, as pdcd once
+    wrote it, in an empty one. Raises CalibrationError."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return {}
+    except OSError as err:
+        raise CalibrationError(f"{path} cannot be read: {err.strerror}") from err
+    if data == NO_ARRAYS:
+        return {}
+    try:
+        return dict(read_npz(data, dict.fromkeys(members(data), Limits(MAX_ARRAY_VALUES))))
+    except Unsound as err:
+        raise CalibrationError(
+            f"{path} cannot be used: {err.message}",
+            hint='name another calibration in [calibration] use, or set it to "none"',
+        ) from err
+
+
+def _record(figure: Figure) -> FigureRecord:
+    def number(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    return FigureRecord(
+        name=figure.name,
+        value=number(figure.value),
+        sigma=number(figure.sigma),
+        unit=figure.unit,
+        limit=figure.limit,
+        verdict=VERDICTS[figure.verdict],
+    )
+
+
+__all__ = ["METER", "Begin", "Found", "Next", "NextAsk", "NextPhoto", "Study"]

@@ -1,0 +1,66 @@
+"""Who does the work of the desk: this process itself, or a child of it
+(`pdcd.capture.worker.keeper`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
+
+from pdcd.capture.worker.desk import Desk, Facts
+from pdcd.capture.worker.work import out_of_memory
+from pdcd.watch import Watch
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Hands(Protocol):
+    """Somebody who works at a desk, one task at a time."""
+
+    def start(self) -> None:
+        """Get ready. Raises PdcdError when that cannot be."""
+        ...
+
+    def stop(self) -> None:
+        """Leave off for good. Idempotent."""
+        ...
+
+    def do(
+        self,
+        watch: Watch,
+        task: Callable[Concatenate[Desk, Watch, P], R],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> R:
+        """Do a task, a method of `Desk`, and return what it returns.
+
+        `watch` hears of the work in the thread that asks, and may raise to end it. Raises what the
+        task raises; PlanError or DecodeError when it could not be brought to an end.
+        """
+        ...
+
+
+class Here:
+    """Does the work in this process, at once: no cost, no shelter."""
+
+    def __init__(self, facts: Facts) -> None:
+        self._desk = Desk(facts)
+
+    def start(self) -> None:
+        """Nothing is needed."""
+
+    def stop(self) -> None:
+        """Nothing is kept open."""
+
+    def do(
+        self,
+        watch: Watch,
+        task: Callable[Concatenate[Desk, Watch, P], R],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> R:
+        """See `Hands.do`."""
+        try:
+            return task(self._desk, watch, *args, **kwargs)
+        except MemoryError as err:
+            raise out_of_memory(task.__name__) from err

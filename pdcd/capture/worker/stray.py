@@ -1,0 +1,138 @@
+"""From dark photos to the leaks of an answer, in figures; and what follows from ambient light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from pdcd.bench.devices import CameraInfo
+from pdcd.bench.tables import Config
+from pdcd.codes.pilot.codes import SCOUTS
+from pdcd.errors import PdcdError, RequestError
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.leaks import Dark, answers_of, noise_of
+from pdcd.pictures.learn import Learned
+from pdcd.planning.average import averaged, noise_of_plan
+from pdcd.planning.guided import resumed, with_links
+from pdcd.planning.look import lit_s
+from pdcd.planning.plan import Plan
+from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.runs.record import DarkPhoto
+from pdcd.sensor.cells import CellMap
+from pdcd.watch import Watch
+
+
+def leaks_in(plan: Plan, darkroom: Darkroom, darks: Sequence[DarkPhoto], watch: Watch) -> Leaks:
+    """RMS errors that leaks make of the answer so far.
+
+    darks : a dark photo; and where it may matter whose the leak is, one without the lit projector,
+    too. Of one alone only an upper bound is told. Raises DecodeError.
+    """
+    look = plan.look
+    if look is None:
+        raise PdcdError("this plan looks at no dark photo")
+    recipe, shots, cells = darkroom.exposed(watch)
+    lit = {shot.name: lit_s(plan, shot) for shot in recipe.shots}
+    answers = answers_of(recipe, shots, lit, cells, normalise=darkroom.record.normalise)
+    found = [_of_cells(darkroom, photo, cells) for photo in darks]
+    ambient = mask = None
+    if len(found) == 1:
+        both = max(answer.most(found[0]) for answer in answers)
+    else:
+        other = found[0].less(found[1])
+        ambient = max(answer.ambient(found[1]) for answer in answers)
+        mask = max(answer.mask(other) for answer in answers)
+        both = max(answer.both(found[1], other) for answer in answers)
+    return Leaks(
+        ambient=ambient,
+        mask=mask,
+        both=both,
+        floor=max(answer.floor(*found) for answer in answers),
+        limit=look.limit,
+        raw=tuple(photo.raw for photo in darks),
+    )
+
+
+def _of_cells(darkroom: Darkroom, photo: DarkPhoto, cells: CellMap) -> Dark:
+    light = darkroom.ambient(photo)
+    return Dark(cells.mean(light.light), cells.error_of_mean(light.variance) ** 2)
+
+
+@dataclass(frozen=True)
+class Mended:
+    """What the user must know of it, and what was decided about noise, in words."""
+
+    told: tuple[str, ...] = ()
+    decided: str = ""
+
+
+@dataclass(frozen=True)
+class Ambience:
+    """What is done about ambient light beside black exposures.
+
+    request, config, camera : of the job. before : its plan before the scouts of a pilot ended that;
+    None where they did not. average : whether everything may be shown more often.
+    """
+
+    request: CaptureRequest
+    config: Config
+    camera: CameraInfo | None
+    before: Plan | None
+    average: bool
+
+    def after(
+        self,
+        plan: Plan,
+        photo: DarkPhoto,
+        darkroom: Darkroom,
+        replan: Callable[[Plan], None],
+        watch: Watch,
+    ) -> Mended:
+        """Have the run go on by a plan that knows of ambient light.
+
+        plan : with its black exposures. photo : a dark photo that shows this light alone. `replan`
+        makes a plan that of the run; shots that it does not know are then none any more. Raises
+        DecodeError.
+        """
+        leaks = plan.leaks
+        if leaks is None or leaks.ambient is None or leaks.ambient <= leaks.limit:
+            replan(plan)
+            return Mended()
+        recipe, shots, cells = darkroom.exposed(watch)
+        taken, names, variances = plan, frozenset(shots), {}
+        if self.average:
+            light, normalise = _of_cells(darkroom, photo, cells), darkroom.record.normalise
+            variances = noise_of(recipe, shots, light, cells, normalise=normalise)
+        plan = replace(plan, dark=photo)
+        replan(plan)
+        learned = darkroom.learned(watch)
+        plan, told = self._gone_on(plan, learned)
+        decided, enough = "", True
+        if variances:
+            noise = noise_of_plan(plan, variances, taken, names)
+            plan, decided, enough = averaged(
+                plan, noise, self.request, self.config, self.camera, watch
+            )
+        if plan.how.pilot > SCOUTS and not plan.how.late and learned is not None and learned.pays:
+            plan = self._guided(plan, learned, names, watch)
+        replan(plan)
+        return Mended(told if enough else (*told, decided), decided)
+
+    def _gone_on(self, plan: Plan, learned: Learned | None) -> tuple[Plan, tuple[str, ...]]:
+        """The same, or that with a pilot which goes on after all."""
+        before = self.before
+        if before is None or learned is None or not learned.promising or not before.how.coded:
+            return plan, ()
+        try:
+            plan = resumed(before, plan, self.config, learned.sharpness)
+        except RequestError:  # more than memory holds
+            return plan, ()
+        return plan, (plan.reasons[-1],)
+
+    def _guided(self, plan: Plan, learned: Learned, names: frozenset[str], watch: Watch) -> Plan:
+        """The same with codes by a map that is clearer without ambient light; those that were shown
+        stay as they are."""
+        guided = with_links(plan, learned.links, self.request.seed, watch).patterns
+        shown = {shot.program for shot in plan.recipe.shots if shot.name in names}
+        kept = {name: pair for name, pair in plan.patterns.items() if name in shown}
+        return replace(plan, patterns=guided | kept)

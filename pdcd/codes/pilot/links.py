@@ -1,0 +1,177 @@
+"""A pilot: a few codes photographed one by one, which tell where sharp indirect light comes from.
+
+Its first photos, the scouts, tell whether there is any (`sharpness`): where indirect light is
+smooth the pilot ends with them, and the rest of its codes go to the coded photo.
+
+Part of the codes is shown with the mask fully open, one RAW file each. Photo k then holds ``y_k = T
+i_k`` for every cell. In each code half of the time of every cell is light, so twice the deviation
+from the mean photo is ``T h_k`` with h_k = +-1: for each row of T as many random projections as
+there are pilot codes. Mirrors and caustics make rows with few strong entries. Pilots of 8 to 16
+photos look for a smooth map of them (`pdcd.codes.pilot.matching`), those from 32 on for each row's
+own by matching pursuit (`pdcd.codes.pilot.pursuit`), which needs no map and works on any grid. The
+remaining codes are then made so that no two linked cells share a code (`pdcd.codes.linked`), and
+what they still get wrong of the paths found is known and removed.
+
+Where a pilot takes all codes there is no coded photo: the pilot's own photos are masked in software
+(`pdcd.recipes.alternatives`), and the paths found correct that.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy
+
+from pdcd.codes.pilot.matching import find_partners, weigh
+from pdcd.codes.pilot.pursuit import pursue
+from pdcd.codes.pilot.signs import Bools, Floats, check_photos, direct_light, projections, signs
+
+SHARP = 0.15
+"""`sharpness` from which a pilot goes on. On the diffuse scenes of 24 x 32 and 48 x 64 cells here
+it is 0.004 to 0.11, before mirrors and a mirror ball 0.22 to 0.75."""
+CHUNK = 2**22
+"""Numbers held at once when the weights of single paths are summed up."""
+
+
+SURE = 3.0
+"""Standard errors by which sharp light stands above the noise where ambient light was taken off:
+without, that noise is far below the limit."""
+
+
+def sharpness(
+    codes: Bools,
+    photos: Floats,
+    *,
+    sigma: float | Floats = 0.0,
+    taken_off: Floats | None = None,
+) -> float:
+    """How much of the indirect light comes along few, sharp paths, by the scouts alone.
+
+    Hadamard codes light as many cells as they darken all around each cell. Smooth light then makes
+    all photos alike, and a sharp path makes them differ: what they differ by, beside the direct
+    light, estimates ``sqrt(mean_n Q_n / mean_n S_n^2)``, S_n being the indirect light of a cell and
+    Q_n the sum of the squares of its paths. It is about 1 / sqrt(number of paths a cell), or less
+    for smooth light. Texture and direct light, if it stays within its cell, do not matter.
+
+    Parameters
+    ----------
+    codes, photos, sigma :
+        As for `estimate_links`, the codes the `SCOUTS` first of `pilot_codes`.
+    taken_off : (N,) float64
+        Variance of the ambient light that was taken off all photos alike; None where none was. The
+        noise that this light leaves in the photos is then far above that of the indirect light: it
+        is taken off all squares, and only what is surely above it counts.
+    """
+    check_photos(codes, photos, codes.shape[1])
+    count, cells = codes.shape
+    direct = direct_light(codes, photos)
+    indirect = 2.0 * photos.mean(axis=0) - direct
+    rest = projections(photos) - signs(codes) * direct
+    # The mean photo and the direct light take a dimension each. Of all other light, the share
+    # 1 / (count - 1) has the sign of the cell's own code, and went into the direct light.
+    noise = 4.0 * float(np.mean(np.square(np.broadcast_to(sigma, photos.shape))))
+    square = float(np.mean(np.sum(rest**2, axis=0))) / (count - 2) - noise
+    total = float(np.mean(indirect**2))
+    if taken_off is not None:
+        square -= SURE * noise * float(np.sqrt(2.0 / ((count - 2) * cells)))
+        # The indirect light is the mean of half of the photos, four times: those that a cell was
+        # dark in.
+        blur = 2.0 * noise / count + 4.0 * float(np.mean(taken_off))
+        total = max(total - blur, SURE * blur * float(np.sqrt(2.0 / cells)))
+    share = (count - 1) / count * max(square, 0.0)
+    return float(np.sqrt(share / total)) if total > 0.0 else 0.0
+
+
+def estimate_links(
+    codes: Bools, photos: Floats, grid: tuple[int, int], *, sigma: float | Floats = 0.0
+) -> Any:
+    """Find the strong paths between different cells.
+
+    Parameters
+    ----------
+    codes : (K0, N) bool
+        What the projector showed, each cell lit in exactly half of the codes.
+    photos : (K0, N) float64
+        One photo per code with the mask fully open, black level removed: ``T i_k``.
+    grid : (rows, cols)
+        Cells of the scene, N in all.
+    sigma : float or array broadcastable to (K0, N)
+        Standard deviation of the noise of `photos`, in their unit.
+
+    Returns
+    -------
+    sparse CSR array (N, N) float64
+        Estimated entries of T, > 0, none on the diagonal, and none where light is spread smoothly.
+
+    Raises
+    ------
+    ConfigError
+        The arrays do not fit each other, or a cell is not lit in half of the codes.
+    """
+    check_photos(codes, photos, grid[0] * grid[1])
+    level = 2.0 * np.sqrt(np.mean(np.square(np.broadcast_to(sigma, photos.shape)), axis=0))
+    return pursue(signs(codes), projections(photos), grid, level)
+
+
+def match_links(
+    codes: Bools, photos: Floats, grid: tuple[int, int], *, sigma: Floats
+) -> tuple[Any, ...]:
+    """Find the smooth map of partners, and the light of each by channel.
+
+    Parameters
+    ----------
+    codes : (K0, N) bool, one of the short pilots of `pilot_codes`.
+    photos, sigma : (K0, N, C) float64, as for `estimate_links`, of C channels.
+    grid : (rows, cols), N in all.
+
+    Returns
+    -------
+    sparse CSR arrays (N, N), of all channels together and of each: C + 1 in all
+        As of `estimate_links`, but entries wherever the map leads, small ones where there is little
+        light to be had.
+    """
+    channels = photos.shape[2]
+    noise = np.sqrt(np.mean(sigma**2, axis=0))
+    grey = photos.mean(axis=2), np.sqrt(np.sum(noise**2, axis=1)) / channels
+    partners = find_partners(codes, grey[0], grid, grey[1])
+    alike = all(np.array_equal(photos[..., 0], photos[..., c]) for c in range(1, channels))
+    if alike:
+        one = weigh(partners, codes, photos[..., 0], grid, noise[:, 0])
+        return tuple(one for _ in range(channels + 1))
+    own = [weigh(partners, codes, photos[..., c], grid, noise[:, c]) for c in range(channels)]
+    links: Any = sum(own[1:], own[0]) / channels
+    return (links, *own)
+
+
+def correction(
+    left: Floats, right: Floats, weight: float | Floats, paths: Any, wanted: float | Floats = 1.0
+) -> Floats:
+    """Return what to add to an image for the paths found: (N,) float64, in units of T.
+
+    The image counts the path from m to n with ``A_nm / weight_n`` where W_nm is wanted; over the
+    modelled paths the difference is known exactly (a control variate).
+
+    Parameters
+    ----------
+    left, right : (R, N) float64
+        Factors of the realised probing matrix, ``A = left.T @ right``
+        (`pdcd.probing.realised.Factors`).
+    weight : float, or (N,) of each cell
+        Weight the image was divided by, in the unit of A.
+    paths : sparse (N, N)
+        Paths of `estimate_links`.
+    wanted : float, or (P,) of each path in the order of its entries
+        W_nm.
+    """
+    table = scipy.sparse.coo_array(paths)
+    row, col = table.coords
+    realised = np.empty(row.size)
+    step = max(1, CHUNK // left.shape[0])
+    for start in range(0, row.size, step):
+        part = slice(start, start + step)
+        realised[part] = np.einsum("rp,rp->p", left[:, row[part]], right[:, col[part]])
+    missing = np.zeros(left.shape[1])
+    own = np.broadcast_to(weight, missing.shape)
+    np.add.at(missing, row, (wanted - realised / own[row]) * table.data)
+    return missing

@@ -1,0 +1,1 @@
+"""Image formats that no library here writes byte for byte as a run folder promises."""

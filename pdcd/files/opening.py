@@ -1,0 +1,162 @@
+"""Opening and reading regular files that somebody else named; nothing else is ever waited for.
+
+A FIFO would block its reader for good, a device may have effects when it is merely opened, and
+reading one may never end. So a file is looked at before it is opened, opened without waiting, and
+looked at again.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+
+from pdcd.files.limits import Limits, Unsound
+
+_READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+_LOOK = os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC
+
+CHUNK_BYTES = 2**20
+"""Read at a time."""
+
+KINDS = {
+    stat.S_IFREG: "file",
+    stat.S_IFDIR: "folder",
+    stat.S_IFIFO: "FIFO",
+    stat.S_IFSOCK: "socket",
+    stat.S_IFCHR: "device",
+    stat.S_IFBLK: "device",
+    stat.S_IFLNK: "symbolic link",
+}
+
+
+def kind_of(mode: int) -> str:
+    """What a thing with this `st_mode` is called: "file", "folder", "FIFO" ..."""
+    return KINDS.get(stat.S_IFMT(mode), "thing")
+
+
+@dataclass(frozen=True)
+class Asker:
+    """On whose behalf a file is opened: a user and all groups of it."""
+
+    uid: int
+    gids: frozenset[int]
+
+    def may(self, found: os.stat_result, right: int) -> bool:
+        """Whether the mode bits give this user a right: 4 to read, 1 to pass through a folder.
+
+        Access control lists are not looked at.
+        """
+        if self.uid == 0:
+            return True
+        if self.uid == found.st_uid:
+            return bool(found.st_mode >> 6 & right)
+        return bool(found.st_mode >> (3 if found.st_gid in self.gids else 0) & right)
+
+
+def open_own(path: Path | str) -> int:
+    """A descriptor of a regular file, opened with this process' own rights.
+
+    The caller closes it. Raises Unsound.
+    """
+    try:
+        _check_regular(os.stat(path))  # noqa: PTH116 - a pathlib call would have to guess our path
+        descriptor = os.open(path, _READ)
+    except (OSError, ValueError) as err:
+        raise _refused(err) from err
+    return _sure(descriptor)
+
+
+def open_beneath(folder: Path, name: str, asker: Asker) -> int:
+    """A descriptor of a regular file below a folder, if the asker could read it as well.
+
+    Every folder on the way, from / on, must let the asker pass. Below `folder` no symbolic link is
+    followed. The caller closes the descriptor. Raises Unsound.
+    """
+    parts = name.split("/")
+    if "\0" in name or not all(parts) or {".", ".."} & {*parts}:
+        raise Unsound(
+            f"{name!r} is no name below the folder of arrays",
+            "give a relative path without . and .., or pass the file itself",
+        )
+    try:
+        way = [*folder.resolve(strict=True).parts, *parts]
+        at = os.open(way[0], _LOOK)
+        try:
+            for part in way[1:]:
+                _check_passage(os.fstat(at), asker)
+                following = os.open(part, _LOOK, dir_fd=at)
+                os.close(at)
+                at = following
+                found = os.fstat(at)
+            _check_regular(found)
+            if not asker.may(found, 4):
+                raise PermissionError(0, "you may not read it")
+            descriptor = _reopened(at)
+        finally:
+            os.close(at)
+    except (OSError, ValueError, RuntimeError) as err:
+        raise _refused(err) from err
+    return _sure(descriptor)
+
+
+def contents(descriptor: int, limits: Limits) -> bytes:
+    """All of a regular file, wherever its offset stands. Raises Unsound.
+
+    The size is looked at before anything is read. What the file grows by meanwhile is left out.
+    """
+    try:
+        found = os.fstat(descriptor)
+        _check_regular(found)
+        size = found.st_size
+        if size > limits.file_bytes:
+            raise Unsound(
+                f"it has {size} bytes; at most {limits.file_bytes} are read for such an array",
+                "give one value for each cell, or one for each pair of them in a matrix",
+            )
+        data = bytearray()
+        while len(data) < size:
+            limits.alive()
+            piece = os.pread(descriptor, min(CHUNK_BYTES, size - len(data)), len(data))
+            if not piece:
+                raise Unsound("it became shorter while it was read", "let nobody write to it")
+            data += piece
+    except OSError as err:
+        raise _refused(err) from err
+    if not data:
+        raise Unsound("it is empty")
+    return bytes(data)
+
+
+def _reopened(looked_at: int) -> int:
+    """A descriptor to read from, of the very file that was looked at."""
+    return os.open(f"/proc/self/fd/{looked_at}", _READ)
+
+
+def _check_passage(found: os.stat_result, asker: Asker) -> None:
+    if stat.S_ISLNK(found.st_mode):
+        raise Unsound("its name leads through a symbolic link", "name the file itself")
+    if stat.S_ISDIR(found.st_mode) and not asker.may(found, 1):
+        raise PermissionError(0, "you may not enter a folder on the way to it")
+
+
+def _check_regular(found: os.stat_result) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        kind = kind_of(found.st_mode)
+        raise Unsound(f"it is a {kind}, not a regular file", "give a .npy, .npz or PNG file")
+
+
+def _sure(descriptor: int) -> int:
+    """The descriptor, if it still is of a regular file: names can change between two looks."""
+    try:
+        _check_regular(os.fstat(descriptor))
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _refused(err: Exception) -> Unsound:
+    why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
+    return Unsound(f"it cannot be opened: {why}", "see whether it is there and may be read")

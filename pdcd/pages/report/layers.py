@@ -1,0 +1,204 @@
+"""The pictures of a page: sampled on the field as previews are, rounded, packed.
+
+A page shows the field as the projector sees it. A picture that the camera saw more finely than
+`MOST_PX` is shrunk by area: a pixel then is the mean of several quads, and its sigma that of the
+mean, as far as it is noise of the sensor; the error of the codes is shared by neighbours and stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pages.report.packing import least_step, linear, logarithmic
+from pdcd.pictures.sigma import Barred
+from pdcd.pictures.upright import Bools, Sampler, Singles, View, all_known
+from pdcd.pictures.written.balance import by_patch, by_white_photo
+from pdcd.pictures.written.brightness import WHITE, Brightness, Look, usual
+from pdcd.runs.record import RunRecord
+from pdcd.sensor.bands import THREADS
+
+MOST_PX = 1068
+"""Widest picture of a page: half of what a body of twelve million samples sees."""
+MOST_PIXELS = 3_100_000
+"""Of all pictures of a page together, the truth included; each takes about four bytes."""
+MOST_PICTURES = 8
+"""Pictures of a page; the answer is the first."""
+STEPS_A_SIGMA = 2.0
+"""Steps of a picture within the usual noise of the sensor: rounding adds 1 % to that."""
+FINEST = 2.0**-14
+"""... but no finer than that share of its brightest value."""
+LARGE_PX = 2**18
+"""Pixels from which every second row and column of sigma is kept."""
+ENOUGH_PX = 200
+"""Columns that are enough to find a median or a percentile."""
+NEARLY = 0.3
+"""Of a quad, by which squares of quads may be wider than a pixel of a page."""
+KIND = "picture"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the answer is in truth, on the camera's quads: (h, w, 3) in scene units, and where it
+    can be compared, (h, w)."""
+
+    image: NDArray[np.floating]
+    seen: Bools
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Pictures of a page, packed.
+
+    data : what the page has of each. size_px : width and height. quads : to a pixel. scale : what a
+    scene unit is shown as at a factor of 1. balance : factors of red, green and blue; only for the
+    eyes. left_out : names of pictures for which there was no room.
+    """
+
+    data: list[dict[str, Any]]
+    size_px: tuple[int, int]
+    quads: float
+    scale: float
+    balance: tuple[float, float, float]
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """On the field: image (H, W, 3), NaN where nothing is known, and its sigma, infinite there;
+    `noise` is the usual error by the sensor alone."""
+
+    image: Singles
+    sigma: Singles
+    known: Bools
+    noise: float
+
+    def balanced(self, factors: tuple[float, float, float]) -> Look:
+        """What decides on its brightness."""
+        some = self.thinned
+        known = self.known[some]
+        image = self.image[some] * np.array(factors, np.float32)
+        return Look.of(image, known, usual(self.sigma[some], known))
+
+    @property
+    def thinned(self) -> tuple[slice, slice]:
+        """Every so many rows and columns: enough to find a median."""
+        every = slice(None, None, max(self.known.shape[1] // ENOUGH_PX, 1))
+        return every, every
+
+
+def layers(
+    pictures: Mapping[str, Barred], view: View, truth: Truth | None, side: int = 1
+) -> Layers:
+    """Pack the first `MOST_PICTURES`, the answer first, and the answer's truth after them.
+
+    side : quads of the camera that one of the pictures is the mean of, each way.
+    """
+    size_px = size_of(len(pictures), view)
+    sampler = Sampler(view, size_px)
+    across, down = view.quads()
+    quads = max(across / size_px[0], down / size_px[1], 1.0) ** 2
+    names = _chosen(list(pictures))
+    seen = _sampled({name: pictures[name] for name in names}, sampler, quads)
+    balance = _balance(seen, view)
+    brightness = Brightness({name: one.balanced(balance) for name, one in seen.items()})
+    jobs: list[tuple[str, str, Singles, Singles | None, float]] = [
+        (name, KIND, one.image, one.sigma, one.noise) for name, one in seen.items()
+    ]
+    if truth is not None:
+        image, there = sampler(truth.image, truth.seen)
+        image[~there] = np.nan
+        jobs.append((names[0], "truth", image, None, seen[names[0]].noise))
+    with ThreadPoolExecutor(THREADS) as pool:
+        packed = list(pool.map(lambda job: _packed(*job), jobs))
+    for one in packed:
+        one["factor"] = brightness.factor(one["name"])
+        one["signed"] = brightness.signed(one["name"])
+    left_out = tuple(name for name in pictures if name not in names)
+    return Layers(packed, size_px, quads * side**2, brightness.scale, balance, left_out)
+
+
+def enough_side(pictures: int, record: RunRecord) -> int:
+    """Quads, each way, whose mean a page of so many pictures of a run can do with: nearly as many
+    as make a pixel of it."""
+    cells = record.cells
+    if cells is None or record.homography is not None:
+        return 1
+    view = View.of(record, cells)
+    across, down = view.quads()
+    width, height = size_of(pictures, view)
+    most = int(max(across / width, down / height, 1.0) + NEARLY)
+    return next(side for side in range(most, 0, -1) if cells.can_bin(side))
+
+
+def size_of(pictures: int, view: View) -> tuple[int, int]:
+    """(width, height) of so many pictures of a page, and of a truth."""
+    each = MOST_PIXELS / (min(pictures, MOST_PICTURES) + 1)
+    return view.size_px(1, min(MOST_PX, int(math.sqrt(each * view.aspect))))
+
+
+def _chosen(names: list[str]) -> list[str]:
+    """The first ones, and the white one wherever it stands."""
+    first = names[:MOST_PICTURES]
+    if WHITE in names and WHITE not in first:
+        first[-1] = WHITE
+    return first
+
+
+def _sampled(pictures: Mapping[str, Barred], sampler: Sampler, quads: float) -> dict[str, _Seen]:
+    """Pictures of one run; all images before all errors, as a sampler remembers what was known."""
+    known = {name: all_known(one.sigma, one.image) for name, one in pictures.items()}
+    images = {name: sampler(one.image, known[name]) for name, one in pictures.items()}
+    # Where several quads share a pixel, one of them tells what the error of each is.
+    every = slice(None, None, int(math.sqrt(quads) + 0.01))
+    found = {}
+    for name, one in pictures.items():
+        some = np.ascontiguousarray(known[name][every, every])
+        variance, _ = sampler(one.sensor[every, every] ** 2, some)
+        code, _ = sampler(one.code[every, every], some)
+        sensor = np.maximum(variance, np.float32(0.0)) / np.float32(quads)
+        sigma: Singles = np.sqrt(sensor + code**2)
+        image, seen = images[name]
+        image[~seen], sigma[~seen] = np.nan, np.inf
+        shown = _Seen(image, sigma, seen, 0.0)
+        thin = shown.thinned
+        found[name] = replace(shown, noise=math.sqrt(usual(sensor[thin], seen[thin])))
+    return found
+
+
+def _balance(seen: Mapping[str, _Seen], view: View) -> tuple[float, float, float]:
+    """That of the previews (`pdcd.pictures.written.previews`)."""
+    lit = seen.get(WHITE)
+    if view.white_patch is not None:
+        shown = lit or next(iter(seen.values()))
+        found = by_patch(shown.image, shown.known, view.white_patch)
+        if found is not None:
+            return found.factors
+    if lit is None:
+        return 1.0, 1.0, 1.0
+    return by_white_photo(lit.image[lit.thinned], lit.known[lit.thinned]).factors
+
+
+def _packed(
+    name: str, kind: str, image: Singles, sigma: Singles | None, noise: float
+) -> dict[str, Any]:
+    planes = _planes(image)
+    known = planes[np.isfinite(planes)]
+    top = float(np.abs(known).max()) if known.size else 0.0
+    step = least_step(planes, max(noise / STEPS_A_SIGMA, top * FINEST))
+    errors = None
+    if sigma is not None:
+        every = 2 if sigma[..., 0].size > LARGE_PX else 1
+        errors = logarithmic(_planes(sigma[::every, ::every]))
+    return {"name": name, "kind": kind, "values": linear(planes, step), "sigma": errors}
+
+
+def _planes(image: Singles) -> Singles:
+    """(H, W, 3) -> (3, H, W)."""
+    return np.ascontiguousarray(np.moveaxis(image, -1, 0))

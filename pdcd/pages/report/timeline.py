@@ -1,0 +1,81 @@
+"""The time line of a page: when each refresh of each shot came, and which were late."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pdcd.pages.report.packing import integers
+from pdcd.runs.frame_table import NAME, read_columns
+from pdcd.runs.record import RunRecord, ShotRecord
+
+MOST_REFRESHES = 60_000
+"""Refreshes that are told one by one; of further shots only what is late."""
+UNITS = 2_000_000_000
+"""Longest time of a shot in units of the page: fits 31 bits."""
+LATE_MISSED, LATE_DROPPED, BLACK = 1, 2, 4
+"""Bits of a refresh: refreshes were lost before it, a panel showed another one, the mask is black
+by plan."""
+WANTED = ("t_primal_ns", "t_dual_ns", "missed", "dropped", "guard")
+
+
+def timeline(folder: Path, record: RunRecord) -> list[dict[str, Any]]:
+    """What the page has of each shot, in the order in which they were taken.
+
+    Times are whole numbers of `unit_s` from the opening of the shutter. Raises DecodeError for a
+    damaged table.
+    """
+    table = _table(folder / NAME)
+    found, told = [], 0
+    first_ns = min((shot.open_ns for shot in record.shots), default=0)
+    for shot in sorted(record.shots, key=lambda shot: shot.open_ns):
+        rows = table.get(shot.name, np.zeros((len(WANTED), 0), np.int64))
+        every = told + rows.shape[1] <= MOST_REFRESHES
+        told += rows.shape[1] if every else 0
+        found.append(_shot(shot, rows, first_ns, every=every))
+    return found
+
+
+def _shot(shot: ShotRecord, rows: np.ndarray[Any, Any], first_ns: int, *, every: bool) -> Any:
+    primal_ns, dual_ns, missed, dropped, guard = rows
+    flags = LATE_MISSED * (missed > 0) + LATE_DROPPED * (dropped > 0) + BLACK * (guard > 0)
+    length_ns = max(shot.close_ns - shot.open_ns, 1)
+    unit_ns = max(1000, -(-length_ns // UNITS))
+    kept = slice(None) if every else flags & (LATE_MISSED | LATE_DROPPED) > 0
+    number = np.arange(primal_ns.size)[kept]
+    return {
+        "name": shot.name,
+        "begin_s": (shot.open_ns - first_ns) * 1e-9,
+        "length_s": length_ns * 1e-9,
+        "refreshes": shot.refreshes,
+        "missed": int(missed.sum()),
+        "late": int(((missed > 0) | (dropped > 0)).sum()),
+        "source": shot.source,
+        "verified": shot.verified,
+        "every": every,
+        "unit_s": unit_ns * 1e-9,
+        "number": integers(number),
+        "projector": integers(_units(primal_ns[kept] - shot.open_ns, unit_ns)),
+        "mask": integers(_units(dual_ns[kept] - shot.open_ns, unit_ns)),
+        "flags": integers(flags[kept]),
+        "lost": integers(missed[kept]),
+    }
+
+
+def _units(times_ns: Any, unit_ns: int) -> Any:
+    """Whole units; what a forged table has beyond any exposure is cut off."""
+    return np.clip(np.rint(times_ns / unit_ns), -UNITS, UNITS).astype(np.int64)
+
+
+def _table(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """Columns `WANTED` of each shot, (5, refreshes) int64."""
+    columns = read_columns(path, ("shot", *WANTED))
+    names, shot, counts = np.unique(columns["shot"], return_inverse=True, return_counts=True)
+    rows = np.stack([columns[name] for name in WANTED])[:, np.argsort(shot, kind="stable")]
+    ends = np.cumsum(counts)
+    return {
+        str(name): rows[:, end - count : end]
+        for name, count, end in zip(names, counts, ends, strict=True)
+    }

@@ -1,0 +1,123 @@
+"""Probing matrices of a page: as factors, from which the page makes the row of any cell.
+
+What was realised is ``left.T @ right`` with `coaxial` on its diagonal (`pdcd.probing.realised`),
+what is wanted is a sum of parts (`pdcd.probing.wanted`). Both are told as they are, rounded; how
+far a row may be off by rounding is measured at some cells and told, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.pages.report.packing import factored, integers, singles, size_bytes
+from pdcd.pictures.combine import Shown
+from pdcd.pictures.row import Weighed, weighed
+from pdcd.probing.convolved import Kernel
+from pdcd.probing.lines import SameRow
+from pdcd.probing.wanted import Gained, Lit, Match, Near, Outer, Part, Uniform, Wanted
+from pdcd.recipes.recipe import Photo, Recipe
+from pdcd.words import NormaliseName
+
+Floats = NDArray[np.float64]
+
+MOST_BYTES = 3_000_000
+"""Room for the matrices of all photos of a page."""
+MOST_WEIGHTS = 12_000_000
+"""Entries of both sides of a photo's factors that are packed at all: bounds the time."""
+MOST_PHOTOS = 6
+LOOKS = 24
+"""Cells at which the rounding of rows is measured."""
+
+
+def matrices(
+    recipe: Recipe, shots: Mapping[str, Shown], normalise: NormaliseName
+) -> list[dict[str, Any]]:
+    """What the page has of the first `MOST_PHOTOS` photos, that of the answer first.
+
+    One for which there is no room has `missing`: why, in words.
+    """
+    found: list[dict[str, Any]] = []
+    room = MOST_BYTES
+    for photo in _ordered(recipe)[:MOST_PHOTOS]:
+        told = _told(weighed(photo, shots, normalise), room)
+        room -= told.pop("bytes", 0)
+        found.append(told)
+    return found
+
+
+def _ordered(recipe: Recipe) -> list[Photo]:
+    """The main photo, the others of the answer, the rest."""
+    return sorted(recipe.photos, key=lambda photo: photo.name != recipe.main)
+
+
+def _told(one: Weighed, room: int) -> dict[str, Any]:
+    name, realised = one.photo.name, one.realised
+    if realised.left.size + realised.right.size > MOST_WEIGHTS:
+        return {"name": name, "missing": "its factors are too many for a page; see pdcd row"}
+    left, left_back = factored(realised.left)
+    right, right_back = factored(realised.right)
+    length = size_bytes(left) + size_bytes(right)
+    if length > room:
+        return {"name": name, "missing": "its factors are too long for a page; see pdcd row"}
+    light = one.photo.wanted.light
+    parts = list(_parts(one.photo.wanted))
+    return {
+        "name": name,
+        "bytes": length,
+        "left": left,
+        "right": right,
+        "coaxial": singles(realised.coaxial),
+        "weight": singles(np.atleast_1d(one.weight_s)),
+        # What no page knows is left out as a whole, as a part of it would be wrong.
+        "wanted": None if any(part is None for part in parts) else parts,
+        "light": None if light is None else singles(light),
+        "off": _off(one, left_back, right_back),
+    }
+
+
+def _off(one: Weighed, left: NDArray[np.float32], right: NDArray[np.float32]) -> float:
+    """Largest error of a weight by rounding, in rows of some cells spread over the grid."""
+    cells = one.realised.coaxial.size
+    some = np.unique(np.linspace(0, cells - 1, min(LOOKS, cells)).astype(np.int64))
+    exact = one.realised.left[:, some].T @ one.realised.right
+    rounded = left[:, some].T @ right
+    weight = one.weight_s[some, None] if one.weight_s.ndim else one.weight_s
+    return float(np.abs((rounded - exact) / weight).max())
+
+
+def _parts(wanted: Wanted) -> Iterator[dict[str, Any] | None]:
+    for weight, part in wanted.parts:
+        told = _part(part)
+        yield None if told is None else {"weight": weight, **told}
+
+
+def _part(part: Part) -> dict[str, Any] | None:
+    """A part as the page knows it; None for a matrix of numbers without structure."""
+    if isinstance(part, SameRow):
+        return {"kind": "same row"}
+    if isinstance(part, Kernel):
+        return {"kind": "kernel", "taps": singles(part.taps)}
+    if isinstance(part, Uniform):
+        return {"kind": "uniform"}
+    if isinstance(part, Outer):
+        return {
+            "kind": "outer",
+            "camera": singles(part.camera),
+            "projector": singles(part.projector),
+        }
+    if isinstance(part, Match):
+        return {"kind": "match", "partner": integers(part.partner)}
+    if isinstance(part, Near):
+        return {"kind": "near", "radius": part.radius}
+    if isinstance(part, (Gained, Lit)):
+        within = _part(part.part)
+        if within is None:
+            return None
+        if isinstance(part, Gained):
+            return {"kind": "gained", "camera": singles(part.camera), "part": within}
+        return {"kind": "lit", "projector": singles(part.projector), "part": within}
+    return None

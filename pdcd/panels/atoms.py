@@ -1,0 +1,127 @@
+"""Which quarter of which cell each pixel of a panel lies in, in whole numbers.
+
+`pdcd.panels.lattice` places cells on a continuous field; a panel has pixels, and its map says where
+their centres lie. A cell of the field falls into four quarters along each axis, its *atoms*: none
+of a cell, of a cell moved by half its width, or of a quarter window ends within one. So one whole
+number along each axis says all that drawing must know of a pixel, whatever is shown. These numbers
+are made once for each geometry, here; the graphics card only copies by them.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+from pdcd.panels.map import Map
+from pdcd.panels.panels import PanelView
+
+Atoms = NDArray[np.int32]
+
+PER_CELL = 4
+"""Atoms of a cell along an axis."""
+OUTSIDE = -1
+"""Atom of a pixel whose centre lies beside the field."""
+NEAR = 1e-9
+"""A centre so few atoms before an edge lies on it: only rounding has kept it away."""
+BLOCK_PX = 1 << 17
+"""Pixels whose places are worked out at a time, to bound the memory."""
+KEPT = 6
+"""Geometries that are remembered: two panels, each with two grids, and the mask in fine atoms."""
+
+
+@lru_cache(maxsize=KEPT)
+def atoms(panel: PanelView, grid: tuple[int, int], per_cell: int = PER_CELL) -> Atoms:
+    """Return the atom that the centre of each pixel lies in, (height, width, 2) int32, read-only.
+
+    Parameters
+    ----------
+    panel : the panel; its map places the pixels.
+    grid : (rows, cols) of cells that divide the field.
+    per_cell : atoms of a cell along an axis; `pdcd.panels.windows.ATOMS` for windows larger than
+        half a cell.
+
+    The last axis is (across, down). Inside the field a number is ``floor(4 * x * cells)`` with x
+    the place on the field, 0 to 4 cells - 1; both are `OUTSIDE` where the centre lies beside the
+    field. A centre on an edge belongs to the atom beyond it, further right or down. Then, along an
+    axis, the cell is ``atom >> 2``; of a projector moved towards the origin by half a cell
+    ``(atom + 2) >> 2``; and quarter windows of the mask are numbered ``(atom + 1) >> 1``: odd ones
+    open when the cells are in place, even ones when they are moved, for the pattern's cell
+    ``number >> 1`` either way.
+    """
+    width, height = panel.size_px
+    found = np.empty((height, width, 2), dtype=np.int32)
+    axes = _axes(panel.map, grid, per_cell)
+    if axes is not None:
+        found[..., 0], found[..., 1] = axes[0], axes[1][:, None]
+    else:
+        step = max(1, BLOCK_PX // width)
+        x = np.arange(width) + 0.5
+        for first in range(0, height, step):
+            y = np.arange(first, min(first + step, height)) + 0.5
+            points = np.stack(np.meshgrid(x, y), axis=-1)
+            places = panel.map.to_field(points)
+            for axis, cells in enumerate(grid[::-1]):
+                found[first : first + y.size, :, axis] = _floor(places[..., axis], cells, per_cell)
+    found[(found < 0).any(axis=-1)] = OUTSIDE
+    found.flags.writeable = False
+    return found
+
+
+@lru_cache(maxsize=2 * KEPT)
+def check_cells(panel: PanelView, grid: tuple[int, int]) -> None:
+    """Refuse a grid with a cell that no pixel of the panel shows. Raises ConfigError.
+
+    That is a cell smaller than the pixels, or one beyond the panel's edge. Where panel and grid
+    are upright this takes no time; else `atoms` are made.
+    """
+    rows, cols = grid
+    axes = _axes(panel.map, grid)
+    if axes is not None:
+        shown = np.outer(*(_seen(a, n) for a, n in zip(axes[::-1], grid, strict=True)))
+    else:
+        cell = atoms(panel, grid) // PER_CELL
+        inside = cell[cell[..., 0] >= 0]
+        shown = np.zeros(grid, dtype=np.bool_)
+        shown[inside[:, 1], inside[:, 0]] = True
+    if shown.all():
+        return
+    missing = int(shown.size - np.count_nonzero(shown))
+    row, col = np.argwhere(~shown)[0].tolist()
+    width, height = panel.size_px
+    raise ConfigError(
+        f"{missing} of {rows} x {cols} cells have no pixel on the {panel.role}'s "
+        f"{height} x {width} px, the first in row {row}, column {col}",
+        device=panel.role,
+        hint="use a coarser grid, or place the panel so that it covers the field",
+    )
+
+
+def _axes(map_: Map, grid: tuple[int, int], per_cell: int = PER_CELL) -> tuple[Atoms, Atoms] | None:
+    """Atoms of the columns (w,) and of the rows (h,); None where they depend on each other."""
+    _, skew, _, slant, _, _, *tilt, _ = map_.homography
+    if any((skew, slant, *tilt, *map_.radial, *map_.tangential)) or map_.residual:
+        return None
+    found = []
+    for axis, (size, cells) in enumerate(zip(map_.size_px, grid[::-1], strict=True)):
+        points = np.zeros((size, 2))
+        points[:, axis] = np.arange(size) + 0.5
+        found.append(_floor(map_.to_field(points)[:, axis], cells, per_cell))
+    return found[0], found[1]
+
+
+def _floor(places: NDArray[np.float64], cells: int, per_cell: int) -> Atoms:
+    """Places along an axis of the field -> atoms; `OUTSIDE` beside the field, and for NaN."""
+    count = per_cell * cells
+    atom = np.floor(places * count + NEAR)
+    inside = (atom >= 0) & (atom < count)
+    return np.where(inside, atom, OUTSIDE).astype(np.int32)
+
+
+def _seen(atom: Atoms, cells: int) -> NDArray[np.bool_]:
+    """Which cells of an axis have a pixel, (cells,)."""
+    found = np.zeros(cells, dtype=np.bool_)
+    found[atom[atom >= 0] // PER_CELL] = True
+    return found

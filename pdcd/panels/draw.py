@@ -1,0 +1,98 @@
+"""The exact pixels that a panel must show, for displays that draw with the processor and for tests.
+
+A pixel shows the cell that its centre falls in under the panel's map; of the mask, under quarter
+windows, the window. Beside the field a panel is black, whatever is shown. The display process draws
+the same by the same whole numbers (`pdcd.panels.atoms`) on a graphics card.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+from pdcd.panels.atoms import atoms, check_cells
+from pdcd.panels.bitplanes import check_binary, pack_planes
+from pdcd.panels.frames import BLACK, WHITE, Frames
+from pdcd.panels.panels import PanelView
+from pdcd.panels.patterns import bytes_of, fit
+from pdcd.panels.windows import ATOMS, GUARDS, windows
+
+FULL = 255
+"""A pixel at full light."""
+
+
+def draw(frames: Frames, panel: PanelView, row: int) -> NDArray[np.uint8]:
+    """Return what one panel shows at one row of the frames, (height, width) uint8.
+
+    Parameters
+    ----------
+    frames : what both panels are asked to show.
+    panel : which of the two, and where its pixels lie (`pdcd.bench.placed.panels_of`).
+    row : row of the frames, 0 <= row < F, or `BLACK`.
+
+    Full light is 255. Levels are not corrected for the panel's response. Raises ConfigError for a
+    row that there is not, where a cell of the grid has no pixel, and for patterns of pixels that
+    are not the panel's.
+    """
+    check_fit(frames, panel)
+    if row != BLACK and not 0 <= row < len(frames):
+        raise ConfigError(f"the frames have no row {row}", device="display")
+    shown = frames.dual_index if panel.mask else frames.primal_index
+    index = BLACK if row == BLACK else int(shown[row])
+    width, height = panel.size_px
+    if index == BLACK:
+        return np.zeros((height, width), dtype=np.uint8)
+    patterns = frames.dual_patterns if panel.mask else frames.primal_patterns
+    if frames.of_pixels:
+        if index == WHITE:
+            return np.full((height, width), FULL, dtype=np.uint8)
+        return bytes_of(patterns, index, width * height).reshape(height, width)
+    atom = atoms(panel, frames.grid)
+    lit = atom[..., 0] >= 0
+    if index == WHITE:
+        return np.where(lit, np.uint8(FULL), np.uint8(0))
+    opening = windows(frames.window)
+    shift = int(frames.shift[row]) if opening.shifted else 0
+    moved = np.array([shift & 1, shift >> 1], dtype=np.int32)  # across, down
+    if panel.mask and opening.shifted:
+        at = atoms(panel, frames.grid, ATOMS) + ATOMS // 2 * moved
+        guard = GUARDS[frames.window]
+        lit &= ((at % ATOMS >= guard) & (at % ATOMS < ATOMS - guard)).all(axis=-1)
+        cell = at // ATOMS
+    else:
+        cell = (atom + 2 * moved) >> 2
+    rows, cols = frames.lattice
+    levels = bytes_of(patterns, index, rows * cols).reshape(rows, cols)
+    return np.where(lit, levels[cell[..., 1], cell[..., 0]], np.uint8(0))
+
+
+def check_fit(frames: Frames, panel: PanelView) -> None:
+    """Refuse frames that a panel cannot show: with a cell that has no pixel on it, or with patterns
+    of pixels that are not its own. Raises ConfigError."""
+    if not frames.of_pixels:
+        check_cells(panel, frames.grid)
+        return
+    width, height = panel.size_px
+    if not fit(frames.dual_patterns if panel.mask else frames.primal_patterns, width * height):
+        raise ConfigError(
+            f"patterns of pixels that are not the {panel.role}'s {width} x {height}",
+            device=panel.role,
+            hint="make them for the panel's own size",
+        )
+
+
+def draw_planes(
+    frames: Frames, panel: PanelView, rows: Iterable[int], order: str = "GRB"
+) -> NDArray[np.uint8]:
+    """Return the picture that carries up to 24 rows as bit planes, (height, width, 3) uint8.
+
+    `rows` are those of `draw`, in the order they are shown; planes without one are black. `order`
+    is that of `pdcd.panels.bitplanes`. Raises ConfigError, also for patterns with grey levels.
+    """
+    check_binary(frames.dual_patterns if panel.mask else frames.primal_patterns)
+    planes = [draw(frames, panel, row) > 0 for row in rows]
+    none = np.zeros((0, *panel.size_px[::-1]), dtype=np.bool_)
+    return pack_planes(np.stack(planes) if planes else none, order)

@@ -1,0 +1,114 @@
+"""What both panels are asked to show, refresh by refresh, and what they really did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.panels.patterns import Patterns
+
+BLACK = -1
+"""Pattern index of a black panel."""
+
+
+WHITE = -2
+"""Pattern index of a fully lit (projector) or fully open (mask) panel."""
+
+
+PIXELS = "pixels"
+"""Window of frames whose patterns are pictures of the panels' own pixels."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What both panels are asked to show, refresh by refresh (F refreshes).
+
+    primal_patterns, dual_patterns : (P, ceil(L/8)) uint8 or (P, L) float32
+        Patterns over the L lattice cells (row-major), as `pdcd.panels.patterns` describes: packed
+        bits or grey levels, as they are sent (`pdcd.panels.curve` says what light they give).
+    primal_index, dual_index : (F,) int32
+        Which pattern each panel shows at each refresh; `BLACK` and `WHITE` are negative.
+    shift : (F,) uint8
+        Sub-shift 0..3 of both panels at this refresh (0 everywhere in whole-cell mode).
+        Bit 0 shifts by half a cell along columns, bit 1 along rows, towards the origin.
+    code : (F,) int32
+        Code that the refresh belongs to, counted over all passes; -1 before and after.
+    guard : (F,) bool
+        True where the mask is black by plan.
+    grid : (rows, cols)
+        Cells of the scene; `lattice` (rows, cols) is that of the patterns (one more of each in
+        quarter-window mode, so that shifted cells cover the borders).
+    window : "whole", "quarter" or "pixels"
+        Part of each mask cell that opens: all of it, or its central half by half. "pixels": there
+        are no cells, and patterns are pictures of each panel's own pixels, L = width * height of
+        that panel, row-major from its upper left corner. Then white is every pixel, nothing is
+        shifted, and `grid` and `lattice` say nothing.
+    """
+
+    primal_patterns: Patterns
+    dual_patterns: Patterns
+    primal_index: NDArray[np.int32]
+    dual_index: NDArray[np.int32]
+    shift: NDArray[np.uint8]
+    code: NDArray[np.int32]
+    guard: NDArray[np.bool_]
+    grid: tuple[int, int]
+    lattice: tuple[int, int]
+    window: str
+
+    def __len__(self) -> int:
+        return int(self.primal_index.size)
+
+    @property
+    def of_pixels(self) -> bool:
+        """Whether patterns are pictures of the panels' own pixels."""
+        return self.window == PIXELS
+
+
+@dataclass(frozen=True)
+class FrameLog:
+    """What the panels really did, one row per refresh that was shown (R rows).
+
+    R is the number of rows of `Frames`, or more: after passes that make up for missed refreshes,
+    with a delayed mask, or where a packed video refresh was shown again.
+
+    primal_shown, dual_shown : (R,) int32
+        Row of `Frames` whose content each panel carried (differs from what was asked when a
+        frame was dropped or stale); `BLACK` where the panel was black for no row of `Frames`.
+    primal_ns, dual_ns : (R,) int64
+        When that content began to be sent to each panel, on the injected clock.
+    end_ns : (2,) int64
+        When each panel (primal, dual) went black after the last row.
+    missed : (R,) int32
+        Refreshes by which the row came late; 0 when on time.
+    source, verified :
+        Name of the time source, and whether it proves presentation rather than submission.
+    primal_asked, dual_asked : (R,) int32, or None
+        Row of `Frames` that each panel was to carry, `BLACK` for none; None is 0, 1, 2 ...
+    mask_delay : rows
+        By how many rows the mask's stream was sent later than the projector's, on purpose.
+    """
+
+    primal_shown: NDArray[np.int32]
+    dual_shown: NDArray[np.int32]
+    primal_ns: NDArray[np.int64]
+    dual_ns: NDArray[np.int64]
+    end_ns: NDArray[np.int64]
+    missed: NDArray[np.int32]
+    source: str
+    verified: bool
+    primal_asked: NDArray[np.int32] | None = None
+    dual_asked: NDArray[np.int32] | None = None
+    mask_delay: int = 0
+
+    def __len__(self) -> int:
+        return int(self.primal_shown.size)
+
+    @property
+    def asked(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Rows of `Frames` that projector and mask were to carry, (R,) int32 each."""
+        rows = np.arange(len(self), dtype=np.int32)
+        primal = rows if self.primal_asked is None else self.primal_asked
+        return primal, rows if self.dual_asked is None else self.dual_asked

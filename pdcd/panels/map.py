@@ -1,0 +1,309 @@
+"""A map: where each pixel of a device lies on the field.
+
+The *field* is the rectangle that code cells divide. It has no pixels: x runs from 0 at its left
+edge to 1 at its right one, y from 0 at the top to 1 at the bottom, as the projector sees the scene.
+Projector, mask and camera each have a map to it (docs/field.md).
+
+Pixel k of a device covers k to k + 1, so that its centre is at k + 0.5. A pixel of the camera is a
+Bayer quad. A point of the device goes to the field in two steps:
+
+1. distortion is taken out: that of a lens about the device's centre (`pdcd.panels.lens`), plus a
+   smooth residual (`pdcd.panels.map_residual`);
+2. a homography leads from pixels to the field.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdcd.panels import lens
+from pdcd.panels.map_residual import Nodes, Residual, residual_of
+
+Floats = NDArray[np.float64]
+
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+"""3 x 3, row by row."""
+
+PIECE = 2**12
+"""Points worked on at a time: what is in between stays in the processor's cache."""
+STEPS = 50
+"""Most steps of Newton's method; from the homography's inverse a usual lens takes four."""
+CLOSE_PX = 1e-6
+"""A step shorter than that was the last: each squares the error of the one before."""
+
+
+class Map(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """From the pixels of one device to the field; plain numbers, so that any file can hold it.
+
+    size_px : (width, height) of the device.
+    homography : from (x, y, 1) in pixels, distortion taken out, to the field.
+    radial : k1, k2 of ``1 + k1 r^2 + k2 r^4``, r in half heights from the centre.
+    tangential : p1, p2, in the same unit.
+    residual : displacement in pixels before the homography; () where there is none.
+
+    Any numbers make a map; `pdcd.panels.map_soundness.check` says which of them can be used.
+    """
+
+    size_px: tuple[int, int]
+    homography: Matrix
+    radial: tuple[float, float] = (0.0, 0.0)
+    tangential: tuple[float, float] = (0.0, 0.0)
+    residual: Nodes = ()
+
+    @classmethod
+    def filling(cls, size_px: tuple[int, int]) -> Map:
+        """The map of a device whose pixels are spread evenly over the field, upright."""
+        width, height = size_px
+        return cls(size_px=size_px, homography=matrix(np.diag([1.0 / width, 1.0 / height, 1.0])))
+
+    def to_field(self, points_px: ArrayLike) -> Floats:
+        """Points of the device (..., 2) as (x, y) in pixels -> of the field, (..., 2) float64.
+
+        They may lie beyond the device's edges. NaN behind the homography's horizon: on its other
+        side than the device's centre.
+        """
+        full, ahead, residual = self._matrix, self._ahead, self._residual
+        return _by_pieces(
+            points_px, (2,), lambda piece: _projected(full, ahead, self._straight(piece, residual))
+        )
+
+    def from_field(self, points: ArrayLike) -> Floats:
+        """Points of the field (..., 2) -> of the device in pixels, (..., 2) float64.
+
+        They may lie beyond the device's edges. NaN where no point of the device was found: behind
+        the horizon, and beyond the fold of a distortion.
+        """
+        inverse = np.asarray(np.linalg.inv(self._matrix), dtype=np.float64)
+        ahead, residual = self._ahead, self._residual
+
+        def found(piece: Floats) -> Floats:
+            wanted = _projected(inverse, ahead, piece)
+            return self._bent(wanted, residual) if self._bends else wanted
+
+        return _by_pieces(points, (2,), found)
+
+    def jacobian(self, points_px: ArrayLike) -> Floats:
+        """How the field moves with a point of the device: (..., 2, 2), d(field) / d(pixel)."""
+        full, ahead, residual = self._matrix, self._ahead, self._residual
+
+        def found(piece: Floats) -> Floats:
+            straight, slope = self._slope(piece, residual)
+            scale = straight @ full[2, :2] + full[2, 2]
+            place = _projected(full, ahead, straight)
+            outer = (full[:2, :2] - place[:, :, None] * full[2, :2]) / scale[:, None, None]
+            return np.asarray(outer @ slope)
+
+        return _by_pieces(points_px, (2, 2), found)
+
+    def centres(self) -> Floats:
+        """Where the centre of each pixel lies on the field, (height, width, 2)."""
+        width, height = self.size_px
+        full, ahead, residual = self._matrix, self._ahead, self._residual
+        x, y = (np.arange(side, dtype=np.float64) + 0.5 for side in (width, height))
+        # Displacements first, for they are cheap for a whole grid; then row by row in their place.
+        found = np.zeros((height, width, 2)) if residual is None else residual.on_grid(x, y)
+        band = max(1, PIECE // width)
+        for top in range(0, height, band):
+            points = np.stack(np.meshgrid(x, y[top : top + band]), axis=-1)
+            straight = self._through_lens(points) + found[top : top + band]
+            found[top : top + band] = _projected(full, ahead, straight)
+        return found
+
+    def then(self, of_field: ArrayLike) -> Map:
+        """The map followed by a homography (3, 3) from field to field."""
+        whole = np.asarray(of_field, dtype=np.float64) @ self._matrix
+        return msgspec.structs.replace(self, homography=matrix(whole))
+
+    def flipped(self, flip: Literal["horizontal", "vertical"]) -> Map:
+        """The same device, its pictures stored mirrored: left and right exchanged, or top and
+        bottom. Each pixel lies where it lay; it has another number."""
+        width, height = self.size_px
+        horizontal = flip == "horizontal"
+        new = np.diag([-1.0, 1.0, 1.0] if horizontal else [1.0, -1.0, 1.0])
+        new[:2, 2] = (width, 0.0) if horizontal else (0.0, height)
+        return self._renumbered(new, self.size_px)
+
+    def turned(self, quarters: int) -> Map:
+        """The same device, its pictures stored turned clockwise by so many quarters: pictures are
+        then ``np.rot90(picture, -quarters)``. Each pixel lies where it lay; it has another
+        number."""
+        width, height = self.size_px
+        turns = {
+            1: ([[0.0, 1.0, 0.0], [-1.0, 0.0, height], [0.0, 0.0, 1.0]], (height, width)),
+            2: ([[-1.0, 0.0, width], [0.0, -1.0, height], [0.0, 0.0, 1.0]], (width, height)),
+            3: ([[0.0, -1.0, width], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (height, width)),
+        }
+        if quarters % 4 == 0:
+            return self
+        old_from_new, size_px = turns[quarters % 4]
+        return self._renumbered(np.array(old_from_new), size_px)
+
+    def binned(self, side: int) -> Map:
+        """The same device with squares of pixels in the place of single ones; `side`, that of a
+        square, divides its width and height."""
+        width, height = self.size_px
+        nodes = [[(right / side, down / side) for right, down in row] for row in self.residual]
+        return msgspec.structs.replace(
+            self,
+            size_px=(width // side, height // side),
+            homography=matrix(self._matrix @ np.diag([side, side, 1.0])),
+            residual=tuple(map(tuple, nodes)),
+        )
+
+    def _renumbered(self, old_from_new: Floats, size_px: tuple[int, int]) -> Map:
+        """The same device with other numbers of its pixels: a flip or quarter turn of them."""
+        turn = old_from_new[:2, :2].T
+        # Distortion is measured in half heights, which a quarter turn exchanges for half widths.
+        unit = size_px[1] / self.size_px[1]
+        (k1, k2), (p1, p2) = self.radial, self.tangential
+        right, down = turn @ (p2, p1) * unit
+        nodes: Nodes = ()
+        if self.residual:
+            nodes = _turned(np.array(self.residual, dtype=np.float64), turn)
+        return Map(
+            size_px=size_px,
+            homography=matrix(self._matrix @ old_from_new),
+            radial=(k1 * unit**2, k2 * unit**4),
+            tangential=(float(down), float(right)),
+            residual=nodes,
+        )
+
+    @property
+    def _matrix(self) -> Floats:
+        return np.array(self.homography, dtype=np.float64).reshape(3, 3)
+
+    @property
+    def _ahead(self) -> float:
+        """The side of the horizon on which the device's centre lies: 1 or -1."""
+        width, height = self.size_px
+        g, h, i = self.homography[6:]
+        return 1.0 if g * 0.5 * width + h * 0.5 * height + i > 0.0 else -1.0
+
+    @property
+    def _residual(self) -> Residual | None:
+        return residual_of(self.residual, self.size_px) if self.residual else None
+
+    @property
+    def _through(self) -> bool:
+        """Whether there is a lens that distorts."""
+        return any(self.radial) or any(self.tangential)
+
+    @property
+    def _bends(self) -> bool:
+        return self._through or bool(self.residual)
+
+    @property
+    def _centre(self) -> tuple[Floats, float]:
+        """The point about which a lens distorts, and the unit of it, in pixels."""
+        return 0.5 * np.array(self.size_px, dtype=np.float64), 0.5 * self.size_px[1]
+
+    def _through_lens(self, points: Floats) -> Floats:
+        """Points (..., 2) as they were without the lens, in pixels."""
+        if not self._through:
+            return points
+        centre, half = self._centre
+        near = (points - centre) / half
+        straight = lens.straightened(near, self.radial, self.tangential)
+        straight *= half
+        straight += centre
+        return straight
+
+    def _straight(self, points: Floats, residual: Residual | None) -> Floats:
+        """Points (n, 2) without distortion, in pixels."""
+        straight = self._through_lens(points)
+        return straight if residual is None else straight + residual.at(points)
+
+    def _slope(self, points: Floats, residual: Residual | None) -> tuple[Floats, Floats]:
+        """The same, and how it moves with the points, (n, 2, 2)."""
+        centre, half = self._centre
+        straight = self._through_lens(points)
+        slope = lens.slope((points - centre) / half, self.radial, self.tangential)
+        if residual is None:
+            return straight, slope
+        more, steeper = residual.slope(points)
+        return straight + more, slope + steeper
+
+    def _bent(self, wanted: Floats, residual: Residual | None) -> Floats:
+        """The points (n, 2) that are ``wanted`` without distortion; NaN where none is found."""
+        centre, half = self._centre
+        found = wanted.copy()
+        left = np.flatnonzero(np.isfinite(wanted).all(axis=-1))
+        sure = np.zeros(len(wanted), dtype=np.bool_)
+        with np.errstate(all="ignore"):  # far outside the device the distortion may fold
+            for _ in range(STEPS):
+                straight, slope = self._slope(found[left], residual)
+                step, upright = _solved(slope, wanted[left] - straight)
+                found[left] += step
+                close = (np.abs(step) < CLOSE_PX).all(axis=-1)
+                sure[left[close]] = upright[close]
+                left = left[~close]
+                if left.size == 0:
+                    break
+            # Beyond the fold of a distortion, a root may be found that is not the point's.
+            sure &= np.hypot(*((found - centre) / half).T) < lens.fold(self.radial)
+        found[~sure] = np.nan
+        return found
+
+
+def matrix(values: ArrayLike) -> Matrix:
+    """A (3, 3) matrix as a map holds it, its largest entry below by convention: [2, 2] is 1."""
+    flat = np.asarray(values, dtype=np.float64).reshape(3, 3)
+    if flat[2, 2] != 0.0:
+        with np.errstate(over="ignore", invalid="ignore"):  # a check refuses what comes of it
+            flat = flat / flat[2, 2]
+    a, b, c, d, e, f, g, h, i = flat.ravel().tolist()
+    return a, b, c, d, e, f, g, h, i
+
+
+def between(source: Map, target: Map, points_px: ArrayLike) -> Floats:
+    """Points of one device -> the points of another that lie on the same place of the field."""
+    return target.from_field(source.to_field(points_px))
+
+
+def _by_pieces(
+    points: ArrayLike, each: tuple[int, ...], work: Callable[[Floats], Floats]
+) -> Floats:
+    """``work`` of points (..., 2), not too many at a time; ``each`` is what one point becomes."""
+    given = np.asarray(points, dtype=np.float64)
+    if given.shape[-1:] != (2,):
+        raise ValueError(f"points have x and y along their last axis, not {given.shape}")
+    flat = given.reshape(-1, 2)
+    found = np.empty((len(flat), *each))
+    for start in range(0, len(flat), PIECE):
+        found[start : start + PIECE] = work(flat[start : start + PIECE])
+    return found.reshape(*given.shape[:-1], *each)
+
+
+def _projected(full: Floats, ahead: float, points: Floats) -> Floats:
+    """Points (..., 2) under a homography; NaN where they are not on the side ``ahead``."""
+    x, y = points[..., 0], points[..., 1]
+    scale = full[2, 0] * x + full[2, 1] * y + full[2, 2]
+    with np.errstate(all="ignore"):
+        per = np.where(scale * ahead > 0.0, 1.0 / scale, np.nan)
+        found = np.empty(points.shape)
+        for axis in (0, 1):
+            found[..., axis] = (full[axis, 0] * x + full[axis, 1] * y + full[axis, 2]) * per
+    return found
+
+
+def _solved(slope: Floats, wanted: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """``slope @ x = wanted`` for each of many 2 x 2 matrices, and where one is neither folded nor
+    turned around."""
+    a, b, c, d = slope[..., 0, 0], slope[..., 0, 1], slope[..., 1, 0], slope[..., 1, 1]
+    right, down = wanted[..., 0], wanted[..., 1]
+    det = a * d - b * c
+    solved = np.stack([d * right - b * down, a * down - c * right], axis=-1) / det[..., None]
+    return solved, (det > 0.0) & (a + d > 0.0)
+
+
+def _turned(nodes: Floats, turn: Floats) -> Nodes:
+    """Nodes (rows, cols, 2) and their displacements under a flip or a quarter turn."""
+    down_first = nodes if turn[0, 0] != 0.0 else nodes.swapaxes(0, 1)
+    signs = turn.sum(axis=1)  # where the new axes, right and down, run backwards
+    kept = down_first[:: int(signs[1]), :: int(signs[0])] @ turn.T
+    return tuple(tuple((right, down) for right, down in row) for row in kept.tolist())

@@ -1,0 +1,104 @@
+"""Whether a map can be used at all: finite, invertible, nowhere folded, and on the field."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+from pdcd.panels.map import Map
+
+SAMPLES = 33
+"""Points a side at which a map is looked at, the device's corners included; more where a residual
+has many nodes."""
+PER_NODE = 4
+"""Points from one node of a residual to the next."""
+MAX_NODES = 32
+"""Nodes of a residual a side: what needs more is not smooth."""
+MAX_SIDE_PX = 2**16
+"""Pixels of a device a side."""
+FARTHEST = 100.0
+"""A device whose corner lies further off than so many widths of the field is not on this bench."""
+LEAST_SHARE = 0.25
+"""Share of the field that a panel must cover: cells beyond it never get light."""
+
+
+def check(map_: Map, device: str) -> Map:
+    """The map itself. Raises ConfigError where it is not finite, singular, folded or beyond all
+    measure; `device` is whose it is."""
+    width, height = map_.size_px
+    numbers = [*map_.homography, *map_.radial, *map_.tangential]
+    if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
+        raise _unsound(device, f"has {width} x {height} pixels; 1 to {MAX_SIDE_PX} a side are read")
+    if not np.isfinite(numbers).all():
+        raise _unsound(device, "has numbers that are not finite")
+    nodes = _nodes(map_, device)
+    full = np.array(map_.homography).reshape(3, 3)
+    if not np.isfinite(full).all() or np.linalg.matrix_rank(full) < 3:
+        raise _unsound(device, "has a singular homography")
+    samples = max(SAMPLES, PER_NODE * (max(nodes.shape[:2]) - 1) + 1)
+    x, y = np.meshgrid(np.linspace(0.0, width, samples), np.linspace(0.0, height, samples))
+    points = np.stack([x, y], axis=-1)
+    with np.errstate(all="ignore"):
+        field, turned = map_.to_field(points), np.linalg.det(map_.jacobian(points))
+    if not np.isfinite(field).all():
+        raise _unsound(device, "sends part of the device beyond infinity")
+    if np.abs(field).max() > FARTHEST:
+        raise _unsound(device, f"places a corner {np.abs(field).max():.3g} fields away")
+    if not (turned > 0.0).all() and not (turned < 0.0).all():
+        raise _unsound(device, "folds: some places of the field have two pixels")
+    back = map_.from_field(field)
+    if not np.allclose(back, points, rtol=0.0, atol=1e-6 * max(width, height)):
+        raise _unsound(device, "cannot be inverted over the whole device")
+    return map_
+
+
+@lru_cache(maxsize=32)
+def share(map_: Map, points: int = 64) -> float:
+    """The share of the field that the device covers, 0 to 1, by so many points a side."""
+    middle = (np.arange(points) + 0.5) / points
+    at = map_.from_field(np.stack(np.meshgrid(middle, middle), axis=-1))
+    with np.errstate(invalid="ignore"):  # no number where the field has no point of the device
+        return float(np.mean(((at >= 0.0) & (at <= map_.size_px)).all(axis=-1)))
+
+
+def check_share(map_: Map, device: str, least: float = LEAST_SHARE) -> Map:
+    """The map itself. Raises ConfigError where the device misses the field, or covers less of it
+    than ``least``; 0: where it misses the field only."""
+    covered = share(map_)
+    if covered == 0.0:
+        raise _unsound(device, "places it beside the field")
+    if covered < least:
+        raise _unsound(
+            device, f"covers {covered:.1%} of the field only; {least:.0%} at least are needed"
+        )
+    return map_
+
+
+def _nodes(map_: Map, device: str) -> NDArray[np.float64]:
+    """The residual as an array (rows, cols, 2), or one of shape (1, 1, 2) where there is none."""
+    if not map_.residual:
+        return np.zeros((1, 1, 2))
+    try:
+        nodes = np.array(map_.residual, dtype=np.float64)
+    except (ValueError, TypeError):
+        nodes = np.empty(0)
+    sides = nodes.shape[:2]
+    if nodes.ndim != 3 or nodes.shape[2] != 2 or not all(2 <= n <= MAX_NODES for n in sides):
+        raise _unsound(
+            device,
+            f"has a residual that is no grid of 2 x 2 to {MAX_NODES} x {MAX_NODES} nodes",
+        )
+    if not np.isfinite(nodes).all():
+        raise _unsound(device, "has a residual that is not finite")
+    return nodes
+
+
+def _unsound(device: str, what: str) -> ConfigError:
+    return ConfigError(
+        f"the map of the {device} {what}",
+        device=device,
+        hint="mend its place in the configuration, or calibrate the geometry anew",
+    )

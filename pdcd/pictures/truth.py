@@ -1,0 +1,186 @@
+"""What a picture is in truth, where it was taken of a scene whose transport is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import Config
+from pdcd.errors import DecodeError, disk_errors
+from pdcd.pictures.sigma import Barred
+from pdcd.probing.wanted import Wanted
+from pdcd.recipes.recipe import Extremes, Recipe
+from pdcd.runs.patterns import stored_arrays
+from pdcd.sensor.cells import CellMap
+from pdcd.sensor.raw import shrunk
+from pdcd.virtual.optics.needed import optics_of, windows_cut
+from pdcd.virtual.scene.scene import Scene
+
+TRUTH = "truth.npz"
+"""What the answer is in truth, in the folder of a run of a virtual scene."""
+BLOCK = 256
+"""Rows of the wanted matrix taken together; bounds the memory."""
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Known:
+    """The answer in truth, in scene units, and where it can be compared.
+
+    On a bench of cells `image` is (N, 3) and `seen` (N,), of cells, to be compared with means over
+    them. On one of pixels they are (h, w, 3) and (h, w), of quads: the truth is seen through the
+    same optics, and compared where it lies wholly inside the field.
+    """
+
+    image: NDArray[np.floating]
+    seen: Bools
+    of_cells: bool
+
+    def rms_error(self, picture: Barred, means: Floats) -> float | None:
+        """RMS error of the answer over the RMS of the truth, where the answer is known; None where
+        the truth is dark. means : (rows, cols, 3), the picture's means over the cells."""
+        if self.of_cells:
+            seen, found = self.seen, means.reshape(-1, 3)
+        else:
+            seen, found = self.seen & np.isfinite(picture.sigma).all(axis=-1), picture.image
+        truth, found = self.image[seen], found[seen]
+        scale = float(np.sum(truth**2))
+        return float(np.sqrt(np.sum((found - truth) ** 2) / scale)) if scale else None
+
+    def binned(self, side: int) -> Known:
+        """The same on squares of `side` x `side` quads."""
+        if self.of_cells or side == 1:
+            return self
+        image = shrunk(self.image.astype(np.float32), side)
+        return Known(image, shrunk(self.seen.astype(np.float32), side) == 1.0, of_cells=False)
+
+    def on_cells(self, cells: CellMap) -> Floats:
+        """Means over the cells, (rows, cols, 3) float64; NaN where a cell cannot be compared."""
+        seen = self.seen if self.of_cells else cells.seen(self.seen)
+        image = self.image if self.of_cells else cells.mean(self.image, self.seen)
+        return np.where(seen[:, None], image, np.nan).reshape(*cells.grid, 3).astype(np.float64)
+
+    def on_quads(self, cells: CellMap) -> tuple[NDArray[np.floating], Bools]:
+        """The same on the camera's quads, (h, w, 3) and (h, w)."""
+        if not self.of_cells:
+            return self.image, self.seen
+        return np.asarray(cells.spread(self.image)), np.asarray(cells.spread(self.seen))
+
+
+def write_truth(folder: Path, known: Known) -> None:
+    """Keep it in a run folder, in single precision. Raises NoSpaceError, or DiskError for any other
+    refusal of the disk."""
+    with disk_errors(str(folder)), (folder / TRUTH).open("wb") as file:
+        image = known.image.astype(np.float32)
+        np.savez(file, image=image, seen=known.seen, of_cells=np.array(known.of_cells))
+
+
+def read_truth(folder: Path, cells: CellMap) -> Known:
+    """What `write_truth` kept, of a run with that map of its cells. Raises DecodeError."""
+    kept = stored_arrays(folder / TRUTH)
+    image, seen, of_cells = (kept.get(name, np.zeros(0)) for name in ("image", "seen", "of_cells"))
+    shape = (cells.grid[0] * cells.grid[1],) if of_cells.any() else cells.frame
+    fits = (image.shape, seen.shape) == ((*shape, 3), shape)
+    if not fits or image.dtype != np.float32 or seen.dtype != np.bool_:
+        raise DecodeError(f"{folder / TRUTH} does not fit the run", hint="restore it from a copy")
+    return Known(image, seen, of_cells=bool(of_cells.any()))
+
+
+def known_answer(
+    config: Config,
+    scene: Scene | None,
+    recipe: Recipe,
+    windows: Iterable[str],
+    cells: CellMap | None,
+    alive: Callable[[], None] = lambda: None,
+) -> Known | None:
+    """The truth of a recipe's answer; None where nobody knows it.
+
+    windows : of the recipe's shots. cells : the map of the camera's frame. `alive` is called now
+    and then, and may raise to end the work.
+    """
+    if scene is None or cells is None:
+        return None
+    grid = recipe.target.grid
+    optics = optics_of(config, scene, cut=any(windows_cut(config, grid, w) for w in windows))
+    if optics is None:
+        return Known(answer(scene, recipe, alive), cells.seen(), of_cells=True)
+    if optics.frame != cells.frame or not _told(recipe, scene):
+        return None
+    meant = recipe.wanted if recipe.meant is None else recipe.meant
+    image = optics.wanted(lambda part: answer(part, recipe, alive), meant, alive)
+    return Known(image, optics.inside, of_cells=False)
+
+
+def _told(recipe: Recipe, scene: Scene) -> bool:
+    """Whether a scene can tell what an answer is on a bench of pixels: one that is linear in its
+    effects, and means the scene's own cells or none in particular."""
+    if isinstance(recipe.answer, Extremes):
+        return False
+    wanted = recipe.wanted if recipe.meant is None else recipe.meant
+    return recipe.target.grid == scene.grid or wanted.uniform is not None
+
+
+def answer(
+    scene: Scene, recipe: Recipe, alive: Callable[[], None] = lambda: None
+) -> NDArray[np.float64]:
+    """What a recipe's answer is in truth, (N, 3), in scene units, without ambient light.
+
+    `alive` is called now and then, and may raise to end the work.
+    """
+    rule = recipe.answer
+    if recipe.meant is not None:
+        return probe(scene, recipe.meant, alive)
+    if not isinstance(rule, Extremes):
+        return probe(scene, recipe.wanted, alive)
+    wanted = {photo.name: photo.wanted for photo in recipe.photos}
+    images = np.stack([probe(scene, wanted[name], alive) for name in rule.photos])
+    return np.asarray(rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0))
+
+
+def probe(
+    scene: Scene, wanted: Wanted, alive: Callable[[], None] = lambda: None
+) -> NDArray[np.float64]:
+    """``(Pi o T) 1`` with the wanted matrix itself, (N, 3), in scene units, without ambient light.
+
+    Eq. 2 of the paper. Parts that are products cost one pass over the transport, and direct light
+    none. Others are evaluated row by row, in O(N^2): a scene knows no single entries of T.
+    """
+    direct, indirect = scene.split()
+    if wanted.uniform is not None:
+        diagonal, off = wanted.uniform
+        return diagonal * direct + off * indirect
+    nothing = np.zeros(scene.cells)
+    camera, projector = wanted.products()
+    banded = wanted.banded()
+    image = direct * banded.diagonal()[:, None]
+    if len(camera):
+        image += scene.photo(camera, projector, np.sum(camera * projector, axis=0), nothing)
+    if not banded.squares().any():
+        return image
+    for start in range(0, scene.cells, BLOCK):
+        alive()
+        stop = min(start + BLOCK, scene.cells)
+        rows = banded.rows(start, stop)
+        pick = np.zeros((stop - start, scene.cells))
+        here = np.arange(stop - start), np.arange(start, stop)
+        pick[here], rows[here] = 1.0, 0.0
+        image += scene.photo(pick, rows, nothing, nothing)
+    return image
+
+
+def entries(scene: Scene, seen: NDArray[np.int64], lit: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Entries of T between camera cells `seen` (C,) and projector cells `lit` (J,), (C, J, 3)."""
+    found = np.empty((seen.size, lit.size, 3))
+    for start in range(0, lit.size, BLOCK):
+        some = lit[start : start + BLOCK]
+        light = np.zeros((some.size, scene.cells))
+        light[np.arange(some.size), some] = 1.0
+        found[:, start : start + BLOCK] = scene.apply(light)[:, seen].transpose(1, 0, 2)
+    return found

@@ -1,0 +1,1 @@
+"""Pictures as files: what a run folder shows, and what is exported from it."""

@@ -1,0 +1,102 @@
+"""The image files of a run folder, PNG to look at and TIFF to compute with, and the geometric
+correction by a homography."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdcd.errors import ConfigError, DecodeError, disk_errors
+from pdcd.files.images.sixteen import png_of
+from pdcd.files.images.tiff import around
+
+
+def blocks(grey: NDArray[np.float64], min_width_px: int = 640) -> NDArray[np.uint8]:
+    """A table of numbers to look at, (H, W, 3) uint8, each a square.
+
+    grey : (h, w), 0 is black and 1 is white, linear; what lies beyond is cut off, NaN is black.
+    min_width_px : a narrower table is enlarged by a whole factor.
+    """
+    linear = np.clip(np.nan_to_num(grey, nan=0.0), 0.0, 1.0)
+    picture = np.rint(255.0 * linear).astype(np.uint8)[..., None].repeat(3, axis=2)
+    factor = max(-(-min_width_px // picture.shape[1]), 1)
+    return picture.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def warp(
+    image: NDArray[np.float64], matrix: ArrayLike, size_px: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Geometric correction: rotation, flip, perspective.
+
+    Parameters
+    ----------
+    image : (h, w, C) or (h, w) float64
+        Linear values; C up to 4.
+    matrix : (3, 3) float
+        Homography from (column, row, 1) of the input to that of the output, in pixels whose
+        centres have whole coordinates.
+    size_px : (width, height)
+        Size of the output.
+
+    Returns
+    -------
+    (height, width, C) or (height, width) float64
+        Bilinear between input pixels (offsets are rounded to 1/32 pixel), 0 outside.
+    """
+    homography = np.asarray(matrix, dtype=np.float64)
+    usable = homography.shape == (3, 3) and bool(np.isfinite(homography).all())
+    if not usable or np.linalg.det(homography) == 0.0:
+        raise ConfigError(
+            "a warp needs an invertible 3x3 matrix", hint="repeat the geometric calibration"
+        )
+    warped = cv2.warpPerspective(
+        np.asarray(image, dtype=np.float64), homography, size_px, flags=cv2.INTER_LINEAR
+    )
+    return np.asarray(warped, dtype=np.float64)
+
+
+def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Write an (H, W, 3) uint8 RGB picture as PNG. Raises `NoSpaceError`, or
+    `PdcdError` for any other refusal of the disk."""
+    _check(path, picture)
+    # Encoded in memory and written here, as cv2.imwrite reports a full disk only as False.
+    data = png_of(picture)
+    with disk_errors(str(path)):
+        path.write_bytes(data)
+
+
+def write_tiff(path: Path, image: NDArray[np.floating]) -> None:
+    """Write an (h, w, 3) RGB image as uncompressed float32 TIFF: float32 values, negative and NaN
+    ones too, come back exactly. Raises `NoSpaceError`, or
+    `PdcdError` for any other refusal of the disk."""
+    _check(path, image)
+    singles = np.ascontiguousarray(image, dtype="<f4")
+    before, after = around(singles)
+    with disk_errors(str(path)), path.open("wb") as file:
+        file.write(before)
+        file.write(singles.data)
+        file.write(after)
+
+
+def read_tiff(path: Path) -> NDArray[np.float32]:
+    """Read what `write_tiff` wrote, as (h, w, 3) float32 RGB. Raises `DecodeError`."""
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    except OSError as err:
+        raise DecodeError(f"cannot read {path}: {err.strerror}") from err
+    except cv2.error as err:  # an empty file, or a size beyond OpenCV's limits
+        raise DecodeError(f"cannot decode {path.name}: {err.err}") from err
+    if image is None or image.dtype != np.float32 or image.ndim != 3 or image.shape[2] != 3:
+        raise DecodeError(
+            f"{path.name} is not a whole float32 RGB TIFF", hint="develop the run again"
+        )
+    return np.asarray(image[..., ::-1], dtype=np.float32).copy()
+
+
+def _check(path: Path, rgb: NDArray[np.generic]) -> None:
+    if rgb.ndim != 3 or rgb.shape[2] != 3 or not rgb.size:
+        raise ConfigError(f"{path.name}: an image needs shape (h, w, 3), not {rgb.shape}")

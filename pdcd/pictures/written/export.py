@@ -1,0 +1,254 @@
+"""Pictures of a finished run as files for other programs, with what is known of them inside.
+
+The run is verified first, and left as it is. Values are scene units, as in linear/*.tif; files of
+16 bits hold them between a black and a white that the file states.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import DecodeError, RequestError
+from pdcd.files.images.exr import exr_bytes
+from pdcd.files.images.sixteen import png_bytes, tiff_bytes
+from pdcd.files.inside import fault_of
+from pdcd.pictures.decode import record_errors
+from pdcd.pictures.upright import Sampler, View, all_known
+from pdcd.pictures.written.balance import Balance, by_patch
+from pdcd.pictures.written.brightness import WHITE
+from pdcd.pictures.written.develop import read_tiff
+from pdcd.pictures.written.previews import LEAST_PX, MOST_PX
+from pdcd.printable import one_line
+from pdcd.runs.folder import sha256_of
+from pdcd.runs.manifest import MANIFEST
+from pdcd.runs.record import Manifest
+from pdcd.runs.verify import whole_manifest
+from pdcd.sensor.cells import CellMap
+from pdcd.version import __version__
+
+Singles = NDArray[np.float32]
+Format = Literal["exr", "tiff16", "png16", "npz"]
+
+ENDINGS: dict[Format, str] = {"exr": "exr", "tiff16": "tiff", "png16": "png", "npz": "npz"}
+FULL = 65535
+"""Largest value of 16 bits."""
+UNITS = "scene units: a white, fully lit, facing matte surface is 1"
+MOST_UPRIGHT_PX = 16384
+"""Widest picture of the field."""
+WHITE_PERCENT = 99.9
+"""The usual white is a power of two that so many values of every picture of the run stay below."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What is to be exported, and how.
+
+    pictures : names; () stands for all.
+    upright : sampled on the field as the projector sees it, instead of as the camera does.
+    white_patch : (x, y) on the field of something to be made grey; None leaves the colours.
+    span : black and white of 16-bit files in scene units; None: 0 and what fits the run.
+    """
+
+    format: Format
+    pictures: tuple[str, ...] = ()
+    upright: bool = False
+    white_patch: tuple[float, float] | None = None
+    span: tuple[float, float] | None = None
+
+
+class Exported(msgspec.Struct, frozen=True, kw_only=True):
+    """One picture, ready to be written.
+
+    below, above, unknown : values (three a pixel) under black, over white, and such as are no
+        number; the first two are 0 where nothing is clipped.
+    """
+
+    picture: str
+    name: str
+    """Of the file."""
+    size_px: tuple[int, int]
+    span: tuple[float, float] | None
+    below: int
+    above: int
+    unknown: int
+    data: bytes
+
+
+def exported(folder: Path, asked: Asked, alive: Callable[[], None]) -> tuple[Exported, ...]:
+    """The files of a run's pictures.
+
+    Raises DecodeError when the run is not whole and unchanged, and RequestError for a picture that
+    it does not have, a span that is none, or a patch where nothing white can be seen.
+    """
+    _check(asked)
+    manifest = whole_manifest(folder, alive=alive)
+    if "/" in manifest.job or fault_of(manifest.job) is not None:
+        raise DecodeError(f"{folder}: its job cannot be part of a file's name")
+    digest = sha256_of(folder / MANIFEST)
+    with record_errors(folder):
+        images = _images(folder, manifest, alive)
+        chosen = _chosen(images, asked.pictures)
+        record = manifest.run
+        cells = record.cells or CellMap(grid=record.grid, frame=_frame(images))
+        view = View.of(record, cells)
+        balance = _balance(images, view, asked)
+        factors = np.array(balance.factors, np.float32)
+        images = {name: image * factors for name, image in images.items()}
+        span = (asked.span or (0.0, _usual_white(images))) if "16" in asked.format else None
+        if asked.upright:
+            images = _upright({name: images[name] for name in chosen}, view)
+    told = _told(manifest, digest, asked, balance)
+    return tuple(_file(name, images[name], asked.format, told, span, alive) for name in chosen)
+
+
+def _check(asked: Asked) -> None:
+    if asked.span is None:
+        return
+    black, white = asked.span
+    if not (np.isfinite(asked.span).all() and black < white):
+        raise RequestError(f"a range from {black:g} to {white:g} is none", hint="black comes first")
+    if "16" not in asked.format:
+        raise RequestError(f"{asked.format} files need no range", hint="they hold every value")
+
+
+def _images(folder: Path, manifest: Manifest, alive: Callable[[], None]) -> dict[str, Singles]:
+    """All linear pictures of a run, the white one first."""
+    names = [n for n in manifest.files if n.startswith("linear/") and n.endswith(".tif")]
+    found = {}
+    for name in sorted(names, key=lambda n: (n != f"linear/{WHITE}.tif", n)):
+        found[Path(name).stem] = read_tiff(folder / name)
+        alive()
+    if not found:
+        raise DecodeError(f"{folder} has no pictures", hint="is it a run of pdcd?")
+    return found
+
+
+def _chosen(images: dict[str, Singles], asked: Sequence[str]) -> tuple[str, ...]:
+    for name in asked:
+        if name not in images:
+            raise RequestError(
+                f"the run has no picture {name!r}", hint=f"it has {', '.join(sorted(images))}"
+            )
+    return tuple(dict.fromkeys(asked or images))
+
+
+def _frame(images: dict[str, Singles]) -> tuple[int, int]:
+    """Rows and columns of all pictures. Raises DecodeError where they differ."""
+    shapes = {image.shape[:2] for image in images.values()}
+    if len(shapes) != 1:
+        raise DecodeError("its pictures differ in size", hint="it was not written by pdcd")
+    rows, cols = shapes.pop()
+    return rows, cols
+
+
+def _balance(images: dict[str, Singles], view: View, asked: Asked) -> Balance:
+    if asked.white_patch is None:
+        return Balance()
+    image = next(iter(images.values()))
+    sampler = Sampler(view, view.size_px(LEAST_PX, MOST_PX))
+    shown, known = sampler(image, all_known(image))
+    found = by_patch(shown, known, asked.white_patch)
+    if found is None:
+        x, y = asked.white_patch
+        raise RequestError(
+            f"nothing white can be seen at {x:g} {y:g}", hint="look at preview/white.png"
+        )
+    return found
+
+
+def _usual_white(images: dict[str, Singles]) -> float:
+    tops = []
+    for image in images.values():
+        values = image[np.isfinite(image)]
+        tops.append(float(np.percentile(values, WHITE_PERCENT)) if values.size else 0.0)
+    top = max(tops)
+    return float(2.0 ** np.ceil(np.log2(top))) if top > 0.0 else 1.0
+
+
+def _upright(images: dict[str, Singles], view: View) -> dict[str, Singles]:
+    """The pictures on the field; NaN where the camera does not see it."""
+    sampler = Sampler(view, view.size_px(1, MOST_UPRIGHT_PX))
+    found = {}
+    for name, image in images.items():
+        shown, known = sampler(image, all_known(image))
+        shown[~known] = np.nan
+        found[name] = shown
+    return found
+
+
+def _told(manifest: Manifest, digest: str, asked: Asked, balance: Balance) -> dict[str, str]:
+    """What every file says of itself, whatever its picture and format."""
+    factors = " ".join(f"{factor:.6g}" for factor in balance.factors)
+    if asked.white_patch is not None:
+        factors += ", by a patch at {:g} {:g}".format(*asked.white_patch)
+    told = {
+        "job": manifest.job,
+        "goal": manifest.run.goal.name,
+        "units": UNITS,
+        "geometry": "the field, as the projector sees it"
+        if asked.upright
+        else "the camera's own, a pixel for each Bayer quad",
+        "white_balance": factors,
+        "scene": "virtual" if manifest.mock else "real",
+        "taken_utc": manifest.started_utc,
+        "taken_by": f"pdcd {manifest.versions.get('pdcd', '?')}",
+        "manifest_sha256": digest,
+    }
+    return {name: one_line(words) for name, words in told.items()}
+
+
+def _file(
+    picture: str,
+    image: Singles,
+    format_: Format,
+    told: dict[str, str],
+    span: tuple[float, float] | None,
+    alive: Callable[[], None],
+) -> Exported:
+    alive()
+    told = {"picture": picture, **told}
+    software = f"pdcd {__version__}"
+    known = np.isfinite(image)
+    below = above = 0
+    if span is None:
+        told = {**told, "scale": "1", "software": software}
+        data = exr_bytes(image, told) if format_ == "exr" else _npz_bytes(image, told)
+    else:
+        black, white = span
+        scaled = np.where(known, (image.astype(np.float64) - black) * (FULL / (white - black)), 0.0)
+        below, above = int((scaled < -0.5).sum()), int((scaled > FULL + 0.5).sum())
+        words = np.rint(np.clip(scaled, 0.0, FULL)).astype(np.uint16)
+        told = {
+            **told,
+            "black": f"0 is {black:.9g}",
+            "white": f"{FULL} is {white:.9g}",
+            "scale": f"{FULL / (white - black):.9g} steps for 1; linear",
+        }
+        data = (tiff_bytes if format_ == "tiff16" else png_bytes)(words, told, software)
+    height, width, _ = image.shape
+    return Exported(
+        picture=picture,
+        name=f"{told['job']}-{picture}.{ENDINGS[format_]}",
+        size_px=(width, height),
+        span=span,
+        below=below,
+        above=above,
+        unknown=int(known.size - known.sum()),
+        data=data,
+    )
+
+
+def _npz_bytes(image: Singles, told: dict[str, str]) -> bytes:
+    """`image` (h, w, 3) float32, and a field of text for each line of `told`."""
+    file = io.BytesIO()
+    fields = {name: np.array(words) for name, words in told.items()}
+    np.savez_compressed(file, allow_pickle=False, image=image, **fields)
+    return file.getvalue()

@@ -1,0 +1,109 @@
+"""What is told of runs on disk, and asked of them: values alone, and nothing that reads them."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from pdcd.protocol.labels import Label, Tag
+from pdcd.words import GoalName, VerdictName
+
+MOST_RUNS = 1000
+"""Most runs of one page."""
+
+State = Literal[
+    "done", "partial", "failed", "cancelled", "unfinished", "running", "damaged", "foreign"
+]
+
+
+class RunEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A run on disk.
+
+    `state`: "done"; "partial", made of a run that was cut; "failed" and "cancelled", which left
+    what they had; "running"; "unfinished", which ended without saying why; "damaged", whose
+    manifest cannot be read; "foreign", the folder of somebody else, into which nobody looked. What
+    nobody can tell is null.
+    """
+
+    job: str
+    state: State
+    folder: str
+    kind: Literal["capture", "preview"] = "capture"
+    name: str | None = None
+    tags: tuple[str, ...] = ()
+    note: str = ""
+    goal: str | None = None
+    method: str | None = None
+    codes: int | None = None
+    """Pairs of patterns; of a run without a manifest, as planned."""
+    exposure_s: float | None = None
+    rms_error: float | None = None
+    """Against a known truth, relative to the RMS of the picture."""
+    rms_sigma: float | None = None
+    """What the run itself expects its error to be, relative likewise."""
+    verdict: VerdictName | None = None
+    mock: bool | None = None
+    user: str | None = None
+    started_utc: str | None = None
+    finished_utc: str | None = None
+    taken: str | None = None
+    """Of a run that was cut: as "3 of 5 shots, missing: black, coded-4"."""
+    reason: str | None = None
+    """Why there is no finished run, in words."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether no whole run came of it."""
+        return self.state not in ("done", "running")
+
+
+class RunQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which runs are wanted, of the newest ones; what is left out does not matter.
+
+    `before` is `more` of the page before: what follows is older.
+    """
+
+    newest: Annotated[int, Meta(ge=1, le=MOST_RUNS)] = 50
+    before: Annotated[str, Meta(max_length=4096)] | None = None
+    since: Annotated[datetime, Meta(tz=True)] | None = None
+    """Started then or later."""
+    goal: GoalName | None = None
+    name: Label | None = None
+    job: Annotated[str, Meta(max_length=64)] | None = None
+    tags: Annotated[tuple[Tag, ...], Meta(max_length=16)] = ()
+    """All of these."""
+    failed: bool = False
+    """Only those of which no whole run came."""
+    previews: bool = False
+    """Quick looks, too."""
+
+
+class Page(msgspec.Struct, frozen=True, kw_only=True):
+    """Runs that were found, newest first, and where it goes on."""
+
+    state_folder: str
+    runs: list[RunEntry]
+    more: str | None = None
+    """Give it as `before` for the runs that follow; null where there are none."""
+    closed: tuple[str, ...] = ()
+    """Folders below the state folder that could not be looked at, up to ten of them."""
+    cut: bool = False
+    """Whether the state folder holds more names than are looked at."""
+
+
+StoredState = Literal["done", "failed", "cancelled", "unfinished", "damaged"]
+
+
+class StoredRun(msgspec.Struct, frozen=True, kw_only=True):
+    """A run on disk. `state` "unfinished": it has no manifest, and what it has is kept;
+    "damaged": its manifest cannot be read. Goal and user are null where nobody can tell."""
+
+    job: str
+    state: StoredState
+    folder: str
+    goal: str | None = None
+    user: str | None = None
+    started_utc: str | None = None

@@ -1,0 +1,351 @@
+"""Every message of the socket as a value, and the table of methods.
+
+The wire is JSON-RPC 2.0, one object a line (https://www.jsonrpc.org/specification). Parameters
+refuse unknown fields, so that a misspelt one is not silently ignored; what the server sends may
+gain fields, and clients ignore those they do not know.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from numbers import Integral, Real
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from pdcd.bench.tables import Config
+from pdcd.errors import KINDS, PdcdError
+from pdcd.protocol import events
+from pdcd.protocol.entry import MOST_RUNS, Page, RunQuery, StoredRun
+from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
+from pdcd.protocol.roles import Role
+from pdcd.protocol.views import OwnerView, Preview, RigView
+from pdcd.words import JobKind, JobState, PatternName
+
+PROTOCOL = (1, 3)
+"""Major and minor version: a major change breaks clients, a minor one only adds."""
+
+MAX_LINE = 2**20
+"""Longest line either way, in bytes, its newline included."""
+
+MAX_FDS = 16
+"""Descriptors that one connection may have sent and not yet named in a request, and the most that
+its unanswered requests may hold."""
+
+PARSE_ERROR, INVALID_REQUEST, METHOD_NOT_FOUND, INVALID_PARAMS, INTERNAL_ERROR = (
+    -32700,
+    -32600,
+    -32601,
+    -32602,
+    -32603,
+)
+"""The codes that JSON-RPC 2.0 reserves (section 5.1)."""
+
+CODES: Mapping[str, int] = MappingProxyType(
+    {
+        "protocol": INVALID_REQUEST,
+        "config": INVALID_PARAMS,
+        "request": INVALID_PARAMS,
+        "internal": INTERNAL_ERROR,
+        # The range left to applications; the order is frozen, new kinds go to the end.
+        "busy": -32001,
+        "cancelled": -32002,
+        "device_lost": -32003,
+        "driver_unavailable": -32004,
+        "sync": -32005,
+        "exposure": -32006,
+        "decode": -32007,
+        "no_space": -32008,
+        "plan": -32009,
+        "denied": -32010,
+        "disk": -32011,
+        "calibration": -32012,
+    }
+)
+"""JSON-RPC code of each error kind."""
+
+RigState = Literal["idle", "busy", "stopping"]
+Interest = Literal["all", "own", "none"]
+
+
+class _Params(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of all parameters: nothing unknown."""
+
+
+class NoParams(_Params, frozen=True):
+    """The method takes nothing."""
+
+
+class HelloParams(_Params, frozen=True):
+    """What a client needs: the lowest protocol version (major, minor) that serves it."""
+
+    protocol: tuple[int, int]
+
+
+class PlanParams(CaptureRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`capture.plan`: the request, and whether it may wait while the rig is taken."""
+
+    queue: bool = False
+
+    def request(self) -> CaptureRequest:
+        """The request alone, as the engine takes it."""
+        return CaptureRequest(**{f: getattr(self, f) for f in CaptureRequest.__struct_fields__})
+
+
+class StartParams(PlanParams, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`capture.start`: the same, and whether it outlives its connection."""
+
+    detach: bool = False
+
+
+class CalibrateParams(CalibrateRequest, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`calibrate.start`: what to measure, and how to go about it as `capture.start` has it."""
+
+    detach: bool = False
+    queue: bool = False
+
+    def request(self) -> CalibrateRequest:
+        """The request alone, as the engine takes it."""
+        return CalibrateRequest(**{f: getattr(self, f) for f in CalibrateRequest.__struct_fields__})
+
+
+class JobParams(_Params, frozen=True):
+    """Names one job."""
+
+    job: Annotated[str, Meta(max_length=64)]
+
+
+class ListParams(_Params, frozen=True):
+    """`capture.list`: how many runs of the state folder to name, too; which ones to find there."""
+
+    runs: Annotated[int, Meta(ge=0, le=MOST_RUNS)] = 0
+    find: RunQuery | None = None
+
+
+class ShowParams(_Params, frozen=True):
+    """`display.show`: a test picture; `index` picks the code of the pattern "code", and `detach`
+    leaves it on when the connection ends."""
+
+    pattern: PatternName
+    index: Annotated[int, Meta(ge=0, lt=2**31)] = 0
+    detach: bool = False
+
+
+class SubscribeParams(_Params, frozen=True):
+    """`events.subscribe`: events of all jobs, or of those started on this connection."""
+
+    jobs: Literal["all", "own"] = "own"
+
+
+class ClockAnchor(msgspec.Struct, frozen=True):
+    """One instant on two clocks: ns since boot (as all event times are) and ISO 8601 UTC."""
+
+    mono_ns: int
+    utc: str
+
+
+class Hello(msgspec.Struct, frozen=True, kw_only=True):
+    """What the server says first, as a notification `hello`."""
+
+    server: str
+    version: str
+    protocol: tuple[int, int]
+    max_line: int
+    drivers: dict[str, str]
+    state: RigState
+    clock: ClockAnchor
+
+
+class Admitted(msgspec.Struct, frozen=True, kw_only=True):
+    """Answer of `capture.start`, `calibrate.start` and `calibrate.proceed`."""
+
+    job: str
+    state: JobState
+
+
+class JobView(msgspec.Struct, frozen=True, kw_only=True):
+    """One job as `capture.list` and `rig.status` show it.
+
+    `goal` is that of a capture or a plan, the pattern of a show, "white" for a preview, the steps
+    of a calibration.
+    """
+
+    job: str
+    state: JobState
+    goal: str
+    kind: JobKind = "capture"
+    owner: OwnerView
+    detach: bool
+    created_utc: str
+    folder: str | None = None
+
+
+class JobList(msgspec.Struct, frozen=True):
+    """Answer of `capture.list`: jobs oldest first, finished ones of each kind up to a bound; and
+    the runs of the state folder that were asked for, newest first, those of the jobs among them."""
+
+    jobs: list[JobView]
+    runs: list[StoredRun] = []
+    found: Page | None = None
+    """Of those that `find` asked for."""
+
+
+class Status(msgspec.Struct, frozen=True, kw_only=True):
+    """Answer of `rig.status`."""
+
+    version: str
+    state: RigState
+    running: JobView | None
+    queued: list[JobView]
+    connections: int
+    uptime_s: float
+    clock: ClockAnchor
+
+
+class GoalView(msgspec.Struct, frozen=True, kw_only=True):
+    """What a goal keeps of the light, in words, and which parameters it needs and may be given."""
+
+    keeps: str
+    needs: tuple[str, ...]
+    may: tuple[str, ...]
+
+
+class Described(msgspec.Struct, frozen=True):
+    """Answer of `rig.describe`: the rig, the JSON Schema of every message (`schema`), the goals by
+    name, and in words what the arrays among their parameters hold."""
+
+    rig: RigView
+    schema: dict[str, Any]
+    goals: dict[str, GoalView] = {}
+    arrays: dict[str, str] = {}
+
+
+class Subscription(msgspec.Struct, frozen=True):
+    """Answer of `events.subscribe` and `events.unsubscribe`: what is now delivered."""
+
+    jobs: Interest
+
+
+class Shown(msgspec.Struct, frozen=True):
+    """Answer of `display.show`: what both panels show now, and the job that keeps them at it."""
+
+    pattern: str
+    index: int
+    job: str
+
+
+class Pong(msgspec.Struct, frozen=True):
+    """Answer of `ping`."""
+
+    clock: ClockAnchor
+
+
+class Agreed(msgspec.Struct, frozen=True):
+    """Answer of `hello`: the server's protocol version."""
+
+    protocol: tuple[int, int]
+
+
+class ErrorData(msgspec.Struct, frozen=True, kw_only=True):
+    """The part of an error that clients match on."""
+
+    kind: str
+    device: str | None = None
+    hint: str | None = None
+
+
+class ErrorObject(msgspec.Struct, frozen=True):
+    """`error` of a reply (JSON-RPC 2.0, section 5.1)."""
+
+    code: int
+    message: str
+    data: ErrorData
+
+
+@dataclass(frozen=True)
+class Method:
+    """What a method takes and gives, and who may call it; `result` is used for the schema only.
+
+    `takes_fds` tells that descriptors may come with it.
+    """
+
+    params: type[msgspec.Struct]
+    result: type[msgspec.Struct]
+    role: Role = Role.LOOK
+    takes_fds: bool = False
+
+
+METHODS: Mapping[str, Method] = MappingProxyType(
+    {
+        "hello": Method(HelloParams, Agreed),
+        "ping": Method(NoParams, Pong),
+        "rig.status": Method(NoParams, Status),
+        "rig.describe": Method(NoParams, Described),
+        # It holds paths, ports, and who may do what: nothing that a mere onlooker needs.
+        "config.get": Method(NoParams, Config, Role.SHOOT),
+        "capture.plan": Method(PlanParams, PlanSummary, Role.SHOOT, takes_fds=True),
+        "capture.start": Method(StartParams, Admitted, Role.SHOOT, takes_fds=True),
+        "capture.wait": Method(JobParams, CaptureResult),
+        # Another user's job: administrators only (`pdcd.server.methods`).
+        "capture.cancel": Method(JobParams, CaptureResult, Role.SHOOT),
+        "capture.list": Method(ListParams, JobList),
+        "calibrate.start": Method(CalibrateParams, Admitted, Role.SHOOT),
+        # Another user's job: administrators only, as with capture.cancel.
+        "calibrate.proceed": Method(JobParams, Admitted, Role.SHOOT),
+        "display.show": Method(ShowParams, Shown, Role.SHOOT),
+        "preview.grab": Method(NoParams, Preview, Role.SHOOT),
+        "events.subscribe": Method(SubscribeParams, Subscription),
+        "events.unsubscribe": Method(NoParams, Subscription),
+    }
+)
+"""Every method of the socket, by name."""
+
+
+def plain(value: object) -> Any:
+    """The value in JSON types; numpy's numbers become Python's. Raises TypeError otherwise."""
+    return msgspec.to_builtins(value, enc_hook=_number)
+
+
+def _number(value: object) -> int | float:
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    raise TypeError(f"{type(value).__name__} cannot be sent as JSON")
+
+
+def error_object(error: PdcdError, code: int | None = None) -> ErrorObject:
+    """The error as a reply carries it; `code` overrides the one of its kind."""
+    data = ErrorData(kind=error.kind, device=error.device, hint=error.hint)
+    return ErrorObject(CODES[error.kind] if code is None else code, error.message, data)
+
+
+@functools.cache
+def schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of every message, for `rig.describe`.
+
+    Returns ``{"methods": {name: {"params", "result"}}, "notifications": {...}, "error", "kinds",
+    "$defs"}``, where each leaf is a schema that refers into `$defs`.
+    """
+    leaves: list[object] = [t for m in METHODS.values() for t in (m.params, m.result)]
+    notifications: dict[str, object] = {"hello": Hello, "event": events.Known}
+    leaves += [*notifications.values(), ErrorObject]
+    schemas, definitions = msgspec.json.schema_components(leaves, ref_template="#/$defs/{name}")
+    for kind in events.TYPES.values():
+        # The engine leaves the common fields out; what is sent has all.
+        sent = definitions[kind.__name__]
+        sent["required"] = list(sent["properties"])
+        for name in events.COMMON:
+            sent["properties"][name].pop("default", None)
+    made = iter(schemas)
+    return {
+        "methods": {name: {"params": next(made), "result": next(made)} for name in METHODS},
+        "notifications": {name: next(made) for name in notifications},
+        "error": next(made),
+        "kinds": list(KINDS),
+        "$defs": definitions,
+    }

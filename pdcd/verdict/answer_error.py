@@ -1,0 +1,90 @@
+"""How far an answer as a whole may be off: by its error bars, and by light below zero.
+
+Limits, findings and grades are those of `pdcd.verdict.quality`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.verdict.limits import LIMITS, Limits
+from pdcd.verdict.quality import Finding, Grade, graded, percent
+
+Floats = NDArray[np.float64]
+
+UPPER = 1.645
+"""Standard deviations below which a normal number lies in 19 of 20 cases."""
+FREEDOM = 3.0
+"""Degrees of freedom of a sigma that the fewest parts have measured."""
+
+
+def error_of(
+    image: Floats, sigma: Floats, sensor: Floats, cells: int, sure: bool, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """What sigma says of the whole answer; (n, C) each, of pixels in the field of `cells` cells.
+
+    The realised square error of few strong pixels scatters about what sigma leads one to expect,
+    and sigma itself about its own mean. So the figure is one that is kept in 19 of 20 photos; a
+    photo is bad only where sigma as it stands says so, and never by a model alone (not `sure`).
+    Where the sensor's noise is enough to find fault with, `answer_of` has done so.
+    """
+    known = np.isfinite(sigma) & np.isfinite(image)
+    if not known.any():
+        return
+    power, squares = float(np.mean(image[known] ** 2)), sigma[known] ** 2
+    total = float(np.sum(squares))
+    if not total > 0.0:
+        return
+    # Channels share their paths, and the quads of a cell its codes.
+    single = total**2 / float(np.sum(squares**2)) * min(cells / squares.size, 1.0 / 3.0)
+    spread = np.sqrt(2.0 / max(single, 1.0) * (1.0 + 1.0 / FREEDOM))
+    mean = float(np.mean(squares))
+    share = _of_the_rest(mean * (1.0 + UPPER * float(spread)), power)
+    noise = _of_the_rest(float(np.mean(sensor[known] ** 2)), power)
+    least = limits.error[0] if sure else limits.modelled
+    grade = Grade.DOUBTFUL if share >= least else Grade.REMARK
+    if sure:
+        grade = max(grade, graded(_of_the_rest(mean, power), limits.error))
+    if grade > graded(noise, limits.noise):
+        yield Finding(
+            grade,
+            f"the answer may be off by {_error(share)} (RMS, limit {percent(least)}) "
+            "by its error bars: the codes err on sharp light, as of mirrors; take more codes",
+        )
+
+
+def negative_light(image: Floats, sensor: Floats, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Light below zero, in a picture that no path makes darker; (n, C) each, of pixels in the field
+
+    What is below zero is error for certain. Errors go as far up as down, so that of a picture that
+    is all error half of the squares are below zero; where there is light, less of it shows. No
+    model of the scene is needed.
+    """
+    known = np.isfinite(sensor) & np.isfinite(image)
+    if not known.any():
+        return
+    power = float(np.mean(image[known] ** 2))
+    below = 2.0 * float(np.mean(np.minimum(image[known], 0.0) ** 2))
+    noise = float(np.mean(sensor[known] ** 2))
+    # Noise is found by itself, and scatters below zero where there is no light.
+    share = _of_the_rest(max(below - noise, 0.0), power)
+    grade = graded(share, limits.below)
+    if grade:
+        yield Finding(
+            grade,
+            f"the answer has light below zero, which is error: it is off by {_error(share)} or "
+            f"more (RMS, limit {percent(limits.below[0])}); the codes err on other light, which "
+            "is much more than what is wanted; take more codes",
+        )
+
+
+def _of_the_rest(error: float, power: float) -> float:
+    """RMS error over the RMS of what a picture has without it; both are mean squares."""
+    return float(np.sqrt(error / (power - error))) if error < power else np.inf
+
+
+def _error(share: float) -> str:
+    return percent(share) if np.isfinite(share) else "as much as all that it shows"

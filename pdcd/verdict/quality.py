@@ -1,0 +1,420 @@
+"""The verdict on a photo: good, doubtful or bad, and why; pure functions of numbers.
+
+Each function looks at one thing and yields what it finds: nothing where all is well. All limits
+stand in `pdcd.verdict.limits`. docs/quality.md says the same for users, with what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.probing.deviation import Deviation
+from pdcd.protocol.request import Quality
+from pdcd.runs.record import ShotRecord
+from pdcd.verdict.limits import LIMITS, Limits
+from pdcd.verdict.placement import Fit
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Grade(IntEnum):
+    """How heavily a finding weighs; remarks leave a photo good."""
+
+    REMARK = 0
+    DOUBTFUL = 1
+    BAD = 2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One plain sentence with its figure, its limit and what to do."""
+
+    grade: Grade
+    text: str
+
+
+UNSURE = 1.0 / 3.0
+"""Share of direct light that was taken out which may be wrong: what leaks goes by the exponential
+of the panels' times, and these are known to some ten per cent where nobody measured them."""
+UNSEEN = 10.0
+"""Direct light over the rest of a scene, where no photo tells."""
+
+
+def verdict(findings: Iterable[Finding]) -> Quality:
+    """The worst finding decides; reasons come worst first, remarks apart."""
+    listed = sorted(findings, key=lambda f: -f.grade)
+    worst = max((f.grade for f in listed), default=Grade.REMARK)
+    return Quality(
+        verdict="bad" if worst == Grade.BAD else "doubtful" if worst else "good",
+        reasons=tuple(f.text for f in listed if f.grade),
+        remarks=tuple(f.text for f in listed if not f.grade),
+    )
+
+
+def graded(value: float, limits: tuple[float, float]) -> Grade:
+    """REMARK below the first limit, DOUBTFUL from it on, BAD from the second on."""
+    return Grade(int(value >= limits[0]) + int(value >= limits[1]))
+
+
+def saturation(shares: dict[str, float], limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Saturated share of the field by shot: the worst of them."""
+    name, share = max(shares.items(), key=lambda item: item[1], default=("", 0.0))
+    grade = graded(share, limits.saturated)
+    if grade:
+        yield Finding(
+            grade,
+            f"shot {name}: {percent(share)} of the field is saturated (limit "
+            f"{percent(limits.saturated[0])}); close the aperture, or take fewer passes",
+        )
+
+
+def light_of(
+    name: str, light: Floats, variance: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Whether a shot that was lit has light; light, variance (n, C) of pixels in the field."""
+    seen = light.mean(axis=1)
+    noise = variance.mean(axis=1) / variance.shape[1]
+    if not seen.size:
+        yield Finding(Grade.BAD, f"shot {name}: no pixel of the camera sees the field")
+        return
+    error = float(np.sqrt(noise.sum())) / seen.size
+    mean = float(seen.mean())
+    if not mean > limits.dark * error:
+        yield Finding(
+            Grade.BAD,
+            f"shot {name}: no light, its mean is {_times(mean, error)} times its error (limit "
+            f"{limits.dark:g}); look at lens cap, shutter, projector and mask",
+        )
+        return
+    # What is left of the square when the noise's share is taken off; never less than the mean's.
+    power = max(float(np.mean(seen**2) - noise.mean()), mean**2)
+    share = float(np.sqrt(noise.mean() / power))
+    grade = graded(share, limits.noisy_shot)
+    if grade:
+        yield Finding(
+            grade,
+            f"shot {name} is under-exposed: its noise is {percent(share)} of its light (limit "
+            f"{percent(limits.noisy_shot[0])}); open the aperture, or expose longer",
+        )
+
+
+def answer_of(
+    image: Floats, sigma: Floats, sensor: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Whether the answer stands above its noise; (n, C) each, of pixels in the field.
+
+    The error by codes is modelled where nothing was measured, and mostly too large; so the sensor's
+    noise decides, and sigma only where most of the picture drowns in it.
+    """
+    known = np.isfinite(sigma) & np.isfinite(image)
+    if not known.any():
+        yield Finding(
+            Grade.BAD,
+            "nothing is known of the answer: all of the field is saturated or unseen; close the "
+            "aperture and look at what the camera sees",
+        )
+        return
+    rms = float(np.sqrt(np.mean(image[known] ** 2)))
+    noise = float(np.sqrt(np.mean(sensor[known] ** 2)))
+    share = noise / rms if rms > 0.0 else np.inf
+    grade = graded(share, limits.noise)
+    if grade:
+        yield Finding(
+            grade,
+            f"the sensor's noise is {percent(share)} of the answer (limit "
+            f"{percent(limits.noise[0])}); open the aperture, or expose longer",
+        )
+    unsure = float(np.mean(sigma[known] > rms))
+    grade = graded(unsure, limits.unsure)
+    if grade:
+        yield Finding(
+            grade,
+            f"in {percent(unsure)} of the field sigma is larger than the answer (limit "
+            f"{percent(limits.unsure[0])}); take more codes, or parts to measure it",
+        )
+
+
+def stray_light(
+    name: str, black: float, lit: float, leak: float, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Mean light of a black shot and of its lit one; `leak` is what panels let through, over lit"""
+    if not lit > 0.0:
+        return
+    share = black / lit - leak
+    grade = graded(share, limits.stray)
+    if grade:
+        yield Finding(
+            grade,
+            f"ambient or stray light: shot {name} has {percent(share)} of the light of the lit "
+            f"shot beyond what the panels let through (limit {percent(limits.stray[0])}); darken "
+            "the room, or cover the way of the light",
+        )
+
+
+def leak_left(error: float, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """RMS error by leaks that a dark photo showed, over the RMS of the answer they are in."""
+    grade = graded(error, limits.left)
+    if grade:
+        yield Finding(
+            grade,
+            f"ambient light and leaks are {percent(error)} of the answer and were not taken off "
+            f"(limit {percent(limits.left[0])}); darken the room, or take black exposures",
+        )
+
+
+def outside_field(
+    name: str, inside: Floats, outside: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Light (n,) of pixels inside and outside the field, which panels leave black."""
+    if not inside.size or not outside.size:
+        return
+    within = float(np.median(inside))
+    share = float(np.median(outside)) / within if within > 0.0 else 0.0
+    if share >= limits.outside:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"ambient or stray light: shot {name} has {percent(share)} of the field's light "
+            f"outside it (limit {percent(limits.outside)}); darken the room, or check that "
+            "[camera.place] says where the field lies",
+        )
+
+
+def placed(
+    shares: Floats, fits: Iterable[Fit], stack: Iterable[Fit], limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Whether panels are where they are believed to be (`pdcd.verdict.placement`).
+
+    Two pages of a book send each other light from mirrored places. So a photo whose direct light
+    comes from where it should, and more of it than by the codes of a panel that lies in another
+    way, speaks of the scene.
+    """
+    todo = "look at [projector.place], [mask.place] and [camera.place]"
+    least, chance = limits.fingerprint
+    in_place = float(np.median(shares)) if shares.size else 0.0
+    strange = [f for f in fits if abs(f.share) > in_place]
+    sure = [
+        f
+        for f in (*strange, *stack)
+        if abs(f.share) <= limits.followed
+        and min(abs(f.share) / least, abs(f.over_chance) / chance) > 1
+    ]
+    wrong = [f for f in sure if f.name != "as believed" or f.share < 0.0]
+    if wrong:
+        worst = max(wrong, key=lambda f: abs(f.over_chance))
+        how = [] if worst.name == "as believed" else [worst.name]
+        how += ["inverted"] if worst.share < 0.0 else []
+        yield Finding(
+            Grade.BAD,
+            f"a panel is {' and '.join(how)}: {percent(abs(worst.share))} of the light "
+            f"follows codes that lie so (limit {percent(least)}); {todo}",
+        )
+    own = [f.share for f in stack if f.name == "as believed"]
+    if wrong or not (shares.size or own):
+        return
+    if own:
+        shares = np.array(own)
+    middle, best = float(np.median(shares)), float(np.percentile(shares, 90.0))
+    if middle < limits.inverted:
+        yield Finding(
+            Grade.BAD,
+            f"the coded photo has more light than all there is (direct light {percent(middle)}, "
+            f"limit {percent(limits.inverted)}): a panel is inverted, or there is much ambient "
+            "light; look at the polarisers of the mask, or measure with black_level ambient",
+        )
+    elif best < limits.direct:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"no direct light in the scene (at most {percent(best)} in nine of ten places, limit "
+            f"{percent(limits.direct)}): mask and projector do not show the same place, or one "
+            f"is much out of focus; {todo}",
+        )
+
+
+def refreshes(shots: Sequence[ShotRecord]) -> Iterator[Finding]:
+    """Whether panels showed what they were to show, while the shutter was open."""
+    unequal = [s for s in shots if s.level is None]
+    if unequal:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"{sum(s.missed for s in unequal)} refreshes were missed in {_shots(unequal)}, so that "
+            "codes got unequal light; let nothing else run on the display, or set rig.on_miss to "
+            "balance",
+        )
+    early = [s for s in shots if s.refreshes and s.close_ns < max(s.end_ns)]
+    if early:
+        worst_s = max(max(s.end_ns) - s.close_ns for s in early) * 1e-9
+        yield Finding(
+            Grade.BAD,
+            f"the shutter closed {worst_s:.3g} s before the panels went black in "
+            f"{_shots(early)}; give the shutter more time (trigger lag)",
+        )
+    unverified = [s for s in shots if s.refreshes and not s.verified]
+    if unverified:
+        yield Finding(
+            Grade.DOUBTFUL,
+            f"presentation times are not verified in {_shots(unverified)} (time source "
+            f"{unverified[0].source}): nobody knows whether refreshes were lost; use a display "
+            "with a verified time source",
+        )
+
+
+def deviations(found: dict[str, Deviation], limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Realised probing matrices against the wanted ones, photo by photo."""
+    for name, one in found.items():
+        wrong = abs(one.diagonal_mean)
+        grade = graded(wrong, limits.diagonal)
+        if grade:
+            yield Finding(
+                grade,
+                f"photo {name}: direct light has a weight that is {percent(wrong)} off (limit "
+                f"{percent(limits.diagonal[0])}); look at contrast, guards and offset of the "
+                "panels, or take more codes",
+            )
+        grade = graded(one.off_rms, limits.off_rms)
+        if grade:
+            yield Finding(
+                grade,
+                f"photo {name}: paths have weights that are {percent(one.off_rms)} off (limit "
+                f"{percent(limits.off_rms[0])}); take more codes",
+            )
+
+
+def direct_weights(found: dict[str, float], limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Cell by cell, how far the weight of direct light is off the wanted one: RMS over the cells,
+    photo by photo. A photo that is scaled by its direct light is right on average whatever the
+    panels did."""
+    for name, wrong in found.items():
+        grade = graded(wrong, limits.error)
+        if grade:
+            yield Finding(
+                grade,
+                f"photo {name}: direct light has weights that are {percent(wrong)} off from cell "
+                f"to cell (RMS, limit {percent(limits.error[0])}); look at guards, lag and offset "
+                "of the panels, or take more codes",
+            )
+
+
+def direct_left(
+    weight: float,
+    direct: Floats,
+    answer: Floats,
+    *,
+    taken_out: bool,
+    light: str = "direct light",
+    advice: str = "take quarter windows, and look at contrast, guards and places of the panels",
+    limits: Limits = LIMITS,
+) -> Iterator[Finding]:
+    """An answer without direct light: how much of it is some all the same.
+
+    weight : of direct light in the photo, on average. direct, answer : (n, 3) both pictures.
+    light, advice : what it is called, and what to do, where it is that of some depths or rows.
+    taken_out : it was, by what is known of the panels (`pdcd.pictures.unmixed`); then `UNSURE` of
+    it counts.
+    """
+    known = np.isfinite(direct) & np.isfinite(answer)
+    squares = [float(np.sum(picture[known] ** 2)) for picture in (direct, answer)]
+    if not squares[1] > 0.0:
+        return
+    share = weight * float(np.sqrt(squares[0] / squares[1]))
+    grade = graded(UNSURE * share if taken_out else share, limits.direct_left)
+    if not grade:
+        return
+    limit = percent(limits.direct_left[0])
+    if taken_out:
+        text = (
+            f"direct light as strong as {percent(share)} of the picture was taken out of it, by "
+            f"what is known of the panels (limit {limit}, where a third of that may be wrong)"
+        )
+    else:
+        text = (
+            f"{percent(share)} of the picture is {light} (limit {limit}), which has a weight of "
+            f"{percent(weight)} in it"
+        )
+    yield Finding(grade, f"{text}; {advice}")
+
+
+def torn_windows(share: float, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Share of the cells that share windows with others that are matched elsewhere."""
+    grade = graded(share, limits.torn)
+    if grade:
+        yield Finding(
+            grade,
+            f"{percent(share)} of the cells share windows with others that are matched with "
+            f"another place (limit {percent(limits.torn[0])}), and see that; take whole windows",
+        )
+
+
+def direct_unseen(weight: float, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Mean weight of direct light that was to be blocked, and that no photo shows."""
+    if grade := graded(UNSEEN * weight, limits.direct_left):
+        yield Finding(
+            grade,
+            f"direct light that was to be blocked has a weight of {percent(weight)} (limit "
+            f"{percent(limits.direct_left[0] / UNSEEN)}), and no photo tells how much there is; "
+            "look at contrast and places of the panels, take --schedule auto or tail before a slow "
+            "mask, or take indirect, which shows it",
+        )
+
+
+def common_light(share: float, limits: Limits = LIMITS) -> Iterator[Finding]:
+    """Share of the light of a slice's photos that comes whatever is shown: it is in the picture of
+    the scene under all patterns, and not in the entries of T."""
+    if share < 1.0 and share / (1.0 - share) < limits.stray[0]:
+        return
+    yield Finding(
+        Grade.DOUBTFUL,
+        f"{percent(share)} of the light comes whatever is shown (limit "
+        f"{percent(limits.stray[0])} of the rest): entries of T are without it, the picture is "
+        "not; darken the room",
+    )
+
+
+def pair_sum(
+    sums: Floats, floodlit: Floats, variance: Floats, limits: Limits = LIMITS
+) -> Iterator[Finding]:
+    """Whether a complement pair adds up to the floodlit photo; (n, C) each, of pixels in the field,
+    `variance` that of their difference."""
+    known = np.isfinite(variance)
+    power = float(np.mean(floodlit[known] ** 2)) if known.any() else 0.0
+    if not power > 0.0:
+        return
+    apart = float(np.mean((sums - floodlit)[known] ** 2 - variance[known]))
+    share = float(np.sqrt(max(apart, 0.0) / power))
+    grade = graded(share, limits.pair_sum)
+    if grade:
+        yield Finding(
+            grade,
+            f"the pair of exposures does not add up to the white photo: it is {percent(share)} "
+            f"off (limit {percent(limits.pair_sum[0])}); look at ambient light and leaks "
+            "(black_level), a lamp that drifts, an aperture that does not come back, or a missed "
+            "refresh",
+        )
+
+
+def sigma_of(kind: str) -> Iterator[Finding]:
+    """Error bars that rest on a model alone are a remark: most photos have no others."""
+    if kind == "modelled":
+        yield Finding(
+            Grade.REMARK,
+            "error bars are modelled, not measured; --parts 4 measures them",
+        )
+
+
+def _shots(shots: Sequence[ShotRecord]) -> str:
+    more = f" and {len(shots) - 1} more" if len(shots) > 1 else ""
+    return f"shot {shots[0].name}{more}"
+
+
+def _times(value: float, error: float) -> str:
+    return f"{value / error:.2g}" if error > 0.0 else "0"
+
+
+def percent(share: float) -> str:
+    """A share of 1 in words."""
+    return f"{100.0 * share:.3g} %"

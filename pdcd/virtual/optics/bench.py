@@ -1,0 +1,355 @@
+"""A mock bench of pixels: what its camera sees, quad by quad.
+
+At a point x of the field, with p and m what the pixels there of projector and mask let pass:
+
+    light(x)  = blur of [ direct(y) p(y, t) + indirect(y, t) ] over y around x
+    sensor(x) = integral of m(x, t) (light(x, t) + ambient(x)) dt
+
+A quad has the mean of its samples; blur and vignetting of the lens follow. What is absent costs
+nothing. docs/mock-bench.md says it in full.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import Config
+from pdcd.bench.truth import Truth, truth_of
+from pdcd.panels.frames import PIXELS, Frames
+from pdcd.probing.wanted import Wanted
+from pdcd.virtual.optics.histories import Histories
+from pdcd.virtual.optics.lens import Lens
+from pdcd.virtual.optics.lit import Lit
+from pdcd.virtual.optics.lookup import MOST_PAIRS, Whole, every, rendered
+from pdcd.virtual.optics.products import Exposure, Products, Tables, distinct
+from pdcd.virtual.optics.render import Detail, Picture, Renderer
+from pdcd.virtual.optics.sent import sent_to
+from pdcd.virtual.optics.setting import Setting, falloff
+from pdcd.virtual.optics.sights import Away, CellGrid, Looks, Scattered, look
+from pdcd.virtual.optics.sites import Kind, PanelSites
+from pdcd.virtual.optics.spread import CellLight
+from pdcd.virtual.scene.displaced import Displaced
+from pdcd.virtual.scene.effects import Array, Effect
+from pdcd.virtual.scene.scene import Scene
+from pdcd.virtual.scene.texture import cell_means
+
+Floats = NDArray[np.float64]
+
+KEPT = 3
+"""Ways of driving the panels of which all is kept: a white shot's, a coded one's, the truth's."""
+EDGE = 1e-9
+"""Corners so little beyond the field lie on its edge."""
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """What follows from the way the panels are driven: the sites of projector and mask, and how
+    pictures are rendered of what is seen of them; without a mask, site 0 of it stands before
+    everything. `spread` (projector sites, N) is the share of each cell that a site lights."""
+
+    lit: PanelSites
+    opened: PanelSites
+    spread: scipy.sparse.csr_array
+    renderer: Renderer
+
+
+class OpticalBench:
+    """A scene, two panels and a camera, wherever they are.
+
+    Parameters
+    ----------
+    config : what is believed; `[bench] truth` in it names what is true.
+    scene : what stands there.
+    frame : rows and columns of the camera's quads.
+
+    Raises ConfigError for a wrong truth, or a map that cannot be used.
+    """
+
+    def __init__(self, config: Config, scene: Scene, frame: tuple[int, int]) -> None:
+        self._setting = Setting(config, truth_of(config), frame)
+        self._setting.check()
+        self._scene = scene
+        self._kept: OrderedDict[tuple[Kind, Kind | CellGrid | None], _Driven] = OrderedDict()
+        self._lit_kept: OrderedDict[Kind, tuple[PanelSites, scipy.sparse.csr_array]] = OrderedDict()
+
+    @property
+    def scene(self) -> Scene:
+        """What stands there."""
+        return self._scene
+
+    @property
+    def truth(self) -> Truth:
+        """What the bench is beyond what is believed."""
+        return self._setting.truth
+
+    @property
+    def true(self) -> Config:
+        """The configuration that describes the bench as it is."""
+        return self._setting.true
+
+    @property
+    def frame(self) -> tuple[int, int]:
+        """Rows and columns of the camera's quads."""
+        return self._setting.frame
+
+    def photo(self, exposure: Exposure) -> Floats:
+        """Light of one exposure at the quads, (rows, cols, 3) in scene units times seconds."""
+        frames = exposure.frames
+        lit, opened = (
+            _kind(frames, bool(len(patterns)))
+            for patterns in (frames.primal_patterns, frames.dual_patterns)
+        )
+        if frames.of_pixels and self._scene.textures is None:
+            whole = self._whole(exposure, lit, opened)
+            if whole is not None:
+                ambience = () if self._ambient is None else (self._ambient,)
+                grid, scene = self._scene.grid, (self._direct, *ambience)
+                light = rendered(self._setting, self._scattered, grid, whole, scene)
+                return self._lens.through(light)
+        driven = self._driven(lit, opened)
+        tables = self._tables(driven, exposure)
+        ambient = None if self._ambient is None else (tables.open_s, self._ambient)
+        return self._image(driven, tables.direct, self._direct, tables.indirect, ambient)
+
+    def _whole(self, exposure: Exposure, lit: Kind, opened: Kind) -> Whole | None:
+        """What all pairs of histories did together; None where there are too many of them."""
+        projector, spread = self._lit(lit)
+        truth, true = self.truth, self.true
+        mask = PanelSites(self._setting.drawn.mask, opened, truth.mask, true.mask)
+        frames, effects, cells = exposure.frames, self._indirect, self._scene.cells
+        primal = Histories(projector, frames, mask=False)
+        dual = Histories(mask, frames, mask=True)
+        count = len(dual)
+        if max(count * len(primal), count * cells * bool(effects)) > MOST_PAIRS:
+            return None
+        light = primal.spread(spread)
+        products = Products(true, primal, dual, exposure, light, effects)
+        indirect = every(count, cells if effects else 0)
+        tables = products.tables(every(count, len(primal)), indirect)
+        return Whole(
+            mask=dual.of[mask.image].astype(np.int32),
+            projector=primal.of[projector.image].astype(np.int32),
+            beside=int(dual.of[0]),
+            seconds=tables.direct.reshape(count, -1),
+            sent=tables.indirect.reshape(count, cells, 3) if effects else None,
+            open_s=tables.open_s,
+            uneven=self._uneven,
+        )
+
+    def _tables(self, driven: _Driven, exposure: Exposure) -> Tables:
+        """For how long sites were lit and open, and what light that sent about."""
+        met, frames = driven.renderer.met, exposure.frames
+        if not frames.of_pixels:
+            products = Products(
+                self.true,
+                driven.lit,
+                driven.opened,
+                exposure,
+                driven.spread,
+                self._indirect,
+            )
+            return products.tables(met.direct, met.indirect)
+        lit = Histories(driven.lit, frames, mask=False)
+        opened = Histories(driven.opened, frames, mask=True)
+        products = Products(
+            self.true,
+            lit,
+            opened,
+            exposure,
+            lit.spread(driven.spread),
+            self._indirect,
+        )
+        direct, of_direct = distinct(met.direct, opened.of, lit.of)
+        indirect, of_indirect = distinct(met.indirect, opened.of, None)
+        few = products.tables(direct, indirect)
+        return Tables(few.direct[of_direct], few.indirect[of_indirect], few.open_s[opened.of])
+
+    def wanted(
+        self,
+        answer: Callable[[Scene], Array],
+        meant: Wanted | None = None,
+        alive: Callable[[], None] = lambda: None,
+    ) -> Floats:
+        """A picture as the scene itself would have it, through the same optics, (rows, cols, 3).
+
+        `answer` says what the picture is on a scene, cell by cell, (N, 3) in scene units; it is
+        linear in the scene's effects. The mask is taken away, the projector is as uneven as it is.
+        Of quads whose blur reaches beyond the field it is what they see of the field.
+
+        meant : the wanted matrix of the picture. A place between the centres of cells gets the
+            light of both, but it lies in one of them, and what is wanted there is that cell's row.
+            Without it, and off the axis, the light of either counts as seen from there.
+        alive : called now and then, may raise to end the work.
+        """
+        scene = self._scene
+        between = meant is not None and scene.textures is not None and scene.displacement is None
+        whole = Kind(scene.grid, "whole", False)
+        driven = self._driven(whole, CellGrid(scene.grid, smooth=False) if between else None)
+        lit = np.asarray(driven.spread[1:].sum(axis=0)).ravel()
+        direct = tuple(effect for effect in scene.effects if _at_once(effect))
+        wandered = Scene(scene.name, scene.grid, tuple(Lit(e, lit) for e in self._indirect))
+        at_once = Scene(scene.name, scene.grid, direct)
+        met = driven.renderer.met
+        full = (met.direct.other > 0).astype(np.float64)
+        if between and meant is not None:
+            sent = sent_to(wandered, met.indirect, meant, alive)
+            reflected = at_once.split()[0]
+            full *= meant.uniform[0] if meant.uniform else meant.diagonal()[met.direct.mask]
+        else:
+            sent = answer(wandered)[met.indirect.other]
+            reflected = answer(at_once)
+        image = self._image(driven, full, reflected, sent, None)
+        share = self.share
+        return image if share is None else image / np.where(share > 0.0, share, 1.0)[..., None]
+
+    @property
+    def share(self) -> Floats | None:
+        """Share of each quad's light that comes from the field (`pdcd.virtual.optics.lens`)."""
+        return self._lens.share
+
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which quads lie wholly inside the field, (rows, cols)."""
+        rows, cols = self.frame
+        corners = np.stack(np.meshgrid(np.arange(cols + 1.0), np.arange(rows + 1.0)), axis=-1)
+        places = self._setting.camera.to_field(corners)
+        with np.errstate(invalid="ignore"):
+            within = (places >= -EDGE) & (places <= 1.0 + EDGE)
+        good = np.asarray(within.all(axis=-1))
+        return np.asarray(good[1:, 1:] & good[1:, :-1] & good[:-1, 1:] & good[:-1, :-1])
+
+    @property
+    def _indirect(self) -> tuple[Effect, ...]:
+        return tuple(effect for effect in self._scene.effects if not _at_once(effect))
+
+    @property
+    def _direct(self) -> Array:
+        """Direct reflection of the cells, (N, 3)."""
+        found = np.zeros((self._scene.cells, 3))
+        for effect in self._scene.effects:
+            if isinstance(effect, Displaced):
+                found += effect.albedo[:, None] * effect.tint
+            elif effect.coaxial:
+                found += effect.diagonal()[:, None] * effect.tint
+        return found
+
+    @property
+    def _ambient(self) -> Array | None:
+        """Ambient light of the cells, (N, 3), where there is any."""
+        said = self.truth.scene.ambient
+        if said is None:
+            return self._scene.ambient
+        return np.full((self._scene.cells, 3), said) if said else None
+
+    @cached_property
+    def _cells(self) -> CellGrid:
+        return CellGrid(self._scene.grid, self._scene.textures is not None)
+
+    @cached_property
+    def _means(self) -> tuple[Array, Array] | None:
+        """What the scene's textures are over its cells, (N, 3) each."""
+        textures, grid = self._scene.textures, self._scene.grid
+        return textures and (cell_means(textures[0], grid), cell_means(textures[1], grid))
+
+    @cached_property
+    def _lens(self) -> Lens:
+        return Lens(self._setting)
+
+    @cached_property
+    def _looks(self) -> Looks:
+        return Looks(self._setting, self._away)
+
+    @cached_property
+    def _scattered(self) -> Looks:
+        return Scattered(self._setting, self._away)
+
+    @property
+    def _away(self) -> Away | None:
+        moved = self._scene.displacement
+        return None if moved is None else Away(self._scene.grid, moved)
+
+    @cached_property
+    def _uneven(self) -> Floats | None:
+        return falloff(self.truth.projector.falloff, self.true.projector.size_px)
+
+    def _image(
+        self,
+        driven: _Driven,
+        direct: Floats,
+        reflected: Floats,
+        indirect: Floats,
+        ambient: tuple[Floats, Floats] | None,
+    ) -> Floats:
+        """The picture that the sensor gets, of tables as `Picture` has them but for textures."""
+        means = self._means
+        if means is not None:
+            reflected = reflected / means[0]
+            indirect = indirect / means[1][driven.renderer.met.indirect.other]
+        return self._lens.through(
+            driven.renderer.render(Picture(direct, reflected, indirect, ambient))
+        )
+
+    def _driven(self, lit: Kind, opened: Kind | CellGrid | None) -> _Driven:
+        """What is seen when the panels are driven this way; without a mask for None, and before the
+        scene's own cells for a grid."""
+        key = lit, opened
+        if key not in self._kept:
+            drawn, truth = self._setting.drawn, self.truth
+            projector, spread = self._lit(lit)
+            kind = opened if isinstance(opened, Kind) else lit
+            mask = PanelSites(drawn.mask, kind, truth.mask, self.true.mask)
+            before = mask if isinstance(opened, Kind) else opened
+            sights = look(self._looks, self._setting, self._cells, projector, before)
+            renderer = Renderer(
+                self._setting,
+                self._looks,
+                self._cells,
+                sights,
+                Detail(self._scene.textures, self._uneven),
+                ambient=self._ambient is not None,
+            )
+            self._kept[key] = _Driven(projector, mask, spread, renderer)
+            while len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+    def _lit(self, kind: Kind) -> tuple[PanelSites, scipy.sparse.csr_array]:
+        """The projector's sites when it is driven this way, and their spread."""
+        if kind not in self._lit_kept:
+            drawn, true = self._setting.drawn.projector, self.true.projector
+            sites = PanelSites(drawn, kind, self.truth.projector, true)
+            self._lit_kept[kind] = sites, self._spread(sites)
+            while len(self._lit_kept) > KEPT:
+                self._lit_kept.popitem(last=False)
+        self._lit_kept.move_to_end(kind)
+        return self._lit_kept[kind]
+
+    @cached_property
+    def _cell_light(self) -> CellLight:
+        return CellLight.of(self._setting, self._scene.grid)
+
+    def _spread(self, sites: PanelSites) -> scipy.sparse.csr_array:
+        """Share of each scene cell that each site of the projector lights, (sites, N)."""
+        if not self._indirect:
+            return scipy.sparse.csr_array((len(sites), self._scene.cells))
+        return self._cell_light.by_site(sites, self._uneven)
+
+
+def _at_once(effect: Effect) -> bool:
+    """Whether light comes straight back from the surface that it fell on."""
+    return effect.coaxial or isinstance(effect, Displaced)
+
+
+def _kind(frames: Frames, patterned: bool) -> Kind:
+    """How a panel is driven that shows patterns of these frames, or none."""
+    if frames.of_pixels:
+        return Kind((0, 0), PIXELS, patterned)
+    return Kind(frames.grid, frames.window if patterned else "whole", patterned)

@@ -1,0 +1,86 @@
+"""Pixels of a panel that show the same in every refresh of one exposure, taken together.
+
+Patterns of pixels (`Frames.of_pixels`) have as many sites as the panel has pixels, yet a photo of
+stripes or dots has only as many different histories as it has phases or kinds of dots. So products
+are made of histories, and each pair of pixels looks up the product of theirs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.panels.curve import Curve
+from pdcd.panels.frames import BLACK, WHITE, Frames
+from pdcd.panels.patterns import bytes_of
+from pdcd.virtual.optics.sites import PanelSites
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+KEY_LIMIT = 1 << 54
+"""Keys of histories are numbered anew before they grow beyond this."""
+LEVELS = 256
+"""Levels of a pixel."""
+
+
+class Histories:
+    """Histories of a panel's sites under some frames; to products they are sites of their own.
+
+    of : (S,) int64, the history of each site of the panel.
+    delay_ns, band, tile : as of `PanelSites`; near histories there are none, so that all of a band
+        are one tile.
+    """
+
+    def __init__(self, sites: PanelSites, frames: Frames, *, mask: bool) -> None:
+        self._mask = mask
+        patterns = frames.dual_patterns if mask else frames.primal_patterns
+        pixels = sites.pixels
+        # Site 0 and dead lines are black even when all is white: -1 shows nothing.
+        key = sites.band.astype(np.int64) * 2 + (pixels >= 0)
+        most = 2 * int(sites.delay_ns.size)
+        levels = []
+        for index in range(len(patterns)):
+            shown = bytes_of(patterns, index, sites.pixel_count)
+            level = np.where(pixels >= 0, shown[pixels], np.uint8(0))
+            levels.append(level)
+            if most * LEVELS > KEY_LIMIT:
+                found, key = np.unique(key, return_inverse=True)
+                most = found.size
+            key, most = key * LEVELS + level, most * LEVELS
+        _, first, of = np.unique(key, return_index=True, return_inverse=True)
+        # In the order of the sites, so that each band's histories lie together.
+        order = np.argsort(sites.band[first], kind="stable")
+        first = first[order]
+        place = np.empty_like(order)
+        place[order] = np.arange(order.size)
+        self.of: Numbers = place[of]
+        self.band = sites.band[first]
+        self.delay_ns = sites.delay_ns
+        self.tile: Numbers = self.band.astype(np.int64)
+        self._on = pixels[first] >= 0
+        self._levels = [level[first] for level in levels]
+
+    def __len__(self) -> int:
+        return int(self.band.size)
+
+    def in_band(self, band: int) -> slice:
+        """The histories of one band."""
+        first, end = np.searchsorted(self.band, [band, band + 1])
+        return slice(int(first), int(end))
+
+    def levels(self, frames: Frames, row: int, curve: Curve, part: slice) -> Floats:
+        """Light that a row of the frames asks of some histories, 0..1, float64."""
+        asked = frames.dual_index if self._mask else frames.primal_index
+        index = BLACK if row < 0 else int(asked[row])
+        if index in (BLACK, WHITE):
+            return np.where(self._on[part], float(index == WHITE), 0.0)
+        return curve.of(self._levels[index][part])
+
+    def spread(self, sites: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
+        """What the histories light, (len, N), of what the sites do, (S, N)."""
+        each = np.arange(self.of.size)
+        ones = np.ones(self.of.size)
+        together = scipy.sparse.csr_array((ones, (self.of, each)), shape=(len(self), self.of.size))
+        return scipy.sparse.csr_array(together @ sites)

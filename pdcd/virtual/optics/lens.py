@@ -1,0 +1,74 @@
+"""What the lens does to a picture on its way to the sensor: blur, and light lost in the corners."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.virtual.optics.setting import Setting, falloff
+
+Floats = NDArray[np.float64]
+
+REACH = 4.0
+"""Standard deviations after which the blur is cut off."""
+EDGE = 1e-9
+"""Places so little beyond the field lie on its edge."""
+POINTS = 8
+"""Points along either axis of a quad by which it is told how much of it lies in the field."""
+
+
+class Lens:
+    """The lens of a bench."""
+
+    def __init__(self, setting: Setting) -> None:
+        self._setting = setting
+
+    def through(self, image: Floats) -> Floats:
+        """What the sensor gets of a picture (rows, cols, 3): blurred and shaded.
+
+        Beyond the frame the outermost quads go on as far as the field does; beyond that it is dark.
+        """
+        blur = self._setting.true.camera.blur_quads
+        if blur:
+            image = self._blurred(image)
+        rows, cols = self._setting.frame
+        shade = falloff(self._setting.truth.camera.falloff, (cols, rows))
+        return image if shade is None else image * shade[..., None]
+
+    @cached_property
+    def share(self) -> Floats | None:
+        """Share of each quad's light, (rows, cols), that comes from the field, 0 to 1; None without
+        a blur, where quads that lie in the field see nothing else."""
+        if not self._setting.true.camera.blur_quads:
+            return None
+        rows, cols = self._setting.frame
+        at = self._in_field(np.arange(cols + 1.0), np.arange(rows + 1.0))
+        corners = at[1:, 1:].astype(np.int8) + at[:-1, 1:] + at[1:, :-1] + at[:-1, :-1]
+        inside = (corners == 4).astype(np.float64)
+        middles = (np.arange(POINTS) + 0.5) / POINTS
+        for row, col in np.argwhere((corners > 0) & (corners < 4)):
+            inside[row, col] = self._in_field(col + middles, row + middles).mean()
+        return self._blurred(inside[..., None])[..., 0]
+
+    def _blurred(self, image: Floats) -> Floats:
+        """A picture (rows, cols, C), blurred."""
+        # Only a mock bench that blurs needs it; the daemons of real ones shall not load it.
+        from scipy.ndimage import gaussian_filter
+
+        blur, (rows, cols) = self._setting.true.camera.blur_quads, self._setting.frame
+        reach = int(REACH * blur + 0.5)
+        wide = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
+        x, y = (np.arange(-reach, size + reach, dtype=np.float64) + 0.5 for size in (cols, rows))
+        beyond = ~self._in_field(x, y)
+        beyond[reach : reach + rows, reach : reach + cols] = False
+        wide[beyond] = 0.0
+        found = gaussian_filter(wide, (blur, blur, 0.0), mode="constant", truncate=REACH)
+        return np.asarray(found[reach : reach + rows, reach : reach + cols])
+
+    def _in_field(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """Whether places of the frame lie in the field, (y, x)."""
+        places = self._setting.camera.to_field(np.stack(np.meshgrid(x, y), axis=-1))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(((places >= -EDGE) & (places <= 1.0 + EDGE)).all(axis=-1))

@@ -1,0 +1,93 @@
+"""Pictures of panels whose pixels have few histories: each sample is looked up in one table.
+
+Under patterns of pixels hardly two quads have the same sights, so there is nothing to be kept from
+one picture to the next. But of what the pixels do there are few kinds
+(`pdcd.virtual.optics.histories`): a table of all pairs of them is small, and a picture is as many
+look-ups as it has samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.virtual.optics.products import Pairs
+from pdcd.virtual.optics.setting import Setting
+from pdcd.virtual.optics.sights import CellGrid, Looks, pixels
+
+Floats = NDArray[np.float64]
+
+MOST_PAIRS = 1 << 21
+"""Largest table of pairs that is made."""
+
+
+@dataclass(frozen=True)
+class Whole:
+    """What pixels did, and what of it counts where.
+
+    mask, projector : (height, width) int32, the history of each pixel.
+    beside : history of what lies beside the mask.
+    seconds : (M, P) for how long two histories were lit and open together.
+    sent : (M, N, 3) indirect light of a cell through a mask history; None where there is none.
+    open_s : (M,) for how long mask histories were open.
+    uneven : (height, width) light of each projector pixel over the brightest; None: all alike.
+    """
+
+    mask: NDArray[np.int32]
+    projector: NDArray[np.int32]
+    beside: int
+    seconds: Floats
+    sent: Floats | None
+    open_s: Floats
+    uneven: Floats | None
+
+
+def every(first: int, second: int) -> Pairs:
+    """All pairs of so many mask histories and so many other things, in the order of a table."""
+    return Pairs(np.repeat(np.arange(first), second), np.tile(np.arange(second), first))
+
+
+def rendered(
+    setting: Setting, looks: Looks, grid: tuple[int, int], whole: Whole, scene: tuple[Floats, ...]
+) -> Floats:
+    """Mean light of each quad, (rows, cols, 3).
+
+    scene : direct reflection of the cells (N, 3); then their ambient light (N, 3), if there is any.
+    """
+    (rows, cols), per_quad = setting.frame, setting.samples
+    cells, nothing = CellGrid(grid, smooth=False), np.zeros((1, 3))
+    reflected, *ambient = (_grey(np.append(part, nothing, axis=0)) for part in scene)
+    # One more history of the projector: what lies beside it is never lit.
+    seconds = np.append(whole.seconds, np.zeros((len(whole.seconds), 1)), axis=1)
+    unlit = seconds.shape[1] - 1
+    sent = None
+    if whole.sent is not None:
+        sent = np.append(whole.sent, np.zeros((len(whole.sent), 1, 3)), axis=1)
+    image = np.empty((rows, cols, 3))
+    for chunk in looks.chunks():
+        x, y = looks.on_field(chunk)
+        before = pixels(whole.mask, *looks.on_mask(chunk), missing=whole.beside)
+        light = np.zeros((x.size, 3 if sent is not None else reflected.shape[1]))
+        for number, tap in enumerate(setting.taps):
+            at = looks.on_projector(chunk, number)
+            behind = pixels(whole.projector, *at, missing=unlit)
+            lit = seconds[before, behind] * tap.share
+            if whole.uneven is not None:
+                lit *= pixels(whole.uneven, *at, missing=0.0)
+            place = cells.at(x + tap.offset[0], y + tap.offset[1])
+            light += lit[:, None] * reflected[place]
+            if sent is not None:
+                light += tap.share * sent[before, place]
+        if ambient:
+            there = whole.open_s[before][:, None] * ambient[0][cells.at(x, y)]
+            light = light + there
+        quads = light.reshape(chunk[1] - chunk[0], per_quad, cols, per_quad, -1)
+        image[chunk[0] : chunk[1]] = quads.mean(axis=(1, 3))
+    return image
+
+
+def _grey(light: Floats) -> Floats:
+    """(N, 1) of (N, 3) where all colours are the same."""
+    return light[:, :1] if np.array_equal(light, np.repeat(light[:, :1], 3, axis=1)) else light

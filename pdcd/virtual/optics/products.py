@@ -1,0 +1,287 @@
+"""For how long pairs of sites were lit and open together, and what indirect light came with that.
+
+An exposure is a sum of products of what a mask site lets through and what falls on it. Neither
+changes within a site, so a photo of millions of samples needs one number for each pair of sites
+that meet somewhere, and one for each mask site and scene cell: tables of some ten thousand numbers.
+Only such pairs are computed, tile by tile, as products of small matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import Config
+from pdcd.panels.curve import power
+from pdcd.panels.frames import FrameLog, Frames
+from pdcd.probing.panel import Kept, Panel, Trajectory
+from pdcd.probing.spans import Times, frame_spans, met, span_weights
+from pdcd.virtual.optics.histories import Histories
+from pdcd.virtual.optics.sites import PanelSites
+from pdcd.virtual.scene.effects import Array, Effect
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+CHUNK_BYTES = 48 * 2**20
+"""Largest array of spans that is worked on at a time."""
+KEPT_BYTES = 128 * 2**20
+"""Most that what the mask did is kept in."""
+COLOURS = 3
+LINEAR = 1.0
+"""Gamma of a panel of which nothing else is said."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What two panels showed, and when the shutter was open; times on the clock of the log.
+
+    covered : whether the projector's lens was covered.
+    """
+
+    frames: Frames
+    log: FrameLog
+    open_ns: int
+    close_ns: int
+    covered: bool = False
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Distinct pairs of a mask site and something else, each in the order of its file of numbers.
+
+    mask, other : (P,) int64
+    """
+
+    mask: Numbers
+    other: Numbers
+
+
+def distinct(pairs: Pairs, mask: Numbers, other: Numbers | None) -> tuple[Pairs, Numbers]:
+    """The pairs of histories that pairs of sites are of, and which of them each is. `other` is None
+    where the other ones are cells."""
+    first = mask[pairs.mask]
+    second = pairs.other if other is None else other[pairs.other]
+    width = int(second.max(initial=0)) + 1
+    keys, which = np.unique(first * width + second, return_inverse=True)
+    return Pairs(*np.divmod(keys, width)), which
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Seconds for which the pairs of sites `direct` (P,) were lit and open together, the light
+    `indirect` (Q, 3) of scene units times seconds that came of a cell while a mask site was open,
+    and the seconds `open_s` (S,) for which each mask site was open."""
+
+    direct: Floats
+    indirect: Floats
+    open_s: Floats
+
+
+class Products:
+    """Both panels of one exposure, and the light that their patterns send about in the scene.
+
+    spread : (projector sites, N) sparse, share of each scene cell that is lit by each site.
+    effects : the scene's indirect light.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        lit: PanelSites | Histories,
+        opened: PanelSites | Histories,
+        exposure: Exposure,
+        spread: scipy.sparse.csr_array,
+        effects: tuple[Effect, ...],
+    ) -> None:
+        """`config` describes the panels as they are; `lit` and `opened` are the
+        sites of projector and mask."""
+        self._primal, self._dual = (
+            Panel.from_config(panel) for panel in (config.projector, config.mask)
+        )
+        # A panel of pixels is sent bytes, whatever is known of it.
+        self._curves = [panel.curve or power(LINEAR) for panel in (self._primal, self._dual)]
+        self._p_sites, self._d_sites = lit, opened
+        self._exposure, self._spread, self._effects = exposure, spread, effects
+
+    def tables(self, direct: Pairs, indirect: Pairs) -> Tables:
+        """The numbers of these pairs: of sites of both panels, and of mask sites and cells."""
+        out = Tables(
+            np.zeros(direct.mask.size),
+            np.zeros((indirect.mask.size, COLOURS)),
+            np.zeros(len(self._d_sites)),
+        )
+        pairs = _blocks(direct, self._d_sites, self._p_sites)
+        cells = _blocks(indirect, self._d_sites, None) if self._effects else {}
+        kept = self._kept_tracks()
+        for p_band in range(self._p_sites.delay_ns.size):
+            tracks: Sequence[tuple[Times, Trajectory | Kept]] = kept or self._mask_tracks()
+            masks = [
+                _Mask(
+                    self._d_sites.in_band(band),
+                    starts,
+                    track,
+                    pairs.get((p_band, band), []),
+                    cells.get((0, band), []),
+                )
+                for band, (starts, track) in enumerate(tracks)
+            ]
+            self._add_band(out, p_band, masks)
+        if self._exposure.covered:
+            out.direct[:] = out.indirect[:] = 0.0
+        return out
+
+    def _add_band(self, out: Tables, p_band: int, masks: list[_Mask]) -> None:
+        """Add what one band of the projector's rows brings."""
+        lit = self._p_sites.in_band(p_band)
+        p_rows, p_starts, p_track = self._track(p_band, mask=False)
+        overlaps = [
+            span_weights(
+                self._primal, self._dual, p_starts, mask.starts, exposure_ns=self._exposed_ns
+            )
+            for mask in masks
+        ]
+        widest = max(len(self._d_sites), lit.stop - lit.start, self._spread.shape[1])
+        fields = p_track.fields
+        step = max(1, CHUNK_BYTES // (8 * widest * fields))
+        share = self._spread[lit]
+        for start in range(0, len(p_rows), step):
+            stop = min(start + step, len(p_rows))
+            right = p_track.take(start, stop).reshape((stop - start) * fields, -1)
+            found = []
+            for mask, (weights, opens) in zip(masks, overlaps, strict=True):
+                rows = weights[start * fields : stop * fields]
+                left, alive, open_s = met(right, mask.track, rows, opens[start:stop].sum(axis=0))
+                if p_band == 0:
+                    out.open_s[mask.part] += open_s
+                found.append((mask, left, alive))
+            self._add_chunk(out, right, share, found)
+
+    def _add_chunk(
+        self,
+        out: Tables,
+        right: Floats,
+        share: scipy.sparse.csr_array,
+        found: list[tuple[_Mask, Floats, NDArray[np.bool_]]],
+    ) -> None:
+        """Add what some spans of the projector bring, at all bands of the mask."""
+        for mask, left, alive in found:
+            lights = right[alive]
+            for block in mask.direct:
+                block.add(out.direct, left, lights)
+        used = np.any([alive for _, _, alive in found], axis=0)
+        place = np.cumsum(used) - 1
+        for tint, light in self._sent(np.asarray(right[used] @ share)):
+            for mask, left, alive in found:
+                lights = light[place[alive]]
+                for block in mask.indirect:
+                    block.add(out.indirect, left, lights, tint)
+
+    def _sent(self, cells: Floats) -> list[tuple[Array, Floats]]:
+        """What the scene makes of light on its cells (R, N): tint (3,) and light (R, N) of each
+        effect, or of each colour where these are fewer."""
+        if len(self._effects) <= COLOURS:
+            return [(effect.tint, effect.apply(cells)) for effect in self._effects]
+        whole = np.zeros((COLOURS, *cells.shape))
+        for effect in self._effects:
+            seen = effect.apply(cells)
+            for colour in np.flatnonzero(effect.tint):
+                whole[colour] += effect.tint[colour] * seen
+        return list(zip(np.eye(COLOURS), whole, strict=True))
+
+    @property
+    def _exposed_ns(self) -> int:
+        return self._exposure.close_ns - self._exposure.open_ns
+
+    def _mask_tracks(self) -> list[tuple[Times, Trajectory]]:
+        """Starts and levels of the spans of each band of the mask."""
+        return [self._track(band, mask=True)[1:] for band in range(self._d_sites.delay_ns.size)]
+
+    def _kept_tracks(self) -> list[tuple[Times, Kept]] | None:
+        """The same, to be taken for one band of the projector after the other; None where that
+        would take too much memory."""
+        spans = self._exposure.log.dual_ns.size + 2
+        needed = 8 * spans * self._dual.rates.size * len(self._d_sites)
+        if self._p_sites.delay_ns.size == 1 or needed > KEPT_BYTES:
+            return None
+        return [(starts, Kept(track)) for starts, track in self._mask_tracks()]
+
+    def _track(self, band: int, *, mask: bool) -> tuple[list[int], Times, Trajectory]:
+        """Rows, starts and levels of the spans of one band of a panel."""
+        frames, log = self._exposure.frames, self._exposure.log
+        sites = self._d_sites if mask else self._p_sites
+        panel = (self._dual if mask else self._primal).later(int(sites.delay_ns[band]))
+        curve, part = self._curves[int(mask)], sites.in_band(band)
+        rows, starts = frame_spans(
+            frames,
+            log.dual_shown if mask else log.primal_shown,
+            log.dual_ns if mask else log.primal_ns,
+            int(log.end_ns[int(mask)]),
+            panel,
+            self._exposure.open_ns,
+            not mask,
+        )
+        track = Trajectory(
+            panel,
+            starts,
+            part.stop - part.start,
+            lambda span: sites.levels(frames, rows[span], curve, part),
+        )
+        return rows, starts, track
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Pairs of one tile: their place in the table, and in the product of a small matrix."""
+
+    where: Numbers
+    rows: Numbers
+    columns: Numbers
+    row: Numbers
+    column: Numbers
+
+    def add(self, table: Floats, left: Floats, right: Floats, tint: Array | None = None) -> None:
+        """Add ``left.T @ right`` at the pairs, times a tint (3,) where there is one."""
+        product = (left[:, self.rows].T @ right[:, self.columns])[self.row, self.column]
+        table[self.where] += product if tint is None else product[:, None] * tint
+
+
+def _blocks(
+    pairs: Pairs, opened: PanelSites | Histories, lit: PanelSites | Histories | None
+) -> dict[tuple[int, int], list[_Block]]:
+    """The pairs by the bands of the projector and of the mask, tile by tile; all are of one band of
+    the projector where no sites of it are given."""
+    band = opened.band[pairs.mask]
+    p_band = np.zeros_like(band) if lit is None else lit.band[pairs.other]
+    keys = opened.tile[pairs.mask], band, p_band
+    order = np.lexsort(keys)
+    changes = np.any([np.diff(key[order]) != 0 for key in keys], axis=0)
+    found: dict[tuple[int, int], list[_Block]] = {}
+    for where in np.split(order, np.flatnonzero(changes) + 1):
+        if where.size:
+            at = int(p_band[where[0]]), int(band[where[0]])
+            first = 0 if lit is None else lit.in_band(at[0]).start
+            rows, row = np.unique(
+                pairs.mask[where] - opened.in_band(at[1]).start, return_inverse=True
+            )
+            columns, column = np.unique(pairs.other[where] - first, return_inverse=True)
+            found.setdefault(at, []).append(_Block(where, rows, columns, row, column))
+    return found
+
+
+@dataclass(frozen=True)
+class _Mask:
+    """One band of the mask's rows: its sites and their histories, and the pairs that they are in.
+
+    starts : of its spans.
+    """
+
+    part: slice
+    starts: Times
+    track: Trajectory | Kept
+    direct: list[_Block]
+    indirect: list[_Block]

@@ -1,0 +1,288 @@
+"""From tables of few numbers to the picture on the sensor: how much each of them counts in a quad.
+
+A picture is linear in what the sights of a frame send. What a sight counts in a quad (its share of
+the samples, the detail of the scene there, the unevenness of the projector) is the same in every
+picture, so it is computed once, and kept where it is not too much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.virtual.optics.products import COLOURS, Pairs
+from pdcd.virtual.optics.setting import Setting, Tap
+from pdcd.virtual.optics.sights import NOWHERE, CellGrid, Looks, Sights, pixels
+from pdcd.virtual.scene.texture import sampled
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+KEPT_BYTES = 1 << 28
+"""Weights of one way of driving the panels that are kept; more are computed for every picture."""
+
+
+@dataclass(frozen=True)
+class Meetings:
+    """The pairs that the sights of a frame are made of.
+
+    direct : of mask and projector sites; `of_sight` (K,) which of them each sight is, or `NOWHERE`.
+    indirect : of mask sites and scene cells; `of_corner` (K, corners) as `of_sight`.
+    """
+
+    direct: Pairs
+    of_sight: Numbers
+    indirect: Pairs
+    of_corner: Numbers
+
+
+def meetings(sights: Sights, cells: CellGrid) -> Meetings:
+    """The distinct pairs of all sights."""
+    seen = sights.place >= 0
+    direct, of_sight = _pairs(sights.mask, sights.lit, seen & (sights.lit >= 0))
+    corners = cells.corners[np.maximum(sights.place, 0)]
+    count = corners.shape[1]
+    indirect, of_corner = _pairs(np.repeat(sights.mask, count), corners.ravel(), seen.repeat(count))
+    return Meetings(direct, of_sight, indirect, of_corner.reshape(-1, count))
+
+
+def _pairs(mask: Numbers, other: Numbers, used: NDArray[np.bool_]) -> tuple[Pairs, Numbers]:
+    width = int(other.max(initial=0)) + 1
+    keys, inverse = np.unique((mask * width + other)[used], return_inverse=True)
+    of = np.full(mask.size, NOWHERE, dtype=np.int64)
+    of[used] = inverse
+    return Pairs(*np.divmod(keys, width)), of
+
+
+@dataclass(frozen=True)
+class Detail:
+    """What the cells' light is multiplied by from place to place; None where there is none.
+
+    textures : of the direct and of the indirect light, (H, W, 3) each.
+    uneven : (height, width) light of each projector pixel over that of the brightest.
+    """
+
+    textures: tuple[Floats, Floats] | None
+    uneven: Floats | None
+
+    @property
+    def split(self) -> bool:
+        """Whether direct and indirect light differ in anything but the cells' light."""
+        textures = self.textures
+        return self.uneven is not None or bool(textures and textures[0] is not textures[1])
+
+
+@dataclass(frozen=True)
+class Picture:
+    """All that a picture is rendered from.
+
+    direct : (pairs,) of `Meetings.direct`, what the cells' direct reflection is multiplied by.
+    reflected : (N, 3) that reflection; with a texture, over the texture's means.
+    indirect : (pairs, 3) of `Meetings.indirect`; with a texture, over its means.
+    ambient : how long each mask site is open (S,), and the ambient light of the cells (N, 3).
+    """
+
+    direct: Floats
+    reflected: Floats
+    indirect: Floats
+    ambient: tuple[Floats, Floats] | None = None
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Equal samples that follow each other in a quad: the flat index of the first of each run (P,),
+    and at which run each quad begins (quads,)."""
+
+    first: Numbers
+    quads: Numbers
+
+    @classmethod
+    def of(cls, keys: NDArray[np.integer]) -> _Runs:
+        """Of the samples of quads, (quads, samples)."""
+        new = np.ones(keys.shape, dtype=np.bool_)
+        new[:, 1:] = keys[:, 1:] != keys[:, :-1]
+        counts = new.sum(axis=1)
+        return cls(np.flatnonzero(new), np.cumsum(counts) - counts)
+
+    def sums(self, left: Floats, right: Floats) -> Floats:
+        """Sums over each run of left times right, (n, a) and (n, b) of the samples: (P, a, b)."""
+        count, samples = self.first.size, np.arange(len(left), dtype=np.int32)
+        ends = np.append(self.first, len(left)).astype(np.int32)
+        found = np.empty((count, left.shape[1], right.shape[1]))
+        for column in range(right.shape[1]):
+            by_run = (np.ascontiguousarray(right[:, column]), samples, ends)
+            found[..., column] = scipy.sparse.csr_array(by_run, shape=(count, samples.size)) @ left
+        return found
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What sights count in the quads of a chunk, through one tap.
+
+    sight : (P,) int32
+    direct, indirect : (P, corners, 1 or 3)
+    """
+
+    runs: _Runs
+    sight: NDArray[np.int32]
+    direct: Floats
+    indirect: Floats
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that keeping it takes."""
+        both = self.indirect.nbytes + (self.direct is not self.indirect) * self.direct.nbytes
+        return both + self.sight.nbytes + self.runs.first.nbytes + self.runs.quads.nbytes
+
+
+@dataclass(frozen=True)
+class _Open:
+    """How much ambient light of a cell (P,) comes through a mask site (P,): `share` (P, 1)."""
+
+    runs: _Runs
+    mask: Numbers
+    cell: NDArray[np.int32]
+    share: Floats
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    parts: list[_Part]
+    opened: _Open | None
+
+
+class Renderer:
+    """Renders pictures of one geometry, driven in one way.
+
+    ambient : whether there is ambient light.
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        looks: Looks,
+        cells: CellGrid,
+        sights: Sights,
+        detail: Detail,
+        *,
+        ambient: bool,
+    ) -> None:
+        self._setting, self._looks, self._cells = setting, looks, cells
+        self._sights, self._detail, self._ambient = sights, detail, ambient
+        self._met = meetings(sights, cells)
+        self._kept: dict[int, _Chunk] = {}
+        self._room = KEPT_BYTES
+
+    @property
+    def met(self) -> Meetings:
+        """The pairs that pictures are made of."""
+        return self._met
+
+    def render(self, picture: Picture) -> Floats:
+        """Mean light of each quad, (rows, cols, 3)."""
+        rows, cols = self._setting.frame
+        image = np.empty((rows, cols, COLOURS))
+        direct, indirect = self._values(picture)
+        both = direct + indirect
+        for number, span in enumerate(self._looks.chunks()):
+            chunk = self._chunk(number, span)
+            light = np.zeros(((span[1] - span[0]) * cols, COLOURS))
+            for part in chunk.parts:
+                if self._detail.split:
+                    light += _sums(part, part.direct, direct)
+                    light += _sums(part, part.indirect, indirect)
+                else:
+                    # Where only the cells' light tells them apart, one gather brings both.
+                    light += _sums(part, part.indirect, both)
+            if chunk.opened is not None and picture.ambient is not None:
+                opened, (open_s, ambient) = chunk.opened, picture.ambient
+                there = np.append(ambient, np.zeros((1, COLOURS)), axis=0)[opened.cell]
+                seen = opened.share * open_s[opened.mask][:, None] * there
+                light += np.add.reduceat(seen, opened.runs.quads, axis=0)
+            image[span[0] : span[1]] = light.reshape(-1, cols, COLOURS)
+        return image
+
+    def _values(self, picture: Picture) -> tuple[Floats, Floats]:
+        """Direct and indirect light of each sight's corners, (K, corners, 3) each."""
+        lit = np.append(picture.direct, 0.0)[self._met.of_sight]
+        corners = self._cells.corners[np.maximum(self._sights.place, 0)]
+        direct = lit[:, None, None] * picture.reflected[corners]
+        none = np.zeros((1, COLOURS))
+        return direct, np.append(picture.indirect, none, axis=0)[self._met.of_corner]
+
+    def _chunk(self, number: int, span: tuple[int, int]) -> _Chunk:
+        """The weights of some rows of quads."""
+        if number in self._kept:
+            return self._kept[number]
+        count = (span[1] - span[0]) * self._setting.frame[1] * self._setting.samples**2
+        x = y = np.zeros(0)
+        if self._detail.textures is not None or self._ambient:
+            x, y = (self._by_quad(v).ravel() for v in self._looks.on_field(span))
+        sights = [self._by_quad(runs.spread(count)) for runs in self._sights.runs[number]]
+        parts = [
+            self._part(span, which, sight, tap, x, y)
+            for which, (tap, sight) in enumerate(zip(self._setting.taps, sights, strict=True))
+        ]
+        chunk = _Chunk(parts, self._open(sights[0], x, y) if self._ambient else None)
+        size = sum(part.nbytes for part in parts)
+        if size <= self._room:
+            self._room -= size
+            self._kept[number] = chunk
+        return chunk
+
+    def _part(
+        self,
+        span: tuple[int, int],
+        which: int,
+        sight: NDArray[np.int32],
+        tap: Tap,
+        x: Floats,
+        y: Floats,
+    ) -> _Part:
+        """What the sights (quads, samples) of a tap count, samples at x, y of the field."""
+        runs = _Runs.of(sight)
+        share = tap.share / self._setting.samples**2
+        textures, uneven = self._detail.textures, self._detail.uneven
+        points = np.array([x + tap.offset[0], y + tap.offset[1]]).T
+        plain = np.ones((sight.size, 1))
+        corners = plain if textures is None else self._cells.shares(*points.T)
+
+        def weights(texture: Floats | None, light: Floats | None) -> Floats:
+            left = corners * share if light is None else corners * (light * share)[:, None]
+            return runs.sums(left, plain if texture is None else sampled(texture, points))
+
+        indirect = weights(textures and textures[1], None)
+        direct = indirect
+        if self._detail.split:
+            lit = None
+            if uneven is not None:
+                place = (self._by_quad(v).ravel() for v in self._looks.on_projector(span, which))
+                lit = pixels(uneven, *place, missing=0.0)
+            direct = weights(textures and textures[0], lit)
+        return _Part(runs, sight.ravel()[runs.first], direct, indirect)
+
+    def _open(self, sight: NDArray[np.int32], x: Floats, y: Floats) -> _Open:
+        plain = CellGrid(self._cells.grid, smooth=False)
+        cell, mask = plain.at(x, y), self._sights.mask[sight.ravel()]
+        runs = _Runs.of((mask * (plain.places + 1) + cell).reshape(sight.shape))
+        share = np.full((sight.size, 1), 1.0 / self._setting.samples)
+        open_share = runs.sums(share, share)[:, 0]
+        return _Open(runs, mask[runs.first], cell[runs.first], open_share)
+
+    def _by_quad(self, samples: NDArray[_Scalar]) -> NDArray[_Scalar]:
+        """Samples of rows of quads, row by row (n,), as those of each quad, (quads, samples)."""
+        cols, per_quad = self._setting.frame[1], self._setting.samples
+        rows = samples.reshape(-1, per_quad, cols, per_quad)
+        return rows.transpose(0, 2, 1, 3).reshape(-1, per_quad**2)
+
+
+def _sums(part: _Part, weights: Floats, values: Floats) -> Floats:
+    """Light of quads (quads, 3) by weights (P, corners, 1 or 3) of values (K, corners, 3)."""
+    seen = np.einsum("pkc,pkc->pc", weights, values[part.sight])
+    return np.asarray(np.add.reduceat(seen, part.runs.quads, axis=0))

@@ -1,0 +1,301 @@
+"""What each sample of the camera looks at: a site of the mask, and behind it a site and a cell.
+
+Samples lie evenly in every quad. Neighbours mostly see the same, so they are kept as runs of equal
+sights. A geometry is looked at once for each way of driving the panels, and serves all photos.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.probing.borders import PLASTIC
+from pdcd.virtual.optics.raster import Raster
+from pdcd.virtual.optics.setting import Setting
+from pdcd.virtual.optics.sites import PanelSites
+
+Floats = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+_Kind = TypeVar("_Kind", np.int32, np.float64)
+
+ASIDE = 1e-9
+"""Quads by which samples are moved: those that would lie on the border of two cells then fall to
+one side of it on both panels, whatever is rounded; far less than what any detail shows."""
+CHUNK_SAMPLES = 1 << 16
+"""Samples that are looked at together: few enough that their numbers stay in the processor's cache.
+"""
+SCATTER = PLASTIC**2, PLASTIC
+"""Steps that fill a plane evenly: powers, below 1, of the root of x^3 = x + 1."""
+NOWHERE = -1
+"""No site, or no cell: beside the panel, or beside the field."""
+
+
+@dataclass(frozen=True)
+class CellGrid:
+    """The scene's cells at points of the field.
+
+    smooth : whether what lies between the centres of cells is interpolated; else a cell is of one
+        value. Then a *place* is four cells around, else one.
+    """
+
+    grid: tuple[int, int]
+    smooth: bool
+
+    @property
+    def places(self) -> int:
+        """How many places there are."""
+        rows, cols = self.grid
+        return (rows + 1) * (cols + 1) if self.smooth else rows * cols
+
+    @property
+    def corners(self) -> Numbers:
+        """Cells of each place, (places, 4) or (places, 1)."""
+        rows, cols = self.grid
+        if not self.smooth:
+            return np.arange(rows * cols)[:, None]
+        row, col = np.divmod(np.arange(self.places), cols + 1)
+        down = [np.clip(row + i, 0, rows - 1) for i in (-1, 0)]
+        across = [np.clip(col + i, 0, cols - 1) for i in (-1, 0)]
+        return np.stack([r * cols + c for r in down for c in across], axis=1)
+
+    def at(self, x: Floats, y: Floats) -> NDArray[np.int32]:
+        """The place of points of the field; `NOWHERE` beside it, and for NaN."""
+        rows, cols = self.grid
+        with np.errstate(invalid="ignore"):
+            inside = (x >= 0.0) & (x < 1.0) & (y >= 0.0) & (y < 1.0)
+        whole = bool(inside.all())
+        if not whole:
+            x, y = (np.where(inside, v, 0.0) for v in (x, y))
+        more = 0.5 if self.smooth else 0.0
+        across = cols + 1 if self.smooth else cols
+        found = (y * rows + more).astype(np.int32)
+        found *= across
+        found += (x * cols + more).astype(np.int32)
+        if not whole:
+            found[~inside] = NOWHERE
+        return found
+
+    def shares(self, x: Floats, y: Floats) -> Floats:
+        """How much each corner of the place of points (n,) counts there, (n, 4)."""
+        rows, cols = self.grid
+        down, across = (_fraction(v) for v in (y * rows + 0.5, x * cols + 0.5))
+        up, left = 1.0 - down, 1.0 - across
+        found = np.empty((x.size, 4))
+        for corner, (one, other) in enumerate(
+            ((up, left), (up, across), (down, left), (down, across))
+        ):
+            np.multiply(one, other, out=found[:, corner])
+        return found
+
+
+def _fraction(values: Floats) -> Floats:
+    """What is left of numbers beyond whole ones, 0 of those that are none; in their place."""
+    with np.errstate(invalid="ignore"):
+        values -= np.floor(values)
+    values[np.isnan(values)] = 0.0
+    return values
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Samples of one chunk, row by row: runs of equal sights. starts, sights : (runs,) int32"""
+
+    starts: NDArray[np.int32]
+    sights: NDArray[np.int32]
+
+    def spread(self, count: int) -> NDArray[np.int32]:
+        """The sight of each of the chunk's samples, (count,)."""
+        return np.repeat(self.sights, np.diff(np.append(self.starts, count)))
+
+
+@dataclass
+class Sights:
+    """All sights of a frame, (K,) int64 each, and which samples have which.
+
+    mask : site of the mask.
+    lit : site of the projector, or `NOWHERE`.
+    place : of `CellGrid`, or `NOWHERE`.
+    runs : of each chunk of rows of quads, those of each tap.
+    """
+
+    mask: Numbers
+    lit: Numbers
+    place: Numbers
+    runs: list[list[Runs]] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Away:
+    """Where on the field the light at points comes from, on an off-axis bench.
+
+    grid : (rows, cols). displacement : (N, 2) cells down and right; NaN where there is no light.
+    """
+
+    grid: tuple[int, int]
+    displacement: Floats
+
+    def of(self, points: Floats) -> Floats:
+        """The places that light points of the field (n, 2), NaN for those that none does."""
+        rows, cols = self.grid
+        cell = CellGrid(self.grid, smooth=False).at(points[:, 0], points[:, 1])
+        moved = self.displacement[np.maximum(cell, 0)][:, ::-1] / np.array([cols, rows])
+        return np.where((cell >= 0)[:, None], points + moved, np.nan)
+
+
+class Looks:
+    """The camera's samples on the field and on both panels, chunk by chunk; with `away`, those on
+    the projector are where the light comes from."""
+
+    def __init__(self, setting: Setting, away: Away | None = None) -> None:
+        self._setting, self._away = setting, away
+        rows, cols = setting.frame
+        per_quad = setting.samples
+        x = (np.arange(cols * per_quad) + 0.5) / per_quad + ASIDE
+        y = (np.arange(rows * per_quad) + 0.5) / per_quad + ASIDE
+        to_field, size = setting.camera.to_field, setting.projector_px
+        # In projector pixels: the unit in which a raster may be off.
+        self._field = Raster(lambda points: to_field(points) * size, x, y)
+        self._mask = Raster(lambda points: setting.on_mask(to_field(points)), x, y)
+        self._lit = [Raster(partial(_behind, setting, tap.offset), x, y) for tap in setting.taps]
+        self._step = max(1, CHUNK_SAMPLES // (cols * per_quad**2))
+
+    def chunks(self) -> Iterator[tuple[int, int]]:
+        """First and past-the-last row of quads of each chunk."""
+        rows = self._setting.frame[0]
+        for start in range(0, rows, self._step):
+            yield start, min(start + self._step, rows)
+
+    def on_field(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        """x and y of a chunk's samples on the field, (n,) each."""
+        across, down = self._flat(self._field, chunk)
+        width, height = self._setting.projector_px
+        return across / width, down / height
+
+    def on_mask(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        """The same on the mask, in its pixels."""
+        return self._flat(self._mask, chunk)
+
+    def on_projector(self, chunk: tuple[int, int], tap: int) -> tuple[Floats, Floats]:
+        """The same on the projector, of the point that a tap takes."""
+        if self._away is None:
+            return self._flat(self._lit[tap], chunk)
+        # Displacements jump from cell to cell, so that a raster would not do.
+        points = np.stack(self.on_field(chunk), axis=-1) + self._setting.taps[tap].offset
+        across, down = self._setting.on_projector(self._away.of(points)).T
+        return across, down
+
+    def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        first, end = (row * self._setting.samples for row in chunk)
+        across, down = raster.rows(first, end)
+        return across.ravel(), down.ravel()
+
+
+class Scattered(Looks):
+    """The same samples, each by up to half of a step beside its place, as evenly as can be.
+
+    On a raster they may fall into step with the panels' pixels: of a camera that looks straight on
+    they then see every fourth pixel twice, say, in all of the picture. Stripes of single pixels
+    look bent by that, where a real camera, whose quads are areas, sees them as they are.
+    """
+
+    def __init__(self, setting: Setting, away: Away | None = None) -> None:
+        super().__init__(setting, away)
+        self._last: tuple[tuple[int, int], tuple[Floats, Floats]] | None = None
+
+    def _flat(self, raster: Raster, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        per_quad = self._setting.samples
+        if per_quad == 1:
+            return super()._flat(raster, chunk)
+        if self._last is None or self._last[0] != chunk:  # each chunk is asked for several rasters
+            self._last = chunk, self._aside(chunk)
+        across, down = raster.rows(chunk[0] * per_quad, chunk[1] * per_quad, self._last[1])
+        return across.ravel(), down.ravel()
+
+    def _aside(self, chunk: tuple[int, int]) -> tuple[Floats, Floats]:
+        """By how much a chunk's samples lie to the right and below, in steps, -1/2 to 1/2."""
+        per_quad, cols = self._setting.samples, self._setting.frame[1]
+        row = np.arange(chunk[0] * per_quad, chunk[1] * per_quad, dtype=np.float64)[:, None]
+        column = np.arange(cols * per_quad, dtype=np.float64)
+        one, other = SCATTER
+        right, down = row * one + column * other, row * other + column * one
+        return _fraction(right) - 0.5, _fraction(down) - 0.5
+
+
+def _behind(setting: Setting, offset: tuple[float, float], points: Floats) -> Floats:
+    """Where the camera's points (..., 2) lie on the projector, seen so far off on the field."""
+    return setting.on_projector(setting.camera.to_field(points) + offset)
+
+
+def look(
+    looks: Looks,
+    setting: Setting,
+    cells: CellGrid,
+    lit: PanelSites,
+    mask: PanelSites | CellGrid | None,
+) -> Sights:
+    """All sights of a frame, through the mask or, for None, without one. With a grid in its place
+    the site of what is seen is the cell it lies in, as of a mask of whole cells that is perfect."""
+    keys: list[list[tuple[NDArray[np.int32], Numbers, NDArray[np.intp]]]] = []
+    places, sites = cells.places + 1, len(lit) + 1
+    for chunk in looks.chunks():
+        x, y = looks.on_field(chunk)
+        before = (
+            np.zeros(x.size, dtype=np.int32)
+            if mask is None or isinstance(mask, CellGrid)
+            else pixels(mask.image, *looks.on_mask(chunk), missing=0)
+        )
+        of_taps = []
+        for number, tap in enumerate(setting.taps):
+            behind = pixels(lit.image, *looks.on_projector(chunk, number), missing=NOWHERE)
+            there = x + tap.offset[0], y + tap.offset[1]
+            at = cells.at(*there)
+            if isinstance(mask, CellGrid):
+                before = np.maximum(mask.at(*there), 0)
+            starts = changes(before, behind, at)
+            key = before[starts] * np.int64(sites) + behind[starts] + 1
+            key = key * places + at[starts] + 1
+            of_taps.append((starts, *np.unique(key, return_inverse=True)))
+        keys.append(of_taps)
+    found: Numbers = np.unique(np.concatenate([own for taps in keys for _, own, _ in taps]))
+    runs = [
+        [
+            Runs(starts, np.searchsorted(found, own).astype(np.int32)[inverse])
+            for starts, own, inverse in taps
+        ]
+        for taps in keys
+    ]
+    rest, place = np.divmod(found, np.int64(places))
+    before, behind = np.divmod(rest, np.int64(sites))
+    return Sights(before.astype(np.int64), behind.astype(np.int64) - 1, place - 1, runs)
+
+
+def changes(first: NDArray[np.int32], *others: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Where any of some numbers (n,) is another than before it; 0 is the first such place."""
+    new = np.ones(first.size, dtype=np.bool_)
+    np.not_equal(first[1:], first[:-1], out=new[1:])
+    for other in others:
+        new[1:] |= other[1:] != other[:-1]
+    return np.flatnonzero(new).astype(np.int32)
+
+
+def pixels(image: NDArray[_Kind], x: Floats, y: Floats, *, missing: float) -> NDArray[_Kind]:
+    """Values of the pixels that points (n,) lie in; `missing` beside the device, and for NaN."""
+    height, width = image.shape
+    with np.errstate(invalid="ignore"):
+        inside = (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
+    whole = bool(inside.all())
+    if not whole:
+        x, y = (np.where(inside, v, 0.0) for v in (x, y))
+    place = y.astype(np.int32)
+    place *= width
+    place += x.astype(np.int32)
+    found = np.asarray(image.take(place, mode="clip"))  # none is clipped: it is the quickest mode
+    if not whole:
+        found[~inside] = missing
+    return found

@@ -1,0 +1,72 @@
+"""What share of each scene cell each site of the projector lights.
+
+Points lie evenly in every cell of the scene. Which pixel of the projector lights them follows from
+where it lies alone, so it is found once, and summed over the sites for each way of driving it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.virtual.optics.raster import Raster
+from pdcd.virtual.optics.setting import Setting
+from pdcd.virtual.optics.sights import NOWHERE, changes, pixels
+from pdcd.virtual.optics.sites import PanelSites
+
+Floats = NDArray[np.float64]
+
+POINTS_PER_PX = 2
+"""Points along a projector pixel, at least, at which the light on a scene cell is looked at."""
+CHUNK_POINTS = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class CellLight:
+    """Points of the scene's cells, in runs (R,) of those that a pixel lights in a cell.
+
+    pixel : int32, of the projector, counted row by row. cell : int32. share : of the cell, float64.
+    cells : how many cells there are.
+    """
+
+    pixel: NDArray[np.int32]
+    cell: NDArray[np.int32]
+    share: Floats
+    cells: int
+
+    @classmethod
+    def of(cls, setting: Setting, grid: tuple[int, int]) -> CellLight:
+        """Of a grid (rows, cols) on a bench."""
+        (rows, cols), (width, height) = grid, setting.true.projector.size_px
+        points = POINTS_PER_PX * max(-(-width // cols), -(-height // rows))
+        x, y = ((np.arange(count * points) + 0.5) / (count * points) for count in (cols, rows))
+        raster = Raster(setting.on_projector, x, y)
+        numbers = np.arange(width * height, dtype=np.int32).reshape(height, width)
+        across = (np.arange(x.size) // points).astype(np.int32)
+        step = max(1, CHUNK_POINTS // (x.size * points))
+        found = []
+        for start in range(0, rows, step):
+            lines = np.arange(start * points, min(start + step, rows) * points, dtype=np.int32)
+            place = (v.ravel() for v in raster.rows(int(lines[0]), int(lines[-1]) + 1))
+            pixel = pixels(numbers, *place, missing=NOWHERE)
+            cell = ((lines // points * cols)[:, None] + across).ravel()
+            first = changes(pixel, cell)
+            count = np.diff(first, append=np.int32(pixel.size))
+            on = pixel[first] != NOWHERE
+            found.append((pixel[first][on], cell[first][on], count[on]))
+        pixel, cell, count = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return cls(pixel, cell, count / float(points**2), rows * cols)
+
+    def by_site(self, sites: PanelSites, uneven: Floats | None) -> scipy.sparse.csr_array:
+        """The share of each cell that each site lights, (sites, cells); `uneven` (height, width) is
+        the light of each pixel over that of the brightest, None where they are alike."""
+        site = sites.image.take(self.pixel)
+        share = self.share if uneven is None else self.share * uneven.take(self.pixel)
+        # Neighbours mostly light the same, so they are summed before they are sorted.
+        first = changes(site, self.cell)
+        place = (site[first], self.cell[first])
+        shape = (len(sites), self.cells)
+        return scipy.sparse.csr_array((np.add.reduceat(share, first), place), shape=shape)

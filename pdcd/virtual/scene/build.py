@@ -1,0 +1,65 @@
+"""From the [scene] table of the configuration to a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
+from pdcd.errors import ConfigError
+from pdcd.virtual.scene.card import CARD, card
+from pdcd.virtual.scene.matrix import load_matrix
+from pdcd.virtual.scene.presets import builder_of, kinds
+from pdcd.virtual.scene.scene import Scene
+
+
+def build_scene(config: SceneConfig) -> Scene:
+    """Build the scene that `config` describes.
+
+    Raises
+    ------
+    ConfigError
+        If the kind is unknown, an option is unknown or wrong, a matrix file is missing or
+        unsound, or its grid is not the one that the configuration asks for.
+    """
+    if config.kind == "matrix":
+        scene = _matrix_scene(config)
+    elif make := card if config.kind == CARD else builder_of(config.kind):
+        if config.path is not None:
+            raise ConfigError(
+                f"[scene] path: the kind {config.kind!r} reads no file",
+                hint='remove `path`, or set kind = "matrix"',
+            )
+        scene = make(config.grid or DEFAULT_GRID, config.options)
+    else:
+        raise ConfigError(
+            f"[scene] kind: unknown kind {config.kind!r}",
+            hint=f"one of {', '.join(sorted([*kinds(), CARD, 'matrix']))}",
+        )
+    if config.ambient == 0.0:
+        return scene
+    return scene.under(np.full((scene.cells, 3), config.ambient))
+
+
+def _matrix_scene(config: SceneConfig) -> Scene:
+    if config.options:
+        raise ConfigError(
+            f"[scene] options: the kind 'matrix' has none, got {', '.join(config.options)}",
+            hint="remove the options",
+        )
+    if config.path is None:
+        raise ConfigError(
+            "[scene] path: the kind 'matrix' needs a file",
+            hint="set `path` to an .npz with `transport` and `grid`",
+        )
+    path = Path(config.path)
+    stored = load_matrix(path)
+    grid = stored.grid
+    if config.grid is not None and tuple(config.grid) != grid:
+        raise ConfigError(
+            f"[scene] grid: {config.grid[0]} x {config.grid[1]} is asked for, "
+            f"but {path} holds {grid[0]} x {grid[1]}",
+            hint="remove `grid`; the file's own is used",
+        )
+    return Scene(path.stem, grid, stored.effects(), texture=stored.texture)

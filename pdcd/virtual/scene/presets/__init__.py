@@ -1,0 +1,60 @@
+"""Scenes that need no file: name -> builder of (grid, options)."""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+from pdcd.virtual.scene.scene import Scene
+
+__all__ = ["OFF_AXIS", "PRESETS", "STAGED", "builder_of", "kinds"]
+
+Builder = Callable[[tuple[int, int], Mapping[str, Any]], Scene]
+
+
+def _later(module: str, function: str) -> Builder:
+    """A builder whose module is imported when called: a rig has one scene, and starts soon."""
+
+    def build(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
+        builder: Builder = getattr(import_module(f"pdcd.virtual.scene.presets.{module}"), function)
+        return builder(grid, options)
+
+    return build
+
+
+PRESETS: dict[str, Builder] = {
+    "open-book": _later("book", "open_book"),
+    "wax-disk": _later("wax", "wax_disk"),
+    "disco-ball": _later("disco", "disco_ball"),
+    "milky-bottle": _later("bottle", "milky_bottle"),
+    "mirror-and-vase": _later("vase", "mirror_and_vase"),
+}
+"""Each builder takes a grid (rows, cols), both at least 1, and the options of the [scene] table;
+it raises ConfigError for options it does not know."""
+
+OFF_AXIS: dict[str, Builder] = {
+    "off-axis-box": _later("off_axis", "box_before_wall"),
+    "off-axis-wedge": _later("off_axis", "wedge"),
+    "off-axis-shelf": _later("off_axis", "shelf"),
+}
+"""The same, of scenes with depth before a camera that is off the projector's axis: their direct
+light does not come back where it fell."""
+
+
+STAGED: dict[str, Builder] = {
+    "still-life": _later("still_life", "still_life"),
+    "ball-wax-book": _later("ball_book", "ball_wax_book"),
+    "chart-in-milk": _later("chart", "chart_in_milk"),
+    "glass-and-balls": _later("styrofoam", "styrofoam"),
+}
+"""The same, of scenes that were set up to be looked at, after the figures of the paper. What is
+measured on every one of `PRESETS` is not measured on them."""
+
+
+def builder_of(kind: str) -> Builder | None:
+    """Return the builder of a preset by its name, of any kind; None where there is none."""
+    return PRESETS.get(kind) or STAGED.get(kind) or OFF_AXIS.get(kind)
+
+
+def kinds() -> list[str]:
+    """Return the names of all presets, in their order."""
+    return sorted([*PRESETS, *STAGED, *OFF_AXIS])

@@ -1,0 +1,389 @@
+"""What a desk keeps and tells: figures of an answer, leaks, steps of a calibration, its guards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse
+from numpy.typing import NDArray
+
+from pdcd.bench.calibration import ARRAYS, MAPS, PROFILE
+from pdcd.bench.tables import Config, LimitsConfig
+from pdcd.calibration.figures import Figure, Verdict
+from pdcd.calibration.script import Ask, Measured, Outcome, Script, Wanted
+from pdcd.calibration.shown import Shown
+from pdcd.capture.worker import calibrating, stray
+from pdcd.capture.worker.answers import rms_sigma, transport_figures
+from pdcd.capture.worker.calibrating import (
+    Begin,
+    Found,
+    NextAsk,
+    NextPhoto,
+    Study,
+    read_arrays,
+    write_arrays,
+)
+from pdcd.capture.worker.desk import Desk, Facts
+from pdcd.capture.worker.stray import Ambience
+from pdcd.errors import CalibrationError, DiskError, PdcdError
+from pdcd.panels.map import Map
+from pdcd.panels.map_file import load_map
+from pdcd.pictures.cell_light import Ambient
+from pdcd.pictures.combine import Picture
+from pdcd.pictures.leaks import Answer
+from pdcd.pictures.transport import Sliced
+from pdcd.planning.guided import stopped, with_links
+from pdcd.planning.make import make_plan
+from pdcd.protocol.request import CaptureRequest, Leaks
+from pdcd.runs.record import DarkPhoto
+from pdcd.sensor.cells import CellMap
+from pdcd.watch import Watch
+
+UTC = "2026-01-01T12:00:00Z"
+
+
+@pytest.mark.parametrize(
+    ("image", "sigma", "wanted"),
+    [
+        ([3.0, 4.0, 9.0], [0.3, 0.4, np.inf], 0.1),
+        ([0.03, 0.04, 0.0], [0.03, 0.04, 0.0], 1.0),  # however dark
+        ([0.0, 0.0, 1.0], [1.0, 1.0, np.inf], np.inf),
+        ([1.0, 1.0, 1.0], [np.inf] * 3, np.inf),
+    ],
+)
+def test_sigma_over_image_where_it_is_known(
+    image: list[float], sigma: list[float], wanted: float
+) -> None:
+    picture = Picture(np.array([[image]]), np.array([[sigma]]))
+    assert rms_sigma(picture) == pytest.approx(wanted)
+
+
+def sliced(sigma: float) -> Sliced:
+    cells = np.array([0, 1])
+    entries = np.full((2, 2, 3), 2.0)
+    return Sliced(entries, np.full(entries.shape, sigma), cells, cells, 7, 0.0, 0.0)
+
+
+def known_scene(truth: float, textures: object = None, grid: tuple[int, int] = (1, 2)) -> Any:
+    def apply(light: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.full((*light.shape, 3), truth)
+
+    return SimpleNamespace(grid=grid, textures=textures, cells=2, apply=apply)
+
+
+@pytest.mark.parametrize(
+    ("scene", "pixels", "error"),
+    [
+        (known_scene(1.0), False, 1.0),
+        (known_scene(1.0), True, 1.0),
+        (known_scene(1.0, "grain"), False, 1.0),
+        (known_scene(1.0, "grain"), True, None),  # entries of cells are not what is seen there
+        (known_scene(1.0, grid=(2, 1)), False, None),
+        (known_scene(0.0), False, None),
+        (None, False, None),
+    ],
+)
+def test_entries_of_t_are_compared_where_their_truth_is_known(
+    scene: Any, pixels: bool, error: float | None
+) -> None:
+    told = transport_figures(sliced(0.5), scene, (1, 2), pixels=pixels)
+    assert told == {"transport_photos": 7, "transport_sigma": 0.25, "transport_error": error}
+
+
+def test_of_entries_that_are_not_there_or_not_known_nothing_is_told() -> None:
+    assert transport_figures(None, known_scene(1.0), (1, 2), pixels=False) == {}
+    told = transport_figures(sliced(np.inf), None, (1, 2), pixels=False)
+    assert told["transport_sigma"] is None
+
+
+CELLS = CellMap(grid=(1, 2), frame=(1, 2), map=Map.filling((2, 1)))
+DARKS = (
+    DarkPhoto(raw="raw/one", sha256="", iso=100, f_number=8.0, exposure_s=9.0, phase_s=2.0),
+    DarkPhoto(raw="raw/two", sha256="", iso=100, f_number=8.0, exposure_s=9.0, phase_s=4.0),
+)
+
+
+AMBIENT = Leaks(ambient=5.0, mask=0.0, both=5.0, floor=0.0, limit=0.01, raw=())
+
+
+def leaks(monkeypatch: pytest.MonkeyPatch, light: dict[str, float], darks: Any) -> Any:
+    """Of an answer of brightness 1, open for 3 s and behind a closed mask for 5 s, and one that
+    takes nothing of any leak."""
+
+    def answer(opened: float, closed: float) -> Answer:
+        one = np.ones((2, 3))
+        seen = np.ones(2, np.bool_)
+        return Answer(one, 0.0 * one, opened * one[:, :1], closed * one[:, :1], seen)
+
+    answers = [answer(3.0, 5.0), answer(0.0, 0.0)]
+    monkeypatch.setattr(stray, "answers_of", lambda *_, **__: answers)
+    darkroom: Any = SimpleNamespace(
+        exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS),
+        record=SimpleNamespace(normalise="row"),
+        ambient=lambda photo: Ambient(
+            np.full((1, 2, 3), light[photo.raw] / photo.phase_s), np.full((1, 2, 3), 1e-13)
+        ),
+    )
+    plan: Any = SimpleNamespace(look=SimpleNamespace(limit=0.01))
+    return stray.leaks_in(plan, darkroom, darks, Watch())
+
+
+def test_one_dark_photo_tells_the_most_that_leaks_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = leaks(monkeypatch, {"raw/one": 0.02}, DARKS[:1])
+    # 0.01 a second, for 5 s at most, of an answer that is 1 with it.
+    assert found.both == pytest.approx(0.05 / 0.95, rel=1e-4)
+    assert (found.ambient, found.mask) == (None, None)
+    assert (found.limit, found.raw) == (0.01, ("raw/one",))
+    assert 0.0 < found.floor < 1e-4
+
+
+def test_two_dark_photos_tell_whose_a_leak_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = leaks(monkeypatch, {"raw/one": 0.02, "raw/two": 0.016}, DARKS)
+    # 0.004 a second through the open mask; what is left of 0.01 came of the lit projector.
+    assert found.ambient == pytest.approx(0.012 / 0.988, rel=1e-4)
+    assert found.mask == pytest.approx(0.03 / 0.97, rel=1e-4)
+    assert found.both == pytest.approx(0.042 / 0.958, rel=1e-4)
+    assert found.raw == ("raw/one", "raw/two")
+
+
+@pytest.mark.parametrize(("ambient", "known"), [(0.02, True), (0.01, False), (None, False)])
+def test_only_ambient_light_that_matters_is_taken_off_a_pilot(
+    ambient: float | None, known: bool
+) -> None:
+    leaks = Leaks(ambient=ambient, mask=0.5, both=0.5, floor=0.0, limit=0.01, raw=())
+    plan = replace(
+        make_plan(CaptureRequest(goal="indirect", codes=8), Config(), (3, 4)), leaks=leaks
+    )
+    darkroom: Any = SimpleNamespace(
+        exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS), learned=lambda watch: None
+    )
+    after: list[Any] = []
+    mended = Ambience(CaptureRequest(goal="indirect"), Config(), None, None, average=False)
+    found = mended.after(plan, DARKS[1], darkroom, after.append, Watch())
+    assert (found.told, found.decided) == ((), "")
+    assert after[-1].dark == (DARKS[1] if known else None)
+    assert replace(after[-1], dark=None) == plan
+
+
+@pytest.mark.parametrize("memory", [None, 1])
+def test_a_pilot_goes_on_where_ambient_light_had_hidden_what_it_looks_for(
+    memory: int | None,
+) -> None:
+    request = CaptureRequest(goal="indirect", codes=128, pilot=16, window="whole", white=False)
+    before = make_plan(request, Config(), (6, 8))
+    ended = replace(stopped(before, 0, 60.0), leaks=AMBIENT)
+    limits = LimitsConfig(memory_bytes=memory)
+    mended = Ambience(request, Config(limits=limits), None, before, average=False)
+    seen: Any = SimpleNamespace(promising=True, sharpness=0.4, pays=False)
+    darkroom: Any = SimpleNamespace(
+        exposed=lambda watch: (SimpleNamespace(shots=()), {}, CELLS), learned=lambda watch: seen
+    )
+    after: list[Any] = []
+    found = mended.after(ended, DARKS[1], darkroom, after.append, Watch())
+    plan = after[-1]
+    if memory is not None:  # there is none for it
+        assert (plan.how, found.told) == (ended.how, ())
+        return
+    assert (plan.how.pilot, plan.how.coded, plan.how.late) == (16, 112, True)
+    assert found.told == (plan.reasons[-1],) and "sharpness 0.4 without it" in found.told[0]
+    assert plan.dark == DARKS[1] and plan.leaks == AMBIENT
+    names = [shot.name for shot in plan.recipe.shots]
+    assert names[:16] == list(before.recipe.stack) and names[16] == "coded-late"
+
+
+def test_a_map_that_is_clearer_guides_the_codes_that_were_not_shown() -> None:
+    request = CaptureRequest(goal="indirect", codes=80, pilot=16, parts=4, white=False)
+    plan = replace(make_plan(request, Config(), (6, 8)), leaks=AMBIENT)
+    links = scipy.sparse.csr_array(np.eye(48, k=5))
+    seen: Any = SimpleNamespace(promising=True, pays=True, links=links)
+    darkroom: Any = SimpleNamespace(
+        exposed=lambda watch: (SimpleNamespace(shots=()), {"coded-1": None}, CELLS),
+        learned=lambda watch: seen,
+    )
+    after: list[Any] = []
+    mended = Ambience(request, Config(), None, None, average=False)
+    mended.after(plan, DARKS[1], darkroom, after.append, Watch())
+    found = after[-1].patterns
+    assert found["coded-1"] is plan.patterns["coded-1"] and found["pilot"] is plan.patterns["pilot"]
+    wanted = with_links(plan, links, request.seed).patterns
+    for part in (2, 3, 4):
+        name = f"coded-{part}"
+        np.testing.assert_array_equal(found[name][0], wanted[name][0])
+        assert not np.array_equal(found[name][0], plan.patterns[name][0])
+
+
+def test_a_plan_that_looks_at_no_dark_photo_has_no_leaks() -> None:
+    nothing: Any = SimpleNamespace(look=None)
+    with pytest.raises(PdcdError, match="looks at no dark photo"):
+        stray.leaks_in(nothing, nothing, (), Watch())
+
+
+def test_arrays_come_back_as_they_were_written(tmp_path: Path) -> None:
+    arrays = {"b": np.arange(6.0).reshape(2, 3), "a": np.array([True, False])}
+    write_arrays(tmp_path / "x.npz", arrays)
+    write_arrays(tmp_path / "y.npz", dict(reversed(arrays.items())))
+    assert (tmp_path / "x.npz").read_bytes() == (tmp_path / "y.npz").read_bytes()
+    back = read_arrays(tmp_path / "x.npz")
+    assert back.keys() == arrays.keys()
+    assert all(np.array_equal(back[name], arrays[name]) for name in arrays)
+    assert read_arrays(tmp_path / "none.npz") == {}
+
+
+def test_a_calibration_that_keeps_no_arrays_is_one_to_go_on_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As that of the focus alone, with which a bench is set up."""
+
+    def script() -> Script:
+        yield Ask("turn the ring")
+        return Outcome()
+
+    one = study(tmp_path, monkeypatch, script())
+    one.begin("focus", UTC)
+    assert isinstance(one.answered(), Found)
+    one.write()
+    assert not (tmp_path / ARRAYS).exists() and read_arrays(tmp_path / ARRAYS) == {}
+    np.savez(tmp_path / "once.npz")  # as calibrations of earlier versions have it
+    assert read_arrays(tmp_path / "once.npz") == {}
+
+
+def test_arrays_that_are_none_are_refused(tmp_path: Path) -> None:
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="array a"):
+            write_arrays(tmp_path / "x.npz", {"a": np.array([1.0, wrong])})
+    assert not (tmp_path / "x.npz").exists()
+    (tmp_path / "x.npz").write_bytes(b"PK nothing")
+    with pytest.raises(CalibrationError, match="cannot be used"):
+        read_arrays(tmp_path / "x.npz")
+    with pytest.raises(CalibrationError, match="cannot be read"):
+        read_arrays(tmp_path)
+
+
+def study(folder: Path, monkeypatch: pytest.MonkeyPatch, script: Script, **begin: Any) -> Study:
+    camera: Any = SimpleNamespace(isos=(400, 100, 200))
+    profile: Any = object()
+    monkeypatch.setattr(calibrating, "script_of", lambda step, session: script)
+    return Study.begun(Begin(Config(), profile, camera, **begin), folder)
+
+
+def shown(name: str) -> Shown:
+    none = np.zeros((0, 1, 1), np.bool_)
+    index = np.full(2, -1, np.int32)
+    return Shown(name, none, none, index, index)
+
+
+def test_a_step_asks_and_ends_with_what_it_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "preview").mkdir()
+    figures = (
+        Figure("a", 1.5, np.inf, "s", "below 2", Verdict.GOOD),
+        Figure("b", np.nan, 0.25, "px", "", Verdict.BAD),
+        Figure("c", 1.0, 0.0, "", "", Verdict.DOUBTFUL),
+    )
+    words = {"mask.skew_s": Measured(0.001, 1e-4), "mask.rise_s": Measured(0.002)}
+    maps = {"mask": Map.filling((40, 30))}
+    picture = np.zeros((2, 3, 3), np.uint8)
+
+    def script() -> Script:
+        assert (yield Wanted(shown("dots"))) is None
+        assert (yield Ask("cover the lens")) is None
+        yield Wanted(shown("dark"), iso=400, f_number=5.6, covered=True)
+        return Outcome(
+            figures, words, maps, {"kept": np.ones(2)}, advice=("clean it",), picture=picture
+        )
+
+    one = study(tmp_path, monkeypatch, script(), helped=True)
+    first = one.begin("geometry", UTC)
+    assert isinstance(first, NextPhoto)
+    assert (first.name, first.iso, first.f_number) == ("geometry-dots", 100, None)
+    assert not first.covered and first.frames.primal_index.size == 2
+    asked = one.answered()
+    assert isinstance(asked, NextAsk) and asked.ask.text == "cover the lens"
+    last = one.answered()
+    assert isinstance(last, NextPhoto)
+    assert (last.name, last.iso, last.f_number, last.covered) == ("geometry-dark", 400, 5.6, True)
+    found = one.answered()
+    assert isinstance(found, Found)
+    step = found.step
+    assert (step.name, step.made_utc, step.verdict) == ("geometry", UTC, "bad")
+    assert [(f.value, f.sigma, f.verdict) for f in step.figures] == [
+        (1.5, None, "good"), (None, 0.25, "bad"), (1.0, 0.0, "doubtful"),
+    ]  # fmt: skip
+    assert (step.figures[0].name, step.figures[0].unit, step.figures[0].limit) == (
+        "a", "s", "below 2",
+    )  # fmt: skip
+    assert step.advice == ("clean it",) and step.photos == () and step.seconds >= 0.0
+    assert step.settings == {"iso": 100.0, "full_refreshes": 0.0, "helped": 1.0}
+    assert (tmp_path / "preview" / "geometry.png").exists()
+    with pytest.raises(PdcdError, match="no step"):
+        one.answered()
+    entries = one.write()
+    assert entries["mask.skew_s"].value == 0.001
+    assert {(e.step, e.made_utc, e.folder) for e in entries.values()} == {("geometry", UTC, None)}
+    assert entries["mask.skew_s"].sigma == 1e-4 and entries["mask.rise_s"].sigma is None
+    assert one.session.config.mask.skew_s == 0.001 and one.session.done == ["geometry"]
+    assert [*read_arrays(tmp_path / ARRAYS)] == ["kept"]
+    assert load_map(tmp_path / MAPS, "mask").size_px == (40, 30)
+    assert not (tmp_path / PROFILE).exists()
+
+
+def test_a_calibration_begins_with_the_arrays_of_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = tmp_path / "before"
+    before.mkdir()
+    write_arrays(before / ARRAYS, {"old": np.ones(3)})
+
+    def script() -> Script:
+        yield Ask("wait")
+        return Outcome()
+
+    one = study(tmp_path, monkeypatch, script(), before=before)
+    assert [*one.session.arrays] == ["old"] and not one.session.helped
+    one.session.f_number, one.session.full = 8.0, 30
+    one.photos, one.seconds = [object()], 5.0  # type: ignore[list-item]
+    assert isinstance(one.begin("timing", UTC), NextAsk)
+    assert one.photos == [] and one.seconds < 5.0
+    assert one.settings == {
+        "iso": 100.0, "full_refreshes": 30.0, "helped": 0.0, "f_number": 8.0,
+    }  # fmt: skip
+    assert one.write() == {} and not (tmp_path / MAPS).exists()
+    one.folder = tmp_path / "gone"
+    with pytest.raises(DiskError):
+        one.write()
+
+
+def test_a_desk_without_a_job_says_what_is_missing(tmp_path: Path) -> None:
+    nothing: Any = None
+    desk, watch = Desk(Facts(Config(), nothing, (3, 4), None)), Watch()
+    for call, words in (
+        (lambda: desk.step(watch, "timing", UTC), "no calibration is under way"),
+        (lambda: desk.answered(watch), "no calibration is under way"),
+        (lambda: desk.photo(watch, nothing), "no calibration is under way"),
+        (lambda: desk.measured(watch), "no calibration is under way"),
+        (lambda: desk.begin(watch, tmp_path), "no plan to work on"),
+        (lambda: desk.see(watch, ()), "no plan to work on"),
+        (lambda: desk.look(watch, "raw", ""), "no plan to work on"),
+    ):
+        with pytest.raises(PdcdError, match=words):
+            call()
+    assert desk.report(watch) is None
+
+
+def test_an_error_of_a_script_is_not_taken_for_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def script() -> Script:
+        yield Ask("wait")
+        raise CalibrationError("no dots were seen")
+
+    one = study(tmp_path, monkeypatch, script())
+    one.begin("geometry", UTC)
+    with pytest.raises(CalibrationError, match="no dots"):
+        one.answered()

@@ -1,0 +1,301 @@
+"""The work process by itself: what it says, when it looks up, and how it ends; played by hand."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import Config
+from pdcd.capture.worker import process
+from pdcd.capture.worker.answers import record_of
+from pdcd.capture.worker.desk import Facts
+from pdcd.capture.worker.hands import Here
+from pdcd.capture.worker.pipe import Call, Done, Failed, Inbox, Sign, Stop, packed
+from pdcd.capture.worker.process import Talk, main, serve
+from pdcd.errors import Cancelled, ConfigError, PdcdError, PlanError
+from pdcd.protocol.request import How
+from pdcd.watch import Watch
+
+NOBODY: Any = None
+FACTS = Facts(Config(), NOBODY, (3, 4), None)
+
+
+class Far:
+    """The other end of the talk, and a clock that stands until it is set."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = 100.0
+        self.ours, self.theirs = socket.socketpair()
+        self.ours.setblocking(False)
+        self.talk = Talk(self.theirs)
+        clock = SimpleNamespace(monotonic=lambda: self.now_s)
+        monkeypatch.setattr(process, "time", clock)
+
+    def say(self, *messages: object) -> None:
+        self.ours.sendall(b"".join(map(packed, messages)))
+
+    def heard(self) -> list[Any]:
+        try:
+            return list(Inbox().take(self.ours.recv(1 << 16)))
+        except BlockingIOError:
+            return []
+
+    def at(self, now_s: float, watch: Watch) -> list[Any]:
+        """What is heard of a sign of life at that time."""
+        self.now_s = now_s
+        watch()
+        return self.heard()
+
+
+@pytest.fixture
+def far(monkeypatch: pytest.MonkeyPatch) -> Iterator[Far]:
+    made = Far(monkeypatch)
+    yield made
+    made.ours.close()
+    made.theirs.close()
+
+
+def test_messages_come_whole_and_the_end_is_told(far: Far) -> None:
+    far.say(Stop(), Sign(1.0))
+    assert far.talk.messages() == [Stop(), Sign(1.0)]
+    data = packed(Call("plan", (1,), {}))
+    far.ours.sendall(data[:5])
+    far.ours.sendall(data[5:])
+    assert far.talk.messages() == [Call("plan", (1,), {})]
+    far.ours.close()
+    with pytest.raises(EOFError):
+        far.talk.messages()
+
+
+def test_a_sign_of_life_is_given_twice_a_second(far: Far) -> None:
+    watch = far.talk.watch()
+    heard = [far.at(now_s, watch) for now_s in (100.0, 100.25, 100.49, 100.52, 100.9, 101.1)]
+    assert heard == [[Sign()], [], [], [Sign()], [], [Sign()]]
+
+
+def test_whether_the_work_is_wanted_is_looked_at_fifty_times_a_second(far: Far) -> None:
+    watch = far.talk.watch()
+    watch()
+    far.say(Stop())
+    far.at(100.019, watch)
+    with pytest.raises(Cancelled):
+        far.at(100.021, watch)
+    far.say(Sign())  # anything else ends nothing
+    far.at(100.06, watch)
+
+
+def test_the_first_moment_at_which_it_is_time_counts(
+    far: Far, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, seconds in (("LOOK_S", 0.25), ("SIGN_S", 0.5), ("STEP_S", 0.5)):
+        monkeypatch.setattr(process, name, seconds)
+    watch = far.talk.watch()
+    assert [far.at(now_s, watch) for now_s in (100.0, 100.25, 100.5)] == [[Sign()], [], [Sign()]]
+    far.say(Stop())
+    with pytest.raises(Cancelled):
+        far.at(100.75, watch)
+    watch.step(1.0, 10.0)
+    far.now_s = 101.25
+    watch.step(2.0, 10.0)
+    assert far.heard() == [Sign(1.0, 10.0), Sign(2.0, 10.0)]
+
+
+def test_how_far_it_is_is_told_now_and_then_and_at_the_end(far: Far) -> None:
+    watch = far.talk.watch()
+    watch.stage = "codes"
+
+    def told(now_s: float, done: float) -> list[Any]:
+        far.now_s = now_s
+        watch.step(done, 10.0)
+        return far.heard()
+
+    assert told(100.0, 1.0) == [Sign(1.0, 10.0, "codes")]
+    assert told(100.04, 2.0) == told(100.04, 9.999) == []
+    assert told(100.051, 3.0) == [Sign(3.0, 10.0, "codes")]
+    assert told(100.06, 4.0) == []
+    last = 10.0 * (1.0 - 1e-10)
+    assert told(100.06, last) == [Sign(last, 10.0, "codes")]
+    assert far.at(100.55, watch) == []  # what was told was a sign of life, too
+    assert far.at(100.58, watch) == [Sign()]
+
+
+class Table:
+    """Stands for a desk: notes what it is made of, and what is forgotten."""
+
+    made: ClassVar[list[Table]] = []
+
+    def __init__(self, facts: Facts) -> None:
+        self.facts, self.forgotten = facts, 0
+        Table.made.append(self)
+
+    def forget(self, watch: Watch) -> None:
+        self.forgotten += 1
+
+
+class Said:
+    """A talk of messages that are known beforehand."""
+
+    def __init__(self, *rounds: list[object]) -> None:
+        self.rounds, self.sent = list(rounds), list[Any]()
+
+    def messages(self) -> list[object]:
+        if not self.rounds:
+            raise EOFError
+        return self.rounds.pop(0)
+
+    def send(self, message: object) -> None:
+        self.sent.append(message)
+
+    def watch(self) -> Watch:
+        return Watch()
+
+
+def failing(error: Exception) -> Any:
+    def task(*_: object, **__: object) -> None:
+        raise error
+
+    return task
+
+
+@pytest.fixture
+def limits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How much memory was allowed; desks are stand-ins."""
+    found: list[int] = []
+    Table.made = []
+    monkeypatch.setattr(process, "Desk", Table)
+    monkeypatch.setattr(process, "bound_memory", found.append)
+    return found
+
+
+def served(monkeypatch: pytest.MonkeyPatch, work: dict[str, Any], *rounds: list[object]) -> Any:
+    monkeypatch.setattr(process, "WORK", work)
+    talk: Any = Said(*rounds)
+    with pytest.raises(EOFError):
+        serve(talk)
+    return talk.sent
+
+
+def test_what_is_asked_is_done_in_turn_once_the_facts_are_known(
+    monkeypatch: pytest.MonkeyPatch, limits: list[int]
+) -> None:
+    seen: list[object] = []
+
+    def task(desk: Table, watch: Watch, *args: object, **kwargs: object) -> int:
+        seen.append((desk.facts, args, kwargs))
+        return len(seen)
+
+    call = Call("plan", (1,), {"a": 2})
+    sent = served(monkeypatch, {"plan": task}, [call], [Stop(), FACTS, call], [call])
+    assert sent == [Done(1), Done(2)]
+    assert seen == [(FACTS, (1,), {"a": 2})] * 2
+    assert limits == [Config().limits.work_bytes]
+    assert [desk.forgotten for desk in Table.made] == [0]
+
+
+def test_whatever_a_task_raises_is_the_answer_and_the_job_is_forgotten(
+    monkeypatch: pytest.MonkeyPatch, limits: list[int]
+) -> None:
+    error = ConfigError("no place")
+    work = {
+        "plan": failing(MemoryError()), "look": failing(error), "see": failing(ValueError("x")),
+    }  # fmt: skip
+    calls = [Call(name, (), {}) for name in ("look", "plan", "see", "none")]
+    own, full, fault, unknown = served(monkeypatch, work, [FACTS, *calls])
+    assert (own.error, own.spent) == (error, False)
+    assert isinstance(full.error, PlanError) and full.spent
+    assert "ran out of memory" in full.error.message
+    assert (fault.error.message, fault.spent) == ("internal error: ValueError: x", False)
+    assert type(fault.error) is PdcdError and "KeyError" in unknown.error.message
+    assert all(isinstance(one, Failed) for one in (own, full, fault, unknown))
+    assert [desk.forgotten for desk in Table.made] == [4]
+
+
+@pytest.mark.parametrize("gone", [EOFError(), BrokenPipeError()])
+def test_nobody_is_told_where_nobody_is_left(
+    gone: Exception, monkeypatch: pytest.MonkeyPatch, limits: list[int]
+) -> None:
+    monkeypatch.setattr(process, "WORK", {"plan": failing(gone)})
+    talk: Any = Said([FACTS, Call("plan", (), {})])
+    with pytest.raises(type(gone)):
+        serve(talk)
+    assert talk.sent == [] and limits
+
+
+@pytest.mark.parametrize(
+    ("end", "status"),
+    [
+        (EOFError(), 0), (BrokenPipeError(), 0), (ConnectionResetError(), 0), (MemoryError(), 12),
+        (ValueError("a fault"), None),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_how_the_process_ends(
+    end: Exception, status: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(process, "serve", failing(end))
+    monkeypatch.setattr(
+        "pdcd.capture.worker.process.faulthandler.enable", lambda: told.append("crashes")
+    )
+    ours, theirs = socket.socketpair()
+    with ours:
+        if status is None:
+            with pytest.raises(ValueError, match="a fault"):
+                main(theirs.detach())
+        else:
+            assert main(theirs.detach()) == status
+        assert ours.recv(1) == b"" and told == ["crashes"]  # its end is closed
+
+
+def test_who_works_here_runs_out_of_memory_in_the_same_words() -> None:
+    here = Here(FACTS)
+
+    def plan(desk: object, watch: Watch, count: int) -> int:
+        if count > 2:
+            raise MemoryError
+        return 2 * count
+
+    task: Any = plan
+    assert here.do(Watch(), task, 2) == 4
+    with pytest.raises(PlanError, match="ran out of memory"):
+        here.do(Watch(), task, 3)
+
+
+def test_what_a_run_must_remember_of_itself_is_taken_from_plan_request_and_bench() -> None:
+    plan: Any = SimpleNamespace(
+        recipe=SimpleNamespace(target=SimpleNamespace(goal="goal")), how=How(pilot=8), smooth=True,
+        grid=(3, 4), dark="dark", leaks=None,
+    )  # fmt: skip
+    config: Any = SimpleNamespace(
+        schedule=SimpleNamespace(normalise="theirs"), projector="projector", mask="mask",
+        camera=SimpleNamespace(place="place", blur_quads=0.5),
+    )  # fmt: skip
+    camera: Any = SimpleNamespace(responsivity_e=np.array([1, 2, 3]))
+    profile: Any = "profile"
+    for own, wanted in ((None, "theirs"), ("mine", "mine")):
+        request: Any = SimpleNamespace(normalise=own, white_patch="patch")
+        shots: Any = ["shot"]
+        cells: Any = "cells"
+        found = record_of(plan, request, config, camera, profile, shots, cells)
+        told = {name: getattr(found, name) for name in found.__struct_fields__}
+        assert told == {
+            "goal": "goal", "how": How(pilot=8), "smooth": True, "normalise": wanted,
+            "grid": (3, 4),
+            "cells": "cells", "projector": "projector", "mask": "mask",
+            "responsivity_e": (1.0, 2.0, 3.0), "profile": "profile", "shots": ("shot",),
+            "camera_place": "place", "blur_quads": 0.5, "white_patch": "patch", "scouted": True,
+            "unmixed": True, "parts_by_cell": True, "pilot_apart": True, "parts_apart": True,
+            "alike": True, "homography": None, "dark": "dark", "leak": 0.0,
+        }  # fmt: skip
+    cases: list[Any] = [("none", 0.1, 0.2), ("none", 0.2, 0.0), ("ambient", 0.1, 0.0)]
+    for level, limit, left in cases:
+        plan.leaks = SimpleNamespace(both=0.2, limit=limit)
+        plan.how = How(black_level=level)
+        assert record_of(plan, request, config, camera, profile).leak == left
+    bare = record_of(plan, request, config, camera, profile)
+    assert (bare.shots, bare.cells) == ((), None)

@@ -1,0 +1,138 @@
+"""Pictures of a page: how large they get, what their sigma means when they were shrunk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import CameraConfig, PanelConfig
+from pdcd.capture.engine import Engine
+from pdcd.pages.report import layers
+from pdcd.pages.report.layers import Truth
+from pdcd.pages.report.packing import size_bytes
+from pdcd.panels.map import Map
+from pdcd.panels.placing import Placing
+from pdcd.pictures.darkroom import Darkroom
+from pdcd.pictures.sigma import Barred
+from pdcd.pictures.truth import read_truth
+from pdcd.pictures.upright import Sampler, View
+from pdcd.protocol.request import CaptureRequest
+from pdcd.runs.folder import read_manifest
+from tests import bench_rig
+
+LARGE = 1424, 2136
+"""Quads of a body of 4272 x 2848 samples."""
+MOST_BYTES = 12_000_000
+
+
+def noisy(frame: tuple[int, int], seed: int, code: float = 0.0) -> Barred:
+    """Shot noise over a bright gradient: where it is bright, far above the usual step."""
+    rng = np.random.default_rng(seed)
+    light = np.linspace(0.01, 1.0, frame[1])[None, :, None] ** 2 * np.ones((*frame, 3))
+    sensor = (0.01 * np.sqrt(light)).astype(np.float32)
+    image = light + sensor * rng.standard_normal(light.shape)
+    error = np.full(light.shape, code, np.float32)
+    return Barred(image, np.hypot(sensor, error), sensor, error, "modelled")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", [3, 8])
+def test_a_page_of_a_large_run_stays_below_twelve_megabytes(count: int) -> None:
+    names = ["white", *map(str, range(1, count))]
+    pictures = {name: noisy(LARGE, seed) for seed, name in enumerate(names)}
+    truth = layers.Truth(pictures["white"].image, np.ones(LARGE, np.bool_))
+    made = layers.layers(pictures, View(Map.filling(LARGE[::-1]), 1.5), truth)
+    total = sum(
+        size_bytes(one[part]) for one in made.data for part in ("values", "sigma") if one[part]
+    )
+    assert total < 0.95 * MOST_BYTES and len(made.data) == count + 1
+
+
+def test_sigma_of_a_shrunk_picture_is_that_of_the_mean(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noise of the sensor averages out, the error of the codes does not."""
+    monkeypatch.setattr(layers, "MOST_PX", 30)
+    shown: dict[str, NDArray[np.floating]] = {}
+    monkeypatch.setattr(
+        layers, "logarithmic", lambda values: shown.setdefault("sigma", values) is None
+    )
+    picture = noisy((80, 120), 0, code=0.004)
+    made = layers.layers({"white": picture}, View(Map.filling((120, 80)), 1.5), None)
+    assert made.size_px == (30, 20) and made.quads == 16.0
+    sensor = picture.sensor.reshape(20, 4, 30, 4, 3)
+    wanted = np.hypot(np.sqrt((sensor**2).mean(axis=(1, 3)) / 16.0), 0.004)
+    np.testing.assert_allclose(shown["sigma"], np.moveaxis(wanted, -1, 0), rtol=0.15)
+
+
+def flat(colour: tuple[float, float, float], patch: tuple[float, float, float]) -> Barred:
+    """Of one colour, but for a patch in the upper left quarter."""
+    image = np.ones((40, 60, 3)) * colour
+    image[:20, :30] = patch
+    sigma = np.full(image.shape, 1e-3, np.float32)
+    return Barred(image, sigma, sigma, 0.0 * sigma, "modelled")
+
+
+@pytest.mark.parametrize(
+    ("names", "place", "neutral"),
+    [
+        (["white", "indirect"], None, (1.0, 0.8, 0.9)),  # what is bright in the white photo
+        (["indirect", "white"], (0.2, 0.2), (0.4, 0.4, 0.2)),  # the patch in it
+        (["indirect"], (0.2, 0.2), (0.04, 0.04, 0.02)),  # the patch in the answer
+        (["indirect"], None, (1.0, 1.0, 1.0)),  # nothing tells of it: the camera's own
+    ],
+)
+def test_colours_of_a_page_are_balanced_by_what_is_white(
+    names: list[str], place: tuple[float, float] | None, neutral: tuple[float, float, float]
+) -> None:
+    seen = {
+        "white": flat((1.0, 0.8, 0.9), (0.4, 0.4, 0.2)),
+        "indirect": flat((0.3, 0.2, 0.1), (0.04, 0.04, 0.02)),
+    }
+    view = View(Map.filling((60, 40)), 1.5, place)
+    made = layers.layers({name: seen[name] for name in names}, view, None)
+    balanced = np.multiply(made.balance, neutral)
+    np.testing.assert_allclose(balanced, balanced[1], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("frame", "squares"), [((138, 105), 3), ((128, 94), 2)])
+def test_a_page_of_squares_of_quads_shows_what_one_of_all_quads_does(
+    frame: tuple[int, int], squares: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A turned camera with some three quads to a pixel of the page, each way."""
+    monkeypatch.setattr(layers, "MOST_PX", 40)
+    camera = CameraConfig(frame_quads=frame, place=Placing(turn_deg=6.0, scale=1.1))
+    panel = PanelConfig(size_px=(128, 96))
+    config = bench_rig.config(tmp_path, camera=camera, projector=panel, mask=panel)
+    engine = Engine.from_config(config)
+    engine.start()
+    result = bench_rig.capture(engine, CaptureRequest(goal="indirect", codes=16, parts=4))
+    engine.stop()
+    folder = Path(str(result.folder))
+    record = read_manifest(folder).run
+    side = layers.enough_side(3, record)
+    assert side == squares
+    rooms = Darkroom(folder, record), Darkroom(folder, record)
+    rooms[1].coarsen(side)
+    fine, coarse = (room.decoded() for room in rooms)
+    known = read_truth(folder, fine.cells)
+    pages = [
+        (layers.layers(d.pictures, d.view, Truth(*known.binned(d.side).on_quads(d.cells)), d.side))
+        for d in (fine, coarse)
+    ]
+    assert pages[0].size_px == pages[1].size_px
+    assert pages[0].quads == pytest.approx(pages[1].quads)
+    seen = [
+        layers._sampled(d.pictures, Sampler(d.view, pages[0].size_px), p.quads / d.side**2)
+        for d, p in zip((fine, coarse), pages, strict=True)
+    ]
+    for name, one in seen[0].items():
+        other = seen[1][name]
+        both = one.known & other.known
+        assert both.sum() > 0.9 * one.known.sum()
+        off = (one.image - other.image)[both]
+        assert np.sqrt(np.mean(off**2)) < 0.05 * np.sqrt(np.mean(one.image[both] ** 2))
+        assert abs(off.mean()) < 2e-3 * one.image[both].mean()
+        # Where it is dark, samples below black widen the error bars of single quads a little.
+        assert np.median(other.sigma[both] / one.sigma[both]) == pytest.approx(1.0, abs=0.1)

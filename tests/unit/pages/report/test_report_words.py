@@ -1,0 +1,249 @@
+"""What a page says in words: figures, tables, the verdict; and what it leaves out, and says so."""
+
+from __future__ import annotations
+
+import json
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from pdcd.pages.report import page
+from pdcd.pages.report.facts import MOST_ROWS, Table, figures, percent, tables
+from pdcd.protocol.request import Quality
+
+SHOT = {
+    "name": "coded", "exposure_s": 1.25, "iso": 200, "f_number": 5.6, "open": 0.5, "lit": 0.25,
+    "others": 0.0625, "electrons": 12345.0, "full": 0.5, "saturated": 0.001, "refreshes": 3,
+}  # fmt: skip
+
+
+def manifest(**fields: Any) -> Any:
+    """As much of a manifest as is told in words."""
+    told: dict[str, Any] = {
+        "job": "job", "state": "done", "mock": False, "started_utc": "2026-01-01T12:03:01.2Z",
+        "request": {}, "plan": {}, "realised": {}, "summary": {}, "warnings": (), "versions": {},
+        "git_commit": None, "exif": {}, "drivers": {}, "config": {}, "files": {}, "missing": (),
+        "run": SimpleNamespace(goal=SimpleNamespace(name="indirect")),
+    }  # fmt: skip
+    return SimpleNamespace(**(told | fields))
+
+
+def material(**fields: Any) -> Any:
+    layers = SimpleNamespace(quads=1.0, left_out=(), data=[{"kind": "picture"}])
+    return SimpleNamespace(**({"kind": "measured", "budget": [], "layers": layers} | fields))
+
+
+def table(title: str, told: Any, made: Any = None) -> Table:
+    (found,) = [one for one in tables(told, made or material()) if one.title == title]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (None, "-"), ("much", "-"), (0, "0 %"), (0.012345, "1.23 %"), (9.994, "999 %"),
+        (9.996, "1e+03 %"), (10.0, "1000 %"), (12.3456, "1235 %"), (-12.3456, "-1235 %"),
+        (-0.5, "-50 %"),
+    ],
+)  # fmt: skip
+def test_shares_are_percentages(share: object, words: str) -> None:
+    assert percent(share) == words
+
+
+def test_figures_that_are_not_known_have_no_line() -> None:
+    summary = {
+        "rms_error": 0.0123, "rms_sigma": float("inf"), "predicted_error": None, "codes": 64,
+        "exposure_s": 2.0, "refreshes": 120, "missed_refreshes": 0, "shots": 4, "wall_s": 3.14159,
+    }  # fmt: skip
+    assert figures(manifest(summary=summary), material(kind="new")) == [
+        ("error against the known truth", "1.23 %"),
+        ("error bars", "new"),
+        ("codes", "64"),
+        ("exposure", "2.000 s"),
+        ("refreshes", "120"),
+        ("missed refreshes", "0"),
+        ("shots", "4"),
+        ("wall time", "3.14 s"),
+    ]
+
+
+def test_figures_of_a_wrong_kind_are_shown_as_they_are() -> None:
+    found = dict(
+        figures(manifest(summary={"exposure_s": "long", "wall_s": float("nan")}), material())
+    )
+    assert found["exposure"] == "long" and "wall time" not in found
+
+
+def test_kinds_of_error_bars_are_told_in_words() -> None:
+    words = [
+        dict(figures(manifest(), material(kind=k)))["error bars"] for k in ("measured", "modelled")
+    ]
+    assert words[0] != words[1] and "measured" in words[0]
+
+
+def test_a_budget_that_leaves_shots_out_says_so() -> None:
+    for lines, shots, said in ((64, 65, True), (64, 64, False), (2, 3, False)):
+        made = material(budget=[SHOT] * lines, shots=[{}] * shots)
+        note = table("Light budget", manifest(), made).note
+        assert note.endswith("These are the first 64 of 65 shots.") == said
+
+
+def test_the_budget_has_a_row_a_shot() -> None:
+    found = table("Light budget", manifest(), material(budget=[SHOT]))
+    assert found.rows == [
+        ("coded", "1.250 s", "200", "5.6", "50 %", "25 %", "6.25 %", "1.234e+04", "50 %", "0.1 %")
+    ]  # fmt: skip
+    assert len(found.heads) == len(found.rows[0]) and found.note and not found.closed
+
+
+def test_realised_matrices_are_told_in_seconds_and_percent() -> None:
+    told = {"answer": {"weight_s": 2.0, "diagonal_mean": 0.25, "off_max": 0.5}}
+    found = table("Probing matrices", manifest(realised=told))
+    assert found.rows == [("answer", "2 s", "25 %", "-", "-", "-", "50 %")]
+    assert len(found.heads) == 7
+    unknown = table("Probing matrices", manifest(realised={"old": {}}))
+    assert unknown.rows == [("old", "-", "-", "-", "-", "-", "-")]
+
+
+def test_tables_say_what_was_given_and_not_what_was_left_open() -> None:
+    request = {
+        "goal": "mix", "mix": [0.25, 0.5], "guards": False, "white": True, "seed": 0, "p": None,
+        "note": "", "tags": [], "more": {}, "pair": (),
+    }  # fmt: skip
+    for title, field in (
+        ("What was asked", "request"),
+        ("The plan", "plan"),
+        ("Configuration", "config"),
+    ):
+        assert table(title, manifest(**{field: request})).rows == [
+            ("goal", "mix"), ("mix", "0.25, 0.5"), ("guards", "no"), ("white", "yes"),
+            ("seed", "0"),
+        ]  # fmt: skip
+
+
+def test_tables_below_others_have_dotted_names() -> None:
+    rig = {"camera": {"body": {"lens": "50 mm"}, "iso": 200, "none": None}, "empty": ""}
+    assert table("The rig", manifest(drivers=rig)).rows == [
+        ("camera.body.lens", "50 mm"), ("camera.iso", "200"), ("empty", ""),
+    ]  # fmt: skip
+    exif = {"coded": {"f": 1.23456789}}
+    assert table("What the camera's files say", manifest(exif=exif)).rows == [
+        ("coded.f", "1.23457")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (list(range(64)), ", ".join(map(str, range(64)))),
+        (list(range(65)), ", ".join(map(str, range(64))) + ", ..."),
+        ([{"a": 1, "b": True}], "a 1, b yes"),
+        (["x" * 4096], "x" * 4096),
+        ("x" * 4097, "x" * 4096),
+        (2**70, str(2**70)),
+    ],
+)
+def test_long_values_are_cut(value: object, words: str) -> None:
+    assert table("The rig", manifest(drivers={"it": value})).rows == [("it", words)]
+
+
+def test_versions_and_files_are_told() -> None:
+    one = SimpleNamespace(size_bytes=7, sha256="ab" * 32)
+    found = table("Files", manifest(files={"a.tif": one}))
+    assert found.rows == [("a.tif", "7 bytes", "ab" * 32)] and found.closed
+    for commit, words in (("1234", "1234"), (None, "unknown")):
+        rows = table("Versions", manifest(versions={"pdcd": "1"}, git_commit=commit)).rows
+        assert rows == [("pdcd", "1"), ("commit", words)]
+
+
+def test_the_tables_that_are_open_are_those_of_the_photo() -> None:
+    opened = [one.title for one in tables(manifest(), material()) if not one.closed]
+    assert opened == ["Light budget", "Probing matrices", "What was asked", "Versions"]
+
+
+def test_a_table_is_a_heading_that_opens() -> None:
+    plain = page._table(Table("<T>", [("a", "<b>")]))
+    assert plain.startswith("<details open>") and "<h2>&lt;T&gt;</h2>" in plain
+    assert (
+        "<td>a</td><td>&lt;b&gt;</td>" in plain and "<thead>" not in plain and "quiet" not in plain
+    )
+    assert 'class="pairs"' in plain
+    wide = page._table(Table("t", [("a",)], ("<h>",), closed=True, note="<n>"))
+    assert wide.startswith("<details><summary>") and "<th>&lt;h&gt;</th>" in wide
+    assert 'class="quiet">&lt;n&gt;</p>' in wide and 'class="wide"' in wide
+    empty = page._table(Table("t", [], ("h",)))
+    assert "nothing" in empty and "<table" not in empty
+
+
+@pytest.mark.parametrize(("more", "said"), [(0, None), (1, "and 1 more")])
+def test_what_has_no_room_on_a_page_is_counted(more: int, said: str | None) -> None:
+    count = MOST_ROWS + more
+    rows = page._table(Table("t", [(str(n), "x") for n in range(count)]))
+    assert rows.count("<tr>") == MOST_ROWS and f"<td>{MOST_ROWS - 1}</td>" in rows
+    told = page._verdict(manifest(warnings=tuple(map(str, range(count)))))
+    assert told.count("<li ") == MOST_ROWS
+    for text in (rows, told):
+        assert re.findall(r"and \d+ more", text) == ([] if said is None else [said])
+
+
+def test_the_verdict_comes_with_all_that_speaks_for_and_against() -> None:
+    quality = Quality(verdict="doubtful", reasons=("too dark",), remarks=("late",))
+    summary = {"quality": quality, "decided": "by the user", "taken": ""}
+    told = page._verdict(
+        manifest(summary=summary, warnings=("<w>",), state="partial", missing=("a", "b"))
+    )
+    assert 'class="verdict doubtful">doubtful</p>' in told
+    kinds = re.findall(r'<li class="(\w+)"><b>\w+</b> ([^<]*)</li>', told)
+    assert kinds == [
+        ("partial", "missing shots: a, b"), ("reason", "too dark"), ("decided", "by the user"),
+        ("remark", "late"), ("warning", "&lt;w&gt;"),
+    ]  # fmt: skip
+    assert 'class="verdict unknown">unknown</p><ul class="reasons"></ul>' in page._verdict(
+        manifest()
+    )
+
+
+def test_the_head_says_whose_photo_it_is() -> None:
+    request = {"name": "vase", "tags": ["a", "b"], "note": "one\n<two>"}
+    rig = {"scene": "wax", "name": "bench 1"}
+    told = page._head(manifest(request=request, drivers=rig, mock=True), material())
+    assert "virtual scene wax, 2026-01-01 12:03:01 UTC, rig bench 1" in told
+    said = re.findall(r'<p class="said">(.*?)</p>', told)
+    assert said == ["name: vase", "tags: a, b", "note: one<br>&lt;two&gt;"]
+    plain = page._head(manifest(started_utc="yesterday"), material())
+    assert "job: a real scene, yesterday, rig ?" in plain and "said" not in plain
+
+
+@pytest.mark.parametrize(
+    ("fields", "made", "there", "not_there"),
+    [
+        ({}, {"quads": 1.0}, "about one Bayer quad", "mean of"),
+        ({}, {"quads": 6.25}, "the mean of 6.25 Bayer quads", "about one"),
+        ({"mock": True}, {}, "truth of the virtual scene was not kept", "Left out"),
+        ({"mock": False}, {}, "values have none", "virtual"),
+        ({"mock": True}, {"data": [{"kind": "truth"}]}, "values have none", "virtual"),
+        ({}, {"left_out": ("a", "<b>")}, "Left out for room: a, &lt;b&gt;.", "virtual"),
+    ],
+)
+def test_the_note_below_the_pictures_says_what_they_are(
+    fields: dict[str, Any], made: dict[str, Any], there: str, not_there: str
+) -> None:
+    layers = SimpleNamespace(**({"quads": 1.0, "left_out": (), "data": []} | made))
+    for kind in ("modelled", "measured"):
+        told = page._pictures_note(manifest(**fields), material(layers=layers, kind=kind))
+        assert there in told and not_there not in told
+        assert ("mostly too large" in told) == (kind == "modelled")
+
+
+def test_data_ends_no_element_and_has_no_value_that_is_no_number() -> None:
+    told = {"a": [float("nan"), (float("inf"), 1.5)], "b": {"c": -float("inf"), "d": "</script>&"}}
+    text = page._data(told)
+    assert not re.search("[<>& ]", text)
+    assert json.loads(text) == {"a": [None, [None, 1.5]], "b": {"c": None, "d": "</script>&"}}
+
+
+def test_a_picture_of_entries_is_there_where_they_were_photographed() -> None:
+    assert page._slice(b"") == ""
+    assert 'src="data:image/png;base64,cG5n"' in page._slice(b"png")

@@ -1,0 +1,103 @@
+"""Atoms of a panel's pixels: exact fractions where the map has them, and the map where it bends."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.errors import ConfigError
+from pdcd.panels.atoms import OUTSIDE, atoms, check_cells
+from pdcd.panels.map import Map
+from pdcd.panels.panels import PanelView
+from pdcd.panels.placing import Placing, placed
+
+SIZE = (45, 35)
+
+
+def view(size_px: tuple[int, int] = SIZE, **place: object) -> PanelView:
+    return PanelView("mask", placed(Placing(**place), size_px, size_px, "mask"))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("grid", [(5, 9), (7, 11), (35, 45), (1, 1), (17, 23)])
+@pytest.mark.parametrize("flip", ["none", "horizontal", "vertical"])
+def test_upright_panels_by_exact_fractions(grid: tuple[int, int], flip: str) -> None:
+    """A centre that lies exactly on an edge belongs to what begins there, mirrored or not."""
+    found = atoms(view(flip=flip), grid)
+    for axis, (size, cells) in enumerate(zip(SIZE, grid[::-1], strict=True)):
+        centres = [Fraction(2 * k + 1, 2 * size) for k in range(size)]
+        if flip == ("horizontal", "vertical")[axis]:
+            centres.reverse()
+        wanted = [int(4 * cells * place) for place in centres]
+        line = found[0, :, 0] if axis == 0 else found[:, 0, 1]
+        np.testing.assert_array_equal(line, wanted)
+    assert found.dtype == np.int32
+    assert found.shape == (35, 45, 2)
+    assert (found == found[:1, :, :])[..., 0].all()
+    assert (found == found[:, :1, :])[..., 1].all()
+
+
+def test_centres_on_edges() -> None:
+    """Two pixels a cell: every centre lies on an edge between atoms."""
+    found = atoms(view((6, 4)), (2, 3))
+    np.testing.assert_array_equal(found[0, :, 0], [1, 3, 5, 7, 9, 11])
+    np.testing.assert_array_equal(found[:, 0, 1], [1, 3, 5, 7])
+
+
+def test_a_quarter_turn_is_exact() -> None:
+    """Of a square panel: rows become columns, in whole numbers."""
+    upright, turned = atoms(view((36, 36)), (7, 12)), atoms(view((36, 36), turn_deg=90.0), (7, 12))
+    centre = [Fraction(2 * k + 1, 72) for k in range(36)]
+    np.testing.assert_array_equal(turned[:, 0, 0], [int(48 * (1 - y)) for y in centre])
+    np.testing.assert_array_equal(turned[0, :, 1], upright[:, 0, 1])
+
+
+def test_a_map_that_bends_is_followed() -> None:
+    panel = view(turn_deg=7.0, scale=0.9, offset_px=(3.0, -2.0), radial=(0.05, -0.01))
+    found = atoms(panel, (6, 8))
+    wanted = np.floor(panel.map.centres() * (32, 24)).astype(int)
+    outside = ((wanted < 0) | (wanted >= (32, 24))).any(axis=-1)
+    wanted[outside] = OUTSIDE
+    assert 0 < np.count_nonzero(outside) < outside.size
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_many_blocks_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    panel = view(turn_deg=7.0, radial=(0.05, -0.01))
+    whole = atoms(panel, (6, 8))
+    monkeypatch.setattr("pdcd.panels.atoms.BLOCK_PX", 100)
+    np.testing.assert_array_equal(whole, atoms.__wrapped__(panel, (6, 8)))
+
+
+def test_what_is_remembered_cannot_be_spoilt() -> None:
+    found = atoms(view(), (6, 8))
+    assert atoms(view(), (6, 8)) is found
+    with pytest.raises(ValueError, match="read-only"):
+        found[0, 0] = 3
+
+
+def test_places_beyond_infinity_are_outside() -> None:
+    """A panel that reaches behind the projection shows nothing there."""
+    bent = msgspec.structs.replace(Map.filling((8, 8)), homography=(1, 0, 0, 0, 1, 0, -0.2, 0, 1))
+    found = atoms(PanelView("projector", bent), (2, 2))
+    assert (found[:, 5:] == OUTSIDE).all()
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 90.0])
+@pytest.mark.parametrize(("grid", "fits"), [((12, 12), True), ((13, 12), False), ((12, 13), False)])
+def test_every_cell_has_a_pixel(grid: tuple[int, int], fits: bool, turn_deg: float) -> None:
+    panel = view((12, 12), turn_deg=turn_deg)
+    if fits:
+        check_cells(panel, grid)
+        return
+    with pytest.raises(ConfigError, match=r"12 of 1. x 1. cells .* on the mask") as found:
+        check_cells(panel, grid)
+    assert found.value.device == "mask"
+
+
+@pytest.mark.parametrize("radial", [(0.0, 0.0), (0.001, 0.0)])
+def test_cells_beyond_the_panel_are_refused(radial: tuple[float, float]) -> None:
+    with pytest.raises(ConfigError, match=r"6 of 6 x 8 cells .*row 0, column 0"):
+        check_cells(view(offset_px=(8.0, 0.0), radial=radial), (6, 8))

@@ -1,0 +1,257 @@
+"""Making up for missed refreshes: rows to play next, by hand-made logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pdcd.codes.make import make_codes
+from pdcd.errors import SyncError
+from pdcd.panels.balance import catch_up, joined, lit_weights, play_all, streams
+from pdcd.panels.frames import BLACK, FrameLog, Frames
+from pdcd.panels.lattice import Lattice
+from pdcd.panels.schedule import build_frames
+from pdcd.words import ScheduleName
+from tests import bench_rig
+
+HZ = 60.0
+T_NS = 16_666_667
+
+
+def frames_of(
+    count: int = 4, *, schedule: ScheduleName = "full", window: str = "whole", passes: int = 1
+) -> Frames:
+    codes = make_codes("bernoulli", Lattice((3, 4), window).shape, count, dual="complement")
+    return build_frames(
+        bench_rig.pairs(codes), (3, 4), window=window, schedule=schedule, passes=passes
+    )
+
+
+def log_of(
+    rows: Sequence[int], lasts: Sequence[int] | None = None, *, dual: Sequence[int] | None = None
+) -> FrameLog:
+    """Rows shown for so many refreshes each; `dual` where the mask showed other ones."""
+    shown = np.array(rows, dtype=np.int32)
+    long = np.ones(len(rows), dtype=np.int64) if lasts is None else np.array(lasts)
+    at = 5_000_000 + T_NS * np.append(0, np.cumsum(long))
+    return FrameLog(
+        shown, shown if dual is None else np.array(dual, dtype=np.int32), at[:-1].copy(), at[:-1],
+        np.array([at[-1], at[-1]]), np.append(0, long[:-1] - 1).astype(np.int32), "test", True,
+    )  # fmt: skip
+
+
+def undisturbed(frames: Frames, log: FrameLog, row_hz: float) -> bool:
+    """Whether all codes have equal weights and met no other's light: misses did no harm."""
+    try:
+        return catch_up(frames, log, row_hz) is None
+    except SyncError:
+        return False
+
+
+def test_nothing_missed_needs_nothing() -> None:
+    frames = frames_of()
+    assert catch_up(frames, log_of(range(12)), HZ) is None
+
+
+@pytest.mark.parametrize("row", [0, 2, 3, 11])
+def test_a_stretched_guard_is_harmless(row: int) -> None:
+    lasts = np.ones(12, dtype=int)
+    lasts[row] = 5
+    log = log_of(range(12), lasts.tolist())
+    assert catch_up(frames_of(), log, HZ) is None
+    assert log.missed.sum() == (4 if row < 11 else 0)
+
+
+def test_a_stretched_code_asks_for_all_others_with_their_guards() -> None:
+    lasts = [1, 1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1]
+    more = catch_up(frames_of(), log_of(range(12), lasts), HZ)
+    assert more is not None
+    np.testing.assert_array_equal(more, [0, 1, 2, 6, 7, 8, 9, 10, 11])
+
+
+def test_a_code_that_was_lit_thrice_asks_twice_for_the_others() -> None:
+    more = catch_up(frames_of(3), log_of(range(9), [1, 3, 1, 1, 1, 1, 1, 1, 1]), HZ)
+    assert more is not None
+    np.testing.assert_array_equal(more, [3, 4, 5, 6, 7, 8] * 2)
+
+
+def test_codes_planned_twice_and_lit_thrice_are_brought_to_four_times() -> None:
+    """Three is no multiple of the plan, and no code may be shown less than it was."""
+    lasts = [1, 2, *[1] * 10]
+    more = catch_up(frames_of(2, passes=2), log_of(range(12), lasts), HZ)
+    assert more is not None
+    np.testing.assert_array_equal(more, [0, 1, 2, 3, 4, 5, 3, 4, 5])
+
+
+def test_a_mask_that_stayed_black_asks_for_its_code_alone() -> None:
+    more = catch_up(frames_of(), log_of(range(12), dual=[0, 1, 2, 3, 3, 5, *range(6, 12)]), HZ)
+    assert more is not None
+    np.testing.assert_array_equal(more, [3, 4, 5])
+
+
+def test_sub_shifts_are_weighed_apart() -> None:
+    """Three refreshes under each of four sub-shifts: one of them is shown again, not the code."""
+    frames = frames_of(2, window="quarter")
+    lost = list(range(24))
+    lost[13] = 12  # the mask misses the first sub-shift of the second code
+    more = catch_up(frames, log_of(range(24), dual=lost), HZ)
+    assert more is not None
+    np.testing.assert_array_equal(more, [12, 13, 14])
+
+
+def test_a_mask_under_another_codes_light_cannot_be_undone() -> None:
+    frames = frames_of(4, schedule="none")
+    log = log_of(range(4), dual=[0, 1, 1, 3])
+    with pytest.raises(SyncError, match="another code"):
+        catch_up(frames, log, HZ)
+    assert not undisturbed(frames, log, HZ)
+
+
+def test_a_projector_that_slipped_alone_cannot_be_undone() -> None:
+    """Without guards, light of a code that stays on meets the next mask."""
+    frames = frames_of(4, schedule="none")
+    log = log_of(range(4))
+    log.primal_ns[2:] += T_NS
+    log.end_ns[0] += T_NS
+    with pytest.raises(SyncError):
+        catch_up(frames, log, HZ)
+    guarded = log_of(range(12))
+    guarded.primal_ns[5:] += T_NS
+    guarded.end_ns[0] += T_NS
+    assert undisturbed(frames_of(), guarded, HZ)
+
+
+def test_a_white_shot_has_one_weight() -> None:
+    """All its refreshes are alike: a stretched one only makes it brighter, which decoding knows."""
+    frames = build_frames(None, (3, 4), window="whole", schedule="full", passes=3)
+    weights = lit_weights(frames, log_of(range(9), [1, 2, 1, 1, 1, 1, 1, 1, 1]), HZ)
+    assert weights.level == pytest.approx(4 / 3)
+    assert catch_up(frames, log_of(range(9), [1, 2, 1, 1, 1, 1, 1, 1, 1]), HZ) is None
+
+
+def test_black_shots_are_weighed_by_their_open_mask() -> None:
+    codes = make_codes("bernoulli", (3, 4), 3, dual="complement")
+    frames = build_frames(
+        bench_rig.pairs(codes), (3, 4), window="whole", schedule="full", passes=1, primal_black=True
+    )
+    more = catch_up(frames, log_of(range(9), [1, 1, 1, 1, 2, 1, 1, 1, 1]), HZ)
+    assert more is not None
+    np.testing.assert_array_equal(more, [0, 1, 2, 6, 7, 8])
+    dark = build_frames(
+        bench_rig.pairs(codes), (3, 4), window="whole", schedule="full", passes=1, dual_black=True
+    )
+    assert catch_up(dark, log_of(range(9), [1, 1, 1, 1, 2, 1, 1, 1, 1]), HZ) is None
+
+
+@pytest.mark.parametrize("delay", [-3, -1, 0, 2])
+def test_a_delayed_mask_is_paired_with_its_own_light(delay: int) -> None:
+    frames = frames_of(4, schedule="none")
+    primal, dual = streams(np.arange(4, dtype=np.int32), delay)
+    assert len(primal) == len(dual) == 4 + abs(delay)
+    log = log_of(primal.tolist(), dual=dual.tolist())
+    assert undisturbed(frames, log, HZ) is (delay == 0)
+    aware = FrameLog(
+        log.primal_shown, log.dual_shown, log.primal_ns, log.dual_ns, log.end_ns, log.missed,
+        "test", True, mask_delay=delay,
+    )  # fmt: skip
+    assert undisturbed(frames, aware, HZ)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    lasts=st.lists(st.integers(1, 3), min_size=12, max_size=12),
+    stale=st.sets(st.sampled_from([1, 5, 7, 10]), max_size=3),
+    unlucky=st.integers(0, 5),
+)
+def test_all_weights_end_equal(lasts: list[int], stale: set[int], unlucky: int) -> None:
+    """Random stretches and stale masks in the first pass and one stretch in the second."""
+    frames = frames_of()
+    passes: list[FrameLog] = []
+
+    def play(rows: NDArray[np.int32]) -> FrameLog:
+        long = list(lasts) if not passes else [1] * len(rows)
+        dual = rows.tolist()
+        if not passes:
+            for row in sorted(stale):
+                dual[row] = dual[row - 1]
+        elif len(passes) == 1 and unlucky < len(rows):
+            long[unlucky] = 2
+        log = log_of(rows.tolist(), long, dual=dual)
+        shift = 10**9 * len(passes)
+        passes.append(log)
+        return FrameLog(
+            log.primal_shown, log.dual_shown, log.primal_ns + shift, log.dual_ns + shift,
+            log.end_ns + shift, log.missed, "test", True,
+        )  # fmt: skip
+
+    log = play_all(play, frames, on_miss="balance", rounds=9, row_hz=HZ)
+    lit = np.zeros(4)
+    ends = np.append(log.dual_ns[1:], log.end_ns[1])
+    for p, d, start, end in zip(log.primal_shown, log.dual_shown, log.dual_ns, ends, strict=True):
+        if d >= 0 and not frames.guard[d] and p != BLACK:
+            assert frames.primal_index[p] == frames.dual_index[d]
+            lit[frames.dual_index[d]] += round((end - start) / T_NS)
+    assert lit.min() == lit.max() >= 1
+
+
+def test_passes_that_do_not_end_are_given_up() -> None:
+    frames = frames_of()
+    with pytest.raises(SyncError, match="2 further passes do not"):
+        play_all(
+            lambda rows: log_of(rows.tolist(), [1, 2, *[1] * (len(rows) - 2)]),
+            frames, on_miss="balance", rounds=2, row_hz=HZ,
+        )  # fmt: skip
+
+
+def test_the_last_pass_that_is_allowed_is_played() -> None:
+    """The mask misses all codes at first: one more pass over all of them mends that."""
+    played = []
+
+    def play(rows: NDArray[np.int32]) -> FrameLog:
+        played.append(rows)
+        return log_of(rows.tolist(), dual=[0] * 12 if len(played) == 1 else None)
+
+    play_all(play, frames_of(), on_miss="balance", rounds=1, row_hz=HZ)
+    assert [len(rows) for rows in played] == [12, 12]
+
+
+def test_a_stall_of_seconds_is_not_made_up_for_by_hours() -> None:
+    played = []
+
+    def play(rows: NDArray[np.int32]) -> FrameLog:
+        played.append(rows)
+        return log_of(rows.tolist(), [1, 300, *[1] * (len(rows) - 2)])
+
+    with pytest.raises(SyncError, match="do not mend"):
+        play_all(play, frames_of(), on_miss="balance", rounds=3, row_hz=HZ)
+    assert len(played) == 1
+
+
+def test_many_codes_take_no_time() -> None:
+    """65536 codes under guards: a search over all rows for each of them would take minutes."""
+    count = 65536
+    bits = np.zeros((count, 1), dtype=np.uint8)
+    frames = build_frames((bits, bits), (1, 8), window="whole", schedule="full", passes=1)
+    lasts = np.ones(3 * count, dtype=int)
+    lasts[4] = 2
+    more = catch_up(frames, log_of(range(3 * count), lasts.tolist()), HZ)
+    assert more is not None and more.size == 3 * (count - 1)
+
+
+def test_joined_logs_have_a_black_row_between() -> None:
+    whole = joined([log_of([0, 1, 2]), log_of([0, 1])])
+    np.testing.assert_array_equal(whole.primal_shown, [0, 1, 2, BLACK, 0, 1])
+    np.testing.assert_array_equal(whole.asked[1], [0, 1, 2, BLACK, 0, 1])
+    assert whole.dual_ns[3] == log_of([0, 1, 2]).end_ns[1]
+
+
+@pytest.mark.parametrize("verified", [(True, True), (True, False), (False, True)])
+def test_joined_logs_are_verified_where_all_are(verified: tuple[bool, bool]) -> None:
+    logs = [replace(log_of([0, 1, 2]), verified=one) for one in verified]
+    assert joined(logs).verified is all(verified)

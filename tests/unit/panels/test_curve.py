@@ -1,0 +1,125 @@
+"""Light of grey levels, and what is sent for some light."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.panels.curve import light_of, power, table, table_fault
+from pdcd.panels.dither import COPIES, code_to_send, sequence_to_send
+from pdcd.panels.patterns import bytes_of, levels_of, pack
+
+LEVELS = np.arange(256)
+
+
+def test_the_level_that_is_sent_gives_the_nearest_light() -> None:
+    light = np.random.default_rng(1).random((3, 50))
+    for gamma in (1.0, 2.2, 0.6):
+        of_level = (LEVELS / 255.0) ** gamma
+        sent = power(gamma).sent(light) * 255.0
+        nearest = np.abs(light[..., None] - of_level).min(axis=-1)
+        np.testing.assert_allclose(np.abs(of_level[sent.astype(int)] - light), nearest, atol=1e-12)
+
+
+def test_a_table_is_straight_between_its_lights() -> None:
+    curve = table((0.0, 0.1, 1.0))
+    assert curve.light[[0, 51, 204, 255]] == pytest.approx([0.0, 0.04, 0.64, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("lights", "told"),
+    [
+        ((0.0,), "needs 2 to 256"),
+        ((0.1, 1.0), "begin with 0"),
+        ((0.0, 0.9), "end with 1"),
+        ((0.0, 0.7, 0.6, 1.0), "falls from 0.7 to 0.6"),
+        ((0.0, float("nan"), 1.0), "begin with 0"),
+        ((0.0, 0.0, 1.0, 1.0), ""),
+    ],
+)
+def test_a_table_that_is_none_is_told(lights: tuple[float, ...], told: str) -> None:
+    assert table_fault(lights).find(told) >= 0 and bool(table_fault(lights)) == bool(told)
+
+
+def test_black_and_white_are_sent_as_bits_under_any_curve() -> None:
+    bits = np.random.default_rng(2).random((5, 12)) < 0.5
+    for mask in (bits, bits.astype(np.float64)):
+        primal, dual = code_to_send(bits, mask, (power(2.2), power(0.7)))
+        np.testing.assert_array_equal(primal, pack(bits))
+        np.testing.assert_array_equal(dual, pack(bits))
+        np.testing.assert_array_equal(light_of(primal, 1, 12, power(2.2)), bits[1])
+
+
+def test_what_nobody_knows_is_sent_as_it_is() -> None:
+    light = np.random.default_rng(3).random((4, 9))
+    primal, dual = code_to_send(light, light > 0.5, (None, power(2.2)))
+    np.testing.assert_array_equal(primal, light.astype(np.float32))
+    assert len(sequence_to_send(light, light > 0.5, (None, None), 64)[0]) == 4
+    assert dual.dtype == np.uint8
+
+
+def test_levels_of_codes_are_mixed_in_two_accounts() -> None:
+    """By bytes as they are drawn, and a power law by hand: the sum over the codes in which a cell
+    is lit, and over all others, is off by one step at most; a closed cell stays closed."""
+    rng = np.random.default_rng(4)
+    lit, mask = rng.random((64, 40)) < 0.5, rng.random((64, 40)) * (rng.random((64, 40)) < 0.7)
+    _, sent = code_to_send(lit, mask, (None, power(2.2)))
+    light = np.array([(bytes_of(sent, k, 40) / 255.0) ** 2.2 for k in range(64)])
+    assert light[mask == 0.0].max() == 0.0
+    for account in (lit, ~lit):
+        assert np.abs(((light - mask) * account).sum(axis=0)).max() < 2.2 / 255.0
+    plain = (np.rint(255.0 * mask ** (1 / 2.2)) / 255.0) ** 2.2
+    assert np.abs(((plain - mask) * lit).sum(axis=0)).max() > 2.0 * 2.2 / 255.0
+
+
+def test_an_exact_sequence_comes_in_copies_whose_mean_is_right() -> None:
+    rng = np.random.default_rng(5)
+    light, mask = rng.random((3, 30)), rng.random((3, 30)) < 0.5
+    primal, dual = sequence_to_send(light, mask, (power(2.2), power(2.2)), 100)
+    assert len(primal) == len(dual) == 3 * COPIES
+    shown = np.array([(levels_of(primal, k, 30)) ** 2.2 for k in range(len(primal))])
+    mean = shown.reshape(COPIES, 3, 30).mean(axis=0)
+    assert np.abs(mean - light).max() < 1.2 * 2.2 / 255.0 / COPIES
+    assert len(sequence_to_send(light, mask, (power(2.2), None), 5)[0]) == 15
+    assert len(sequence_to_send(mask, mask, (power(2.2), None), 5)[0]) == 3
+
+
+@pytest.mark.parametrize("copies", [2, 8, 16])
+@pytest.mark.parametrize("gamma", [1.8, 2.2])
+def test_the_last_two_copies_make_up_for_uneven_levels(copies: int, gamma: float) -> None:
+    """By a power law worked out here: less is left than evenly spaced levels leave, although the
+    largest step is twice as large; black, white and bits stay as they are."""
+    rng = np.random.default_rng(6)
+    light = np.clip(rng.random((4, 200)) * 1.2 - 0.1, 0.0, 1.0)
+    bits = rng.random((4, 200)) < 0.5
+
+    def left(panel: int, law: float) -> Any:
+        first, second = (bits, light) if panel else (light, bits)
+        sent = sequence_to_send(first, second, (power(law), power(law)), copies)[panel]
+        levels = np.array([bytes_of(sent, k, 200) for k in range(len(sent))]) / 255.0
+        given = (levels**law).reshape(copies, 4, 200)
+        assert np.all(given[:, light == 0.0] == 0.0) and np.all(given[:, light == 1.0] == 1.0)
+        return np.sqrt(np.mean((given.mean(axis=0) - light) ** 2))
+
+    for panel in (0, 1):
+        assert left(panel, gamma) < 0.65 * left(panel, 1.0)
+        # Evenly spaced levels leave up to half a step, a third of it as RMS, over all copies.
+        assert left(panel, 1.0) == pytest.approx(1.0 / 255.0 / 12**0.5 / copies, rel=0.2)
+
+
+def test_both_panels_may_be_grey_at_once() -> None:
+    """What two panels are off by is not off in the same copy: the sum of their products is right to
+    what linear panels leave."""
+    rng = np.random.default_rng(7)
+    light, mask = rng.random((2, 150)), rng.random((2, 150))
+
+    def left(law: float) -> Any:
+        sent = sequence_to_send(light, mask, (power(law), power(law)), 16)
+        primal, dual = (
+            (np.array([bytes_of(one, k, 150) for k in range(32)]) / 255.0) ** law for one in sent
+        )
+        return np.sqrt(np.mean((dual.T @ primal / 16 - mask.T @ light) ** 2))
+
+    assert left(2.2) < 1.2 * left(1.0)

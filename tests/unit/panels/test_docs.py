@@ -1,0 +1,46 @@
+"""docs/field.md holds what it says: its picture is that of the maps, its examples are read."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from pdcd.bench import config
+from pdcd.bench.placed import camera_map, panels_of
+from pdcd.panels.map import Map
+from pdcd.panels.map_file import save_maps
+from tests.bench.field_picture import picture
+
+DOCS = Path(__file__).parents[3] / "docs"
+PAGE = (DOCS / "field.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"(?:^    (?!from |save).*\n)+", PAGE, re.MULTILINE)
+
+
+def test_the_picture_is_that_of_the_maps() -> None:
+    assert (DOCS / "field.svg").read_text(encoding="utf-8") == picture()
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_an_example_is_read(tmp_path: Path, example: str) -> None:
+    save_maps(tmp_path / "maps.npz", {"mask": Map.filling((1600, 1200))})
+    path = tmp_path / "rig.toml"
+    path.write_text(example, encoding="utf-8")
+    found = config.load(path)
+    panels_of(found)
+    camera_map(found, (200, 300))
+
+
+def test_the_page_has_its_examples() -> None:
+    assert len(EXAMPLES) == 6
+
+
+def test_the_keystone_is_the_one_that_is_told(tmp_path: Path) -> None:
+    (example,) = (text for text in EXAMPLES if "homography" in text)
+    path = tmp_path / "rig.toml"
+    path.write_text(example, encoding="utf-8")
+    map_ = panels_of(config.load(path)).mask.map
+    left, right = map_.to_field([[0, 1200], [1600, 1200]])
+    assert right - left == pytest.approx([0.9, 0.0])
+    assert map_.to_field([1600, 0]) == pytest.approx([1.0, 0.0])

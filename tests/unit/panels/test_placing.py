@@ -1,0 +1,180 @@
+"""A device placed by hand: numbers by hand, and what is said twice."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.errors import ConfigError
+from pdcd.panels.map import Map
+from pdcd.panels.map_file import save_maps
+from pdcd.panels.placing import Placing, check_once, placed
+
+PROJECTOR = (100, 50)
+ONE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+TO_FIELD = (0.1, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0)
+
+
+def in_px(point: tuple[float, float], **place: Any) -> Any:
+    """Where a point of a device of 10 x 5 pixels lies, in projector pixels from the middle."""
+    map_ = placed(Placing(**place), (10, 5), PROJECTOR, "mask")
+    found = (map_.to_field(point) - 0.5) * PROJECTOR
+    return pytest.approx(found.tolist(), abs=1e-9)
+
+
+COS, SIN = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))
+
+
+@pytest.mark.parametrize(
+    ("place", "at"),
+    [
+        ({}, (40.0, -15.0)),
+        ({"flip": "none"}, (40.0, -15.0)),
+        ({"flip": "horizontal"}, (-40.0, -15.0)),
+        ({"flip": "vertical"}, (40.0, 15.0)),
+        ({"turn_deg": 90.0}, (15.0, 40.0)),
+        ({"turn_deg": -270.0}, (15.0, 40.0)),
+        ({"turn_deg": 180.0}, (-40.0, 15.0)),
+        ({"turn_deg": 270.0}, (-15.0, -40.0)),
+        ({"turn_deg": -90.0}, (-15.0, -40.0)),
+        ({"turn_deg": 360.0}, (40.0, -15.0)),
+        ({"turn_deg": 30.0}, (40.0 * COS + 15.0 * SIN, 40.0 * SIN - 15.0 * COS)),
+        ({"turn_deg": 390.0}, (40.0 * COS + 15.0 * SIN, 40.0 * SIN - 15.0 * COS)),
+        ({"scale": 1.5}, (60.0, -22.5)),
+        ({"offset_px": (3.0, -4.0)}, (43.0, -19.0)),
+        # First mirrored, then turned, then enlarged, then shifted.
+        (
+            {"flip": "horizontal", "turn_deg": 90.0, "scale": 2.0, "offset_px": (3.0, -4.0)},
+            (33.0, -84.0),
+        ),
+        ({"flip": "vertical", "turn_deg": 90.0, "scale": 0.5}, (-7.5, 20.0)),
+    ],
+)
+def test_a_place_by_hand(place: dict[str, Any], at: tuple[float, float]) -> None:
+    # The point lies 40 right of the middle and 15 above it where the device fills the field.
+    assert list(at) == in_px((9.0, 1.0), **place)
+
+
+def test_quarter_turns_are_exact() -> None:
+    map_ = placed(Placing(turn_deg=90.0), (64, 64), (64, 64), "mask")
+    assert map_.homography == (0.0, -1 / 64, 1.0, 1 / 64, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def test_lens_and_homography_are_kept_as_they_are_given() -> None:
+    given = Placing(homography=TO_FIELD, radial=(0.01, 0.002), tangential=(0.001, -0.002))
+    map_ = placed(given, (10, 5), PROJECTOR, "camera")
+    assert map_ == Map(
+        size_px=(10, 5), homography=TO_FIELD, radial=(0.01, 0.002), tangential=(0.001, -0.002)
+    )
+    by_hand = placed(Placing(radial=(0.01, 0.0)), (10, 5), PROJECTOR, "camera")
+    assert by_hand.radial == (0.01, 0.0) and by_hand.tangential == (0.0, 0.0)
+
+
+def test_a_homography_may_lead_from_the_field() -> None:
+    back = (10.0, 0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 1.0)
+    map_ = placed(Placing(homography=back, homography_from="field"), (10, 5), PROJECTOR, "mask")
+    np.testing.assert_allclose(map_.homography, TO_FIELD, atol=1e-16)
+
+
+def test_whole_numbers_are_taken_however_large() -> None:
+    large = (10**29, 0, 0, 0, 2 * 10**29, 0, 0, 0, 10**30)
+    map_ = placed(Placing(homography=large), (10, 5), PROJECTOR, "mask")
+    np.testing.assert_allclose(map_.homography, TO_FIELD)
+
+
+@pytest.mark.parametrize("way", ["field", "pixels"])
+def test_a_homography_without_inverse_is_refused_in_words(way: str) -> None:
+    for numbers, says in (((0.0,) * 9, "singular"), ((math.nan, *ONE[1:]), "not finite")):
+        place = Placing(homography=numbers, homography_from=way)  # type: ignore[arg-type]
+        with pytest.raises(ConfigError, match=says) as caught:
+            placed(place, (10, 5), PROJECTOR, "mask")
+        assert caught.value.device == "mask"
+
+
+def test_what_is_given_by_hand() -> None:
+    assert Placing().by_hand == ()
+    assert Placing(map="maps.npz").by_hand == ()
+    assert Placing(scale=2.0, flip="vertical").by_hand == ("flip", "scale")
+    every = Placing(
+        flip="vertical", turn_deg=1.0, scale=2.0, offset_px=(1.0, 0.0), homography=ONE,
+        homography_from="field", radial=(0.1, 0.0), tangential=(0.1, 0.0),
+    )  # fmt: skip
+    assert set(every.by_hand) == {*Placing.__struct_fields__} - {"map"}
+
+
+@pytest.mark.parametrize(
+    ("place", "besides"),
+    [
+        (Placing(map="m.npz"), ""),
+        (Placing(homography=ONE), ""),
+        (Placing(homography=ONE, homography_from="field", radial=(0.1, 0.0)), ""),
+        (Placing(homography=ONE, tangential=(0.1, 0.0)), ""),
+        (Placing(flip="vertical", turn_deg=3.0, scale=2.0, offset_px=(1.0, 1.0)), ""),
+        (Placing(homography_from="field"), ""),
+        (Placing(map="m.npz", turn_deg=3.0), "map says .* so does turn_deg \\("),
+        (
+            Placing(map="m.npz", scale=3.0, homography=ONE),
+            "so does homography, scale \\(",
+        ),
+        (Placing(map="m.npz", radial=(0.1, 0.0)), "map says .* so does radial \\("),
+        (Placing(homography=ONE, flip="vertical"), "homography says .* so does flip \\("),
+        (Placing(homography=ONE, turn_deg=3.0), "homography says .* so does turn_deg \\("),
+        (Placing(homography=ONE, scale=3.0), "homography says .* so does scale \\("),
+        (
+            Placing(homography=ONE, radial=(0.1, 0.0), offset_px=(1.0, 0.0)),
+            "homography says .* so does offset_px \\(",
+        ),
+    ],
+)
+def test_a_place_is_said_once(place: Placing, besides: str) -> None:
+    if not besides:
+        check_once(place, "mask")
+        return
+    with pytest.raises(ConfigError, match=besides) as caught:
+        check_once(place, "mask")
+    assert caught.value.device == "mask" and caught.value.hint == "take out one of them"
+    with pytest.raises(ConfigError, match=besides):
+        placed(place, (10, 5), PROJECTOR, "mask")
+
+
+@pytest.mark.parametrize("stored", [True, False])
+def test_a_map_is_taken_as_it_is_if_it_is_of_that_device(tmp_path: Path, stored: bool) -> None:
+    path = str(tmp_path / "maps.npz")
+    map_ = Map.filling((10, 5))
+    save_maps(path, {"camera": map_, "mask": map_})
+    place = Placing(map=path if stored else map_)
+    assert placed(place, (10, 5), PROJECTOR, "camera") == map_
+    for size, counted in (((10, 6), "10 x 6"), ((11, 5), "11 x 5")):
+        with pytest.raises(ConfigError) as caught:
+            placed(place, size, PROJECTOR, "camera")
+        assert caught.value.message == (
+            f"the map is of a camera of 10 x 5 pixels, this one has {counted}, counted in Bayer "
+            "quads"
+        )
+        assert caught.value.device == "camera"
+        assert caught.value.hint == "calibrate the geometry anew"
+    with pytest.raises(ConfigError, match="this one has 9 x 5 \\("):
+        placed(place, (9, 5), PROJECTOR, "mask")
+
+
+def test_a_map_that_cannot_be_used_is_refused() -> None:
+    singular = msgspec.structs.replace(Map.filling((10, 5)), homography=(0.0,) * 9)
+    with pytest.raises(ConfigError, match="singular"):
+        placed(Placing(map=singular), (10, 5), PROJECTOR, "mask")
+
+
+def test_a_place_is_said_by_names_and_only_by_those_it_has() -> None:
+    with pytest.raises(TypeError):
+        Placing("none")  # type: ignore[call-arg]
+    with pytest.raises(AttributeError):
+        Placing().scale = 2.0  # type: ignore[misc]
+    with pytest.raises(msgspec.ValidationError, match="flop"):
+        msgspec.convert({"flop": "none"}, type=Placing)
+    with pytest.raises(msgspec.ValidationError, match=r"scale"):
+        msgspec.convert({"scale": 0.0}, type=Placing)
+    assert msgspec.convert({"scale": 1e-9}, type=Placing).scale == 1e-9

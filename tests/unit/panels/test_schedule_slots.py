@@ -1,0 +1,100 @@
+"""Each schedule, refresh by refresh, as its table has it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.errors import ConfigError
+from pdcd.panels.frames import BLACK, WHITE, FrameLog
+from pdcd.panels.schedule import SLOTS, build_frames, slot_rows
+from pdcd.words import ScheduleName
+
+B, W = BLACK, WHITE
+BITS = np.array([[0b10100000], [0b01100000]], dtype=np.uint8)
+"""Two patterns of 1 x 3 cells."""
+
+TABLE: dict[ScheduleName, tuple[list[int], list[int]]] = {
+    "none": ([0, 1], [0, 1]),
+    "both": ([0, B, 1, B], [0, B, 1, B]),
+    "lag": ([0, 0, 1, 1], [0, B, 1, B]),
+    "lead": ([0, 0, 1, 1], [B, 0, B, 1]),
+    "tail": ([0, 0, B, 1, 1, B], [0, B, B, 1, B, B]),
+    "full": ([0, 0, 0, 1, 1, 1], [B, 0, B, B, 1, B]),
+}
+
+
+@pytest.mark.parametrize("schedule", TABLE)
+def test_two_codes_under_each_schedule(schedule: ScheduleName) -> None:
+    assert SLOTS.keys() == TABLE.keys()
+    frames = build_frames((BITS, BITS), (1, 3), window="whole", schedule=schedule, passes=1)
+    primal, dual = TABLE[schedule]
+    assert frames.primal_index.tolist() == primal and frames.dual_index.tolist() == dual
+    assert frames.guard.tolist() == [index == B for index in dual]
+    assert slot_rows(schedule) == len(primal) // 2
+    assert frames.code.tolist() == [0] * (len(primal) // 2) + [1] * (len(primal) // 2)
+    assert frames.shift.tolist() == [0] * len(primal)
+    assert (frames.grid, frames.lattice, frames.window) == ((1, 3), (1, 3), "whole")
+    assert (BLACK, WHITE) == (-1, -2)  # as tables of frames have them
+
+
+def test_two_passes_under_four_shifts() -> None:
+    """Codes are counted over all passes, patterns begin again; the mask's guards stay."""
+    grey = np.zeros((2, 8), dtype=np.float32)
+    frames = build_frames((grey, grey), (1, 3), window="quarter", schedule="both", passes=2)
+    assert len(frames) == 2 * 2 * 4 * 2
+    assert frames.shift.tolist() == [0, 0, 1, 1, 2, 2, 3, 3] * 4
+    assert frames.code.tolist() == [code for code in range(4) for _ in range(8)]
+    assert frames.primal_index.tolist() == ([0, B] * 4 + [1, B] * 4) * 2
+    assert frames.lattice == (2, 4) and frames.shift.dtype == np.uint8
+    assert frames.code.dtype == frames.primal_index.dtype == frames.dual_index.dtype == np.int32
+
+
+@pytest.mark.parametrize(("primal_black", "dual_black"), [(True, False), (False, True)])
+def test_a_panel_that_is_kept_black_leaves_the_other_as_it_is(
+    primal_black: bool, dual_black: bool
+) -> None:
+    for pairs, shown in (((BITS, BITS), [0, B, 1, B]), (None, [W, B, W, B])):
+        frames = build_frames(
+            pairs, (1, 3), window="whole", schedule="both", passes=1 if pairs else 2,
+            primal_black=primal_black, dual_black=dual_black,
+        )  # fmt: skip
+        assert frames.primal_index.tolist() == ([B] * 4 if primal_black else shown)
+        assert frames.dual_index.tolist() == ([B] * 4 if dual_black else shown)
+        assert frames.guard.tolist() == [False, True] * 2
+
+
+@pytest.mark.parametrize(
+    ("grid", "window", "fits"),
+    [((1, 8), "whole", True), ((2, 4), "whole", True), ((1, 9), "whole", False),
+     ((1, 7), "quarter", False), ((1, 3), "quarter", True)],
+)  # fmt: skip
+def test_patterns_have_one_bit_or_level_for_each_cell(
+    grid: tuple[int, int], window: str, fits: bool
+) -> None:
+    bits, grey = np.zeros((1, 1), dtype=np.uint8), np.zeros((1, 8), dtype=np.float32)
+    for pairs in ((bits, bits), (grey, grey), (bits, grey), (grey, bits)):
+        if fits:
+            build_frames(pairs, grid, window=window, schedule="none", passes=1)
+            continue
+        with pytest.raises(ConfigError, match="do not cover"):
+            build_frames(pairs, grid, window=window, schedule="none", passes=1)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_either_panels_patterns_are_looked_at(side: int) -> None:
+    pairs = [BITS, BITS]
+    pairs[side] = np.zeros((2, 2), dtype=np.uint8)
+    with pytest.raises(ConfigError, match="do not cover"):
+        build_frames((pairs[0], pairs[1]), (1, 3), window="whole", schedule="none", passes=1)
+
+
+def test_a_log_without_rows_asked_was_asked_for_all_in_order() -> None:
+    shown, ns = np.array([5, 6, 7], np.int32), np.zeros(3, np.int64)
+    log = FrameLog(shown, shown, ns, ns, np.zeros(2, np.int64), shown, "test", True)
+    assert len(log) == 3 and log.mask_delay == 0
+    assert [rows.tolist() for rows in log.asked] == [[0, 1, 2], [0, 1, 2]]
+    asked = FrameLog(
+        shown, shown, ns, ns, np.zeros(2, np.int64), shown, "test", True, primal_asked=shown
+    )
+    assert [rows.tolist() for rows in asked.asked] == [[5, 6, 7], [0, 1, 2]]

@@ -1,0 +1,197 @@
+"""Answers in truth: of recipes of every kind, where they can be compared, and single entries."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import Config
+from pdcd.errors import Cancelled, DecodeError
+from pdcd.panels.map import Map
+from pdcd.pictures import truth as module
+from pdcd.pictures.sigma import Barred
+from pdcd.pictures.truth import (
+    TRUTH,
+    Known,
+    answer,
+    entries,
+    known_answer,
+    probe,
+    read_truth,
+    write_truth,
+)
+from pdcd.planning.make import make_plan
+from pdcd.protocol.request import CaptureRequest
+from pdcd.recipes.recipe import Recipe
+from pdcd.sensor.cells import CellMap
+from pdcd.virtual.scene.matrix import matrix_effects
+from pdcd.virtual.scene.scene import Scene
+from tests.unit.planning.test_measured import config
+
+GRID = (3, 4)
+CELLS = 12
+RNG = np.random.default_rng(4)
+TRANSPORT = RNG.random((CELLS, CELLS, 3)) + np.eye(CELLS)[..., None]
+SCENE = Scene("coloured", GRID, matrix_effects(TRANSPORT))
+DIRECT = np.einsum("nnc->nc", TRANSPORT)
+WHOLE = TRANSPORT.sum(axis=1)
+MAP = CellMap(grid=GRID, frame=GRID, map=Map.filling((4, 3)))
+
+
+def recipe_of(**fields: Any) -> Recipe:
+    whole = {"codes": 8, "window": "whole", **fields}
+    return make_plan(msgspec.convert(whole, CaptureRequest), Config(), GRID).recipe
+
+
+@pytest.mark.parametrize(
+    ("fields", "wanted"),
+    [
+        ({"goal": "white"}, WHOLE),
+        ({"goal": "direct"}, DIRECT),
+        ({"goal": "indirect"}, WHOLE - DIRECT),
+        ({"goal": "fraction", "p": 0.25}, DIRECT + 0.25 * (WHOLE - DIRECT)),
+        ({"goal": "diagonal"}, DIRECT),
+    ],
+)
+def test_an_answer_is_the_wanted_share_of_all_paths(
+    fields: dict[str, Any], wanted: np.ndarray
+) -> None:
+    recipe = recipe_of(**fields)
+    found = answer(SCENE, recipe)
+    assert found.shape == (CELLS, 3)
+    np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-10)
+
+
+def test_an_answer_of_extremes_is_that_of_its_photos() -> None:
+    recipe = recipe_of(goal="direct", method="nayar")
+    if recipe.meant is not None:
+        np.testing.assert_allclose(answer(SCENE, recipe), probe(SCENE, recipe.meant))
+    rule: Any = recipe.answer
+    photos = {photo.name: photo.wanted for photo in recipe.photos}
+    bare = replace(recipe, meant=None)
+    images = np.stack([probe(SCENE, photos[name]) for name in rule.photos])
+    wanted = rule.largest * images.max(axis=0) + rule.smallest * images.min(axis=0)
+    np.testing.assert_allclose(answer(SCENE, bare), wanted)
+    assert (rule.largest, rule.smallest) == (1.0, -1.0)
+
+
+def test_entries_are_those_of_the_transport(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, lit = np.array([3, 0, 7]), np.array([11, 2, 5, 5, 0])
+    for block in (256, 2, 5):
+        monkeypatch.setattr(module, "BLOCK", block)
+        found = entries(SCENE, seen, lit)
+        np.testing.assert_allclose(found, TRANSPORT[seen][:, lit])
+
+
+def test_rows_are_taken_in_blocks_and_each_is_a_sign_of_life(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recipe = recipe_of(goal="short-range", radius=1)
+    whole = answer(SCENE, recipe)
+    for block, signs in ((5, 3), (4, 3), (12, 1)):
+        monkeypatch.setattr(module, "BLOCK", block)
+        heard: list[int] = []
+        found = answer(SCENE, recipe, lambda heard=heard: heard.append(1))  # type: ignore[misc]
+        np.testing.assert_allclose(found, whole)
+        assert len(heard) == signs
+    row, column = np.divmod(np.arange(CELLS), 4)
+    far = np.maximum(abs(row[:, None] - row), abs(column[:, None] - column)) > 1
+    near = np.einsum("nm,nmc->nc", ~far, TRANSPORT) - DIRECT
+    np.testing.assert_allclose(whole, near)  # of the cells around each, without its own light
+
+    def ended() -> None:
+        raise Cancelled("nobody waits")
+
+    with pytest.raises(Cancelled):
+        answer(SCENE, recipe, ended)
+
+
+def test_the_truth_of_a_bench_of_cells_is_told_by_cells() -> None:
+    recipe = recipe_of(goal="indirect")
+    found = known_answer(Config(), SCENE, recipe, ("whole",), MAP)
+    assert found is not None and found.of_cells and found.seen.all()
+    np.testing.assert_allclose(found.image, WHOLE - DIRECT)
+    assert known_answer(Config(), None, recipe, ("whole",), MAP) is None
+    assert known_answer(Config(), SCENE, recipe, ("whole",), None) is None
+
+    def ended() -> None:
+        raise Cancelled("nobody waits")
+
+    with pytest.raises(Cancelled):
+        known_answer(
+            Config(), SCENE, recipe_of(goal="short-range", radius=1), ("whole",), MAP, ended
+        )
+
+
+def test_the_truth_of_a_bench_of_pixels_is_seen_through_its_optics() -> None:
+    rig = config(camera={"frame_quads": (16, 12)}, schedule={"grid": GRID})
+    cells = CellMap(grid=GRID, frame=(12, 16), map=Map.filling((16, 12)))
+    found = known_answer(rig, SCENE, recipe_of(goal="white"), ("whole",), cells)
+    assert found is not None and not found.of_cells
+    assert found.image.shape == (12, 16, 3) and found.seen.shape == (12, 16)
+    means = found.on_cells(cells).reshape(CELLS, 3)
+    known = np.isfinite(means).all(axis=1)
+    np.testing.assert_allclose(means[known], WHOLE[known], rtol=1e-6)
+    assert known.any()
+    other = CellMap(grid=GRID, frame=(24, 32), map=Map.filling((32, 24)))
+    assert known_answer(rig, SCENE, recipe_of(goal="white"), ("whole",), other) is None
+    # Extremes over photos are not linear in what is seen.
+    extremes = recipe_of(goal="direct", method="nayar")
+    assert known_answer(rig, SCENE, extremes, ("whole",), cells) is None
+    # Cells of a scene are those of the codes, or nobody can tell which is meant.
+    finer = Scene("finer", (6, 8), matrix_effects(np.eye(48) + 0.01))
+    indirect = known_answer(rig, finer, recipe_of(goal="indirect"), ("whole",), cells)
+    assert indirect is not None
+    assert known_answer(rig, finer, recipe_of(goal="short-range", radius=1), (), cells) is None
+
+
+def picture(image: np.ndarray, sigma: np.ndarray) -> Barred:
+    return Barred(image, sigma, sigma, sigma, "modelled")
+
+
+def test_quads_without_an_error_bar_are_not_compared() -> None:
+    truth = RNG.random((4, 6, 3))
+    known = Known(truth, np.ones((4, 6), np.bool_), of_cells=False)
+    sigma = np.zeros((4, 6, 3))
+    image = truth * 1.2
+    image[1, 2] = 99.0
+    sigma[1, 2, 0] = np.inf
+    means = np.zeros((2, 3, 3))
+    assert known.rms_error(picture(image, sigma), means) == pytest.approx(0.2)
+    sigma[1, 2, 0] = 0.0
+    found = known.rms_error(picture(image, sigma), means)
+    assert found == pytest.approx(np.sqrt(np.sum((image - truth) ** 2) / np.sum(truth**2)))
+
+
+@pytest.mark.parametrize("missing", ["image", "seen", "of_cells"])
+def test_a_truth_that_lacks_something_does_not_fit(tmp_path: Path, missing: str) -> None:
+    known = Known(WHOLE, np.ones(CELLS, np.bool_), of_cells=True)
+    write_truth(tmp_path, known)
+    assert read_truth(tmp_path, MAP).of_cells
+    with np.load(tmp_path / TRUTH) as kept:
+        arrays = {name: kept[name] for name in kept.files if name != missing}
+    np.savez(tmp_path / TRUTH, **arrays)
+    with pytest.raises(DecodeError, match="does not fit the run") as caught:
+        read_truth(tmp_path, MAP)
+    assert "copy" in str(caught.value.hint)
+    wrong = {"image": WHOLE.astype(np.float64), "seen": np.ones(CELLS), "of_cells": np.array(True)}
+    for name in ("image", "seen"):
+        good = {
+            "image": WHOLE.astype(np.float32), "seen": np.ones(CELLS, np.bool_),
+            "of_cells": np.array(True),
+        }  # fmt: skip
+        np.savez(tmp_path / TRUTH, **{**good, name: wrong[name]})
+        with pytest.raises(DecodeError):
+            read_truth(tmp_path, MAP)
+
+
+def test_squares_without_all_of_their_quads_are_not_compared() -> None:
+    seen = np.ones((4, 4), np.bool_)
+    seen[0, 0] = False
+    found = Known(np.ones((4, 4, 3)), seen, of_cells=False).binned(2)
+    assert found.seen.tolist() == [[False, True], [True, True]]

@@ -1,0 +1,124 @@
+"""Leak of small cells: against light summed up point by point, and published figures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from pdcd.errors import CalibrationError
+from pdcd.probing.cell_size import (
+    Meeting,
+    guard_px,
+    largest_window,
+    leak,
+    leak_of,
+    printed,
+    smallest_cell_for,
+    smallest_cell_px,
+    table,
+)
+
+FINE = 16
+"""Points along a projector pixel."""
+
+
+def summed_up(cell: int, window: float, offset: tuple[float, float], blur: float) -> float:
+    """The leak of one cell, on a picture: all cells around it are lit, blurred, and moved; what of
+    it falls into the cell's window, over the light that falls there when all is lit."""
+    around = max(3, int(np.ceil(6.0 * blur / cell)))
+    side = (2 * around + 1) * cell * FINE
+    own = np.zeros((side, side), dtype=np.float32)
+    low = around * cell * FINE
+    own[low : low + cell * FINE, low : low + cell * FINE] = 1.0
+    own = ndimage.gaussian_filter(own, blur * FINE, mode="nearest", truncate=5.0)
+    moved = [round(each * FINE) for each in offset]
+    own = np.roll(own, moved[::-1], axis=(0, 1))
+    guard = round(cell * (1.0 - window) / 2.0 * FINE)
+    inner = slice(low + guard, low + cell * FINE - guard)
+    return float(1.0 - own[inner, inner].mean())
+
+
+@pytest.mark.parametrize(
+    ("cell", "window", "offset", "blur"),
+    [
+        (4, 1.0, (0.25, 0.0), 0.5),
+        (4, 0.5, (0.25, -0.5), 0.75),
+        (2, 0.5, (0.5, 0.25), 0.75),
+        (3, 0.5, (-0.25, 0.25), 1.0),
+    ],
+)
+def test_leak_is_what_light_summed_up_gives(
+    cell: int, window: float, offset: tuple[float, float], blur: float
+) -> None:
+    wanted = summed_up(cell, window, offset, blur)
+    assert float(leak(cell, window, offset, blur)) == pytest.approx(wanted, abs=4e-4)
+
+
+def test_a_sharp_bench_leaks_what_is_out_of_place() -> None:
+    assert float(leak(4.0, 1.0, (0.5, 0.0), 0.0)) == pytest.approx(0.125)
+    assert float(leak(4.0, 0.5, (0.5, 0.5), 0.0)) == 0.0
+    assert float(leak(4.0, 0.5, (1.5, 0.0), 0.0)) == pytest.approx(0.25)
+
+
+def test_small_leaks_are_the_sum_over_edges() -> None:
+    # 1.6 s / c of whole cells in place: [2 S(0)] / c on both axes.
+    assert float(leak(1000.0, 1.0, (0.0, 0.0), 1.0)) == pytest.approx(1.596e-3, rel=2e-3)
+
+
+# The table of the bench studied beforehand, offset along the diagonal, % of (whole, half windows).
+STUDIED: dict[tuple[float, float], dict[int, tuple[float, float]]] = {
+    (0.3, 0.3): {16: (3.6, 0.0), 8: (7, 0.0), 6: (10, 0.0), 4: (14, 0.04), 2: (26, 6)},
+    (0.3, 0.7): {16: (7, 0.0), 8: (14, 0.07), 6: (19, 0.7), 4: (28, 6), 2: (49, 37)},
+    (1.0, 0.7): {16: (10, 0.0), 8: (19, 0.5), 6: (25, 3), 4: (35, 15), 2: (65, 59)},
+    (0.3, 1.2): {16: (11, 0.01), 8: (23, 2.4), 6: (30, 8), 4: (43, 27), 2: (72, 66)},
+}
+
+
+@pytest.mark.parametrize(("e", "s"), STUDIED)
+def test_leak_agrees_with_the_bench_that_was_studied(e: float, s: float) -> None:
+    for row in table(Meeting(e, s), [16, 8, 6, 4, 2]):
+        whole, half = STUDIED[e, s][int(row.cell_px)]
+        # Figures of simulated photos, rounded; the simulation had pixels, too.
+        assert 100 * row.whole == pytest.approx(whole, abs=0.6, rel=0.08)
+        assert 100 * row.half == pytest.approx(half, abs=0.06, rel=0.13)
+
+
+def test_the_smallest_cell_keeps_the_guard() -> None:
+    bench = Meeting(e95_px=0.06, blur_px=0.5)
+    smallest = smallest_cell_px(bench)
+    assert guard_px(smallest, 0.5) == pytest.approx(0.06 + 2.5 * 0.5)
+    assert largest_window(bench, smallest) == pytest.approx(0.5)
+    assert largest_window(bench, 2.0 * smallest) == pytest.approx(0.75)
+    assert largest_window(bench, 1.0) == 0.0
+    assert float(leak_of(bench, smallest, 0.5)) < 0.005
+    assert smallest_cell_px(bench, 1.0) == np.inf
+
+
+def test_the_smallest_cell_for_a_leak_is_the_smallest() -> None:
+    bench = Meeting(e95_px=0.3, blur_px=0.7)
+    cell = smallest_cell_for(bench, 0.005)
+    assert float(leak_of(bench, cell, 0.5)) <= 0.005 < float(leak_of(bench, cell - 0.02, 0.5))
+    assert smallest_cell_for(bench, 0.005, window=1.0) == np.inf
+    assert smallest_cell_for(Meeting(0.0, 0.0), 0.0) > 0.0
+
+
+def test_pixels_of_the_mask_count_as_blur() -> None:
+    bench, coarse = Meeting(0.1, 0.3), Meeting(0.1, 0.3, mask_px=1.2)
+    assert coarse.spread_px == pytest.approx(np.hypot(0.3, 1.2 / np.sqrt(12.0)))
+    assert smallest_cell_px(coarse) > smallest_cell_px(bench)
+
+
+def test_the_table_says_which_cells_are_too_small() -> None:
+    lines = printed(Meeting(0.06, 0.5))
+    assert "guard of 1.31 px" in lines[0]
+    marks = {line.split()[0]: "too small" in line for line in lines[2:-1]}
+    assert marks == {"2": True, "3": True, "4": True, "6": False, "8": False, "12": False,
+                     "16": False}  # fmt: skip
+    assert "5.24 px" in lines[-1]
+
+
+@pytest.mark.parametrize("wrong", [(-0.1, 0.3), (0.1, float("nan")), (float("inf"), 0.3)])
+def test_figures_that_cannot_be_are_refused(wrong: tuple[float, float]) -> None:
+    with pytest.raises(CalibrationError, match="no cell size"):
+        Meeting(*wrong)

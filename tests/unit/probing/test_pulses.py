@@ -1,0 +1,99 @@
+"""Pulses in closed form against the realised matrix, and what schedules let through."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.calibration.programmes import SETS, asked
+from pdcd.calibration.strips import Readings
+from pdcd.calibration.timing_model import Ran, Times, through_s
+from pdcd.panels.frames import FrameLog
+from pdcd.panels.schedule import SLOTS
+from pdcd.probing.pulses import Answer, kept_apart, mean_light, mean_product
+from pdcd.words import ScheduleName
+
+T = 1.0 / 60.0
+
+
+def ran(count: int) -> Ran:
+    rows = np.arange(count, dtype=np.int32)
+    # Whole nanoseconds a refresh, so that the log's rounding is no part of the comparison.
+    at = np.arange(count + 1, dtype=np.int64) * round(T * 1e9) + 100_000_000
+    log = FrameLog(
+        rows, rows, at[:-1], at[:-1], np.array([at[-1]] * 2), np.zeros(count, np.int32), "t", True
+    )
+    return Ran(log, 0, int(at[-1]) + 500_000_000)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.004, -0.011, 0.02])
+@pytest.mark.parametrize(
+    "taus_s",
+    [(0.002, 0.003, 0.004, 0.008), (0.001, 0.001, 0.003, 0.003), (0.006, 0.0005, 0.012, 0.002)],
+)
+def test_the_closed_form_is_the_realised_matrix(lag_s: float, taus_s: tuple[float, ...]) -> None:
+    """Two exposures, one ten periods longer: the difference has no beginning and no end."""
+    times = Times(np.array(taus_s), np.zeros(2), np.array([lag_s]))
+    programmes = (*SETS[0], *SETS[1])
+    none = np.zeros((1, len(programmes)))
+    reading = Readings(none, none, np.array([0.5]), 1.0, programmes, programmes)
+    short, long = (through_s(reading, ran(count), times, lag_s)[:-1] for count in (60, 120))
+    refresh = round(T * 1e9) * 1e-9
+    want = mean_product(*times.answers, *asked(programmes), lag_s, refresh) * 60 * refresh
+    np.testing.assert_allclose(long - short, want, rtol=0, atol=1e-8)
+    assert want.max() > 0.9  # seconds
+
+
+@pytest.mark.parametrize("slower", [1.0, 4.0])
+def test_a_panel_alone_shows_fall_minus_rise(slower: float) -> None:
+    answer = Answer(0.002, 0.007, 0.1 if slower > 1.0 else 0.0, slower)
+    pulse, always = np.arange(6) < 2, np.ones(6, dtype=np.bool_)
+    through = mean_product(answer, Answer(0.001, 0.001), pulse, always, 0.003, T)
+    assert float(mean_light(answer, pulse, T)) == pytest.approx(float(through), rel=1e-12)
+    plain = 2 / 6 + (0.007 - 0.002) / (6 * T)  # panels that settle between their pulses
+    if slower == 1.0:
+        assert float(through) == pytest.approx(plain, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", list(SLOTS))
+@pytest.mark.parametrize("late", [-1.3, -0.8, -0.3, 0.0, 0.4, 0.9])
+def test_panels_that_switch_at_once_leak_as_their_slots_overlap(
+    name: ScheduleName, late: float
+) -> None:
+    """Against overlaps of intervals, in refreshes; and the table of `pdcd.panels.schedule`."""
+    lit, opened = (np.flatnonzero(side) for side in SLOTS[name])
+    slot = len(SLOTS[name][0])
+
+    def overlap(codes_later: int) -> float:
+        first = opened[0] + codes_later * slot + late
+        both = min(lit[-1] + 1.0, first + opened.size) - max(lit[0], first)
+        return max(0.0, float(both))
+
+    kept = kept_apart(name, Answer(0.0, 0.0), Answer(0.0, 0.0), late * T, T)
+    own = overlap(0)
+    if own == 0.0:
+        assert kept.light < 1e-4
+        return
+    assert kept.light == pytest.approx(own, abs=1e-4)
+    assert kept.leak == pytest.approx(sum(overlap(k) for k in range(-4, 5) if k) / own, abs=1e-4)
+    tolerated = {
+        "none": (0, 0), "both": (-1, 1), "lag": (0, 1), "lead": (-1, 0), "tail": (-1, 2),
+        "full": (-1, 1),
+    }  # fmt: skip
+    low, high = tolerated[name]
+    assert (kept.leak < 1e-4) is (low <= late <= high)
+
+
+def test_slow_panels_leak_as_worked_out_by_hand() -> None:
+    """A mask that closes slowly, in no time open, under `lag` with no lag: its tail meets one more
+    refresh of its own light, then the next code's for two."""
+    fall = 0.005
+    kept = kept_apart("lag", Answer(0.0, 0.0), Answer(0.0, fall), 0.0, T)
+
+    def tail(low: float, high: float) -> float:
+        return float(fall * (np.exp(-low / fall) - np.exp(-high / fall)))
+
+    own = T + tail(0.0, T)
+    others = tail(T, 23 * T)
+    assert kept.leak == pytest.approx(others / own, rel=1e-3)
+    assert kept.light == pytest.approx(own / T, rel=1e-4)

@@ -1,0 +1,91 @@
+"""Work that is expected, done and told, and what a whole decoding tells of itself."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from pdcd.capture.engine import Engine
+from pdcd.pictures.decode import decode_folder
+from pdcd.protocol.events import Decoded, Event
+from pdcd.protocol.request import CaptureRequest
+from pdcd.watch import Watch
+from tests import bench_rig
+
+
+def test_pieces_count_their_signs_of_life_and_are_done_in_the_end() -> None:
+    told: list[tuple[float, float]] = []
+    signs: list[None] = []
+    watch = Watch(lambda: signs.append(None), lambda done, total: told.append((done, total)))
+    watch.expect(10.0)
+    with watch.piece(4.0, 4) as alive:
+        alive()
+        alive()
+    assert told == [(1.0, 10.0), (2.0, 10.0), (4.0, 10.0)]
+    with watch.piece(4.0, 1) as alive:
+        alive()
+        alive()  # more than were foretold count for nothing
+    assert told[3:] == [(8.0, 10.0)] * 3
+    with watch.piece(2.0) as alive:
+        alive()
+        alive()
+    assert [done for done, _ in told[6:]] == pytest.approx([8.2, 8.38, 10.0])
+    watch.did(5.0)
+    assert told[-1] == (10.0, 10.0)  # never more than all
+    assert len(signs) == len(told)
+
+
+def test_nothing_is_told_of_no_work_and_an_ear_may_end_it() -> None:
+    told: list[float] = []
+    Watch(step=lambda done, total: told.append(total)).did(1.0)
+    assert told == []
+
+    def enough() -> None:
+        raise KeyboardInterrupt
+
+    watch = Watch(enough)
+    with pytest.raises(KeyboardInterrupt), watch.piece(1.0, 1) as alive:
+        alive()
+
+
+@pytest.mark.parametrize(
+    ("request_", "decodings"),
+    [
+        (CaptureRequest(goal="indirect", codes=8), 1 + 1),
+        (CaptureRequest(goal="indirect", codes=8, black_level="none"), 1),
+        (CaptureRequest(goal="direct", method="multi-image", codes=8), 1 + 1),
+        (CaptureRequest(goal="indirect", codes=64, pilot=8), 2 + 1),
+        (CaptureRequest(goal="indirect", codes=48, parts=6, until_error=1e-6), 6 + 1),
+    ],
+)
+def test_every_decoding_goes_on_to_its_end(
+    tmp_path: Path, request_: CaptureRequest, decodings: int
+) -> None:
+    engine = Engine.from_config(bench_rig.config(tmp_path, grid=(8, 8)))
+    engine.start()
+    events: list[Event] = []
+    result = engine.capture(request_, job="job", emit=events.append, cancelled=lambda: False)
+    assert result.state == "done", result.error
+    stages: list[list[Decoded]] = []
+    before: Event | None = None
+    for event in events:
+        if isinstance(event, Decoded):
+            if not isinstance(before, Decoded):
+                stages.append([])
+            stages[-1].append(event)
+        before = event
+    assert len(stages) == decodings
+    for stage in stages:
+        assert len({event.total for event in stage}) == 1
+        assert all(a.done <= b.done for a, b in pairwise(stage))
+        assert stage[0].done < stage[0].total
+        assert stage[-1].done == pytest.approx(stage[-1].total)
+
+    told: list[tuple[float, float]] = []
+    assert decode_folder(
+        Path(str(result.folder)), Watch(step=lambda done, total: told.append((done, total)))
+    ).identical
+    assert told[-1][0] == pytest.approx(told[-1][1])
+    assert len(told) > 4

@@ -1,0 +1,60 @@
+"""Light that was to be blocked, weighed against the whole matrix entry by entry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdcd.probing.lines import SameRow
+from pdcd.probing.realised import Factors
+from pdcd.probing.wanted import Match, Near, Part, Uniform, Wanted
+from pdcd.verdict.blocked_left import blocked_weight
+
+GRID, N = (3, 4), 12
+
+
+def some(seed: int) -> Factors:
+    rng = np.random.default_rng(seed)
+    left, right = rng.random((5, N)), rng.random((5, N))
+    return Factors(left, right, rng.random(N), rng.random(N))
+
+
+def dense(realised: Factors) -> np.ndarray:
+    whole = realised.left.T @ realised.right
+    whole[np.arange(N), np.arange(N)] = realised.coaxial
+    return np.asarray(whole)
+
+
+def test_of_matched_cells() -> None:
+    rng = np.random.default_rng(3)
+    first, second = (rng.permutation(N) for _ in range(2))
+    first[:3] = -1  # cells without a match block nothing
+    first[5] = 5
+    parts = ((1.0, Uniform(N)), (-1.0, Match(first)), (-1.0, Match(second)))
+    realised = some(1)
+    entries = [
+        dense(realised)[n, m]
+        for partner in (first, second)
+        for n, m in enumerate(partner)
+        if m >= 0
+    ]
+    found = blocked_weight(realised, Wanted(GRID, parts), 0.25)
+    assert found == pytest.approx(np.mean(entries) / 0.25, rel=1e-12)
+
+
+def test_of_rows() -> None:
+    realised = some(2)
+    row = np.arange(N) // GRID[1]
+    same = row[:, None] == row
+    wanted = Wanted(GRID, ((1.0, Uniform(N)), (-1.0, SameRow(GRID))))
+    found = blocked_weight(realised, wanted, 2.0)
+    assert found == pytest.approx(dense(realised)[same].mean() / 2.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "parts", [((1.0, SameRow(GRID)),), ((1.0, Uniform(N)), (-1.0, Near(GRID, 1)))]
+)
+def test_photos_that_block_neither_have_nothing_left(
+    parts: tuple[tuple[float, Part], ...],
+) -> None:
+    assert blocked_weight(some(4), Wanted(GRID, parts), 1.0) == 0.0

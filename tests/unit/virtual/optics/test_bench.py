@@ -1,0 +1,201 @@
+"""The mock bench of pixels: when it is needed, what it agrees with, what it wants to be seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import (
+    BenchConfig,
+    CameraConfig,
+    Config,
+    PanelConfig,
+    SceneConfig,
+    ScheduleConfig,
+)
+from pdcd.panels.frames import WHITE, FrameLog, Frames
+from pdcd.panels.patterns import none, pack
+from pdcd.panels.placing import Placing, placed
+from pdcd.probing.realised import bench_factors
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.needed import optics_of
+from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.optics.raster import EXACT_POINTS, Raster
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.effects import Dense, coloured_direct
+from pdcd.virtual.scene.scene import Scene
+
+GRID = (3, 4)
+PX = (48, 36)
+REFRESH_NS = 16_666_667
+
+
+def config_of(**more: Any) -> Config:
+    """A small bench on squared paper: 12 pixels a cell, of both panels."""
+    panel = PanelConfig(size_px=PX)
+    given = {"projector": panel, "mask": panel, "scene": SceneConfig(grid=GRID), **more}
+    return msgspec.structs.replace(Config(), **given)
+
+
+def scene_of(texture: NDArray[np.float64] | None = None) -> Scene:
+    rng = np.random.default_rng(2)
+    cells = GRID[0] * GRID[1]
+    direct = coloured_direct(rng.random((cells, 3)))
+    return Scene("s", GRID, (*direct, Dense("all", rng.random((cells, cells)))), texture=texture)
+
+
+def exposure_of(frames: Frames) -> Exposure:
+    count = len(frames)
+    at = 50_000_000 + np.arange(count + 1) * REFRESH_NS
+    rows = np.arange(count, dtype=np.int32)
+    missed = np.zeros(count, dtype=np.int32)
+    log = FrameLog(rows, rows, at[:-1], at[:-1], at[[-1, -1]], missed, "mock", True)
+    return Exposure(frames, log, 0, int(at[-1]) + 50_000_000)
+
+
+def white(count: int = 3) -> Frames:
+    index = np.full(count, WHITE, dtype=np.int32)
+    return Frames(
+        none(), none(), index, index, np.zeros(count, np.uint8), np.arange(count, dtype=np.int32),
+        np.zeros(count, np.bool_), GRID, GRID, "whole",
+    )  # fmt: skip
+
+
+def coded(rng: np.random.Generator) -> Frames:
+    lattice = (GRID[0] + 1, GRID[1] + 1)
+    patterns = [pack(rng.random((5, lattice[0] * lattice[1])) < 0.5) for _ in range(2)]
+    index = np.repeat(np.arange(5, dtype=np.int32), 4)
+    shift = np.tile(np.arange(4, dtype=np.uint8), 5)
+    return Frames(
+        patterns[0], patterns[1], index, index, shift, index, np.zeros(20, np.bool_),
+        GRID, lattice, "quarter",
+    )  # fmt: skip
+
+
+def test_a_bench_is_made_once_for_whoever_asks_while_it_is_held() -> None:
+    config, scene = config_of(camera=CameraConfig(quads_per_cell=3)), scene_of()
+    bench = optics_of(config, scene, cut=True)
+    assert bench is not None
+    assert optics_of(config, scene, cut=True) is bench
+    assert optics_of(config, scene_of(), cut=True) is not bench
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"camera": CameraConfig(frame_quads=(20, 15))},
+        {"camera": CameraConfig(place=Placing(turn_deg=1.0))},
+        {"projector": PanelConfig(size_px=PX, place=Placing(flip="vertical"))},
+        {"mask": PanelConfig(size_px=PX, place=Placing(scale=1.1))},
+        {"schedule": ScheduleConfig(grid=(6, 8))},
+    ],
+)
+def test_a_bench_of_pixels_is_for_what_cells_cannot_say(more: dict[str, Any]) -> None:
+    assert optics_of(config_of(), scene_of()) is None
+    assert optics_of(config_of(camera=CameraConfig(quads_per_cell=3)), scene_of()) is None
+    assert optics_of(config_of(**more), scene_of()) is not None
+
+
+def test_detail_needs_a_camera_that_resolves_it(tmp_path: Path) -> None:
+    detailed = scene_of(np.random.default_rng(0).random((9, 9, 3)) + 0.1)
+    assert optics_of(config_of(), detailed) is None
+    assert optics_of(config_of(camera=CameraConfig(quads_per_cell=2)), detailed) is not None
+    truth = tmp_path / "truth.toml"
+    truth.touch()
+    assert optics_of(config_of(bench=BenchConfig(truth=str(truth))), scene_of()) is not None
+
+
+def test_on_squared_paper_it_is_the_bench_of_cells() -> None:
+    """Panels whose pixels divide the cells, slow and leaking: to rounding."""
+    slow = PanelConfig(size_px=PX, rise_s=0.002, fall_s=0.005, contrast=80.0, skew_s=0.003)
+    config = config_of(projector=slow, mask=slow, camera=CameraConfig(frame_quads=(4, 3)))
+    scene, exposure = scene_of(), exposure_of(coded(np.random.default_rng(1)))
+    cells = np.zeros((12, 3))
+    for part in bench_factors(
+        exposure.frames, exposure.log, slow, slow, open_ns=0, close_ns=exposure.close_ns
+    ):
+        cells += scene.photo(part.left, part.right, part.coaxial, part.open_s)
+    bench = optics_of(config, scene)
+    assert bench is not None
+    found = bench.photo(exposure)
+    np.testing.assert_allclose(found, cells.reshape(3, 4, 3), rtol=1e-12)
+    np.testing.assert_array_equal(bench.photo(exposure), found)  # what is kept serves as well
+
+
+def test_a_white_photo_is_the_wanted_white_picture(tmp_path: Path) -> None:
+    """Through the same optics, where everything is bent, uneven and blurred and nothing leaks."""
+    truth = tmp_path / "truth.toml"
+    truth.write_text(
+        """
+        [projector]
+        falloff = 0.3
+        place = { turn_deg = 5.0, scale = 1.3, radial = [0.02, 0.0] }
+        [mask]
+        place = { turn_deg = 180.0, scale = 1.4 }
+        [camera]
+        blur_quads = 0.8
+        falloff = 0.5
+        place = { scale = 1.2, turn_deg = -3.0 }
+        [scene]
+        blur_px = 0.7
+        """
+    )
+    camera = CameraConfig(frame_quads=(21, 16))
+    config = config_of(camera=camera, bench=BenchConfig(truth=str(truth)))
+    drawn_larger = msgspec.structs.replace(config.mask, place=Placing(scale=1.2))
+    config = msgspec.structs.replace(config, mask=drawn_larger)
+    scene = scene_of(np.random.default_rng(4).random((12, 16, 3)) + 0.1)
+    bench = OpticalBench(config, scene, (16, 21))
+    wanted = bench.wanted(lambda part: part.white())
+    found = bench.photo(exposure_of(white())) / (3 * REFRESH_NS * 1e-9)
+    assert 150 < bench.inside.sum() < 250
+    assert bench.share is not None
+    seen = wanted * bench.share[..., None]  # a photo has no light from beyond the field
+    known = bench.share > 0.0
+    np.testing.assert_allclose(found[known], seen[known], rtol=1e-9, atol=1e-12)
+
+
+def test_codes_may_have_other_cells_than_the_scene() -> None:
+    """Of white light nothing says which cells the codes have."""
+    camera = CameraConfig(frame_quads=(4, 3))
+    fine = config_of(camera=camera, schedule=ScheduleConfig(grid=(6, 8)))
+    frames = white()
+    finer = Frames(**{**vars(frames), "grid": (6, 8), "lattice": (6, 8)})
+    scene = scene_of()
+    found = OpticalBench(fine, scene, (3, 4)).photo(exposure_of(finer))
+    plain = OpticalBench(config_of(camera=camera), scene, (3, 4)).photo(exposure_of(frames))
+    np.testing.assert_allclose(found, plain, rtol=1e-12)
+    np.testing.assert_allclose(found, 0.05 * scene.white().reshape(3, 4, 3), rtol=1e-6)
+
+
+def test_a_large_raster_is_close_to_the_map_itself() -> None:
+    lens = placed(
+        Placing(turn_deg=4.0, scale=1.1, radial=(0.03, -0.004), tangential=(0.002, 0.001)),
+        (1600, 1200), (1024, 768), "mask",
+    )  # fmt: skip
+    eye = placed(Placing(turn_deg=-3.0, radial=(0.02, 0.0)), (800, 600), (1024, 768), "camera")
+    x, y = np.arange(0.5, 800.0), np.arange(0.5, 600.0)
+    assert x.size * y.size > EXACT_POINTS
+    raster = Raster(lambda points: lens.from_field(eye.to_field(points)), x, y)
+    assert not raster.exact
+    across, down = raster.rows(100, 103)
+    points = np.stack(np.meshgrid(x, y[100:103]), axis=-1)
+    wanted = lens.from_field(eye.to_field(points))
+    assert np.abs(np.stack([across, down], axis=-1) - wanted).max() < 1e-7
+
+
+def test_a_map_that_no_polynomials_follow_is_computed_point_by_point() -> None:
+    x = np.arange(0.5, 700.0)
+    raster = Raster(lambda points: np.floor(points / 7.0), x, x)
+    assert raster.exact
+    np.testing.assert_array_equal(raster.rows(8, 9)[1], 1.0)
+
+
+def test_the_default_bench_has_no_optics() -> None:
+    """So that nothing of it costs anything there."""
+    assert optics_of(Config(), build_scene(SceneConfig())) is None

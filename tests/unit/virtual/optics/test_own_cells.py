@@ -1,0 +1,136 @@
+"""What is wanted of places between the centres of cells, and of quads whose blur leaves the field,
+against light that is added up point by point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
+from pdcd.panels.placing import Placing
+from pdcd.pictures.truth import answer
+from pdcd.protocol.request import Goal, How
+from pdcd.recipes.goals import Target
+from pdcd.recipes.make import recipe_of
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.scene.effects import Dense, coloured_direct
+from pdcd.virtual.scene.scene import Scene
+
+Floats = NDArray[np.float64]
+
+GRID, PX, N = (3, 4), (48, 36), 12
+FRAME = (11, 15)
+"""Rows and columns of quads: no whole number to a cell."""
+
+
+def bench_of(scene: Scene, **camera: Any) -> OpticalBench:
+    panel = PanelConfig(size_px=PX)
+    config = msgspec.structs.replace(
+        Config(),
+        projector=panel,
+        mask=panel,
+        scene=SceneConfig(grid=GRID),
+        camera=CameraConfig(frame_quads=(FRAME[1], FRAME[0]), **camera),
+    )
+    return OpticalBench(config, scene, FRAME)
+
+
+def scene_of(rng: np.random.Generator) -> tuple[Scene, Floats]:
+    """A textured scene, and its transport beside direct light, of the same in all channels; near
+    light and what wanders within a cell are strong in it."""
+    transport = rng.random((N, N)) + 3.0 * np.eye(N)
+    direct = coloured_direct(rng.random((N, 3)))
+    texture = 0.2 + rng.random((9, 12, 3))
+    return Scene("s", GRID, (*direct, Dense("all", transport)), texture=texture), transport
+
+
+def reflected(y: Floats, cells: Floats, texture: Floats) -> Floats:
+    """What cells (N, 3) send from a point of the field."""
+    rows, cols = GRID
+    height, width = texture.shape[:2]
+    means = texture.reshape(rows, height // rows, cols, width // cols, 3).mean(axis=(1, 3))
+    smooth = cells.reshape(rows, cols, 3) / means
+    found = np.zeros(3)
+    for r in range(-1, rows + 1):
+        for c in range(-1, cols + 1):
+            near = max(0.0, 1.0 - abs(y[1] * rows - 0.5 - r)) * max(
+                0.0, 1.0 - abs(y[0] * cols - 0.5 - c)
+            )
+            found += near * smooth[min(max(r, 0), rows - 1), min(max(c, 0), cols - 1)]
+    return np.asarray(found * texture[int(y[1] * height), int(y[0] * width)])
+
+
+LIGHT, REGION = np.random.default_rng(5).random((2, *GRID))
+WARP = np.random.default_rng(6).permutation(N).reshape(GRID)
+MEANT: dict[str, tuple[Target, Floats]] = {
+    "indirect": (Target(Goal(name="indirect"), GRID), 1.0 - np.eye(N)),
+    "direct": (Target(Goal(name="direct"), GRID), np.eye(N)),
+    "lit": (
+        Target(Goal(name="illuminated"), GRID, {"illumination": LIGHT.ravel()}),
+        np.tile(LIGHT.ravel(), (N, 1)),
+    ),
+    "warped": (
+        Target(Goal(name="warped"), GRID, {"warp": WARP.ravel().astype(np.float64)}),
+        np.eye(N)[WARP.ravel()],
+    ),
+    "blocked": (
+        Target(Goal(name="blocked"), GRID, {"region_a": REGION.ravel(), "region_b": LIGHT.ravel()}),
+        1.0 - np.outer(REGION, LIGHT),
+    ),
+    "indirect, lit": (
+        Target(Goal(name="indirect"), GRID, {"illumination": LIGHT.ravel()}),
+        (1.0 - np.eye(N)) * LIGHT.ravel(),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MEANT)
+def test_what_is_wanted_at_a_place_is_the_row_of_the_cell_it_lies_in(name: str) -> None:
+    """Also where such a place has the light of the next cell's centre: what that cell's projector
+    cell sends there is indirect light, and lies in a photo of it."""
+    scene, transport = scene_of(np.random.default_rng(3))
+    bench = bench_of(scene)
+    target, weights = MEANT[name]
+    recipe = recipe_of(target, How())
+    found = bench.wanted(lambda part: answer(part, recipe), recipe.wanted)
+    direct = np.stack([e.diagonal()[:, None] * e.tint for e in scene.effects[:3]]).sum(axis=0)
+    texture, samples = scene.texture, bench._setting.samples
+    assert texture is not None
+    wanted = np.zeros((*FRAME, 3))
+    for row, col in np.ndindex(*FRAME):
+        for a, b in np.ndindex(samples, samples):
+            y = np.array(
+                [(col + (b + 0.5) / samples) / FRAME[1], (row + (a + 0.5) / samples) / FRAME[0]]
+            )
+            lies_in = int(y[1] * GRID[0]) * GRID[1] + int(y[0] * GRID[1])
+            light = weights[lies_in]
+            cells = light[lies_in] * direct + (transport @ light)[:, None]
+            wanted[row, col] += reflected(y, cells, texture) / samples**2
+    np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-9)  # shares in single precision
+    # Cell by cell, what is wanted of the next cell counts as wanted here.
+    before = bench.wanted(lambda part: answer(part, recipe))
+    assert float(np.abs(before - wanted).max()) > 0.03 * float(wanted.max())
+
+
+@pytest.mark.parametrize("place", [Placing(), Placing(scale=1.4, turn_deg=10.0)])
+def test_a_flat_scene_stays_flat_where_the_blur_reaches_beyond_the_field(place: Placing) -> None:
+    """Beyond it is dark, whether the frame ends there or not."""
+    cells = np.ones((N, 3))
+    scene = Scene("flat", GRID, coloured_direct(cells))
+    bench = bench_of(scene, blur_quads=1.2, place=place)
+    found = bench.wanted(lambda part: part.white())
+    inside, share = bench.inside, bench.share
+    assert share is not None and inside.any()
+    np.testing.assert_allclose(found[inside], 1.0, atol=0.02)
+    assert 0.2 < share[inside].min() < 0.6 and share.max() > 0.9
+
+
+def test_a_frame_that_ends_within_the_field_goes_on_beyond_its_edge() -> None:
+    scene = Scene("flat", GRID, coloured_direct(np.ones((N, 3))))
+    bench = bench_of(scene, blur_quads=1.2, place=Placing(scale=0.5))
+    assert bench.share is not None
+    np.testing.assert_allclose(bench.share, 1.0, atol=1e-12)

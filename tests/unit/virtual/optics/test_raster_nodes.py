@@ -1,0 +1,124 @@
+"""Smooth maps by polynomials: which they follow exactly, and which are computed point by point."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.virtual.optics import raster as rasters
+from pdcd.virtual.optics.raster import Raster
+
+Floats = NDArray[np.float64]
+X, Y = np.linspace(0.5, 99.5, 300), np.linspace(3.0, 40.0, 200)
+
+
+def curved(points: Floats) -> Floats:
+    """Of the seventh degree along both axes, and not the same across and down."""
+    x, y = points[..., 0] / 100.0, points[..., 1] / 40.0
+    across = 1.0 + 2.0 * x - 3.0 * x**7 + x**3 * y**4
+    return np.stack([across, 5.0 * y**7 - x * y + x**2], axis=-1)
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rasters of more points than these are large."""
+    monkeypatch.setattr(rasters, "EXACT_POINTS", 300 * 199)
+
+
+def wanted(start: int, stop: int) -> Floats:
+    return curved(np.stack(np.meshgrid(X, Y[start:stop]), axis=-1))
+
+
+@pytest.mark.parametrize(("rows", "exact"), [(199, True), (200, False)])
+def test_only_large_rasters_are_interpolated(rows: int, exact: bool) -> None:
+    calls: list[int] = []
+
+    def place(points: Floats) -> Floats:
+        calls.append(points.size)
+        return curved(points)
+
+    raster = Raster(place, X, Y[:rows])
+    assert raster.exact is exact and bool(calls) is not exact
+    calls.clear()
+    found = np.stack(raster.rows(10, 20), axis=-1)
+    assert bool(calls) is exact
+    np.testing.assert_allclose(found, wanted(10, 20), rtol=1e-11)
+
+
+@pytest.mark.parametrize("rows", [(0, 1), (0, 200), (199, 200), (97, 103)])
+def test_polynomials_follow_one_of_their_degree_everywhere(rows: tuple[int, int]) -> None:
+    across, down = Raster(curved, X, Y).rows(*rows)
+    assert across.shape == down.shape == (rows[1] - rows[0], 300)
+    np.testing.assert_allclose(np.stack([across, down], axis=-1), wanted(*rows), rtol=1e-10)
+
+
+def wave(length: float) -> rasters.Place:
+    """Across and down by a wave so long."""
+    return lambda points: np.sin(2.0 * np.pi * points / length)
+
+
+def test_more_nodes_are_tried_where_few_do_not_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[int, ...]] = []
+
+    def place(points: Floats) -> Floats:
+        seen.append(points.shape)
+        return wave(14.0)(points)
+
+    raster = Raster(place, X, Y)
+    assert not raster.exact
+    assert [shape[0] for shape in seen if len(shape) == 3] == [65, 129]
+    points = np.stack(np.meshgrid(X, Y[50:53]), axis=-1)
+    assert np.abs(np.stack(raster.rows(50, 53), axis=-1) - wave(14.0)(points)).max() < 2e-5
+    assert Raster(wave(5.0), X, Y).exact
+
+
+def test_a_map_is_followed_to_a_hundred_thousandth() -> None:
+    """Noise on top of what is smooth, of which polynomials make twice as much at most."""
+    for height, exact in ((0.3e-5, False), (0.7e-5, True)):
+
+        def place(points: Floats, height: float = height) -> Floats:
+            return curved(points) + height * np.sign(np.sin(1e4 * points[..., :1]))
+
+        assert Raster(place, X, Y).exact is exact
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_map_that_ends_somewhere_is_computed_point_by_point(axis: int) -> None:
+    def place(points: Floats) -> Floats:
+        found = curved(points)
+        found[points[..., axis] > 30.0] = np.nan
+        return found
+
+    raster = Raster(place, X, Y)
+    assert raster.exact
+    across, down = raster.rows(100, 120)
+    np.testing.assert_array_equal(
+        np.stack([across, down], axis=-1), place(np.stack(np.meshgrid(X, Y[100:120]), axis=-1))
+    )
+
+
+def test_nodes_on_either_side_of_a_point_take_part() -> None:
+    """A short wave in the middle of a raster is followed by the nodes about each point; with as
+    many that lie further to one side it would not be."""
+
+    def ripple(points: Floats) -> Floats:
+        far = (points - [50.0, 21.5]) / [12.0, 5.0]
+        return np.asarray(np.sin(2.0 * np.pi * points / 9.52) * np.exp(-(far**2)))
+
+    assert not Raster(ripple, X, Y).exact
+
+
+@pytest.mark.parametrize("rows", [199, 200])
+def test_points_beside_a_raster_go_where_the_map_has_them(rows: int) -> None:
+    """Exactly where the map is asked; else to the second order of half a step."""
+    rng = np.random.default_rng(1)
+    right, below = rng.uniform(-0.5, 0.5, (2, 40, 300))
+    raster = Raster(curved, X, Y[:rows])
+    found = np.stack(raster.rows(100, 140, (right, below)), axis=-1)
+    points = np.stack(np.meshgrid(X, Y[100:140]), axis=-1)
+    points += np.stack([right * (X[1] - X[0]), below * (Y[1] - Y[0])], axis=-1)
+    close = 1e-12 if raster.exact else 1e-3
+    np.testing.assert_allclose(found, curved(points), atol=close)
+    plain = np.stack(raster.rows(100, 140), axis=-1)
+    assert np.abs(found - plain).max() > 0.005

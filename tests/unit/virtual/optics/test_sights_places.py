@@ -1,0 +1,225 @@
+"""Points among pixels, cells and runs: by hand, and at the edges of what has them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
+from pdcd.bench.truth import TrueCamera, Truth
+from pdcd.panels.placing import Placing
+from pdcd.virtual.optics import sights as sights_module
+from pdcd.virtual.optics.setting import Setting
+from pdcd.virtual.optics.sights import (
+    NOWHERE,
+    Away,
+    CellGrid,
+    Looks,
+    Runs,
+    Scattered,
+    changes,
+    look,
+    pixels,
+)
+from pdcd.virtual.optics.sites import Kind, PanelSites
+
+IMAGE = np.arange(12, dtype=np.int32).reshape(3, 4)
+PANEL = PanelConfig(size_px=(12, 9))
+
+
+def setting_of(truth: Truth | None = None, **more: Any) -> Setting:
+    given = {"projector": PANEL, "mask": PANEL, "scene": SceneConfig(grid=(3, 4)), **more}
+    return Setting(msgspec.structs.replace(Config(), **given), truth or Truth(), (4, 5))
+
+
+def test_a_point_has_the_value_of_the_pixel_it_lies_in() -> None:
+    x, y = np.array([0.0, 0.99, 1.0, 3.999, 2.5]), np.array([0.0, 1.0, 2.999, 2.0, 1.5])
+    assert pixels(IMAGE, x, y, missing=-1).tolist() == [0, 4, 9, 11, 6]
+
+
+@pytest.mark.parametrize(
+    ("x", "y"),
+    [(-1e-9, 1.0), (4.0, 1.0), (1.0, -1e-9), (1.0, 3.0), (np.nan, 1.0), (1.0, np.nan), (99.0, 9.0)],
+)
+def test_beside_the_pixels_there_is_nothing(x: float, y: float) -> None:
+    across, down = np.array([1.5, x, 2.5]), np.array([1.5, y, 1.5])
+    assert pixels(IMAGE, across, down, missing=-7).tolist() == [5, -7, 6]
+    light = IMAGE.astype(np.float64)
+    assert pixels(light, across, down, missing=0.25).tolist() == [5.0, 0.25, 6.0]
+    assert across[1] == x or np.isnan(x)  # what is given stays as it is
+
+
+def test_places_where_any_of_some_numbers_is_another() -> None:
+    first = np.array([3, 3, 3, 4, 4, 4, 4], dtype=np.int32)
+    other = np.array([1, 1, 2, 2, 2, 2, 3], dtype=np.int32)
+    third = np.array([0, 0, 0, 0, 0, 9, 9], dtype=np.int32)
+    assert changes(first).tolist() == [0, 3]
+    assert changes(first, other).tolist() == [0, 2, 3, 6]
+    assert changes(first, other, third).tolist() == [0, 2, 3, 5, 6]
+    assert changes(first[:1]).tolist() == [0] and changes(first).dtype == np.int32
+
+
+def test_runs_are_spread_over_their_samples() -> None:
+    runs = Runs(np.array([0, 2, 3], np.int32), np.array([7, 5, 7], np.int32))
+    assert runs.spread(6).tolist() == [7, 7, 5, 7, 7, 7]
+    assert runs.spread(4).tolist() == [7, 7, 5, 7]
+
+
+def test_cells_of_one_value_are_counted_row_by_row() -> None:
+    cells = CellGrid((2, 3), smooth=False)
+    assert cells.places == 6 and cells.corners.tolist() == [[n] for n in range(6)]
+    x = np.array([0.0, 0.34, 0.99, 0.0, 0.67])
+    y = np.array([0.0, 0.49, 0.0, 0.5, 0.99])
+    assert cells.at(x, y).tolist() == [0, 1, 2, 3, 5]
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize(
+    ("x", "y"), [(1.0, 0.5), (0.5, 1.0), (-1e-9, 0.5), (0.5, -1e-9), (np.nan, 0.5), (0.5, np.nan)]
+)
+def test_beside_the_field_there_is_no_cell(x: float, y: float, smooth: bool) -> None:
+    cells = CellGrid((2, 3), smooth=smooth)
+    found = cells.at(np.array([0.1, x, 0.9]), np.array([0.1, y, 0.9]))
+    assert found[1] == NOWHERE and (found[[0, 2]] >= 0).all()
+
+
+@pytest.mark.parametrize("grid", [(2, 3), (1, 1), (4, 2)])
+def test_between_the_centres_of_cells_values_lie_on_lines(grid: tuple[int, int]) -> None:
+    """Beyond the outermost centres they stay as they are there."""
+    rows, cols = grid
+    cells, rng = CellGrid(grid, smooth=True), np.random.default_rng(1)
+    values = rng.random(rows * cols)
+    x, y = rng.random(200), rng.random(200)
+    at, shares = cells.at(x, y), cells.shares(x.copy(), y.copy())
+    assert cells.places == (rows + 1) * (cols + 1) == len(cells.corners)
+    assert at.min() >= 0 and at.max() < cells.places
+    found = (values[cells.corners[at]] * shares).sum(axis=1)
+    table = values.reshape(grid)
+    lines = [np.interp(x * cols - 0.5, np.arange(cols), row) for row in table]
+    down = np.clip(y * rows - 0.5, 0.0, rows - 1.0)
+    first = np.minimum(down.astype(int), max(rows - 2, 0))
+    part = down - first
+    upper, lower = (
+        np.array(lines)[first, range(200)],
+        np.array(lines)[np.minimum(first + 1, rows - 1), range(200)],
+    )
+    np.testing.assert_allclose(found, (1.0 - part) * upper + part * lower, atol=1e-12)
+    np.testing.assert_allclose(shares.sum(axis=1), 1.0)
+
+
+def test_what_lies_nowhere_has_the_shares_of_a_corner() -> None:
+    cells = CellGrid((2, 3), smooth=True)
+    shares = cells.shares(np.array([np.nan, 0.5]), np.array([0.25, np.nan]))
+    assert np.isfinite(shares).all() and shares.sum(axis=1).tolist() == [1.0, 1.0]
+
+
+def test_light_comes_from_further_down_and_right() -> None:
+    """By so many cells as that of the point says; from nowhere where it says nothing."""
+    moved = np.zeros((6, 2))
+    moved[1], moved[5] = (0.5, -1.0), (np.nan, np.nan)
+    away = Away((2, 3), moved)
+    points = np.array([[0.1, 0.1], [0.5, 0.25], [0.9, 0.9], [1.5, 0.5], [np.nan, 0.5]])
+    found = away.of(points)
+    np.testing.assert_allclose(found[:2], [[0.1, 0.1], [0.5 - 1 / 3, 0.25 + 0.25]])
+    assert np.isnan(found[2:]).all()
+
+
+@pytest.mark.parametrize("samples", [1 << 16, 64, 1])
+def test_samples_are_looked_at_chunk_by_chunk(
+    samples: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whole rows of quads, at least one, and all of them in turn; a row has 45 samples here."""
+    setting = setting_of()
+    assert setting.samples == 3
+    whole = Looks(setting)
+    monkeypatch.setattr(sights_module, "CHUNK_SAMPLES", samples)
+    looks = Looks(setting)
+    chunks = list(looks.chunks())
+    step = 4 if samples == 1 << 16 else max(1, samples // (5 * setting.samples**2))
+    assert chunks == [(row, min(row + step, 4)) for row in range(0, 4, step)]
+    for read in ("on_field", "on_mask"):
+        parts = [getattr(looks, read)(chunk) for chunk in chunks]
+        for axis, wanted in enumerate(getattr(whole, read)((0, 4))):
+            np.testing.assert_array_equal(np.concatenate([part[axis] for part in parts]), wanted)
+
+
+def test_samples_lie_evenly_in_every_quad() -> None:
+    setting = setting_of(camera=CameraConfig(frame_quads=(5, 4)))
+    count = setting.samples
+    x, y = Looks(setting).on_field((1, 3))
+    across = (np.arange(5 * count) + 0.5) / (5 * count)
+    down = (np.arange(count, 3 * count) + 0.5) / (4 * count)
+    np.testing.assert_allclose(x.reshape(2 * count, -1), np.tile(across, (2 * count, 1)), atol=1e-8)
+    np.testing.assert_allclose(y.reshape(2 * count, -1)[:, 0], down, atol=1e-8)
+    mask_x, mask_y = Looks(setting).on_mask((1, 3))
+    np.testing.assert_allclose([mask_x, mask_y], [12 * x, 9 * y], atol=1e-7)
+
+
+def test_scattered_samples_lie_evenly_and_each_in_its_share_of_a_quad() -> None:
+    setting = Setting(setting_of().believed, Truth(), (40, 50))
+    count = setting.samples
+    raster, scattered = (
+        np.stack(looks.on_field((0, 40))) * [[50.0 * count], [40.0 * count]]
+        for looks in (Looks(setting), Scattered(setting))
+    )
+    aside = scattered - raster
+    assert np.abs(aside).max() <= 0.5 + 1e-6
+    # As evenly beside their places as 8 x 8 parts of a share can be filled.
+    part = np.clip((8 * (aside + 0.5)).astype(int), 0, 7)
+    filled = np.bincount(part[0] * 8 + part[1], minlength=64)
+    assert filled.max() < 1.2 * filled.min()
+    parts = [Scattered(setting).on_field((row, row + 8)) for row in range(0, 40, 8)]
+    whole = np.stack(Scattered(setting).on_field((0, 40)))
+    np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
+
+
+def test_of_a_camera_with_one_sample_a_quad_none_is_scattered() -> None:
+    setting = Setting(setting_of().believed, Truth(camera=TrueCamera(samples=1)), (1, 1))
+    for read in ("on_field", "on_mask"):
+        assert getattr(Scattered(setting), read)((0, 1)) == getattr(Looks(setting), read)((0, 1))
+
+
+@pytest.mark.parametrize("blur", [0.0, 1.5])
+@pytest.mark.parametrize("masked", [True, False])
+@pytest.mark.parametrize("chunk", [1 << 16, 50])
+def test_each_sample_has_its_sight(
+    blur: float, masked: bool, chunk: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The site of either panel and the cell, or nowhere, of every sample and tap."""
+    monkeypatch.setattr(sights_module, "CHUNK_SAMPLES", chunk)
+    mask_config = PanelConfig(size_px=(12, 9), blur_px=blur, place=Placing(scale=0.8))
+    camera = CameraConfig(place=Placing(turn_deg=5.0, scale=1.3))
+    setting = setting_of(mask=mask_config, camera=camera)
+    truth, true = setting.truth, setting.true
+    kind = Kind((3, 4), "quarter", True)
+    lit = PanelSites(setting.drawn.projector, kind, truth.projector, true.projector)
+    mask = PanelSites(setting.drawn.mask, kind, truth.mask, true.mask)
+    cells, looks = CellGrid((3, 4), smooth=False), Looks(setting)
+    sights = look(looks, setting, cells, lit, mask if masked else None)
+    assert len({*zip(sights.mask, sights.lit, sights.place, strict=True)}) == len(sights.mask)
+    assert len(sights.runs) == len(list(looks.chunks()))
+    for number, span in enumerate(looks.chunks()):
+        x, y = looks.on_field(span)
+        assert len(sights.runs[number]) == len(setting.taps)
+        for which, (tap, runs) in enumerate(zip(setting.taps, sights.runs[number], strict=True)):
+            sight = runs.spread(x.size)
+            before = pixels(mask.image, *looks.on_mask(span), missing=0)
+            np.testing.assert_array_equal(sights.mask[sight], before if masked else 0 * before)
+            behind = pixels(lit.image, *looks.on_projector(span, which), missing=NOWHERE)
+            np.testing.assert_array_equal(sights.lit[sight], behind)
+            place = cells.at(x + tap.offset[0], y + tap.offset[1])
+            np.testing.assert_array_equal(sights.place[sight], place)
+    assert (sights.lit == NOWHERE).any() and (sights.place == NOWHERE).any()
+
+
+def test_what_lies_infinitely_far_has_shares_without_a_warning() -> None:
+    shares = CellGrid((2, 3), smooth=True).shares(np.array([np.inf, 0.5]), np.array([0.5, -np.inf]))
+    assert np.isfinite(shares).all()
+
+
+def test_sights_are_shown_without_their_runs() -> None:
+    few = np.zeros(1, np.int64)
+    assert "runs" not in repr(sights_module.Sights(few, few, few, []))

@@ -1,0 +1,237 @@
+"""Tables of what pairs of sites did, light under an uneven projector, and which bench is needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import scipy
+
+from pdcd.bench.tables import CameraConfig, Config, PanelConfig, SceneConfig
+from pdcd.bench.truth import TruePanel, Truth
+from pdcd.panels.placing import Placing
+from pdcd.probing.panel import Kept, Trajectory
+from pdcd.virtual.optics import bench as benches
+from pdcd.virtual.optics import products, render
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.lit import Lit
+from pdcd.virtual.optics.lookup import every
+from pdcd.virtual.optics.needed import optics_of, windows_cut
+from pdcd.virtual.optics.products import Exposure, Pairs, distinct
+from pdcd.virtual.optics.setting import Setting, falloff
+from pdcd.virtual.optics.sites import Kind, PanelSites
+from pdcd.virtual.optics.spread import CellLight
+from pdcd.virtual.scene.effects import Dense, coloured_direct, rgb
+from pdcd.virtual.scene.scene import Scene
+from tests.unit.virtual.optics.test_bench import coded, config_of, exposure_of, scene_of, white
+
+RNG = np.random.default_rng(6)
+
+
+def test_pairs_of_histories_are_counted_once() -> None:
+    pairs = Pairs(np.array([0, 1, 2, 2, 1]), np.array([3, 3, 0, 1, 2]))
+    mask, other = np.array([5, 4, 4]), np.array([0, 0, 7, 0])
+    few, which = distinct(pairs, mask, other)
+    made = list(zip(few.mask.tolist(), few.other.tolist(), strict=True))
+    assert sorted(made) == [(4, 0), (4, 7), (5, 0)]
+    assert [made[at] for at in which] == [(5, 0), (4, 0), (4, 0), (4, 0), (4, 7)]
+    cells, which = distinct(pairs, mask, None)
+    made = list(zip(cells.mask.tolist(), cells.other.tolist(), strict=True))
+    assert [made[at] for at in which] == [(5, 3), (4, 3), (4, 0), (4, 1), (4, 2)]
+    none, which = distinct(Pairs(np.zeros(0, np.int64), np.zeros(0, np.int64)), mask, other)
+    assert none.mask.size == which.size == 0
+
+
+def test_all_pairs_lie_in_the_order_of_a_table() -> None:
+    pairs = every(2, 3)
+    assert pairs.mask.tolist() == [0, 0, 0, 1, 1, 1] and pairs.other.tolist() == [0, 1, 2] * 2
+    assert every(2, 0).mask.size == every(2, 0).other.size == 0
+
+
+def test_an_effect_is_lit_unevenly() -> None:
+    transport, light = RNG.random((5, 5)), RNG.random(5)
+    effect = Dense("glow", transport, tint=rgb(0.1, 0.2, 0.3))
+    lit = Lit(effect, light)
+    scaled = Dense("glow", transport * light, tint=rgb(0.1, 0.2, 0.3))
+    left, right = RNG.random((3, 5)), RNG.random((3, 5))
+    np.testing.assert_allclose(lit.apply(left), scaled.apply(left))
+    np.testing.assert_allclose(lit.probe(left, right), scaled.probe(left, right))
+    np.testing.assert_allclose(lit.diagonal(), scaled.diagonal())
+    np.testing.assert_allclose(lit.dense(), scaled.dense())
+    assert lit.name == "glow" and lit.coaxial is effect.coaxial
+    np.testing.assert_array_equal(lit.tint, effect.tint)
+
+
+def bench_of(scene: Scene, **more: Any) -> OpticalBench:
+    return OpticalBench(config_of(camera=CameraConfig(frame_quads=(8, 6)), **more), scene, (6, 8))
+
+
+def test_a_covered_lens_lets_nothing_out_and_ambient_light_in() -> None:
+    scene = scene_of()
+    lights = RNG.random((12, 3))
+    dim = Scene("s", scene.grid, scene.effects, ambient=lights)
+    frames = white()
+    given = exposure_of(frames)
+    covered = Exposure(frames, given.log, given.open_ns, given.close_ns, covered=True)
+    for one, ambient in ((scene, 0.0 * lights), (dim, lights)):
+        bench = bench_of(one)
+        found = bench.photo(covered) / (given.log.end_ns[0] - given.log.primal_ns[0]) * 1e9
+        quads = ambient.reshape(3, 4, 3).repeat(2, axis=0).repeat(2, axis=1)
+        np.testing.assert_allclose(found, quads, atol=1e-9)
+        assert bench.photo(given).min() > found.min()
+
+
+@pytest.mark.parametrize("effects", [0, 1, 3, 4, 6])
+@pytest.mark.parametrize("room", [48 * 2**20, 1])
+def test_light_of_any_number_of_effects_comes_together(
+    effects: int, room: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A photo is the sum of those of its effects, however much is worked on at a time."""
+    monkeypatch.setattr(products, "CHUNK_BYTES", room)
+    monkeypatch.setattr(render, "KEPT_BYTES", room)
+    direct = coloured_direct(RNG.random((12, 3)))
+    more = [Dense(f"d{n}", RNG.random((12, 12)), tint=rgb(*RNG.random(3))) for n in range(effects)]
+    exposure = exposure_of(coded(np.random.default_rng(1)))
+    whole = bench_of(Scene("s", (3, 4), (*direct, *more)))
+    found = whole.photo(exposure)
+    parts = bench_of(Scene("s", (3, 4), tuple(direct))).photo(exposure)
+    for effect in more:
+        parts = parts + bench_of(Scene("s", (3, 4), (effect,))).photo(exposure)
+    np.testing.assert_allclose(found, parts, rtol=1e-10)
+    np.testing.assert_array_equal(whole.photo(exposure), found)
+
+
+def test_a_bench_knows_what_it_is_made_of(tmp_path: Path) -> None:
+    scene = scene_of()
+    bench = bench_of(scene)
+    assert bench.scene is scene and bench.frame == (6, 8) and bench.inside.all()
+    assert bench.truth == Truth() and bench.true.projector == bench.true.projector
+    turned = CameraConfig(frame_quads=(8, 6), place=Placing(scale=1.25))
+    inside = OpticalBench(config_of(camera=turned), scene, (6, 8)).inside
+    # The frame is a quarter larger than the field: one quad less on either side, and by rounding
+    # the field's border runs through the first one.
+    assert inside.sum() == 4 * 6 and not inside[0].any() and not inside[:, -1].any()
+
+
+@pytest.mark.parametrize(("beyond", "inside"), [(0.5e-9, True), (1.5e-9, False)])
+def test_quads_lie_inside_up_to_the_border_by_rounding(beyond: float, inside: bool) -> None:
+    larger = CameraConfig(frame_quads=(8, 6), place=Placing(scale=1.0 + 2.0 * beyond))
+    found = OpticalBench(config_of(camera=larger), scene_of(), (6, 8)).inside
+    assert found[1:-1, 1:-1].all()
+    for edge in (found[0], found[-1], found[:, 0], found[:, -1]):
+        assert edge.all() == inside and edge.any() == inside
+
+
+def test_a_few_ways_of_driving_the_panels_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benches, "KEPT", 1)
+    bench, other = bench_of(scene_of()), bench_of(scene_of())
+    first, second = exposure_of(white()), exposure_of(coded(np.random.default_rng(1)))
+    for exposure in (first, second, first, second):
+        np.testing.assert_array_equal(bench.photo(exposure), other.photo(exposure))
+        other = bench_of(scene_of())
+
+
+def cell_light(size: tuple[int, int], grid: tuple[int, int], **panel: Any) -> Any:
+    config = msgspec.structs.replace(
+        Config(), projector=PanelConfig(size_px=size, **panel), scene=SceneConfig(grid=grid)
+    )
+    config = msgspec.structs.replace(config, mask=PanelConfig(size_px=size))
+    setting = Setting(config, Truth(), (4, 4))
+    sites = PanelSites(
+        setting.drawn.projector, Kind(grid, "whole", True), TruePanel(), config.projector
+    )
+    return CellLight.of(setting, grid), sites
+
+
+@pytest.mark.parametrize(("size", "grid"), [((12, 8), (2, 3)), ((13, 9), (2, 3)), ((4, 2), (4, 8))])
+def test_each_cell_is_lit_by_the_pixels_on_it(size: tuple[int, int], grid: tuple[int, int]) -> None:
+    light, _ = cell_light(size, grid)
+    cells = grid[0] * grid[1]
+    assert light.cells == cells
+    table = np.zeros((size[0] * size[1], cells))
+    np.add.at(table, (light.pixel, light.cell), light.share)
+    # What a pixel covers of a cell, across times down, to the pitch of the points.
+    parts = []
+    for pixels, count in ((size[1], grid[0]), (size[0], grid[1])):
+        edges, ends = np.arange(pixels + 1) / pixels, np.arange(count + 1) / count
+        low = np.maximum(edges[:-1, None], ends[:-1])
+        high = np.minimum(edges[1:, None], ends[1:])
+        parts.append(np.clip(high - low, 0.0, None) * count)
+    wanted = np.einsum("yr,xc->yxrc", *parts).reshape(table.shape)
+    np.testing.assert_allclose(table.sum(axis=0), 1.0)
+    np.testing.assert_allclose(table, wanted, atol=0.04 if size[0] % grid[1] else 1e-12)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_sites_light_what_their_pixels_light(uneven: bool) -> None:
+    light, sites = cell_light((12, 8), (2, 3), place=Placing(turn_deg=20.0, scale=0.8))
+    bright = falloff(0.5, (12, 8)) if uneven else None
+    found = light.by_site(sites, bright)
+    assert isinstance(found, scipy.sparse.csr_array) and found.shape == (len(sites), 6)
+    table = np.zeros((96, 6))
+    np.add.at(table, (light.pixel, light.cell), light.share)
+    weight = np.ones(96) if bright is None else bright.ravel()
+    wanted = np.zeros(found.shape)
+    np.add.at(wanted, sites.image.ravel(), table * weight[:, None])
+    np.testing.assert_allclose(found.toarray(), wanted, atol=1e-12)
+    assert wanted.sum() < 6.0 - 0.1  # beside the panel it is dark
+
+
+def test_edges_of_windows_fall_within_cells_or_do_not() -> None:
+    config = config_of()
+    assert not windows_cut(config, (3, 4), "whole") and windows_cut(config, (3, 4), "quarter")
+    moved = msgspec.structs.replace(config.mask, offset_px=(5.0, 0.0))
+    offset = msgspec.structs.replace(config, mask=moved)
+    assert windows_cut(offset, (3, 4), "whole")
+
+
+@pytest.mark.parametrize(
+    ("quads", "cut", "textured", "needed"),
+    [
+        (1, False, False, False), (1, True, False, False), (1, True, True, False),
+        (2, False, False, False), (2, True, False, True), (2, False, True, True),
+    ],
+)  # fmt: skip
+def test_finer_quads_are_needed_where_there_is_something_finer(
+    quads: int, cut: bool, textured: bool, needed: bool
+) -> None:
+    texture = RNG.random((6, 8, 3)) + 0.1 if textured else None
+    config = config_of(camera=CameraConfig(quads_per_cell=quads))
+    bench = optics_of(config, scene_of(texture), cut=cut)
+    assert (bench is not None) is needed
+    if bench is not None:
+        assert bench.frame == (6, 8)
+
+
+def test_photos_are_the_same_whether_what_the_mask_did_is_kept_or_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slow = PanelConfig(size_px=(96, 72), rise_s=0.002, fall_s=0.005, contrast=80.0)
+    scanned = msgspec.structs.replace(slow, scan_s=0.012, scan_bands=5)
+    late = msgspec.structs.replace(slow, scan_s=-0.009, scan_bands=3, skew_s=0.004)
+    config = config_of(projector=scanned, mask=late, camera=CameraConfig(frame_quads=(21, 15)))
+    bench = optics_of(config, scene_of())
+    assert bench is not None
+    kept = count_kept(monkeypatch)
+    exposure = exposure_of(coded(np.random.default_rng(1)))
+    once = bench.photo(exposure)
+    assert kept == [True] * 3
+    monkeypatch.setattr(products, "KEPT_BYTES", 0)
+    np.testing.assert_array_equal(bench.photo(exposure), once)
+    assert kept == [True] * 3
+
+
+def count_kept(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """An entry for each band of the mask that was kept."""
+    found: list[bool] = []
+
+    class Counted(Kept):
+        def __init__(self, track: Trajectory) -> None:
+            super().__init__(track)
+            found.append(True)
+
+    monkeypatch.setattr(products, "Kept", Counted)
+    return found

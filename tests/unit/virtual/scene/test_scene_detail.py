@@ -1,0 +1,135 @@
+"""Presets in detail: drawn when asked for, true to their cells, with text that can be read."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from pdcd.bench.tables import SceneConfig
+from pdcd.virtual.scene.build import build_scene
+from pdcd.virtual.scene.effects import Array
+from pdcd.virtual.scene.presets import PRESETS, book, detail, letters
+from pdcd.virtual.scene.scene import Scene
+from pdcd.virtual.scene.texture import cell_means, detailed
+from tests.sampled import sampled
+
+GRID = (24, 32)
+CELL_MEANS = {
+    "open-book": (0.02, 0.02),
+    "wax-disk": (0.02, 0.03),
+    "disco-ball": (0.06, 0.30),
+    "milky-bottle": (0.03, 0.04),
+    "mirror-and-vase": (0.08, 0.20),
+}
+"""Most that direct and indirect light in detail may differ from the cells' own, RMS over RMS: light
+is linear between cells, which takes the peaks off what is as small as a cell."""
+
+
+@cache
+def preset(kind: str) -> Scene:
+    return build_scene(SceneConfig(kind=kind, grid=GRID))
+
+
+def pixels(height: int, width: int) -> Array:
+    """Centres of the pixels of a raster over the field, (height, width, 2)."""
+    x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
+    return np.stack([x, y], axis=-1)
+
+
+@pytest.mark.parametrize(
+    "kind", sampled(["wax-disk", "disco-ball", "mirror-and-vase", "open-book", "milky-bottle"], 3)
+)
+def test_textures_are_true_to_the_cells(kind: str) -> None:
+    scene = preset(kind)
+    assert scene.textures is not None
+    places = pixels(384, 512)  # every second pixel
+    limits = CELL_MEANS[kind]
+    for texture, cells, limit in zip(scene.textures, scene.split(), limits, strict=True):
+        assert texture.shape == (768, 1024, 3) and texture.dtype == np.float64
+        assert texture.min() > 0.0 and np.isfinite(texture).all()
+        light = cell_means(detailed(cells, GRID, texture, places), GRID)
+        assert np.sqrt(np.mean((light - cells) ** 2) / np.mean(cells**2)) < limit
+    # And it holds what cells cannot.
+    first = scene.textures[0]
+    means = cell_means(first, GRID).reshape(*GRID, 3).repeat(32, axis=0).repeat(32, axis=1)
+    assert np.sqrt(np.mean((first - means) ** 2) / np.mean(first**2)) > 0.1
+
+
+def test_scenes_of_any_grid_share_their_texture() -> None:
+    first, other = (
+        preset("milky-bottle"),
+        build_scene(SceneConfig(kind="milky-bottle", grid=(3, 4))),
+    )
+    assert first.texture is other.texture and first.indirect_texture is other.indirect_texture
+    assert first.texture is not None
+    with pytest.raises(ValueError, match="read-only"):
+        first.texture[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("kind", sorted(PRESETS))
+def test_no_texture_is_drawn_before_it_is_asked_for(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(shape: tuple[int, int]) -> None:
+        raise AssertionError(f"a raster of {shape} was asked for")
+
+    monkeypatch.setattr(detail, "Raster", refuse)
+    # A grid and a seed of its own: other tests may have built, and drawn, the usual ones.
+    scene = build_scene(SceneConfig(kind=kind, grid=(5, 9), ambient=0.1, options={"seed": 7}))
+    scene.white()
+    with pytest.raises(AssertionError, match="768, 1024"):
+        _ = scene.texture
+
+
+def test_scratches_are_on_the_wax_and_not_in_it() -> None:
+    surface, glow = preset("wax-disk").textures or (None, None)
+    assert surface is not None and glow is not None
+    wax = (slice(480, 560), slice(400, 600))  # below the key
+    np.testing.assert_allclose(glow[wax], glow[wax][0, 0] * np.ones((80, 200, 1)), rtol=1e-12)
+    assert surface[wax].max() > 1.3 * np.median(surface[wax])
+
+
+def test_ink_lies_where_the_words_of_the_title_stand() -> None:
+    texture = preset("open-book").texture
+    assert texture is not None
+    flat = detail.written([(book.TITLE, book.RIGHT[0], -0.54, book.TITLE_SIZE)])
+    x = (np.arange(1024) + 0.5) / 384.0 - 4.0 / 3.0
+    title = detail.stretched(flat, 1.0 + book.CURVE * np.abs(x))
+    area = (slice(100, 180), slice(560, 940), 0)
+    ink, paper = texture[title > 0.99][:, 0], texture[area][title[area[:2]] == 0.0]
+    assert ink.size > 3000 and ink.max() < 0.1
+    assert np.percentile(paper, 10) > 0.75
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.625])
+def test_every_letter_is_told_from_all_others(scale: float) -> None:
+    """At the size of the book's text, at a projector's pixels and at 640 x 480."""
+    size, shape = book.SIZE * detail.PIXELS, (24, 20)
+    rows, cols = round(38 / scale), round(32 / scale)
+
+    def seen(character: str, shift: int) -> Array:
+        line = letters.line(character, size)[:38, :31]
+        room = np.zeros((rows, cols, 1))
+        room[: line.shape[0], shift : shift + line.shape[1], 0] = line
+        return cell_means(room, (38, 32) if scale == 1.0 else shape)[:, 0]
+
+    known = {character: seen(character, 0) for character in letters.STROKES}
+    for character in letters.STROKES:
+        found = seen(character, 1)
+        nearest = min(known, key=lambda one: float(np.sum((known[one] - found) ** 2)))
+        assert nearest == character
+
+
+def test_a_line_is_as_wide_as_its_letters_and_knows_no_others() -> None:
+    assert letters.width("ab c", 10.0) == pytest.approx(
+        letters.width("a", 10.0) + letters.width("b", 10.0) + letters.width("c", 10.0) + 5.0
+    )
+    image = letters.line("ab c", 10.0)
+    assert image.shape == (24, int(np.ceil(letters.width("ab c", 10.0))) + 2)
+    assert image.min() == 0.0 and image.max() == 1.0
+    with pytest.raises(KeyError, match="%"):
+        letters.line("a %", 10.0)
+    for sentence in (book.TITLE, *book.SENTENCES):
+        assert letters.line(sentence, 5.0).any()

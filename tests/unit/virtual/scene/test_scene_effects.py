@@ -1,0 +1,327 @@
+"""Every effect against its own matrix, and the matrix against a definition written as loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import scipy.sparse
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pdcd.virtual.scene import kernel as kernel_module
+from pdcd.virtual.scene.effects import (
+    Array,
+    Dense,
+    Direct,
+    Effect,
+    LowRank,
+    Sparse,
+    both_ways,
+    coloured_direct,
+    rgb,
+)
+from pdcd.virtual.scene.kernel import Kernel, gaussian
+from pdcd.virtual.scene.milk import milk
+from pdcd.virtual.scene.radiosity import Radiosity, Relief, hat_weights, radiosity
+from pdcd.virtual.scene.scene import Scene
+
+Maker = Callable[[tuple[int, int], np.random.Generator], Effect]
+
+
+def make_direct(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
+    return Direct("d", rng.random(grid[0] * grid[1]))
+
+
+def make_low_rank(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
+    n = grid[0] * grid[1]
+    return LowRank("l", rng.random((n, 2)), rng.random((n, 2)))
+
+
+def make_sparse(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
+    n = grid[0] * grid[1]
+    return Sparse("s", scipy.sparse.csr_array(rng.random((n, n)) * (rng.random((n, n)) < 0.1)))
+
+
+def make_dense(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
+    n = grid[0] * grid[1]
+    return Dense("m", rng.random((n, n)))
+
+
+def make_gaussian(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
+    n = grid[0] * grid[1]
+    return Kernel("g", grid, gaussian(grid, (1.0, 0.8), 1.7), rng.random(n), rng.random(n))
+
+
+def make_any_kernel(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
+    n = grid[0] * grid[1]
+    return Kernel("k", grid, rng.random((5, 3)), rng.random(n), rng.random(n))
+
+
+def make_radiosity(grid: tuple[int, int], rng: np.random.Generator) -> Effect:
+    n = grid[0] * grid[1]
+    height = 2.0 * rng.random(grid)
+    return radiosity("r", Relief(height, (1.0, 0.8)), 0.9 * rng.random((n, 1)), [np.ones(3)])[0]
+
+
+MAKERS: tuple[Maker, ...] = (
+    make_direct,
+    make_low_rank,
+    make_sparse,
+    make_dense,
+    make_gaussian,
+    make_any_kernel,
+    make_radiosity,
+)
+GRIDS = [(1, 1), (1, 7), (5, 1), (4, 6), (7, 11), (13, 17)]
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+@pytest.mark.parametrize("maker", MAKERS)
+def test_apply_probe_and_diagonal_agree_with_the_matrix(
+    maker: Maker, grid: tuple[int, int]
+) -> None:
+    rng = np.random.default_rng(1)
+    effect = maker(grid, rng)
+    n = grid[0] * grid[1]
+    matrix = effect.dense()
+    light, left, right = rng.random((3, n)), rng.normal(size=(5, n)), rng.normal(size=(5, n))
+    probing = left.T @ right
+    scale = max(1.0, float(matrix.max()) * n)
+    assert matrix.shape == (n, n)
+    np.testing.assert_allclose(effect.apply(light), light @ matrix.T, atol=1e-12 * scale)
+    np.testing.assert_allclose(
+        effect.probe(left, right), (probing * matrix).sum(axis=1), atol=1e-12 * scale
+    )
+    np.testing.assert_allclose(effect.diagonal(), np.diag(matrix), atol=1e-12)
+    seen, lit = rng.integers(0, n, (2, 40))
+    columns = effect.apply(np.eye(n))  # what each cell lit alone makes seen
+    np.testing.assert_allclose(effect.entries(seen, lit), columns[lit, seen], atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_inputs_are_left_as_they_were(maker: Maker) -> None:
+    effect = maker((3, 4), np.random.default_rng(2))
+    light = np.random.default_rng(3).random((2, 12))
+    before = light.copy()
+    effect.apply(light)
+    effect.probe(light, light)
+    effect.diagonal()[:] = -1.0
+    effect.dense()[:] = -1.0
+    np.testing.assert_array_equal(light, before)
+    assert effect.dense().min() >= 0.0
+    assert effect.diagonal().min() >= 0.0
+
+
+def test_kernel_matrix_is_the_sum_over_offsets() -> None:
+    rng = np.random.default_rng(4)
+    rows, cols = 3, 4
+    taps, out, into = rng.random((3, 5)), rng.random(12), rng.random(12)
+    expected = np.zeros((12, 12))
+    for y_to in range(rows):
+        for x_to in range(cols):
+            for y_from in range(rows):
+                for x_from in range(cols):
+                    down, across = y_to - y_from, x_to - x_from
+                    if abs(down) <= 1 and abs(across) <= 2:
+                        n, m = y_to * cols + x_to, y_from * cols + x_from
+                        expected[n, m] = out[n] * taps[down + 1, across + 2] * into[m]
+    np.testing.assert_array_equal(
+        Kernel("k", (rows, cols), taps, out, into).dense(), expected.astype(np.float64)
+    )
+
+
+def test_low_rank_and_radiosity_matrices_are_their_products() -> None:
+    rng = np.random.default_rng(5)
+    a, b = rng.random((4, 2)), rng.random((4, 2))
+    low = LowRank("l", a, b).dense()
+    for n in range(4):
+        for m in range(4):
+            assert low[n, m] == pytest.approx(sum(a[n, j] * b[m, j] for j in range(2)), rel=1e-14)
+
+    albedo, exchange = rng.random(6), rng.random((4, 4))
+    down, across = rng.random((2, 2)), rng.random((3, 2))
+    matrix = Radiosity("r", (2, 3), albedo, exchange, down, across).dense()
+    for n in range(6):
+        for m in range(6):
+            total = 0.0
+            for i in range(4):
+                for j in range(4):
+                    to = down[n // 3, i // 2] * across[n % 3, i % 2]
+                    start = down[m // 3, j // 2] * across[m % 3, j % 2]
+                    total += to * exchange[i, j] * start
+            assert matrix[n, m] == pytest.approx(albedo[n] * total * albedo[m], rel=1e-13)
+
+
+def test_both_routes_of_a_kernel_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(6)
+    grid, light = (9, 11), rng.random((4, 99))
+    taps, ones = rng.random((17, 21)), np.ones(99)
+    monkeypatch.setattr(kernel_module, "FFT_COST", 0)
+    by_fourier = Kernel("k", grid, taps, ones, ones)
+    spread = by_fourier.apply(light)
+    assert by_fourier._factors == ()
+    monkeypatch.setattr(kernel_module, "FFT_COST", 10**9)
+    separable = Kernel("k", grid, taps, ones, ones)
+    np.testing.assert_allclose(separable.apply(light), spread, rtol=1e-12)
+    assert len(separable._factors) == 17
+    np.testing.assert_allclose(spread, light @ separable.dense().T, rtol=1e-12)
+
+
+def test_a_gaussian_is_one_separable_term_and_keeps_its_light() -> None:
+    grid = (40, 50)
+    taps = gaussian(grid, (0.5, 0.25), 1.0)
+    assert taps.shape == (79, 99)
+    assert taps.sum() == pytest.approx(1.0, abs=1e-12)
+    offsets = 0.5 * np.arange(-39, 40)
+    assert (taps.sum(axis=1) * offsets**2).sum() == pytest.approx(1.0, rel=1e-6)
+    ones = np.ones(2000)
+    kernel = Kernel("g", grid, taps, ones, ones)
+    assert len(kernel._factors) == 1
+    # The centre keeps nearly all; a corner loses what lies beyond two edges.
+    lit = np.zeros((2, 2000))
+    lit[0, 20 * 50 + 25], lit[1, 0] = 1.0, 1.0
+    back = kernel.apply(lit).sum(axis=1)
+    assert back[0] == pytest.approx(1.0, abs=1e-6)
+    assert 0.25 < back[1] < 0.5
+
+
+def test_a_wide_gaussian_on_a_small_grid_loses_light_instead_of_gaining() -> None:
+    taps = gaussian((3, 3), (1.0, 1.0), 10.0)
+    assert taps.sum() < 0.05
+    assert taps[2, 2] == pytest.approx(1.0 / (2 * np.pi * 100.0), rel=1e-3)
+
+
+def test_only_direct_light_is_coaxial() -> None:
+    rng = np.random.default_rng(7)
+    assert [maker((2, 2), rng).coaxial for maker in MAKERS] == [True] + [False] * 6
+
+
+def test_coloured_direct_gives_each_channel_its_own_albedo() -> None:
+    albedo = np.random.default_rng(8).random((6, 3))
+    scene = Scene("s", (2, 3), coloured_direct(albedo))
+    np.testing.assert_allclose(scene.white(), albedo, rtol=1e-15)
+
+
+def test_both_ways_adds_the_reverse_of_every_path() -> None:
+    one_way = scipy.sparse.coo_array(([0.5, 0.25], ([0, 2], [1, 0])), shape=(3, 3))
+    matrix = both_ways("m", one_way, np.ones(3)).dense()
+    np.testing.assert_array_equal(matrix, [[0, 0.5, 0.25], [0.5, 0, 0], [0.25, 0, 0]])
+
+
+def test_hat_weights_share_each_cell_out_completely() -> None:
+    for cells, patches in ((1, 1), (7, 7), (13, 4), (64, 16)):
+        weights = hat_weights(cells, patches)
+        assert weights.min() >= 0.0
+        np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-14)
+        assert (weights > 0).sum(axis=1).max() <= 2
+    np.testing.assert_array_equal(hat_weights(7, 7), np.eye(7))
+
+
+@given(
+    st.sampled_from(MAKERS),
+    st.integers(1, 5),
+    st.integers(1, 5),
+    st.integers(0, 2**32 - 1),
+    st.floats(-3, 3),
+)
+@settings(deadline=None, derandomize=True, max_examples=50)
+def test_effects_are_linear(maker: Maker, rows: int, cols: int, seed: int, factor: float) -> None:
+    rng = np.random.default_rng(seed)
+    effect = maker((rows, cols), rng)
+    x, y, left = (rng.normal(size=(2, rows * cols)) for _ in range(3))
+    np.testing.assert_allclose(
+        effect.apply(x + factor * y), effect.apply(x) + factor * effect.apply(y), atol=1e-11
+    )
+    both = effect.probe(np.vstack([left, left]), np.vstack([x, factor * y]))
+    np.testing.assert_allclose(both, effect.probe(left, x + factor * y), atol=1e-11)
+
+
+def small_scene(ambient: Array | None = None) -> Scene:
+    rng = np.random.default_rng(9)
+    grid, n = (3, 4), 12
+    effects = (
+        Direct("direct", rng.random(n), tint=rgb(1.0, 0.5, 0.25)),
+        Kernel("blur", grid, rng.random((3, 3)), rng.random(n), rng.random(n)),
+        LowRank("veil", rng.random((n, 1)), rng.random((n, 1)), tint=rgb(0.1, 0.2, 0.3)),
+        Dense("rest", rng.random((n, n)), tint=rgb(0.3, 0.1, 0.0)),
+    )
+    return Scene("small", grid, effects, ambient)
+
+
+def test_scene_views_agree_with_its_matrix() -> None:
+    scene = small_scene()
+    whole = scene.dense()
+    np.testing.assert_allclose(
+        whole, sum(e.tint[:, None, None] * e.dense() for e in scene.effects), rtol=1e-15
+    )
+    np.testing.assert_allclose(scene.white(), whole.sum(axis=2).T, rtol=1e-13)
+    direct, indirect = scene.split()
+    np.testing.assert_allclose(direct, np.diagonal(whole, axis1=1, axis2=2).T, rtol=1e-14)
+    off = whole * (1 - np.eye(12))
+    np.testing.assert_allclose(indirect, off.sum(axis=2).T, rtol=1e-12)
+    light = np.random.default_rng(10).random((5, 12))
+    np.testing.assert_allclose(
+        scene.apply(light), np.einsum("cnm,bm->bnc", whole, light), rtol=1e-13
+    )
+
+
+def test_photo_is_the_probed_matrix_when_cells_have_no_inner_structure() -> None:
+    rng = np.random.default_rng(11)
+    scene = small_scene()
+    left, right = rng.random((7, 12)), rng.random((7, 12))
+    probing = left.T @ right
+    photo = scene.photo(left, right, np.diag(probing).copy(), np.zeros(12))
+    expected = np.einsum("nm,cnm->nc", probing, scene.dense())
+    np.testing.assert_allclose(photo, expected, rtol=1e-13)
+
+
+def test_photo_takes_direct_light_and_ambient_by_their_own_times() -> None:
+    rng = np.random.default_rng(12)
+    scene = small_scene(ambient=rng.random((12, 3)))
+    left, right, zero = rng.random((7, 12)), rng.random((7, 12)), np.zeros(12)
+    coaxial, open_s = rng.random(12), rng.random(12)
+    photo = scene.photo(left, right, coaxial, open_s)
+    whole = scene.dense()
+    first = scene.effects[0]
+    whole -= first.tint[:, None, None] * first.dense()
+    expected = np.einsum("nm,cnm->nc", left.T @ right, whole)
+    expected += coaxial[:, None] * first.diagonal()[:, None] * first.tint
+    assert scene.ambient is not None
+    expected += open_s[:, None] * scene.ambient
+    np.testing.assert_allclose(photo, expected, rtol=1e-13)
+
+    first_part = scene.photo(left[:3], right[:3], coaxial, open_s)
+    second_part = scene.photo(left[3:], right[3:], zero, zero)
+    np.testing.assert_allclose(first_part + second_part, photo, rtol=1e-13)
+
+
+def test_ambient_light_is_no_part_of_the_transport() -> None:
+    lit, dark = small_scene(np.ones((12, 3))), small_scene()
+    np.testing.assert_array_equal(lit.white(), dark.white())
+
+
+def milky(depth: float) -> tuple[Array, Array]:
+    """Direct and indirect images of an evenly milky patch over a two-tone surface."""
+    n, grid = 48, (6, 8)
+    albedo = np.where(np.arange(n) % 2, 0.8, 0.2)[:, None] * np.ones(3)
+    effects = milk(grid, (1.0, 1.0), np.full(n, depth), albedo, sigma=1.0, tint=np.ones(3))
+    return Scene("milk", grid, effects).split()
+
+
+def test_clear_water_is_no_medium() -> None:
+    direct, indirect = milky(0.0)
+    np.testing.assert_allclose(direct[:2, 0], [0.2, 0.8])
+    np.testing.assert_array_equal(indirect, 0.0)
+
+
+def test_milk_attenuates_both_ways_and_veils_the_contrast() -> None:
+    direct, indirect = milky(0.5)
+    contrast = direct[1::2].mean() - direct[0::2].mean()
+    # Contrast of the surface survives only by what crosses the medium twice, plus the little
+    # that is blurred back into its own cell.
+    assert np.exp(-1.0) * 0.6 <= contrast < np.exp(-1.0) * 0.6 + 0.05
+    assert indirect.mean() > 0.3 * (1 - np.exp(-1.0))
+    veiled = (direct + indirect)[1::2].mean() / (direct + indirect)[0::2].mean()
+    assert veiled < 0.7 * direct[1::2].mean() / direct[0::2].mean()

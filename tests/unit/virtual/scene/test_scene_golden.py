@@ -1,0 +1,88 @@
+"""Virtual scenes look as they did when the bounds of figures and benchmarks were stated on them.
+
+`tests/data/scenes.npz` has what cells send and the textures' contrast, coarsely: rounding of
+another machine passes, and whatever an eye would see does not. Where a scene is changed on purpose,
+write it anew by ``python -m tests.unit.virtual.scene.test_scene_golden``, and look at the figures
+again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pdcd.virtual.scene.presets import builder_of, kinds
+from pdcd.virtual.scene.scene import Scene
+from tests.places import DATA
+
+GRID = (12, 16)
+GOLDEN = DATA / "scenes.npz"
+NEAR = 2e-3
+"""Largest difference over the RMS of a picture: less than an eye sees."""
+
+
+def built(kind: str) -> Scene:
+    build = builder_of(kind)
+    assert build is not None
+    return build(GRID, {})
+
+
+def cells(kind: str) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """What cells send of direct and of indirect light, and of light from a few single ones."""
+    scene = built(kind)
+    yield from zip(("direct", "indirect"), scene.split(), strict=True)
+    light = np.zeros((4, scene.cells))
+    light[np.arange(4), np.array([20, 70, 105, 150])] = 1.0
+    seen = scene.apply(light)
+    yield "paths", seen.sum(axis=2)
+    if scene.displacement is not None:
+        yield "displacement", np.nan_to_num(scene.displacement, nan=99.0)
+
+
+def contrast(kind: str) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Of textures, over blocks of 64 x 64 pixels: mean and deviation, over the mean of all."""
+    textures = built(kind).textures or ()
+    for name, texture in zip(("texture", "indirect texture"), textures, strict=False):
+        blocks = texture.reshape(12, 64, 16, 64, 3)
+        whole = float(texture.mean())
+        yield f"{name}, mean", blocks.mean(axis=(1, 3)) / whole
+        yield f"{name}, deviation", blocks.std(axis=(1, 3)) / whole
+
+
+def same(found: Iterator[tuple[str, NDArray[np.float64]]], kind: str) -> None:
+    with np.load(GOLDEN) as golden:
+        for name, values in found:
+            wanted = golden[f"{kind}: {name}"].astype(np.float64)
+            scale = max(float(np.sqrt(np.mean(wanted**2))), 1e-9)
+            assert values.shape == wanted.shape
+            assert np.abs(values - wanted).max() <= NEAR * scale, f"{kind}: {name}"
+
+
+@pytest.mark.parametrize("kind", kinds())
+def test_cells_of_a_scene_send_what_they_did(kind: str) -> None:
+    same(cells(kind), kind)
+
+
+DEAR = ("still-life", "glass-and-balls", "ball-wax-book", "disco-ball")
+"""Scenes whose light is followed ray by ray."""
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(k, marks=pytest.mark.long) if k in DEAR else k for k in kinds()],
+)
+def test_textures_of_a_scene_have_the_contrast_that_they_had(kind: str) -> None:
+    same(contrast(kind), kind)
+
+
+if __name__ == "__main__":
+    kept = {
+        f"{kind}: {name}": values.astype(np.float32)
+        for kind in kinds()
+        for made in (cells, contrast)
+        for name, values in made(kind)
+    }
+    np.savez_compressed(GOLDEN, **kept)  # type: ignore[arg-type]
