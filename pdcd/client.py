@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from pdcd.errors import BusyError, PdcdError, ProtocolError, RequestError, of_kind
-from pdcd.files.sending import Sendable, parcels
+from pdcd.files.opening import Sendable, parcels
 from pdcd.protocol.entry import Page, RunQuery, StoredRun
 from pdcd.protocol.events import Attention, Event, read
 from pdcd.protocol.messages import (

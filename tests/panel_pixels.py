@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from pdcd.panels.frames import BLACK, WHITE, Frames
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.map import Map
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import Map, PanelView
 from pdcd.panels.patterns import compact, levels_of
 from pdcd.panels.pixels import Recorder, Shown
 from tests.oracles import GUARDS

@@ -61,10 +61,14 @@ def colouring(memory: Memory[str, tuple[Colouring, Any]]) -> Callable[..., Colou
     """`colour_lattice` that remembers what it is asked for without links."""
 
     def remembered(
-        lattice: tuple[int, int], colours: int, rng: np.random.Generator, links: Any = None
+        lattice: tuple[int, int],
+        colours: int,
+        rng: np.random.Generator,
+        links: Any = None,
+        **apart: Any,
     ) -> Colouring:
-        if links is not None:
-            return colour_lattice(lattice, colours, rng, links)
+        if links is not None or apart:
+            return colour_lattice(lattice, colours, rng, links, **apart)
         key = repr((tuple(lattice), colours, rng.bit_generator.state))
 
         def make() -> tuple[Colouring, Any]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +24,15 @@ from pdcd.bench.placed import frame_of
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
 from pdcd.errors import ExposureError
-from pdcd.panels.buckets import second_bucket
-from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.frames import FrameLog, Frames, second_bucket
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
-from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.needed import optics_of, windows_cut
-from pdcd.virtual.optics.products import Exposure
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from pdcd.virtual.optics.bench import OpticalBench
 
 
 @dataclass
@@ -52,7 +53,7 @@ class Bench:
     """How the shutter of this exposure moved before the panels had settled; '' where it did not."""
     shutter_open: bool = field(default=False)
     second: bool = False
-    """Whether the second bucket of the sensor is read (`pdcd.panels.buckets`)."""
+    """Whether the second bucket of the sensor is read (`pdcd.panels.frames`)."""
     shared: Shared = field(default_factory=Shared)
 
     @classmethod
@@ -170,6 +171,8 @@ class Bench:
                 hint="remove grab_px from display.options, or the truth and places of the bench, "
                 "and leave one quad a cell",
             )
+        from pdcd.virtual.optics.products import Exposure
+
         exposure = Exposure(frames, log, open_ns, close_ns, covered=self.shared.covered)
         if not self.shared.moving:
             return optics.photo(exposure)
@@ -194,6 +197,8 @@ class Bench:
 
     @cached_property
     def _optics_of_pixels(self) -> OpticalBench:
+        from pdcd.virtual.optics.bench import OpticalBench
+
         return OpticalBench(self.config, self.scene, self.frame)
 
     @cached_property

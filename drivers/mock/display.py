@@ -13,9 +13,9 @@ from pdcd.bench.placed import panels_of
 from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
 from pdcd.errors import Cancelled, ConfigError
 from pdcd.panels.balance import play_all, streams
-from pdcd.panels.bitplanes import check_binary
 from pdcd.panels.draw import check_fit
 from pdcd.panels.frames import BLACK, FrameLog, Frames
+from pdcd.panels.patterns import check_binary
 from pdcd.probing.panel import apart_s
 
 from .bench import Bench

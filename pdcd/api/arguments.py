@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdcd.bench.options import convert_field, unknown_key
 from pdcd.errors import RequestError
-from pdcd.files.sending import Sendable
+from pdcd.files.opening import Sendable
 from pdcd.protocol.labels import LABELS
 from pdcd.protocol.request import ARRAYS, CaptureRequest, in_words
 from pdcd.recipes.goals import GOALS

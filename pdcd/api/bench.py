@@ -12,7 +12,7 @@ from pdcd.api.arguments import Arguments, asked
 from pdcd.api.progress import OnEvent, Shown, shown
 from pdcd.api.run import Run, open_run
 from pdcd.errors import of_kind
-from pdcd.files.sending import Sendable
+from pdcd.files.opening import Sendable
 from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from pdcd.bench.config import from_table, load
 from pdcd.bench.measured import calibrated
 from pdcd.bench.reading import sized, text_table
 from pdcd.bench.tables import Config
-from pdcd.files.sending import parcels
+from pdcd.files.opening import parcels
 from pdcd.protocol.events import Event
 from pdcd.protocol.request import CaptureRequest, CaptureResult, PlanSummary, new_job_id
 from pdcd.protocol.views import OwnerView

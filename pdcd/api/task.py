@@ -16,9 +16,7 @@ import numpy as np
 from pdcd.api.local import LocalBench
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError, RequestError
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.opening import contents, open_own
-from pdcd.files.sending import Sendable
+from pdcd.files.opening import Limits, Sendable, Unsound, contents, open_own
 from pdcd.protocol.request import CaptureRequest, CaptureResult, figure_of, quality_of
 from pdcd.recipes.arrays import MOST_ELEMENTS
 from pdcd.version import __version__

@@ -29,8 +29,7 @@ from msgspec import Meta
 
 from pdcd.bench.devices import CameraInfo
 from pdcd.errors import ConfigError
-from pdcd.files.limits import Unsound
-from pdcd.files.opening import open_own
+from pdcd.files.opening import Unsound, open_own
 from pdcd.words import MarksName, SubjectName, VerdictName
 
 RECORD, DIGEST = "calibration.json", "calibration.json.sha256"

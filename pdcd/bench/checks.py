@@ -25,7 +25,7 @@ from pdcd.bench.tables import (
 from pdcd.bench.toml_text import TIMES
 from pdcd.bench.truth import read_truth, scan_fault
 from pdcd.errors import ConfigError
-from pdcd.panels.between_fields import through
+from pdcd.panels.placing import through
 from pdcd.panels.windows import windows
 
 PLANE_TIMES = (0.6, 1.4)

@@ -11,8 +11,7 @@ import msgspec
 from pdcd.bench.reading import Fault
 from pdcd.bench.tables import Config, Lut, PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.files.limits import Unsound
-from pdcd.files.opening import open_own
+from pdcd.files.opening import Unsound, open_own
 from pdcd.panels.curve import LEVELS, Curve, Curves, power, table, table_fault
 
 MAX_BYTES = 2**16

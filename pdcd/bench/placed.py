@@ -10,11 +10,9 @@ from typing import Literal
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError
 from pdcd.panels.atoms import check_cells
-from pdcd.panels.map import Map
+from pdcd.panels.map import Map, PanelView
 from pdcd.panels.map_file import load_map
-from pdcd.panels.map_scale import covers, fewest_pixels
-from pdcd.panels.map_soundness import check_share, share
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map_soundness import check_share, covers, fewest_pixels, share
 from pdcd.panels.placing import placed
 
 Role = Literal["projector", "mask"]

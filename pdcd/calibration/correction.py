@@ -1,6 +1,6 @@
 """A smooth correction of a map, out of offsets that were measured here and there.
 
-The correction is the spline of a map's own residual (`pdcd.panels.map_residual`): its nodes are
+The correction is the spline of a map's own residual (`pdcd.panels.distortion`): its nodes are
 fitted to the offsets, by reweighted least squares (Cauchy), with a penalty on second differences
 that carries it where nothing was measured. So it goes into the map's residual without loss, and can
 be repeated.
@@ -18,8 +18,8 @@ from scipy.interpolate import CubicSpline
 
 from pdcd.calibration.registration import Offsets
 from pdcd.errors import CalibrationError
+from pdcd.panels.distortion import Residual
 from pdcd.panels.map import Map, between
-from pdcd.panels.map_residual import Residual
 from pdcd.panels.map_soundness import check
 
 Floats = NDArray[np.float64]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from pdcd.calibration.phase import Decoded
 from pdcd.errors import CalibrationError
-from pdcd.panels.between_fields import through
 from pdcd.panels.map import Map
+from pdcd.panels.placing import through
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -22,8 +22,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from pdcd.errors import CalibrationError, ConfigError
+from pdcd.panels.distortion import Nodes
 from pdcd.panels.map import Map, matrix
-from pdcd.panels.map_residual import Nodes
 from pdcd.panels.map_soundness import check
 
 Floats = NDArray[np.float64]
@@ -265,7 +265,7 @@ class _Model:
 
     def basis(self, source_px: Floats) -> Floats:
         """Displacement at points (n, 2) by a node of 1: (n, nodes).
-        `pdcd.panels.map_residual.Residual` is the same spline."""
+        `pdcd.panels.distortion.Residual` is the same spline."""
         rows, cols = self._nodes
         at = np.clip(source_px / self._source, 0.0, 1.0)
         across = CubicSpline(np.arange(cols), np.eye(cols))(at[:, 0] * (cols - 1))

@@ -17,8 +17,8 @@ from pdcd.calibration.finding import RING, Dots
 from pdcd.calibration.fit import Fitted, Pairs, fit_map, mad_px
 from pdcd.calibration.phase import Decoded
 from pdcd.errors import CalibrationError
+from pdcd.panels.distortion import residual_of
 from pdcd.panels.map import Map, between
-from pdcd.panels.map_residual import residual_of
 from pdcd.words import SubjectName
 
 Floats = NDArray[np.float64]

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -35,9 +36,11 @@ from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.place import Place
 from pdcd.sensor.profile import load_profile
-from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.needed import optics_of
-from pdcd.virtual.scene.card import CARD
+from pdcd.virtual.scene.build import CARD
+
+if TYPE_CHECKING:
+    from pdcd.virtual.optics.bench import OpticalBench
 
 logger = logging.getLogger(__name__)
 

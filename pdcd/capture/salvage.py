@@ -27,7 +27,7 @@ from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import record_errors, write_pictures
 from pdcd.printable import one_line
 from pdcd.protocol.request import PlanSummary
-from pdcd.recipes.possible import possible
+from pdcd.recipes.make import possible
 from pdcd.recipes.recipe import Recipe, Shot
 from pdcd.runs.folder import LOG, RunFolder
 from pdcd.runs.frame_table import NAME as FRAMES

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes.alike import CHUNK, SIDE, Block, beyond, blocks
 from pdcd.codes.greyed import fits, greyed
-from pdcd.codes.stretches import TIMES, parts_of, stretched
-from pdcd.codes.woven import weaves
+from pdcd.codes.woven import TIMES, parts_of, stretched, weaves
 
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
@@ -80,7 +79,7 @@ def far_codes(
 
     The codes are split into as many shares as each cell is lit times (`times_lit`); all
     cells are dealt out over the codes of each share by chance. Before masks of grey levels, where
-    there are many codes, half light stretches of rows and columns (`pdcd.codes.stretches`).
+    there are many codes, half light stretches of rows and columns (`pdcd.codes.woven`).
     """
     if grey and (parts := _parts(lattice, count, best)):
         return stretched(lattice, count, parts, rng)

@@ -6,11 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pdcd.codes.colouring import colour_lattice, phase_lattice
-from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders
-from pdcd.codes.spread import spread_codes, spread_size
+from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders, spread_codes, spread_size
 from pdcd.errors import RequestError
 
 
@@ -29,7 +29,7 @@ def hadamard(
     they differ; `colour_lattice` keeps such cells apart and lets these errors cancel. With more
     codes than cells no column is used twice and the probing matrix is exact.
 
-    For p = 1/4, 1/8 ... a cell gets the product of 2, 3 ... columns (`pdcd.codes.spread`), and is
+    For p = 1/4, 1/8 ... a cell gets the product of 2, 3 ... columns (`pdcd.codes.orders`), and is
     lit in exactly pK codes. Two cells with different products meet in exactly p^2 K; of cells with
     the same product those of one phase meet in pK, and others never.
 
@@ -100,3 +100,72 @@ def coloured(
     column = 1 + rng.permutation(count - 1)[: colour.max() + 1]
     entries = hadamard_columns(count, column)
     return entries[:, colour] * sign > 0
+
+
+def prior_codes(
+    lattice: tuple[int, int],
+    count: int,
+    links: Any,
+    rng: np.random.Generator,
+    *,
+    apart: bool = False,
+) -> NDArray[np.bool_]:
+    """Give each cell a column of a Hadamard matrix that no cell strongly linked to it has.
+
+    The error of a cell comes from the light of the cells that share its column, so a link counts by
+    its squared strength, besides the distance that `hadamard` goes by. Any prior will do: paths
+    that a pilot found (`pdcd.codes.pilot.links`), a whole transport matrix, or a guess that falls
+    off with distance.
+
+    Parameters
+    ----------
+    lattice : (rows, cols)
+        Cells of the patterns, L in all.
+    count : int
+        Number K of codes; a Hadamard order.
+    links : sparse or dense (L, L), >= 0
+        Strength of the light paths between cells, in any unit. Needs no symmetry, since a column
+        shared harms both ways: the stronger way counts. The diagonal is ignored.
+    rng : Generator
+        Source of whatever the links leave open.
+    apart : codes of one of several parts, in which other cells are to share columns
+        (`pdcd.codes.colouring.colour_lattice`).
+
+    Returns
+    -------
+    (K, L) bool
+        Each cell lit in exactly K/2 codes, as `hadamard` makes them; without links the same bits.
+
+    Raises
+    ------
+    RequestError
+        No Hadamard matrix of order K >= 2 can be constructed here, or the links do not fit the
+        lattice, are negative or are not finite.
+    """
+    check_order(count)
+    known = symmetric(links, lattice[0] * lattice[1])
+    return coloured(count, *colour_lattice(lattice, count - 1, rng, known, apart=apart), rng)
+
+
+def symmetric(links: Any, cells: int) -> Any:
+    """Return links as a symmetric CSR array (L, L) float64 without diagonal or zeros.
+
+    Raises
+    ------
+    RequestError
+        The links are not (L, L) with finite entries of at least 0.
+    """
+    matrix = scipy.sparse.csr_array(links, dtype=np.float64)
+    if matrix.shape != (cells, cells):
+        raise RequestError(
+            f"links of shape {matrix.shape} do not fit a lattice of {cells} cells",
+            hint=f"give a matrix of {cells} x {cells} strengths",
+        )
+    if not (np.isfinite(matrix.data).all() and (matrix.data >= 0.0).all()):
+        raise RequestError(
+            "links hold strengths that are negative or not finite", hint="clip them at 0"
+        )
+    both = matrix.maximum(matrix.T).tocoo()
+    row, col = both.coords
+    keep = (row != col) & (both.data > 0.0)
+    return scipy.sparse.csr_array((both.data[keep], (row[keep], col[keep])), shape=both.shape)

@@ -6,8 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import check_order
-from pdcd.codes.linked import prior_codes
+from pdcd.codes.hadamard import check_order, prior_codes
 from pdcd.codes.orders import hadamard_columns
 from pdcd.errors import RequestError
 

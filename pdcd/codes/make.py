@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.codes.balanced import balanced
-from pdcd.codes.bernoulli import bernoulli, rademacher
 from pdcd.codes.hadamard import hadamard
+from pdcd.codes.independent import balanced, bernoulli, rademacher
 from pdcd.codes.singer import singer
 from pdcd.errors import RequestError
 

@@ -5,6 +5,15 @@ and masks are sought at once, so that they count far light evenly, and nothing f
 radius. What comes out are short lines and rings, whose cells share what is closed around them: more
 light passes, and it is counted more evenly. Only the light is kept, as the levels of the masks
 follow from it (`pdcd.codes.greyed`).
+
+Codes that light stretches of rows, stretches of columns and scattered cells.
+
+Where there are enough codes, each stretch has one of its own. A mask of grey levels then counts
+nearly all far light by stretches, exactly, as no other cell is lit with them. The scattered cells
+make up for stretches that reach into the radius: these are few, and as there are stretches along
+rows and along columns, cells at the end of one lie amid another.
+
+The least value of a smooth function of very many numbers between 0 and 1.
 """
 
 from __future__ import annotations
@@ -17,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.codes.alike import ALIKE, STEEP, falling, gaussian, within
-from pdcd.codes.descent import Singles, descended, dot
 from pdcd.codes.greyed import LEVELS
 
 Floats = NDArray[np.float64]
@@ -34,7 +42,7 @@ BLOB_CELLS, BLOB_SHARE = 2.0, 0.3
 """Before the descent each code lights this share of the cells, in blobs of about that size."""
 LEAST_LEVEL = 0.1
 """Light below this level is left out, as it closes the mask like any other."""
-KEPT = 8
+WOVEN_KEPT = 8
 """Sets of codes that are remembered."""
 _known: dict[tuple[tuple[int, int], int, int, int], NDArray[np.uint16]] = {}
 
@@ -61,7 +69,7 @@ def woven(
     levels = _known.get(key)
     if levels is None:
         levels = _known[key] = _weave(lattice, count, radius, seed, alive)
-        while len(_known) > KEPT:
+        while len(_known) > WOVEN_KEPT:
             _known.pop(next(iter(_known)), None)
     return levels / LEVELS
 
@@ -153,3 +161,134 @@ class _Measure:
 
 def _single(values: Floats | NDArray[np.bool_]) -> Singles:
     return np.asarray(values, dtype=np.float32)
+
+
+Bools = NDArray[np.bool_]
+
+TIMES = 3
+"""Each cell is lit along its row, along its column, and among scattered ones."""
+SHARE = 0.5
+"""Share of the codes that light stretches. More leave too many scattered cells for the others, of
+which then hardly any is seen; fewer make stretches long."""
+LEAST_STRETCHES = 2
+"""Stretches in a row or column, at least. Whole rows and columns bring nothing."""
+MOST_SCATTERED = 6
+"""Scattered cells in a code, at most: with more of them codes that light scattered cells alone err
+less of smooth light."""
+
+
+def parts_of(lattice: tuple[int, int], count: int) -> int:
+    """Stretches in each row and in each column, for so many codes; 0 where they bring nothing."""
+    rows, cols = lattice
+    parts = round(SHARE * count / (rows + cols))
+    left = count - parts * (rows + cols)
+    return parts if parts >= LEAST_STRETCHES and rows * cols <= MOST_SCATTERED * left else 0
+
+
+def stretched(lattice: tuple[int, int], count: int, parts: int, rng: np.random.Generator) -> Bools:
+    """Codes (K, L) that light each cell three times; rows and columns are cut into so many
+    stretches, all of the same length but for one cell. Codes come in any order."""
+    cells = lattice[0] * lattice[1]
+    numbers = np.arange(cells).reshape(lattice)
+    codes = np.zeros((count, cells), dtype=np.bool_)
+    order = rng.permutation(count)
+    stretches = [
+        stretch for line in (*numbers, *numbers.T) for stretch in np.array_split(line, parts)
+    ]  # fmt: skip
+    for code, stretch in zip(order, stretches, strict=False):
+        codes[code, stretch] = True
+    others = order[len(stretches) :]
+    codes[others[np.arange(cells) % others.size], rng.permutation(cells)] = True
+    return codes
+
+
+Singles = NDArray[np.float32]
+Function = Callable[[Singles], tuple[float, Singles]]
+"""Value and slope at a place."""
+
+STEPS_KEPT = 10
+"""Steps from which the curvature is estimated."""
+FIRST = 0.1
+"""How far the first step moves any number at most."""
+SHORTER, TRIES = 0.35, 10
+"""A step after which the value is not lower is shortened by this factor, so often at most."""
+LEAST_GAIN = 1e-7
+"""Share of the value that a step must bring to be followed by another: what float32 tells apart."""
+TINY = 1e-30
+"""No slope at all."""
+ENOUGH = 1e-4
+"""Share of the fall that the slope promises which a step must bring (Armijo)."""
+
+
+def descended(function: Function, start: Singles, steps: int) -> Singles:
+    """Where at most so many steps of descent from `start` lead; all numbers stay between 0 and 1.
+
+    Steps go by the slope and by the curvature that the last steps met (limited-memory BFGS, Nocedal
+    and Wright 2006, algorithm 7.4), of those numbers alone that are not held by their bounds. To
+    reach the same value `scipy.optimize` takes three times as long for the codes that this is for,
+    as it sorts all numbers by their bounds at each step and counts in float64.
+    """
+    place = start
+    value, slope = function(place)
+    met: list[tuple[Singles, Singles, float]] = []
+    for _ in range(steps):
+        held = ((place <= 0.0) & (slope > 0.0)) | ((place >= 1.0) & (slope < 0.0))
+        way = _way(np.where(held, np.float32(0.0), slope), met)
+        way[held] = 0.0
+        step = _step(function, place, value, slope, way)
+        if step is None and not met:
+            break
+        if step is None:
+            # What was met before misleads here.
+            met = []
+            continue
+        after, low, new_slope = step
+        if value - low < LEAST_GAIN * abs(value):
+            return after
+        value = low
+        moved, bent = after - place, new_slope - slope
+        curved = dot(moved, bent)
+        if curved > 0.0:
+            met = [*met[1 - STEPS_KEPT :], (moved, bent, 1.0 / curved)]
+        place, slope = after, new_slope
+    return place
+
+
+def _way(slope: Singles, met: list[tuple[Singles, Singles, float]]) -> Singles:
+    """Minus the slope times the inverse of the curvature that was met."""
+    way = -slope
+    if not met:
+        way *= np.float32(FIRST / max(float(np.abs(way).max()), TINY))
+        return way
+    shares = []
+    for moved, bent, scale in reversed(met):
+        share = scale * dot(moved, way)
+        shares.append(share)
+        way -= np.float32(share) * bent
+    moved, bent, scale = met[-1]
+    way *= np.float32(1.0 / (scale * dot(bent, bent)))
+    for (moved, bent, scale), share in zip(met, reversed(shares), strict=True):
+        way += np.float32(share - scale * dot(bent, way)) * moved
+    return way
+
+
+def _step(
+    function: Function, place: Singles, value: float, slope: Singles, way: Singles
+) -> tuple[Singles, float, Singles] | None:
+    """The first place on the way, of ever nearer ones, where the value is low enough; its value and
+    slope. None where the way leads up, or none of them is."""
+    if dot(way, slope) >= 0.0:
+        return None
+    length = 1.0
+    for _ in range(TRIES):
+        after = np.clip(place + np.float32(length) * way, 0.0, 1.0)
+        low, new_slope = function(after)
+        if low <= value + ENOUGH * dot(slope, after - place):
+            return after, low, new_slope
+        length *= SHORTER
+    return None
+
+
+def dot(one: Singles, other: Singles) -> float:
+    """Sum of the products of all numbers."""
+    return float(np.vdot(one, other))

@@ -3,16 +3,26 @@
 A FIFO would block its reader for good, a device may have effects when it is merely opened, and
 reading one may never end. So a file is looked at before it is opened, opened without waiting, and
 looked at again.
+
+What a reader may take, and the one error that it raises.
+
+Arrays on their way to the daemon: each as an open file of the sender, whatever it was.
 """
 
 from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from pdcd.files.limits import Limits, Unsound
+import numpy as np
+from numpy.typing import NDArray
+
+from pdcd.errors import RequestError
 
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 _LOOK = os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -160,3 +170,106 @@ def _sure(descriptor: int) -> int:
 def _refused(err: Exception) -> Unsound:
     why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
     return Unsound(f"it cannot be opened: {why}", "see whether it is there and may be read")
+
+
+class Unsound(Exception):  # noqa: N818 - reads as the state it reports
+    """A file cannot be taken. `message` goes on from the file's name; `hint` says what to do.
+
+    Callers know whose file it is, and turn this into the error of a request or of the
+    configuration.
+    """
+
+    def __init__(self, message: str, hint: str = "write it with numpy.save, or as PNG") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How much one array may be.
+
+    elements : the most numbers in it.
+    alive : called at least once for each MiB read, and may raise to end the work.
+    """
+
+    elements: int
+    alive: Callable[[], None] = lambda: None
+
+    @property
+    def file_bytes(self) -> int:
+        """The most bytes of its file: numbers of 8 bytes, and 1 MiB for all that is around."""
+        return 8 * self.elements + 2**20
+
+    def check(self, shape: tuple[int, ...]) -> int:
+        """The numbers in an array of that shape. Raises Unsound when they are none or too many."""
+        count = 1
+        for side in shape:
+            count *= side
+        if min(shape, default=1) < 1:
+            raise Unsound(f"it has the shape {_said(shape)}, which holds no number")
+        if count > self.elements:
+            raise Unsound(
+                f"it has the shape {_said(shape)}; at most {self.elements} numbers are taken",
+                "give one value for each cell, or one for each pair of them in a matrix",
+            )
+        return count
+
+
+def _said(shape: tuple[int, ...]) -> str:
+    """A shape for people, however long its numbers are."""
+    text = " x ".join(str(side) if side < 10**12 else "more than 10^12" for side in shape[:8])
+    return text + (" ..." if len(shape) > 8 else "")
+
+
+Sendable = Path | str | bytes | NDArray[Any]
+"""A path of the sender, the content of a file, or an array of real numbers."""
+
+
+@dataclass(frozen=True)
+class Parcel:
+    """One array as an open descriptor, and the name of its file where it has one."""
+
+    descriptor: int
+    file: str | None
+
+
+@contextmanager
+def parcels(arrays: Mapping[str, Sendable]) -> Iterator[dict[str, Parcel]]:
+    """Open files and put arrays into memory files, by field; all are closed in the end.
+
+    Raises RequestError for a file that cannot be opened, and for what is no array of numbers.
+    """
+    with ExitStack() as stack:
+        opened = {}
+        for name, value in arrays.items():
+            if isinstance(value, np.ndarray | bytes):
+                parcel = Parcel(_in_memory(name, value), None)
+            else:
+                parcel = _opened(name, Path(value))
+            stack.callback(os.close, parcel.descriptor)
+            opened[name] = parcel
+        yield opened
+
+
+def _opened(name: str, path: Path) -> Parcel:
+    try:
+        return Parcel(open_own(path), path.name)
+    except Unsound as err:
+        raise RequestError(f"{name} ({path}): {err.message}", hint=err.hint) from err
+
+
+def _in_memory(name: str, content: NDArray[Any] | bytes) -> int:
+    descriptor = os.memfd_create(f"pdcd-{name}", os.MFD_CLOEXEC)
+    try:
+        with os.fdopen(os.dup(descriptor), "wb") as stream:
+            if isinstance(content, bytes):
+                stream.write(content)
+            else:
+                np.save(stream, content, allow_pickle=False)
+    except BaseException as err:
+        os.close(descriptor)
+        if isinstance(err, ValueError):
+            raise RequestError(f"{name} is no array of numbers: {err}") from err
+        raise
+    return descriptor

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.panels.map import Map
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import Map, PanelView
 
 Atoms = NDArray[np.int32]
 

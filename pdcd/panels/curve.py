@@ -2,6 +2,20 @@
 
 Panels take 8 bits. Grey patterns in `pdcd.panels` hold what is *sent*, as level / 255; a curve says
 what light that is. Black and white are black and white under any curve.
+
+Grey levels finer than 8 bits: what one pattern rounds off, a later one makes up for.
+
+A photo is a sum over its patterns, so a level between two steps of a panel is shown as a mix of
+both. What is off is carried from pattern to pattern, cell by cell:
+
+- codes: in two accounts, one of patterns in which the other panel lets light pass at the same cell,
+  one of all others. So a cell's light through itself and that through all other cells come out to a
+  fraction of a step, however many patterns there are;
+- exact sequences, which are shown over and over: from each copy of a pattern to its next one. The
+  last two make up for the rest together: of levels that are not evenly spaced, two that lie some
+  steps apart often come nearer to it than two neighbours.
+
+Black and white are never touched: a closed cell stays closed.
 """
 
 from __future__ import annotations
@@ -14,7 +28,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.patterns import Patterns, levels_of
+from pdcd.panels.patterns import Patterns, compact, levels_of
 
 Floats = NDArray[np.float64]
 _Real = TypeVar("_Real", np.float32, np.float64)
@@ -87,3 +101,84 @@ def light_of(patterns: Patterns, index: int, cells: int, curve: Curve | None) ->
 def _curve(light: Floats) -> Curve:
     light.flags.writeable = False
     return Curve(light)
+
+
+Bools = NDArray[np.bool_]
+Levels = Floats | Bools
+Both = tuple[Patterns, Patterns]
+
+COPIES = 16
+"""Most copies of an exact sequence: steps become a sixteenth as large."""
+APART = 12
+"""Levels by which the last but one copy may lie beside the nearest. Where light rises with the
+power 2.2 of the level, two a dozen steps to either side give a step more than twice the middle."""
+NEARER = 1e-6
+"""Light by which such a pair must come nearer, or the one with fewer steps between is taken."""
+
+
+def code_to_send(light: Levels, mask: Levels, curves: Curves) -> Both:
+    """Codes of projector and mask, light 0..1 or bits (P, L) each, as what is sent for them."""
+    return (
+        compact(_dithered(light, curves[0], mask > 0)),
+        compact(_dithered(mask, curves[1], light > 0)),
+    )
+
+
+def sequence_to_send(light: Levels, mask: Levels, curves: Curves, room: int) -> Both:
+    """The same of an exact sequence that is shown `room` times; where it has grey levels, as up to
+    so many copies, one after the other: (copies * P, L)."""
+    both = ((light, curves[0]), (mask, curves[1]))
+    grey = [_rounds(*panel) for panel in both]
+    copies = min(max(room, 1), COPIES) if any(grey) else 1
+    sent = []
+    for panel, (levels, curve) in enumerate(both):
+        # Every cell of every pattern has an account of its own.
+        each = np.repeat(np.asarray(levels, np.float64).reshape(1, -1), copies, axis=0)
+        mixed = _dithered(each, curve, np.ones(each.shape, np.bool_))
+        if curve is not None and grey[panel] and copies >= 2 * sum(grey):
+            last = _last_two(each[0], mixed, curve)
+            # Not in the copies in which the other panel is off: their product would not cancel.
+            mixed = np.roll(np.concatenate([mixed[:-2], last]), panel * (copies // 2), axis=0)
+        sent.append(compact(mixed.reshape(-1, levels.shape[1])))
+    return sent[0], sent[1]
+
+
+def _last_two(light: Levels, sent: Levels, curve: Curve) -> Floats:
+    """What to send last, (2, L), for the sum of all copies `sent` (n, L) to be n times `light`."""
+    grey = (light > 0.0) & (light < 1.0)
+    before = curve.given(np.asarray(sent[:-2], np.float64))
+    left: Floats = len(sent) * light - before.sum(axis=0)
+    middle = np.rint(curve.sent(0.5 * left) * (LEVELS - 1.0))
+    found, least = sent[-2:].astype(np.float64), np.full(light.shape, np.inf)
+    for apart in sorted(range(-APART, APART + 1), key=abs):
+        first = np.clip(middle + apart, 0.0, LEVELS - 1.0) / (LEVELS - 1.0)
+        rest = left - curve.given(first)
+        second = curve.sent(rest)
+        error = np.abs(rest - curve.given(second))
+        better = grey & (error < least - NEARER)
+        least = np.where(better, error, least)
+        found = np.where(better, np.stack([first, second]), found)
+    return found
+
+
+def _rounds(light: Levels, curve: Curve | None) -> bool:
+    """Whether levels must be rounded: no bits, and of a panel of which something is known."""
+    if curve is None or light.dtype == np.bool_:
+        return False
+    return not bool(np.all((light == 0.0) | (light == 1.0)))
+
+
+def _dithered(light: Levels, curve: Curve | None, meets: Bools) -> Levels:
+    """What to send for light (P, L), over 255; `meets` (P, L) says which account a cell is in."""
+    if curve is None or not _rounds(light, curve):
+        return light
+    sent = np.empty(light.shape)
+    owed = np.zeros((2, light.shape[1]))
+    for k, wanted in enumerate(light):
+        carried = np.where(meets[k], owed[1], owed[0])
+        grey = (wanted > 0.0) & (wanted < 1.0)
+        aim = wanted + carried
+        sent[k] = np.where(grey, curve.sent(aim), wanted)
+        left = np.where(grey, aim - curve.given(sent[k]), carried)
+        owed = np.stack([np.where(meets[k], owed[0], left), np.where(meets[k], left, owed[1])])
+    return sent

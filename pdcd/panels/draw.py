@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
 from pdcd.panels.atoms import atoms, check_cells
-from pdcd.panels.bitplanes import check_binary, pack_planes
 from pdcd.panels.frames import BLACK, WHITE, Frames
-from pdcd.panels.panels import PanelView
-from pdcd.panels.patterns import bytes_of, fit
+from pdcd.panels.map import PanelView
+from pdcd.panels.patterns import bytes_of, check_binary, fit, pack_planes
 from pdcd.panels.windows import ATOMS, GUARDS, windows
 
 FULL = 255
@@ -90,7 +89,7 @@ def draw_planes(
     """Return the picture that carries up to 24 rows as bit planes, (height, width, 3) uint8.
 
     `rows` are those of `draw`, in the order they are shown; planes without one are black. `order`
-    is that of `pdcd.panels.bitplanes`. Raises ConfigError, also for patterns with grey levels.
+    is that of `pdcd.panels.patterns`. Raises ConfigError, also for patterns with grey levels.
     """
     check_binary(frames.dual_patterns if panel.mask else frames.primal_patterns)
     planes = [draw(frames, panel, row) > 0 for row in rows]

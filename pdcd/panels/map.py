@@ -7,22 +7,23 @@ Projector, mask and camera each have a map to it (docs/field.md).
 Pixel k of a device covers k to k + 1, so that its centre is at k + 0.5. A pixel of the camera is a
 Bayer quad. A point of the device goes to the field in two steps:
 
-1. distortion is taken out: that of a lens about the device's centre (`pdcd.panels.lens`), plus a
-   smooth residual (`pdcd.panels.map_residual`);
+1. distortion is taken out (`pdcd.panels.distortion`): that of a lens about the device's centre,
+   plus a smooth residual;
 2. a homography leads from pixels to the field.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdcd.panels import lens
-from pdcd.panels.map_residual import Nodes, Residual, residual_of
+from pdcd.panels import distortion as lens
+from pdcd.panels.distortion import Nodes, Residual, residual_of
 
 Floats = NDArray[np.float64]
 
@@ -307,3 +308,21 @@ def _turned(nodes: Floats, turn: Floats) -> Nodes:
     signs = turn.sum(axis=1)  # where the new axes, right and down, run backwards
     kept = down_first[:: int(signs[1]), :: int(signs[0])] @ turn.T
     return tuple(tuple((right, down) for right, down in row) for row in kept.tolist())
+
+
+@dataclass(frozen=True)
+class PanelView:
+    """One panel; `map` knows its size and where its pixels lie on the field."""
+
+    role: Literal["projector", "mask"]
+    map: Map
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """(width, height)."""
+        return self.map.size_px
+
+    @property
+    def mask(self) -> bool:
+        """Whether it is the mask, which has windows and blocks light."""
+        return self.role == "mask"

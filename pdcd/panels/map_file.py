@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, disk_errors
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.npy import members, read_npz
-from pdcd.files.opening import contents, open_own
+from pdcd.files.arrays import members, read_npz
+from pdcd.files.opening import Limits, Unsound, contents, open_own
 from pdcd.panels.map import Map, matrix
 from pdcd.panels.map_soundness import MAX_NODES, check
 from pdcd.printable import one_line

@@ -3,12 +3,22 @@
 An array of patterns is either (P, ceil(L/8)) uint8, packed by `numpy.packbits` along axis 1, or
 (P, L) float32, the level that each cell is sent, over the highest, 0..1. What light that is,
 `pdcd.panels.curve` knows; binary patterns need none of it.
+
+Binary patterns packed as the 24 bit planes of an RGB picture.
+
+DLP controllers in video-pattern mode take one RGB picture a video refresh and show its 24 bits one
+after the other, each for 1/24 of the refresh: 1440 binary patterns a second at 60 Hz. Plane j of a
+picture is bit ``j % 8``, counted from the least significant, of the colour ``order[j // 8]``. The
+DLPC350 (TI DLPU010, "Pattern Number Mapping") counts G0..G7, R0..R7, B0..B7: order "GRB". Others
+are set up otherwise, so that the order can be chosen.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
 
 Patterns = NDArray[np.uint8] | NDArray[np.float32]
 
@@ -55,3 +65,54 @@ def levels_of(patterns: Patterns, index: int, cells: int) -> NDArray[np.float64]
     if row.dtype == np.uint8:
         row = np.unpackbits(row.view(np.uint8), count=cells)
     return np.asarray(row, dtype=np.float64)
+
+
+PLANES = 24
+"""Bit planes of one RGB picture."""
+
+
+def pack_planes(planes: NDArray[np.bool_], order: str = "GRB") -> NDArray[np.uint8]:
+    """Up to 24 binary patterns as one RGB picture.
+
+    Parameters
+    ----------
+    planes : (J, ...) bool, J <= 24
+        Patterns in the order they are to be shown; those that are missing at the end are black.
+        Axes after the first (cells, or rows and columns of a panel) are kept.
+    order : which colour holds planes 0-7, 8-15 and 16-23: a permutation of "RGB".
+
+    Returns
+    -------
+    (..., 3) uint8, red, green and blue last. Raises ConfigError.
+    """
+    colours = _colours(order)
+    if len(planes) > PLANES:
+        raise ConfigError(
+            f"{len(planes)} planes do not fit one picture", hint=f"give at most {PLANES}"
+        )
+    full = np.zeros((PLANES, *planes.shape[1:]), dtype=np.uint8)
+    full[: len(planes)] = planes
+    weights = (1 << np.arange(8)).astype(np.uint8)
+    values = np.tensordot(weights, full.reshape(3, 8, *planes.shape[1:]), axes=(0, 1))
+    picture = np.empty((*planes.shape[1:], 3), dtype=np.uint8)
+    picture[..., colours] = np.moveaxis(values, 0, -1)
+    return picture
+
+
+def check_binary(*patterns: Patterns) -> None:
+    """Refuse grey levels, which bit planes cannot show. Raises ConfigError."""
+    if any(p.dtype != np.uint8 for p in patterns):
+        raise ConfigError(
+            "bit planes show black and white only, and these patterns have grey levels",
+            device="display",
+            hint="set display.planes_per_refresh = 1, or take a goal of binary codes",
+        )
+
+
+def _colours(order: str) -> list[int]:
+    """Channel (R 0, G 1, B 2) of each group of eight planes. Raises ConfigError."""
+    if sorted(order) != ["B", "G", "R"]:
+        raise ConfigError(
+            f"no order of colours: {order!r}", hint='take "GRB" or another of the six'
+        )
+    return ["RGB".index(colour) for colour in order]

@@ -23,7 +23,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import PanelView
 
 ATOMS = 16
 """Equal parts of a cell along an axis on whose borders every window ends."""

@@ -4,7 +4,7 @@ Under quarter windows the projector's code cell reaches a quarter of a cell beyo
 it belongs to. So a photo of indirect light lacks some of what comes from the cells around, and has
 some of what wandered within its own. All parts of a photo do so alike: their spread does not show
 it. How much light there is of either kind is modelled: of the pilot's photos what they tell
-(`pdcd.codes.pilot.near_light`), else a share of all light.
+(`pdcd.codes.pilot.scene_light`), else a share of all light.
 """
 
 from __future__ import annotations

@@ -32,9 +32,8 @@ from pdcd.probing.borders import drawn_apart_share
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
 from pdcd.recipes.arrays import target_with
-from pdcd.recipes.make import recipe_of
+from pdcd.recipes.make import possible, recipe_of
 from pdcd.recipes.parts import taken_parts
-from pdcd.recipes.possible import possible
 from pdcd.recipes.recipe import Photo, Recipe, Shot
 from pdcd.runs.frame_table import FrameTable
 from pdcd.runs.patterns import read_patterns

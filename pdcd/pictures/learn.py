@@ -11,10 +11,16 @@ import scipy
 from numpy.typing import NDArray
 
 from pdcd.codes.pilot.codes import MATCHED, SCOUTS
-from pdcd.codes.pilot.links import SHARP, correction, estimate_links, match_links, sharpness
-from pdcd.codes.pilot.near_light import near_light
-from pdcd.codes.pilot.sharp_light import sharp_squares
-from pdcd.codes.pilot.worth import Worth, worth
+from pdcd.codes.pilot.links import (
+    SHARP,
+    Worth,
+    correction,
+    estimate_links,
+    match_links,
+    sharpness,
+    worth,
+)
+from pdcd.codes.pilot.scene_light import near_light, sharp_squares
 from pdcd.pictures.cell_light import Ambient, Lit, light_of_cells
 from pdcd.pictures.exposed import Exposed
 from pdcd.probing.realised import Factors
@@ -44,10 +50,10 @@ class Learned:
     sharpness: float
     sharp: Floats
     """(N, 3), sum of the squares of the sharp paths of each cell that were not found
-    (`pdcd.codes.pilot.sharp_light`)."""
+    (`pdcd.codes.pilot.scene_light`)."""
     near: Floats
     """(N, 3), light that each cell gets from one of those right beside it, on average
-    (`pdcd.codes.pilot.near_light`)."""
+    (`pdcd.codes.pilot.scene_light`)."""
 
     @property
     def promising(self) -> bool:

@@ -77,7 +77,7 @@ def modelled(
     `photos` are the scaled ones that the pictures were made of
     (`pdcd.pictures.combine.scaled_photos`). Code errors of different photos are taken as
     independent. `alive` is called now and then, may raise. `sharp` (N, C) is what the first photos
-    of a pilot tell of the sharp paths of each cell (`pdcd.codes.pilot.sharp_light`): of photos in
+    of a pilot tell of the sharp paths of each cell (`pdcd.codes.pilot.scene_light`): of photos in
     which paths are corrected it takes the place of N_eff. `near` are errors of photos by light from
     right beside each cell (`pdcd.pictures.beside`). With `by_row` photos of far light, whose cells
     are each divided by their own weight, are judged by these weights and by the roughness of all

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.opening import Asker, contents, open_beneath, open_own
-from pdcd.files.read import read_array
+from pdcd.files.arrays import read_array
+from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath, open_own
 from pdcd.planning.prior import GRID
 from pdcd.protocol.request import ARRAYS, CaptureRequest, Sent, in_words
 from pdcd.recipes.arrays import Given, most_elements, of_rows

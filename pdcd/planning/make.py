@@ -10,8 +10,8 @@ from pdcd.bench.grey import curves_of
 from pdcd.bench.tables import Config
 from pdcd.codes.pilot.codes import MATCHED, SCOUTS
 from pdcd.errors import ConfigError, RequestError
-from pdcd.panels.bitplanes import check_binary
 from pdcd.panels.lattice import Lattice
+from pdcd.panels.patterns import check_binary
 from pdcd.panels.schedule import slot_rows
 from pdcd.planning.brightness import as_bright
 from pdcd.planning.far import grey_masks, mask_reasons

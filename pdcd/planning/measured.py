@@ -13,7 +13,7 @@ import numpy as np
 from pdcd.bench.placed import panels_from, panels_of
 from pdcd.bench.tables import Config, PanelConfig
 from pdcd.errors import ConfigError
-from pdcd.panels.map_scale import fewest_pixels
+from pdcd.panels.map_soundness import fewest_pixels
 from pdcd.panels.windows import ATOMS, GUARDS, whole_pixels, windows
 from pdcd.planning.guards import (
     WHOLE_CELL_LIMIT,

@@ -20,8 +20,7 @@ from pdcd.codes.far import evening_bytes
 from pdcd.codes.greyed import fits, greying_bytes
 from pdcd.codes.woven import weaving_bytes
 from pdcd.errors import RequestError
-from pdcd.panels.curve import UNKNOWN
-from pdcd.panels.dither import COPIES
+from pdcd.panels.curve import COPIES, UNKNOWN
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.map import Map
 from pdcd.pictures.exposed import LARGE_QUADS

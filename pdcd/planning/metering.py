@@ -67,7 +67,7 @@ def _meter_pairs(plan: Plan, shot: Shot, of_shot: int) -> int:
 
 
 def _sequence(plan: Plan, shot: Shot) -> int:
-    """Pairs of an exact sequence, shown in one copy or several (`pdcd.panels.dither`)."""
+    """Pairs of an exact sequence, shown in one copy or several (`pdcd.panels.curve`)."""
     program = plan.recipe.programs[shot.program]
     return (
         exact_pairs(program) if isinstance(program, Blocks | SignedBlocks) else plan.pairs_of(shot)

@@ -8,17 +8,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pdcd.codes.chained import chained
 from pdcd.codes.far import far_codes
-from pdcd.codes.hadamard import hadamard, hadamard_fits
+from pdcd.codes.hadamard import hadamard, hadamard_fits, prior_codes
+from pdcd.codes.independent import chained
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
-from pdcd.codes.linked import prior_codes
 from pdcd.codes.make import make_codes
 from pdcd.codes.pilot.codes import pilot_codes
 from pdcd.codes.woven import woven
 from pdcd.errors import RequestError
-from pdcd.panels.curve import UNKNOWN, Curves
-from pdcd.panels.dither import code_to_send, sequence_to_send
+from pdcd.panels.curve import UNKNOWN, Curves, code_to_send, sequence_to_send
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.plan import (
     COINS,
@@ -52,7 +50,7 @@ def settled_family(
     cannot do with this number, balanced ones stand in for them unless they were asked for by name;
     and in parts, whose spread tells of errors only where phases are left to chance. So they do for
     cells matched with others that are lit in few codes: there are too few Hadamard columns to keep
-    the cells' own light apart, and chains of balanced ones do (`pdcd.codes.chained`)."""
+    the cells' own light apart, and chains of balanced ones do (`pdcd.codes.independent`)."""
     family = asked or default
     main = next((p.p for p in draft.programs.values() if shows_codes(p)), 0.5)
     lines = any(isinstance(p, KeyedRange) for p in draft.programs.values())

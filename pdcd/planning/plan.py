@@ -16,9 +16,9 @@ from pdcd.panels.patterns import Patterns
 from pdcd.panels.schedule import build_frames, slot_rows
 from pdcd.protocol.request import How, Leaks, PlanSummary, Prediction, ShotSummary
 from pdcd.recipes.goals import Target
+from pdcd.recipes.parts import repeated
 from pdcd.recipes.programs import Far, Floodlit, Program, within
 from pdcd.recipes.recipe import Recipe, Shot
-from pdcd.recipes.repeat import repeated
 from pdcd.runs.record import DarkPhoto
 from pdcd.words import FamilyName, ScheduleName
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
 from pdcd.panels.frames import BLACK, Frames
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import PanelView
 from pdcd.presenter import desktop, drm, realtime
 from pdcd.presenter.clocks import (
     Completions,

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
 from pdcd.panels.atoms import atoms
-from pdcd.panels.bitplanes import PLANES
 from pdcd.panels.draw import check_fit
 from pdcd.panels.frames import BLACK, WHITE, Frames
-from pdcd.panels.panels import PanelView
-from pdcd.panels.patterns import grey_bytes
+from pdcd.panels.map import PanelView
+from pdcd.panels.patterns import PLANES, grey_bytes
 from pdcd.panels.windows import ATOMS, strip_numbers, windows
 
 COVER = """#version 330 core

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DeviceLost
-from pdcd.panels.bitplanes import PLANES
 from pdcd.panels.frames import Frames
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import PanelView
+from pdcd.panels.patterns import PLANES
 from pdcd.presenter.messages import Rect
 from pdcd.presenter.viewport import UNITS, Viewport
 

@@ -14,8 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.panels.map import Map
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import Map, PanelView
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]

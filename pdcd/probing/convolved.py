@@ -3,6 +3,8 @@
 Few taps are as well a sum of `pdcd.probing.wanted.Match`. But a sum over pairs of parts grows with
 their square, and a kernel over a whole grid has four times as many taps as there are cells. Here
 all sums over shifts are convolutions, done by FFT: O(N log N) for each image.
+
+Wanted weights along epipolar lines: rows of cells of a rectified rig.
 """
 
 from __future__ import annotations
@@ -12,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.probing.lines import SameRow
 from pdcd.probing.wanted import Floats, Grid, Indices, Near, Part
 
 IMAGES = 16
@@ -107,3 +108,46 @@ def _cut(taps: NDArray[np.float64], shape: tuple[int, ...]) -> Floats:
                       slice(have // 2 - half, have // 2 + half + 1)))  # fmt: skip
     out[spans[0][0], spans[1][0]] = taps[spans[0][1], spans[1][1]]
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class SameRow:
+    """1 where camera cell and projector cell lie in one row, on one epipolar line."""
+
+    grid: Grid
+
+    def rows(self, start: int, stop: int) -> Floats:
+        """See `Part.rows`."""
+        row = np.arange(self.grid[0] * self.grid[1]) // self.grid[1]
+        return np.asarray(row[start:stop, None] == row[None, :], dtype=np.float64)
+
+    def others(self, images: Floats) -> Floats:
+        """See `Part.others`."""
+        lines = images.reshape(-1, *self.grid)
+        return np.asarray((lines.sum(axis=2, keepdims=True) - lines).reshape(images.shape))
+
+    def entries(self, column: Indices) -> Floats:
+        """See `Part.entries`."""
+        row = np.arange(column.size) // self.grid[1]
+        return np.where((column >= 0) & (column // self.grid[1] == row), 1.0, 0.0)
+
+    def overlap(self, other: Part, weights: Floats) -> Floats:
+        """See `Part.overlap`."""
+        if isinstance(other, SameRow):
+            return np.asarray(self.others(weights[None])[0])
+        if isinstance(other, Near):
+            lines = _sums(weights.reshape(self.grid), other.radius)
+            return np.asarray(lines.ravel() - weights)
+        return other.overlap(self, weights)
+
+    def product(self) -> None:
+        """See `Part.product`: it is none."""
+
+
+def _sums(lines: Floats, radius: int) -> Floats:
+    """Sums over all cells of a row at most `radius` away, (rows, cols)."""
+    cols = lines.shape[1]
+    running = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(lines, axis=1)], axis=1)
+    here = np.arange(cols)
+    last, first = np.minimum(here + radius + 1, cols), np.maximum(here - radius, 0)
+    return np.asarray(running[:, last] - running[:, first])

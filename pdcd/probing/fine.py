@@ -5,17 +5,42 @@ knows. A camera with many pixels a cell sees the mask's windows one by one, and 
 been open equally long: a slow panel gives the sub-shift that comes first another time than the
 others, and a lost refresh hits one of them. So for every part of a cell that lies in one window a
 few sums over the row of its matrix are kept, and nothing of the matrix itself.
+
+Direct light that reaches the mask blurred: what windows see of lit halves of cells.
+
+Relay and focus spread a point of the scene over the mask by a Gaussian. For windows as small as
+that it decides how much direct light goes past the right one. Both panels are constant on
+rectangles, so that the time for which a point is lit and seen, averaged over a window's part of a
+cell, is a weighted sum over the rectangles of light around it, with weights in closed form:
+
+    integral over x in [a, b], y in [c, d] of G(x - y) = S(b-c) - S(a-c) - S(b-d) + S(a-d)
+
+with ``S(t) = t Phi(t/s) + s phi(t/s)``, along either axis.
+
+The light around is taken as if the scene reflected there what it does in the middle.
+
+For how long points of a camera cell are seen while the place that lights them is lit.
+
+On an off-axis bench the light at the point x of a camera cell was sent from x + d, with one
+displacement d for each cell (`pdcd.virtual.scene.displaced`). Windows of the mask and halves of
+projector cells cut the cell into rectangles on which neither changes. Along either axis these are
+cut by the same edges of windows in all cells, and by the edges of projector cells moved by -d,
+which differ from cell to cell. So each pair of a window and one of the few halves that a cell can
+meet is taken for all cells at once, with the area that it has in each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from pdcd.panels.lattice import Lattice, Overlap
+from pdcd.panels.lattice import Lattice, Overlap, Piece
 
 Floats = NDArray[np.float64]
 
@@ -122,3 +147,141 @@ class FineSums:
 def cut_by_windows(lattice: Lattice) -> bool:
     """Whether windows cut the cells at all."""
     return any(len(axis) > 1 for axis in lattice.pieces)
+
+
+REACH = 9.0
+"""Standard deviations beyond which nothing of a Gaussian is left that float64 would notice."""
+
+
+class Blur:
+    """Blur of the light on the mask, over the cells of a lattice.
+
+    sigma_cells : (rows, cols), standard deviation of the Gaussian in cells along either axis.
+    """
+
+    def __init__(self, lattice: Lattice, sigma_cells: tuple[float, float]) -> None:
+        self._lattice, self._sigma = lattice, sigma_cells
+
+    @cached_property
+    def shares(self) -> tuple[list[Floats], list[Floats]]:
+        """For each piece of a cell, along rows and columns: how much of the light of each half (or
+        whole) cell falls on it, (halves * cells, cells)."""
+        rows, cols = self._lattice.grid
+        down, right = self._lattice.pieces
+        return (
+            [self._share(piece, rows, self._sigma[0]) for piece in down],
+            [self._share(piece, cols, self._sigma[1]) for piece in right],
+        )
+
+    def light(self, lights: Floats) -> Iterator[Floats]:
+        """Mean light on each of `Lattice.windows`, (R, rows, cols), out of the projector's fields
+        (R, fields, N)."""
+        rows, cols = self._lattice.grid
+        halves = self._halves
+        count = len(lights)
+        # (R, halves down, halves right, rows, cols) -> (R, halves right, cols, halves down * rows)
+        whole = lights.reshape(count, halves, halves, rows, cols)
+        whole = whole.transpose(0, 2, 4, 1, 3).reshape(count, halves, cols, halves * rows)
+        for down in self.shares[0]:
+            part = (whole @ down).reshape(count, halves * cols, rows).transpose(0, 2, 1)
+            for right in self.shares[1]:
+                yield part @ right
+
+    @property
+    def _halves(self) -> int:
+        return 2 if self._lattice.fields > 1 else 1
+
+    def _share(self, piece: Piece, cells: int, sigma: float) -> Floats:
+        halves = self._halves
+        to = np.arange(cells)
+        lit = (np.arange(halves)[:, None] / halves + to).ravel()  # lower edges, half by half
+        low, high = to + piece.low, to + piece.high
+
+        def both(t: Floats) -> Floats:
+            if sigma == 0.0:
+                return np.maximum(t, 0.0)
+            density = np.exp(-0.5 * (t / sigma) ** 2) / np.sqrt(2.0 * np.pi)
+            return np.asarray(t * scipy.special.ndtr(t / sigma) + sigma * density)
+
+        first, last = lit[:, None], lit[:, None] + 1.0 / halves
+        found = both(high - first) - both(low - first) - both(high - last) + both(low - last)
+        near = (high > first - REACH * sigma) & (low < last + REACH * sigma)
+        return np.asarray(np.where(near, found, 0.0) / (piece.high - piece.low))
+
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Strip:
+    """Along one axis: a piece of the mask and the part of a projector cell behind it.
+
+    length : (N,) share of each cell; half : (N,) which half of a cell (0, or 1 of two); cell : (N,)
+    its row or column.
+    """
+
+    strip: int
+    step: int
+    length: Floats
+    half: Indices
+    cell: Indices
+
+
+@dataclass(frozen=True, eq=False)
+class Beams:
+    """Direct light of displaced places on a lattice; displacement (N, 2), down and right in cells,
+    NaN where there is none."""
+
+    lattice: Lattice
+    displacement: Floats
+
+    def seen_s(self, masks: Floats, lights: Floats) -> Floats:
+        """Mean time of each cell, (N,): masks (R, dual_fields, L + 1), lights (R, fields, N)."""
+        lattice, count = self.lattice, lights.shape[-1]
+        seen = np.zeros(count)
+        width = lattice.shape[1]
+        for down, right in itertools.product(*self._strips):
+            area = down.length * right.length
+            here = np.flatnonzero(area > 0.0)
+            if not here.size:
+                continue
+            row, col = np.divmod(here, lattice.grid[1])
+            row, col = row + down.step, col + right.step
+            inside = (row >= 0) & (row < lattice.shape[0]) & (col >= 0) & (col < width)
+            code = np.where(inside, row * width + col, lattice.lattice_cells)
+            field = lattice.dual_field(down.strip, right.strip)
+            live = np.asarray(masks[:, field].any(axis=1))  # shut under the other sub-shifts
+            cell = down.cell[here] * lattice.grid[1] + right.cell[here]
+            half = 2 * down.half[here] + right.half[here]
+            open_ = masks[live, field][:, code]
+            lit = lights[live].reshape(int(live.sum()), lights.shape[1] * count)[
+                :, half * count + cell
+            ]
+            seen[here] += area[here] * np.einsum("rn,rn->n", open_, lit)
+        return seen
+
+    @cached_property
+    def _strips(self) -> tuple[list[_Strip], list[_Strip]]:
+        rows = np.divmod(np.arange(self.lattice.cells), self.lattice.grid[1])
+        return self._along(0, rows[0]), self._along(1, rows[1])
+
+    def _along(self, axis: int, place: Indices) -> list[_Strip]:
+        """All strips of an axis; those beyond the grid have no length."""
+        halves = 2 if self.lattice.opening.shifted else 1
+        moved = self.displacement[:, axis]
+        there = np.isfinite(self.displacement).all(axis=1)
+        start = np.where(there, moved, 0.0) * halves
+        first = np.floor(start).astype(np.int64)
+        size = self.lattice.grid[axis]
+        found = []
+        for piece in self.lattice.pieces[axis]:
+            for more in range(halves + 1):
+                low = (first + more - start) / halves
+                length = np.minimum(piece.high, low + 1.0 / halves) - np.maximum(piece.low, low)
+                cell, half = np.divmod(first + more, halves)
+                cell = cell + place
+                inside = there & (cell >= 0) & (cell < size)
+                length = np.where(inside & (length > 1e-14), length, 0.0)
+                cell = np.clip(cell, 0, size - 1)
+                found.append(_Strip(piece.strip, piece.step, length, half, cell))
+        return [strip for strip in found if strip.length.any()]

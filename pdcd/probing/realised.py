@@ -25,12 +25,18 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.lattice import Lattice, Overlap
-from pdcd.probing.blurred import Blur
-from pdcd.probing.displaced import Beams
-from pdcd.probing.fine import Fine, FineSums, cut_by_windows, summed
-from pdcd.probing.late_rows import ALL_AT_ONCE, Band, bands_of
+from pdcd.probing.fine import Beams, Blur, Fine, FineSums, cut_by_windows, summed
 from pdcd.probing.panel import Panel, Trajectory, blur_cells, offset_cells
-from pdcd.probing.spans import Times, frame_spans, met, span_weights, target
+from pdcd.probing.spans import (
+    ALL_AT_ONCE,
+    Band,
+    Times,
+    bands_of,
+    frame_spans,
+    met,
+    span_weights,
+    target,
+)
 
 Floats = NDArray[np.float64]
 Bands = tuple[Band, ...]

@@ -255,7 +255,7 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     (`pdcd.codes.woven`). Earlier runs had none."""
     late: bool = False
     """Whether codes had been shown before the pilot went on: the shots of codes that count have
-    names of their own (`pdcd.recipes.late`)."""
+    names of their own (`pdcd.recipes.parts`)."""
 
     @property
     def coded(self) -> int:

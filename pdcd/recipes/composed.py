@@ -25,9 +25,8 @@ from pdcd.probing.wanted import (
     Uniform,
     Wanted,
 )
-from pdcd.recipes.factored import distinct_rows, factors_of
+from pdcd.recipes.factored import distinct_rows, factors_of, nonnegative_sides
 from pdcd.recipes.maker import Maker, itself
-from pdcd.recipes.nonnegative import nonnegative_sides
 from pdcd.recipes.partners import Partner, partner_of
 from pdcd.recipes.programs import Coded, Signed, SignedBlocks, SignedMatrix
 from pdcd.recipes.recipe import Combination

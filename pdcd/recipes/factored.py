@@ -2,11 +2,20 @@
 
 Both are looked for without more work than it takes to see that there are none: a matrix over all
 pairs of cells is large, and most have neither.
+
+Products of two sides without negative weights, exactly: light and masks can show them at once.
+
+A matrix of rank r is ``camera.T @ projector`` in many ways: any square matrix Q of rank r may go
+between the sides. What is sought is one that leaves both without negative entries (footnote 4 of
+the paper, E11). Up to rank 2 there always is one, for a matrix without negative weights; beyond,
+there need not be, and to find one is hard in general. So a few ways are tried, and each is checked:
+the sides that are returned are exact, or there are none.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,3 +79,112 @@ def _sketch(matrix: Floats, most: int) -> Floats | None:
     size = np.abs(np.diag(np.linalg.qr(seen, mode="r")))
     rank = int(np.sum(size > 0.1 * RANK_TOLERANCE * size.max()))
     return None if rank > most else np.linalg.qr(seen[:, :rank])[0]
+
+
+ROUNDING = 1e-9
+"""Negative entries of a side, over its largest, that are rounding and are cut off."""
+STEPS = 400
+"""Steps of the search from one start."""
+MENDING = 500
+"""Steps that take negative entries from what the search has found."""
+STARTS = 3
+"""Starts of the search."""
+MOST_CELLS = 384
+"""Cells of each side that the search looks at; the others are checked afterwards."""
+
+
+def nonnegative_sides(camera: Floats, projector: Floats) -> tuple[Floats, Floats] | None:
+    """Sides (r, N) each with the same product, without negative entries; None: none were found.
+
+    Both given sides must have full rank.
+    """
+    for rows in _candidates(camera, projector):
+        # New projector sides `rows`: what mixes them is fixed by what the old ones make of them.
+        mix = np.linalg.lstsq(projector.T, rows.T, rcond=None)[0].T
+        if np.linalg.cond(mix) > 1.0 / ROUNDING:
+            continue
+        sides = np.linalg.solve(mix.T, camera), mix @ projector
+        if all(_is_positive(side) for side in sides):
+            return np.maximum(sides[0], 0.0), np.maximum(sides[1], 0.0)
+    return None
+
+
+def _candidates(camera: Floats, projector: Floats) -> Iterator[Floats]:
+    """Projector sides (r, N) to try."""
+    rank = len(camera)
+    if rank == 1:
+        yield projector * np.sign(projector[0, np.argmax(np.abs(projector[0]))])
+        return
+    # Rows of the matrix that all others lie between, or the sides for which its columns do.
+    yield _corners(camera, projector)
+    onto = _corners(projector, camera)
+    mix = np.linalg.lstsq(camera.T, onto.T, rcond=None)[0].T
+    if np.linalg.cond(mix) < 1.0 / ROUNDING:
+        yield np.linalg.solve(mix.T, projector)
+    for start in range(STARTS):
+        yield _searched(camera, projector, start)
+
+
+def _corners(camera: Floats, projector: Floats) -> Floats:
+    """The r rows of the matrix that reach furthest from each other, of rows scaled to equal sums
+    (successive projection; Araujo and others 2001)."""
+    sums = camera.T @ projector.sum(axis=1)
+    usable = np.flatnonzero(sums > ROUNDING * np.abs(sums).max())
+    points = (camera[:, usable] / sums[usable]).T  # coefficients of the rows in the old sides
+    gram = projector @ projector.T
+    root = np.linalg.cholesky(gram + np.eye(len(gram)) * np.trace(gram) * 1e-15)
+    left = points @ root
+    chosen = []
+    for _ in range(len(camera)):
+        best = int(np.argmax(np.einsum("nr,nr->n", left, left)))
+        chosen.append(best)
+        along = left[best] / np.linalg.norm(left[best])
+        left = left - np.outer(left @ along, along)
+    return np.asarray(points[chosen] @ projector)
+
+
+def _searched(camera: Floats, projector: Floats, start: int) -> Floats:
+    """Projector sides by hierarchical alternating least squares, from random ones (Cichocki and
+    Phan 2009), on some of the cells."""
+    rng = np.random.Generator(np.random.PCG64(start))
+    cells = camera.shape[1]
+    some = np.sort(rng.permutation(cells)[:MOST_CELLS])
+    matrix = np.maximum(camera[:, some].T @ projector[:, some], 0.0)
+    rank = len(camera)
+    left, right = rng.random((len(some), rank)), rng.random((rank, len(some)))
+    for _ in range(STEPS):
+        for target, one, other in ((matrix, left, right), (matrix.T, right.T, left.T)):
+            products, grams = target @ other.T, other @ other.T
+            for d in range(rank):
+                more = products[:, d] - one @ grams[:, d]
+                one[:, d] = np.maximum(one[:, d] + more / max(grams[d, d], 1e-300), 0.0)
+    mix = np.asarray(np.linalg.lstsq(projector[:, some].T, right.T, rcond=None)[0].T, np.float64)
+    return np.asarray(_mended(mix, camera, projector) @ projector)
+
+
+def _mended(mix: Floats, camera: Floats, projector: Floats) -> Floats:
+    """A mixture (r, r) near another with less negative entries in both sides: their squares are
+    made small, by steepest ways."""
+    # A sixth of what a process for a job loads, and few jobs need it.
+    import scipy.optimize
+
+    rank = len(mix)
+
+    def negative(flat: Floats) -> tuple[float, Floats]:
+        mixing = flat.reshape(rank, rank)
+        if not np.linalg.cond(mixing) < 1.0 / ROUNDING:
+            return np.inf, np.zeros_like(flat)
+        lit = np.minimum(mixing @ projector, 0.0)
+        inverse = np.linalg.inv(mixing).T
+        seen = np.minimum(inverse @ camera, 0.0)
+        slope = lit @ projector.T - inverse @ (camera @ seen.T) @ inverse
+        return float(np.sum(lit**2) + np.sum(seen**2)), 2.0 * slope.ravel()
+
+    found = scipy.optimize.minimize(
+        negative, mix.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": MENDING}
+    )
+    return np.asarray(found.x).reshape(rank, rank)
+
+
+def _is_positive(side: Floats) -> bool:
+    return bool(np.isfinite(side).all() and side.min() >= -ROUNDING * side.max())

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pdcd.errors import RequestError
 from pdcd.protocol.request import Goal
 from pdcd.recipes.bounds import WEIGHTS, check_bounds
-from pdcd.recipes.matching import check_depths
-from pdcd.recipes.partners import Partner, partner_of
+from pdcd.recipes.partners import Partner, check_depths, partner_of
 
 Floats = NDArray[np.float64]
 Grid = tuple[int, int]

@@ -14,10 +14,10 @@ import numpy as np
 
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
-from pdcd.probing.lines import SameRow
+from pdcd.probing.convolved import SameRow
 from pdcd.probing.wanted import Indices, Match, Uniform
 from pdcd.recipes.maker import Maker
-from pdcd.recipes.matching import matches, on_lattice, places_of
+from pdcd.recipes.partners import continued_places, matches, places_of
 from pdcd.recipes.programs import Bools, Pairs
 from pdcd.recipes.recipe import Combination, Rule
 
@@ -36,7 +36,7 @@ class Keyed:
     A cell without a match gets the complement of the code that its row has to spare, where codes
     bring one (`pdcd.codes.lines.matched_codes`), else it is open.
 
-    place : (N, 2) int64, of `pdcd.recipes.matching.places_of`.
+    place : (N, 2) int64, of `pdcd.recipes.partners.places_of`.
     """
 
     place: Indices
@@ -46,7 +46,7 @@ class Keyed:
 
     def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
         """K pairs."""
-        partner = matches(on_lattice(self.place, lattice), self.disparity, lattice.shape)
+        partner = matches(continued_places(self.place, lattice), self.disparity, lattice.shape)
         row = np.arange(partner.size) // lattice.shape[1]
         cells, spare = bits[:, : partner.size], bits[:, partner.size :]
         none = spare[:, row] if spare.shape[1] else np.zeros_like(cells)
@@ -75,7 +75,7 @@ class KeyedRange:
 
     def pairs(self, bits: Bools, lattice: Lattice) -> Pairs:
         """K pairs; `bits` of `pdcd.codes.lines.comb_codes`."""
-        place, (rows, cols) = on_lattice(self.place, lattice), lattice.shape
+        place, (rows, cols) = continued_places(self.place, lattice), lattice.shape
         # Of a match far off, or none: beyond the row, where no real cell is lit at that time.
         off = (place[:, 0] < 0) | (place[:, 0] >= rows)
         row = np.where(off, 0, place[:, 0])

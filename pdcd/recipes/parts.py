@@ -3,6 +3,9 @@
 Each part alone is a photo of the same wanted matrix from fewer codes. The photo is the sum of all
 parts, which is what one exposure of all their codes would have been; their differences show the
 error that the codes make, which nothing else on a real rig can show.
+
+Beside them: equal exposures whose sum is less noisy, complement pairs (the same codes twice, before
+the mask's codes and before their complement), and codes that come after others which do not count.
 """
 
 from __future__ import annotations
@@ -14,8 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import RequestError
+from pdcd.probing.wanted import Uniform
 from pdcd.protocol.request import CaptureRequest
-from pdcd.recipes.recipe import Recipe, Shot
+from pdcd.recipes.maker import Maker, itself
+from pdcd.recipes.programs import Coded
+from pdcd.recipes.recipe import Extremes, Photo, Recipe, Rule, Shot
 
 FEWEST_PARTS = 4
 """Parts from which on their spread says more than a model of the scene does."""
@@ -139,3 +145,114 @@ def _part(shot: Shot, part: int, by_name: Mapping[str, Shot]) -> Shot:
     name = program + shot.name[len(shot.program) :]
     beside = _part(by_name[shot.beside], part, by_name).name if shot.beside else ""
     return replace(shot, name=name, program=program, part=part, beside=beside)
+
+
+def repeated(recipe: Recipe, count: int) -> Recipe:
+    """The same recipe with every shot that the answer rests on taken `count` times.
+
+    A photo is then the sum of all its exposures. Shots of single codes (a pilot) and photos that
+    are only shown beside the answer stay single.
+    """
+    if count == 1:
+        return recipe
+    rule = recipe.answer
+    names = rule.photos if isinstance(rule, Extremes) else tuple(name for _, name in rule)
+    copied = {shot for p in recipe.photos if p.name in names for _, shot in p.shots}
+    shots: list[Shot] = []
+    for shot in recipe.shots:
+        shots.append(shot)
+        if shot.name in copied:
+            shots += [replace(shot, name=c, copy_of=shot.name) for c in _copies(shot.name, count)]
+    photos = tuple(
+        replace(
+            photo,
+            shots=tuple(
+                (sign, name)
+                for sign, first in photo.shots
+                for name in (first, *(_copies(first, count) if first in copied else ()))
+            ),
+        )
+        for photo in recipe.photos
+    )
+    return replace(recipe, shots=tuple(shots), photos=photos)
+
+
+def _copies(name: str, count: int) -> list[str]:
+    return [f"{name}-{n}" for n in range(2, count + 1)]
+
+
+FLOODLIT = "floodlit"
+"""The photo and picture of a white shot, beside the white picture of a pair."""
+KNOWN = ("indirect", "direct")
+"""Goals that a pair of exposures answers."""
+
+
+def paired(maker: Maker, white: bool, buckets: int = 1) -> Recipe:
+    """Two exposures for direct, indirect and all light; and with `white` a floodlit shot to hold
+    their sum against.
+
+    A sensor of two buckets takes both at once. Raises RequestError for goals that are more than
+    that.
+    """
+    target = maker.target
+    if target.goal.name not in KNOWN or target.light is not None:
+        raise RequestError(
+            f"method pairs does the goals {' and '.join(KNOWN)}, under full light",
+            hint="take the method coded",
+        )
+    everything, same = Uniform(target.cells), itself(target)
+    if white:
+        maker.photo(
+            FLOODLIT, maker.wanted((1.0, everything)), [(1.0, Shot("white", "", white=True))]
+        )
+    maker.coded("coded", Coded(None, True), (1.0, everything), (-1.0, same))
+    maker.coded("same", Coded(None, False), (0.5, everything), (0.5, same))
+    if buckets == 2:
+        of = len("same")
+        maker.shots = [
+            replace(shot, beside=f"coded{shot.name[of:]}") if shot.program == "same" else shot
+            for shot in maker.shots
+        ]
+    apart, together = maker.photos[-2], maker.photos.pop()
+    less = tuple((-sign, name) for sign, name in apart.shots)
+    maker.photos += [
+        Photo("white", maker.wanted((1.0, everything)), (*together.shots, *apart.shots)),
+        Photo("direct", maker.wanted((1.0, same)), (*together.shots, *less)),
+    ]
+    pictures: dict[str, Rule] = {
+        "indirect": ((1.0, "coded"),),
+        "white": ((1.0, "white"),),
+        "direct": ((1.0, "direct"),),
+    }
+    first = target.goal.name
+    pictures = {first: pictures[first], **pictures}
+    if white:
+        pictures[FLOODLIT] = ((1.0, FLOODLIT),)
+    return Recipe(target, maker.programs, tuple(maker.shots), tuple(maker.photos), pictures)
+
+
+LATE = "-late"
+"""What the names of such shots end in."""
+
+
+def renamed(recipe: Recipe) -> Recipe:
+    """The same recipe with its shots of codes under other names; white ones, and photos of single
+    codes, keep theirs."""
+    new = {
+        shot.name: shot.name + LATE
+        for shot in recipe.shots
+        if not shot.white and shot.name not in recipe.stack
+    }
+
+    def name(old: str) -> str:
+        return new.get(old, old)
+
+    shots = tuple(
+        replace(s, name=name(s.name), copy_of=name(s.copy_of), beside=name(s.beside))
+        for s in recipe.shots
+    )
+    photos = tuple(
+        replace(photo, shots=tuple((sign, name(shot)) for sign, shot in photo.shots))
+        for photo in recipe.photos
+    )
+    return replace(recipe, shots=shots, photos=photos)

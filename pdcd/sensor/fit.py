@@ -8,7 +8,7 @@ import numpy as np
 
 from pdcd.errors import ConfigError
 from pdcd.panels.map import Map
-from pdcd.panels.map_scale import cell_centres, on_device, pixels_across
+from pdcd.panels.map_soundness import cell_centres, on_device, pixels_across
 
 LEAST_SEEN = 0.5
 """Share of the cells that the camera must see at least; what lies outside is no part of a photo."""

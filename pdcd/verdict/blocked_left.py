@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdcd.probing.lines import SameRow
+from pdcd.probing.convolved import SameRow
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Match, Part, Wanted
 

@@ -18,7 +18,7 @@ from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
 from pdcd.panels.draw import draw, draw_planes
 from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import PanelView
 from pdcd.panels.patterns import pack
 from pdcd.panels.pixels import Box
 from pdcd.panels.placing import Placing

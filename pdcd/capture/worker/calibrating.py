@@ -27,8 +27,8 @@ from pdcd.calibration.script import Ask, Outcome, Script, Session, Taken, Wanted
 from pdcd.calibration.shown import frames_of
 from pdcd.calibration.steps.all import METER, script_of
 from pdcd.errors import CalibrationError, PdcdError, disk_errors
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.npy import members, read_npz
+from pdcd.files.arrays import members, read_npz
+from pdcd.files.opening import Limits, Unsound
 from pdcd.panels.frames import Frames
 from pdcd.panels.map import Map
 from pdcd.panels.map_file import save_maps

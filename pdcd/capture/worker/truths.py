@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.pictures.truth import probe
 from pdcd.recipes.recipe import Extremes, Recipe, Rule
-from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from pdcd.virtual.optics.bench import OpticalBench
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.floating]

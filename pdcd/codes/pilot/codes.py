@@ -7,7 +7,7 @@ import numpy as np
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import is_order
 from pdcd.codes.pilot.matching import MOST_CELLS
-from pdcd.codes.pilot.signs import Bools
+from pdcd.codes.pilot.scene_light import Bools
 from pdcd.errors import RequestError
 
 POWERS = (32, 64, 128)

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pdcd.pages.report.budget import MOST_SHOTS
 from pdcd.pages.report.material import Material
+from pdcd.pages.report.timeline import MOST_SHOTS
 from pdcd.runs.record import Manifest
 from pdcd.words import SIGMA_KINDS
 

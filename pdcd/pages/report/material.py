@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pdcd.pages.report.budget import budget
 from pdcd.pages.report.layers import MOST_PICTURES, Layers, Truth, layers, size_of
-from pdcd.pages.report.timeline import timeline
+from pdcd.pages.report.timeline import budget, timeline
 from pdcd.pages.report.weights import MOST_WEIGHTS, matrices
 from pdcd.pictures.darkroom import Decoded
 from pdcd.pictures.decode import TRANSPORT_PICTURE as PICTURE

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pdcd.pages.report.packing import factored, integers, singles, size_bytes
 from pdcd.pictures.combine import Shown
 from pdcd.pictures.row import Weighed, weighed
-from pdcd.probing.convolved import Kernel
-from pdcd.probing.lines import SameRow
+from pdcd.probing.convolved import Kernel, SameRow
 from pdcd.probing.wanted import Gained, Lit, Match, Near, Outer, Part, Uniform, Wanted
 from pdcd.recipes.recipe import Photo, Recipe
 from pdcd.words import NormaliseName

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
 from pdcd.bench.placed import frame_of
@@ -10,8 +11,10 @@ from pdcd.panels.lattice import Lattice
 from pdcd.panels.placing import Placing
 from pdcd.probing.fine import cut_by_windows
 from pdcd.probing.panel import offset_cells
-from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from pdcd.virtual.optics.bench import OpticalBench
 
 _made: WeakValueDictionary[tuple[int, int], OpticalBench] = WeakValueDictionary()
 """Benches in use, by the identities of their configuration and scene, which they hold on to."""
@@ -41,6 +44,8 @@ def optics_of(config: Config, scene: Scene, *, cut: bool = False) -> OpticalBenc
     apart = camera.frame_quads is not None or grid != scene.grid
     if config.bench.truth is None and not (placed or fine or apart):
         return None
+    from pdcd.virtual.optics.bench import OpticalBench  # most captures need none
+
     key = id(config), id(scene)
     bench = _made.get(key)
     if bench is None:

@@ -20,10 +20,10 @@ from pdcd.panels.atoms import atoms
 from pdcd.panels.curve import Curve
 from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
 from pdcd.panels.lattice import SHIFTS
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import PanelView
 from pdcd.panels.patterns import bytes_of
 from pdcd.panels.windows import ATOMS, MOVED, PLACED, UPPER, strip_numbers, strip_of, windows
-from pdcd.probing.late_rows import band_delays_ns
+from pdcd.probing.spans import band_delays_ns
 
 Floats = NDArray[np.float64]
 Sites = NDArray[np.int32]

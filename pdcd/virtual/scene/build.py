@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.virtual.scene.card import CARD, card
+from pdcd.virtual.scene.effects import Direct
 from pdcd.virtual.scene.matrix import load_matrix
 from pdcd.virtual.scene.presets import builder_of, kinds
 from pdcd.virtual.scene.scene import Scene
@@ -63,3 +65,26 @@ def _matrix_scene(config: SceneConfig) -> Scene:
             hint="remove `grid`; the file's own is used",
         )
     return Scene(path.stem, grid, stored.effects(), texture=stored.texture)
+
+
+CARD = "card"
+"""What `[scene] kind` calls it."""
+ALBEDO = 0.9
+"""Of white paper."""
+
+
+def card(grid: tuple[int, int], options: Mapping[str, Any]) -> Scene:
+    """A card that fills the field. Options: `albedo`, its reflectance, 0 to 1.
+
+    Raises ConfigError for other options, or an albedo that is none.
+    """
+    unknown = sorted(set(options) - {"albedo"})
+    albedo = options.get("albedo", ALBEDO)
+    number = isinstance(albedo, int | float) and not isinstance(albedo, bool)
+    if unknown or not number or not 0.0 < albedo <= 1.0:
+        raise ConfigError(
+            f"[scene] options of 'card': {', '.join(unknown) or f'albedo = {albedo!r}'}",
+            hint="`albedo` alone, above 0 and at most 1",
+        )
+    cells = grid[0] * grid[1]
+    return Scene("card", grid, (Direct("card", np.full(cells, float(albedo))),))

@@ -7,7 +7,7 @@ its light from at most 2 x 2 projector cells, by the shares of them that it cove
     T_nm = albedo_n * share of cell n, moved by its displacement, that lies in cell m
 
 That is exact where panels show whole cells. Windows that open parts of cells are looked at part by
-part (`pdcd.probing.displaced`).
+part (`pdcd.probing.fine`).
 """
 
 from __future__ import annotations

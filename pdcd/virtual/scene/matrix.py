@@ -21,9 +21,8 @@ import numpy as np
 import scipy
 
 from pdcd.errors import ConfigError
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.npy import ZIP_MAGIC, members, read_npz
-from pdcd.files.opening import contents, open_own
+from pdcd.files.arrays import ZIP_MAGIC, members, read_npz
+from pdcd.files.opening import Limits, Unsound, contents, open_own
 from pdcd.virtual.scene.effects import COLOURS, Array, Dense, Direct, Effect, Sparse
 from pdcd.virtual.scene.texture import shares
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.cli.main import main
-from pdcd.codes.linked import prior_codes
+from pdcd.codes.hadamard import prior_codes
 from pdcd.codes.make import make_codes
 from pdcd.errors import RequestError
 from pdcd.pictures.decode import decode_folder

@@ -27,8 +27,8 @@ from pdcd.bench.tables import RigConfig, ServerConfig
 from pdcd.client import Client
 from pdcd.errors import BusyError, PdcdError, RequestError
 from pdcd.files import opening
-from pdcd.files.read import read_array
-from pdcd.files.sending import Sendable
+from pdcd.files.arrays import read_array
+from pdcd.files.opening import Sendable
 from pdcd.protocol.request import CaptureRequest, Sent
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.patterns import read_patterns

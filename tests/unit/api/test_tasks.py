@@ -28,8 +28,8 @@ from pdcd.bench.tables import Config, SceneConfig
 from pdcd.capture.worker.birth import Newborn
 from pdcd.capture.worker.pipe import packed
 from pdcd.errors import BusyError, DecodeError, DeviceLost, PdcdError, RequestError
-from pdcd.files.limits import Limits
-from pdcd.files.npy import read_npz
+from pdcd.files.arrays import read_npz
+from pdcd.files.opening import Limits
 from pdcd.protocol.request import CaptureRequest, CaptureResult, Quality
 
 WHITE = CaptureRequest(goal="white")
@@ -419,7 +419,9 @@ def test_a_preview_that_cannot_be_read_is_left_out(
     )
     run.pictures = dict.fromkeys(names[:5])
     faults: dict[str, Exception] = {}
-    (tmp_path / "a.png").write_bytes(cv2.imencode(".png", np.zeros((2, 2, 3), np.uint8))[1])
+    (tmp_path / "a.png").write_bytes(
+        cv2.imencode(".png", np.zeros((2, 2, 3), np.uint8))[1].tobytes()
+    )
 
     def checked(self: Run, name: str) -> Path:
         if Path(name).stem in faults:

@@ -18,7 +18,7 @@ from pdcd.panels.frames import FrameLog
 from pdcd.panels.map import Map
 from pdcd.panels.placing import Placing, placed
 from pdcd.protocol.request import Goal
-from pdcd.recipes.matching import matches, places_of
+from pdcd.recipes.partners import matches, places_of
 from pdcd.virtual.optics.bench import OpticalBench
 from pdcd.virtual.optics.products import Exposure
 from pdcd.virtual.scene.build import build_scene

@@ -8,7 +8,7 @@ import pytest
 from pdcd.calibration.shown import Shown, frames_of, still
 from pdcd.panels.draw import draw
 from pdcd.panels.frames import BLACK, WHITE
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import PanelView
 from pdcd.panels.placing import Placing, placed
 
 SIZES = {"projector": (7, 5), "mask": (9, 4)}

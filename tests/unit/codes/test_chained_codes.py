@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdcd.codes.balanced import balanced
-from pdcd.codes.chained import chained
+from pdcd.codes.independent import balanced, chained
 from pdcd.probing.wanted import shifted
 
 GRID = (12, 16)

@@ -9,15 +9,19 @@ import pytest
 import scipy.sparse
 from numpy.typing import NDArray
 
-from pdcd.codes.balanced import balanced
-from pdcd.codes.bernoulli import bernoulli, rademacher
-from pdcd.codes.hadamard import check_order, coloured, hadamard, hadamard_fits
+from pdcd.codes.hadamard import check_order, coloured, hadamard, hadamard_fits, symmetric
+from pdcd.codes.independent import balanced, bernoulli, rademacher
 from pdcd.codes.lines import comb_codes, matched_codes, row_codes
-from pdcd.codes.linked import symmetric
 from pdcd.codes.make import make_codes
-from pdcd.codes.orders import hadamard_columns, is_order, nearest_orders
+from pdcd.codes.orders import (
+    hadamard_columns,
+    is_order,
+    nearest_orders,
+    partial_spread,
+    spread_codes,
+    spread_size,
+)
 from pdcd.codes.singer import LARGEST, difference_set, line_count, singer
-from pdcd.codes.spread import partial_spread, spread_codes, spread_size
 from pdcd.errors import RequestError
 
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdcd.codes.hadamard import hadamard
-from pdcd.codes.linked import prior_codes, symmetric
+from pdcd.codes.hadamard import hadamard, prior_codes, symmetric
 from pdcd.errors import RequestError
 from tests.places import DATA
 

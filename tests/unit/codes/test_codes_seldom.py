@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig
 from pdcd.capture.engine import Engine
 from pdcd.codes.make import Codes, make_codes
+from pdcd.codes.orders import partial_spread, spread_size
 from pdcd.codes.singer import difference_set, line_count
-from pdcd.codes.spread import partial_spread, spread_size
 from pdcd.errors import RequestError
 from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.scene.presets import PRESETS

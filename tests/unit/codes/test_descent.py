@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from pdcd.codes.descent import Function, Singles, descended
+from pdcd.codes.woven import Function, Singles, descended
 
 Floats = NDArray[np.float64]
 RNG = np.random.default_rng(5)

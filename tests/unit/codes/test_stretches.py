@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pdcd.codes import far
 from pdcd.codes.far import far_codes, opened
-from pdcd.codes.stretches import parts_of, stretched
+from pdcd.codes.woven import parts_of, stretched
 from pdcd.probing.wanted import Near
 from pdcd.virtual.scene.presets import PRESETS
 

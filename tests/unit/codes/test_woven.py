@@ -80,7 +80,7 @@ def test_levels_are_parts_of_256_and_faint_light_is_left_out() -> None:
 
 def test_they_are_chosen_once_and_by_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(woven, "_known", {})
-    monkeypatch.setattr(woven, "KEPT", 2)
+    monkeypatch.setattr(woven, "WOVEN_KEPT", 2)
     signs: list[int] = []
 
     def chosen(seed: int) -> Floats:

@@ -14,12 +14,11 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.files import npy, opening, png
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.npy import members, read_npy, read_npz
-from pdcd.files.opening import Asker, contents, kind_of, open_own
-from pdcd.files.read import read_array
-from pdcd.files.sending import parcels
+from pdcd.files import arrays as npy
+from pdcd.files import arrays as png
+from pdcd.files import opening
+from pdcd.files.arrays import members, read_array, read_npy, read_npz
+from pdcd.files.opening import Asker, Limits, Unsound, contents, kind_of, open_own, parcels
 from tests.hostile import files
 
 LIMITS = Limits(1000)
@@ -187,7 +186,7 @@ def made_png(
     head = head or struct.pack(">IIBBBBB", width, height, depth, colour, packing, filters, 0)
     palette = chunk(b"PLTE", bytes(range(12))) if colour == 3 else b""
     body = chunk(b"IDAT", data if packed is None else packed)
-    return png.MAGIC + chunk(b"IHDR", head) + palette + body + chunk(b"IEND", b"")
+    return png.PNG_MAGIC + chunk(b"IHDR", head) + palette + body + chunk(b"IEND", b"")
 
 
 @pytest.mark.parametrize(
@@ -216,8 +215,8 @@ def test_grey_of_few_bits_is_a_share_of_full_scale() -> None:
         (made_png(2, 2, 8, filters=1), "no such PNG"),
         (made_png(2, 2, 8, head=bytes(12)), "begins otherwise"),
         (made_png(2, 2, 8, head=bytes(14)), "begins otherwise"),
-        (png.MAGIC + chunk(b"IEND", b""), "begins otherwise"),
-        (png.MAGIC + chunk(b"tEXt", b"") + chunk(b"IEND", b""), "begins otherwise"),
+        (png.PNG_MAGIC + chunk(b"IEND", b""), "begins otherwise"),
+        (png.PNG_MAGIC + chunk(b"tEXt", b"") + chunk(b"IEND", b""), "begins otherwise"),
         (made_png(2, 2, 8, packed=b"none"), "it is damaged: Error"),
         (made_png(2, 2, 8, packed=b""), "its pixels take 6 bytes, 0"),
         (made_png(2, 2, 8, pixels=b"\x07" * 6), "damaged"),

@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from pdcd.files import png
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.npy import check_finite, members, read_npy, read_npz
-from pdcd.files.read import read_array
+from pdcd.files import arrays as png
+from pdcd.files.arrays import check_finite, members, read_array, read_npy, read_npz
+from pdcd.files.opening import Limits, Unsound
 from tests.hostile import files
 
 LIMITS = Limits(1000)

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.read import read_array
+from pdcd.files.arrays import read_array
+from pdcd.files.opening import Limits, Unsound
 from tests.hostile import files
 
 LIMITS = Limits(1000)

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.files import opening, sending
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.npy import read_npy
-from pdcd.files.opening import Asker, contents, open_beneath, open_own
-from pdcd.files.sending import parcels
+from pdcd.files import opening
+from pdcd.files import opening as sending
+from pdcd.files.arrays import read_npy
+from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath, open_own, parcels
 
 SELF = Asker(os.getuid(), frozenset(os.getgroups()))
 NOBODY = Asker(65534, frozenset({65534}))

@@ -13,9 +13,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import RequestError
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.opening import Asker, contents, open_beneath, open_own
-from pdcd.files.sending import parcels
+from pdcd.files.opening import Asker, Limits, Unsound, contents, open_beneath, open_own, parcels
 from tests.hostile import files
 
 ROOT_USER = Asker(0, frozenset({0}))

@@ -10,8 +10,7 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.atoms import OUTSIDE, atoms, check_cells
-from pdcd.panels.map import Map
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import Map, PanelView
 from pdcd.panels.placing import Placing, placed
 
 SIZE = (45, 35)

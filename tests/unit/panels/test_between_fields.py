@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.panels.between_fields import through
+from pdcd.panels.placing import through
 
 SWAP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """(x, y) becomes (x / y, 1 / y): a point's depth is its y."""

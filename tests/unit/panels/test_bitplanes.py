@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError
-from pdcd.panels.bitplanes import PLANES, pack_planes
+from pdcd.panels.patterns import PLANES, pack_planes
 
 ORDERS = ("RGB", "RBG", "GRB", "GBR", "BRG", "BGR")
 

@@ -7,8 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.panels.curve import light_of, power, table, table_fault
-from pdcd.panels.dither import COPIES, code_to_send, sequence_to_send
+from pdcd.panels.curve import (
+    COPIES,
+    code_to_send,
+    light_of,
+    power,
+    sequence_to_send,
+    table,
+    table_fault,
+)
 from pdcd.panels.patterns import bytes_of, levels_of, pack
 
 LEVELS = np.arange(256)

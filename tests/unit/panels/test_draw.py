@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.bitplanes import pack_planes
 from pdcd.panels.draw import draw, draw_planes
 from pdcd.panels.frames import BLACK
 from pdcd.panels.lattice import Lattice
-from pdcd.panels.panels import PanelView
-from pdcd.panels.patterns import levels_of
+from pdcd.panels.map import PanelView
+from pdcd.panels.patterns import levels_of, pack_planes
 from pdcd.panels.placing import Placing, placed
 from tests.panel_pixels import planned, random_frames, upright
 

@@ -13,8 +13,7 @@ from pdcd.errors import ConfigError
 from pdcd.panels.atoms import OUTSIDE, PER_CELL, atoms
 from pdcd.panels.draw import check_fit, draw, draw_planes
 from pdcd.panels.frames import BLACK, WHITE, Frames
-from pdcd.panels.map import Map
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import Map, PanelView
 from pdcd.panels.patterns import compact, pack
 from tests.panel_pixels import random_frames, upright
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from pdcd.panels.lens import fold, slope, straightened
+from pdcd.panels.distortion import fold, slope, straightened
 
 RADIAL, TANGENTIAL = (0.1, 0.02), (0.003, -0.004)
 POINTS = np.array([[0.5, -1.0], [-0.3, 0.7], [1.2, 0.9], [0.0, 0.0], [0.0, 1.0], [1.0, 0.0]])

@@ -6,12 +6,27 @@ import numpy as np
 import pytest
 
 from pdcd.errors import ConfigError
-from pdcd.panels.bitplanes import check_binary
-from pdcd.panels.buckets import second_bucket
-from pdcd.panels.curve import LEVELS, light_of, power, table, table_fault
-from pdcd.panels.dither import COPIES, code_to_send, sequence_to_send
-from pdcd.panels.frames import BLACK, WHITE
-from pdcd.panels.patterns import bytes_of, compact, fit, grey_bytes, levels_of, none, pack
+from pdcd.panels.curve import (
+    COPIES,
+    LEVELS,
+    code_to_send,
+    light_of,
+    power,
+    sequence_to_send,
+    table,
+    table_fault,
+)
+from pdcd.panels.frames import BLACK, WHITE, second_bucket
+from pdcd.panels.patterns import (
+    bytes_of,
+    check_binary,
+    compact,
+    fit,
+    grey_bytes,
+    levels_of,
+    none,
+    pack,
+)
 from pdcd.panels.schedule import build_frames
 
 BITS = np.array([[True, False, True], [False, False, True]])

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import RectBivariateSpline
 
 from pdcd.errors import ConfigError
+from pdcd.panels.distortion import residual_of
 from pdcd.panels.map import PIECE, Map, between, matrix
-from pdcd.panels.map_residual import residual_of
 from pdcd.panels.map_soundness import check
 
 few = settings(max_examples=12, deadline=None, derandomize=True)

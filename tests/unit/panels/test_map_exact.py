@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.panels import lens as lenses
+from pdcd.panels import distortion as lenses
 from pdcd.panels import map as maps
 from pdcd.panels.map import Map, between, matrix
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.panels.map_residual import Nodes, Residual, residual_of
+from pdcd.panels.distortion import Nodes, Residual, residual_of
 
 SIZE = (60, 40)
 PLANE: Nodes = (((1.0, 0.0), (4.0, -6.0)), ((3.0, 8.0), (6.0, 2.0)))

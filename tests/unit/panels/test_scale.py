@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pdcd.panels.map import Map
-from pdcd.panels.map_scale import cell_centres, covers, fewest_pixels, on_device, pixels_across
+from pdcd.panels.map_soundness import cell_centres, covers, fewest_pixels, on_device, pixels_across
 
 FULL = Map.filling((64, 48))
 NARROWING = FULL.then([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 0.5]])

@@ -8,8 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdcd.panels.map import Map
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import Map, PanelView
 from pdcd.panels.placing import Placing, placed
 from pdcd.panels.windows import whole_pixels, windows
 

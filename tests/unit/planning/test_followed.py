@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
-from pdcd.codes.linked import prior_codes
+from pdcd.codes.hadamard import prior_codes
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import levels_of

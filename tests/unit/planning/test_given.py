@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import Cancelled, RequestError
-from pdcd.files.limits import Limits, Unsound
+from pdcd.files.opening import Limits, Unsound
 from pdcd.planning.given import (
     KEPT_NUMBERS,
     Source,

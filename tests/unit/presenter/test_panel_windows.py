@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from pdcd.errors import DeviceLost
-from pdcd.panels.map import Map
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import Map, PanelView
 from pdcd.presenter import windows as windows_module
 from pdcd.presenter.messages import Rect
 from pdcd.presenter.windows import Windows

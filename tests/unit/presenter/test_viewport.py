@@ -12,8 +12,7 @@ import pytest
 
 from pdcd.errors import ConfigError
 from pdcd.panels.frames import BLACK, PIXELS, WHITE, Frames
-from pdcd.panels.map import Map
-from pdcd.panels.panels import PanelView
+from pdcd.panels.map import Map, PanelView
 from pdcd.presenter.viewport import (
     CELLS,
     HALVES,

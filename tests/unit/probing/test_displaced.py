@@ -9,7 +9,7 @@ from pdcd.bench.tables import CameraConfig, Config, DisplayConfig, PanelConfig, 
 from pdcd.panels.frames import FrameLog
 from pdcd.panels.lattice import Lattice
 from pdcd.planning.make import make_plan
-from pdcd.probing.displaced import Beams
+from pdcd.probing.fine import Beams
 from pdcd.probing.realised import bench_factors, collect
 from pdcd.protocol.request import CaptureRequest
 from pdcd.virtual.optics.bench import OpticalBench

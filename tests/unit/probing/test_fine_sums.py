@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.placing import Placing
-from pdcd.probing.blurred import REACH, Blur
-from pdcd.probing.fine import Fine, FineSums, cut_by_windows, summed
-from pdcd.probing.late_rows import ALL_AT_ONCE, Band, band_delays_ns, bands_of
+from pdcd.probing.fine import REACH, Blur, Fine, FineSums, cut_by_windows, summed
+from pdcd.probing.spans import ALL_AT_ONCE, Band, band_delays_ns, bands_of
 
 Floats = NDArray[np.float64]
 GRID = (2, 3)

@@ -19,10 +19,10 @@ from pdcd.panels.lattice import Lattice
 from pdcd.panels.pixels import PanelPictures, Shown
 from pdcd.panels.placing import Placing
 from pdcd.panels.schedule import build_frames
-from pdcd.probing.late_rows import ALL_AT_ONCE, band_delays_ns, bands_of
 from pdcd.probing.panel import Panel, offset_cells
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import Factors, bench_factors, collect
+from pdcd.probing.spans import ALL_AT_ONCE, band_delays_ns, bands_of
 from tests import bench_rig, oracles
 from tests.sampled import sampled
 

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.probing import wanted as module
-from pdcd.probing.convolved import Kernel, convolved
-from pdcd.probing.lines import SameRow
+from pdcd.probing.convolved import Kernel, SameRow, convolved
 from pdcd.probing.wanted import (
     Full,
     Gained,

@@ -10,8 +10,18 @@ import pytest
 from pdcd.errors import RequestError
 from pdcd.panels.lattice import Lattice
 from pdcd.protocol.request import Goal
-from pdcd.recipes.matching import NOWHERE, check_depths, matches, on_lattice, places_of
-from pdcd.recipes.partners import REACH, cells_of, far_partners, partner_links, partner_of
+from pdcd.recipes.partners import (
+    NOWHERE,
+    REACH,
+    cells_of,
+    check_depths,
+    continued_places,
+    far_partners,
+    matches,
+    partner_links,
+    partner_of,
+    places_of,
+)
 from pdcd.recipes.programs import Coded, Far, Signed, SignedMatrix, Under
 
 GRID = (3, 5)
@@ -67,7 +77,7 @@ def test_matches_end_where_the_grid_does() -> None:
 
 
 def test_places_go_on_over_the_far_edges() -> None:
-    found = on_lattice(HERE, Lattice(GRID, "quarter")).reshape(4, 6, 2)
+    found = continued_places(HERE, Lattice(GRID, "quarter")).reshape(4, 6, 2)
     for row in range(4):
         for col in range(6):
             assert found[row, col].tolist() == [row, col]

@@ -17,10 +17,10 @@ from pdcd.pictures.exposed import Print
 from pdcd.planning.make import make_plan
 from pdcd.planning.plan import Plan
 from pdcd.planning.rehearse import foreseen
-from pdcd.probing.lines import SameRow
+from pdcd.probing.convolved import SameRow
 from pdcd.probing.wanted import Match, Near, Outer, Part, Uniform, Wanted
 from pdcd.protocol.request import CaptureRequest, Goal
-from pdcd.recipes.matching import matches, places_of
+from pdcd.recipes.partners import matches, places_of
 from pdcd.sensor.cells import CellMap
 from pdcd.virtual.scene.displaced import Displaced
 from pdcd.virtual.scene.effects import Dense

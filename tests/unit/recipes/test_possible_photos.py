@@ -8,10 +8,9 @@ import pytest
 
 from pdcd.protocol.request import Goal, How
 from pdcd.recipes.goals import Target
-from pdcd.recipes.make import recipe_of
-from pdcd.recipes.possible import possible
+from pdcd.recipes.make import possible, recipe_of
+from pdcd.recipes.parts import repeated
 from pdcd.recipes.recipe import Recipe
-from pdcd.recipes.repeat import repeated
 
 GRID = (4, 8)
 

@@ -20,11 +20,10 @@ from pdcd.probing.wanted import Near, shifted
 from pdcd.protocol.request import Goal, How
 from pdcd.recipes.alternatives import Fitted, Masked, Mixture, checkers
 from pdcd.recipes.even import even_part
-from pdcd.recipes.factored import factors_of
+from pdcd.recipes.factored import factors_of, nonnegative_sides
 from pdcd.recipes.goals import Target, check_target
 from pdcd.recipes.isolation import Isolation
 from pdcd.recipes.make import recipe_of
-from pdcd.recipes.nonnegative import nonnegative_sides
 from pdcd.recipes.off_axis import period_of
 from pdcd.recipes.partners import partner_links
 from pdcd.recipes.recipe import Recipe

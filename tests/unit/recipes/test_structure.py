@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pdcd.probing.wanted import Near, shifted
 from pdcd.recipes.even import even_part
-from pdcd.recipes.nonnegative import nonnegative_sides
+from pdcd.recipes.factored import nonnegative_sides
 from pdcd.recipes.structure import Structure, mostly_even, structure_of
 
 GRID = (9, 12)

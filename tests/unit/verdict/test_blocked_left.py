@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdcd.probing.lines import SameRow
+from pdcd.probing.convolved import SameRow
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Match, Near, Part, Uniform, Wanted
 from pdcd.verdict.blocked_left import blocked_weight

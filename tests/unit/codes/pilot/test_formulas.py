@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from pdcd.codes.pilot import links, matching, pursuit
 from pdcd.codes.pilot.codes import pilot_codes, pilot_share
-from pdcd.codes.pilot.links import correction, estimate_links, match_links, sharpness
-from pdcd.codes.pilot.sharp_light import sharp_squares
-from pdcd.codes.pilot.signs import check_photos, direct_light, projections, signs
-from pdcd.codes.pilot.worth import Worth, worth
+from pdcd.codes.pilot.links import Worth, correction, estimate_links, match_links, sharpness, worth
+from pdcd.codes.pilot.scene_light import (
+    check_photos,
+    direct_light,
+    projections,
+    sharp_squares,
+    signs,
+)
 from pdcd.errors import ConfigError
 
 Floats = NDArray[np.float64]

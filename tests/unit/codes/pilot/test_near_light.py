@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.pilot.codes import pilot_codes
-from pdcd.codes.pilot.near_light import near_light
+from pdcd.codes.pilot.scene_light import near_light
 
 Floats = NDArray[np.float64]
 GRID = (24, 32)

@@ -12,11 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pdcd.codes.linked import prior_codes
+from pdcd.codes.hadamard import prior_codes
 from pdcd.codes.make import make_codes
 from pdcd.codes.pilot.codes import SCOUTS, pilot_codes, pilot_share
-from pdcd.codes.pilot.links import SHARP, correction, estimate_links, sharpness
-from pdcd.codes.pilot.worth import Worth, worth
+from pdcd.codes.pilot.links import SHARP, Worth, correction, estimate_links, sharpness, worth
 from pdcd.errors import ConfigError, RequestError
 from tests.places import DATA
 from tests.sampled import sampled

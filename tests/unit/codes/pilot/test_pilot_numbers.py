@@ -12,11 +12,18 @@ from numpy.typing import NDArray
 from pdcd.codes.make import make_codes
 from pdcd.codes.orders import is_order
 from pdcd.codes.pilot.codes import MATCHED, POWERS, SCOUTS, TILE, pilot_codes, pilot_share
-from pdcd.codes.pilot.links import SHARP, estimate_links, match_links, sharpness
+from pdcd.codes.pilot.links import (
+    CLEARLY,
+    SHARP,
+    Worth,
+    estimate_links,
+    match_links,
+    sharpness,
+    worth,
+)
 from pdcd.codes.pilot.matching import MOST_CELLS, find_partners, weigh
 from pdcd.codes.pilot.pursuit import AT_ONCE, LIKELY, ROW_SHARE, STEPS, SURE
-from pdcd.codes.pilot.signs import check_photos, direct_light, projections, signs
-from pdcd.codes.pilot.worth import CLEARLY, Worth, worth
+from pdcd.codes.pilot.scene_light import check_photos, direct_light, projections, signs
 from pdcd.errors import ConfigError, RequestError
 
 GRID = (6, 9)

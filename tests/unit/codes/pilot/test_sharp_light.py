@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pdcd.codes.pilot.codes import SCOUTS, pilot_codes
-from pdcd.codes.pilot.sharp_light import sharp_squares
+from pdcd.codes.pilot.scene_light import sharp_squares
 from pdcd.errors import ConfigError
 
 GRID = (24, 32)

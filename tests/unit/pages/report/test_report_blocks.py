@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdcd.pages.report import budget, layers, material, packing, page, timeline
+from pdcd.pages.report import layers, material, packing, page, timeline
+from pdcd.pages.report import timeline as budget
 from pdcd.pages.report.packing import factored, integers, least_step, linear, logarithmic, singles
 from pdcd.pages.report.write import written
 from pdcd.panels.map import Map

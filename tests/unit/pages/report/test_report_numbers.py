@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
 from pdcd.pages.report import material, weights
-from pdcd.pages.report.budget import MOST_SHOTS, budget
 from pdcd.pages.report.packing import (
     factored,
     integers,
@@ -22,12 +21,11 @@ from pdcd.pages.report.packing import (
     singles,
     size_bytes,
 )
-from pdcd.pages.report.timeline import MOST_REFRESHES, timeline
+from pdcd.pages.report.timeline import MOST_REFRESHES, MOST_SHOTS, budget, timeline
 from pdcd.panels.map import Map
 from pdcd.pictures.exposed import Print
 from pdcd.pictures.upright import View
-from pdcd.probing.convolved import Kernel
-from pdcd.probing.lines import SameRow
+from pdcd.probing.convolved import Kernel, SameRow
 from pdcd.probing.realised import Factors
 from pdcd.probing.wanted import Gained, Lit, Match, Near, Outer, Uniform, Wanted
 from pdcd.runs.frame_table import COLUMNS

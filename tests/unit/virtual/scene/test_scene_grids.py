@@ -12,7 +12,7 @@ import pytest
 
 from pdcd.bench.tables import SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.files.limits import Limits, Unsound
+from pdcd.files.opening import Limits, Unsound
 from pdcd.virtual.scene import matrix
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import Array, Dense, Direct, Sparse

@@ -10,8 +10,7 @@ import pytest
 
 from pdcd.bench.tables import DEFAULT_GRID, SceneConfig
 from pdcd.errors import ConfigError
-from pdcd.virtual.scene.build import build_scene
-from pdcd.virtual.scene.card import ALBEDO, card
+from pdcd.virtual.scene.build import ALBEDO, build_scene, card
 from pdcd.virtual.scene.depth import OffAxis
 from pdcd.virtual.scene.displaced import Displaced, coloured_displaced, shares_of
 from pdcd.virtual.scene.kernel import gaussian

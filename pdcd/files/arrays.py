@@ -1,8 +1,10 @@
-"""numpy's own files, .npy and .npz, from bytes that nobody vouches for.
+"""Arrays from the bytes of a file that nobody vouches for: .npy, .npz, or grey values of PNG. The
+bytes tell which, not a name.
 
 Shape and type are looked at before memory is taken for the numbers. Pickles are never read: no
 type that needs one passes. Of a zip archive only what `numpy.savez` writes is understood, so that
-its directory is small and no member grows further than its own header says.
+its directory is small and no member grows further than its own header says. A PNG is taken apart
+first (its size, its checksums, the length of its pixels) and decoded only if it is sound.
 """
 
 from __future__ import annotations
@@ -18,8 +20,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.files.limits import Limits, Unsound
-from pdcd.files.opening import CHUNK_BYTES
+from pdcd.files.opening import CHUNK_BYTES, Limits, Unsound
 
 Floats = NDArray[np.float64]
 
@@ -184,3 +185,111 @@ def _pieces(stream: IO[bytes], size: int) -> Iterator[bytes]:
 def _damaged(err: BaseException) -> Unsound:
     why = " ".join(str(err).split())[:120] or type(err).__name__
     return Unsound(f"it is damaged: {why}", "write it again with numpy.save or numpy.savez")
+
+
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+MAX_PIXELS = 2**24
+"""Pixels of a picture, whatever the limit of elements is."""
+
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""Samples of a pixel by colour type."""
+_KEPT = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
+
+
+def read_png(data: bytes, limits: Limits) -> Floats:
+    """A picture as grey values, (rows, columns) float64, full scale 1. Raises Unsound.
+
+    Colours become grey, as OpenCV weighs them; transparency is ignored.
+    """
+    chunks = [(kind, body) for kind, body in _chunks(data) if kind in _KEPT]
+    if not chunks or chunks[0][0] != b"IHDR" or len(chunks[0][1]) != 13:
+        raise Unsound("it is damaged: a PNG file begins otherwise")
+    width, height, depth, colour, packing, filters, interlace = struct.unpack(
+        ">IIBBBBB", chunks[0][1]
+    )
+    if colour not in _CHANNELS or depth not in (1, 2, 4, 8, 16) or packing or filters:
+        raise Unsound("it is damaged: there is no such PNG file")
+    if interlace:
+        raise Unsound("it is an interlaced PNG file", "save it without interlacing")
+    Limits(min(limits.elements, MAX_PIXELS)).check((height, width))
+    row_bytes = 1 + (width * _CHANNELS[colour] * depth + 7) // 8
+    _check_pixels(b"".join(body for kind, body in chunks if kind == b"IDAT"), height * row_bytes)
+    limits.alive()
+    image = _decoded(PNG_MAGIC + b"".join(_packed(kind, body) for kind, body in chunks))
+    if image is None or image.shape != (height, width):
+        raise Unsound("it is damaged: it cannot be decoded")
+    full = {"uint8": 255.0, "uint16": 65535.0}[str(image.dtype)]
+    return np.asarray(image.astype(np.float64) / full)
+
+
+def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Kind and body of each chunk up to the end of the picture, checksums proven."""
+    at = len(PNG_MAGIC)
+    while True:
+        head = data[at : at + 8]
+        if len(head) < 8:
+            raise Unsound("it is damaged: it ends too early")
+        length, kind = int.from_bytes(head[:4], "big"), head[4:]
+        body, check = data[at + 8 : at + 8 + length], data[at + 8 + length : at + 12 + length]
+        if len(body) < length or len(check) < 4:
+            raise Unsound("it is damaged: it ends too early")
+        if zlib.crc32(kind + body) != int.from_bytes(check, "big"):
+            raise Unsound("it is damaged: a checksum is wrong")
+        yield kind, body
+        if kind == b"IEND":
+            return
+        at += 12 + length
+
+
+def _check_pixels(packed: bytes, size: int) -> None:
+    """Refuse a picture with fewer or more pixels than its header tells."""
+    unpack = zlib.decompressobj()
+    try:
+        # One byte more than there may be, so that nothing is unpacked for the sake of its size.
+        found = len(unpack.decompress(packed, size + 1))
+    except zlib.error as err:
+        raise Unsound(f"it is damaged: {err}") from err
+    if found != size:
+        raise Unsound(f"it is damaged: its pixels take {size} bytes, {found} are there")
+
+
+def _packed(kind: bytes, body: bytes) -> bytes:
+    check = zlib.crc32(kind + body).to_bytes(4, "big")
+    return len(body).to_bytes(4, "big") + kind + body + check
+
+
+def _decoded(data: bytes) -> NDArray[np.generic] | None:
+    import cv2  # most readers here see no pictures
+
+    try:
+        return cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_ANYDEPTH)
+    except cv2.error:
+        return None
+
+
+def read_array(data: bytes, name: str, limits: Limits) -> Floats:
+    """A two-dimensional array of finite numbers, (rows, columns) float64.
+
+    Taken are .npy, .npz with one array or one of that `name`, and PNG: grey, full scale 1. Raises
+    Unsound.
+    """
+    if data.startswith(PNG_MAGIC):
+        return read_png(data, limits)
+    if data.startswith(NPY_MAGIC):
+        array = read_npy(data, limits)
+    elif data.startswith(ZIP_MAGIC):
+        held = members(data)
+        if name not in held and len(held) != 1:
+            raise Unsound(
+                f"it holds {len(held)} arrays, none of which is called {name}",
+                f"store it as {name} with numpy.savez",
+            )
+        (array,) = read_npz(data, {name if name in held else held[0]: limits}).values()
+    else:
+        raise Unsound(
+            "it is neither .npy nor .npz nor PNG",
+            "pictures of other kinds are not read: convert them to PNG, or use numpy.save",
+        )
+    if array.ndim != 2:
+        raise Unsound(f"it has {array.ndim} dimensions, not 2", "give rows and columns")
+    return array

@@ -1,9 +1,5 @@
-"""Balanced codes in which a cell and its partner are lit together as often as by chance.
-
-The mask shows a camera cell the code of its partner, so the cell's own direct light counts as often
-as both are lit at once: in ``p^2 K`` codes on average. Columns drawn for themselves scatter around
-that, by more than all of it where codes are few, and direct light is mostly the strongest. Here
-each column is drawn so that it has just that many codes in common with its partner's.
+"""Codes whose cells are chosen independently of where they lie: by a coin for every bit as in the
+paper (Bernoulli, Rademacher), balanced, and balanced with chosen partners.
 """
 
 from __future__ import annotations
@@ -12,6 +8,100 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pdcd.errors import RequestError
+
+
+def bernoulli(
+    lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Independent cells, lit with probability p (paper, section 5).
+
+    With the complement as dual, p = 1/2 and the mean weight 1/4 divided out, one photo of K codes
+    has the variance (S^2 + 2 Q) / K at a cell whose indirect paths sum to S and whose squares sum
+    to Q. The S^2 comes from cells being open an unequal number of times; `balanced` removes it.
+
+    Returns
+    -------
+    (K, L) bool
+    """
+    return rng.random((count, lattice[0] * lattice[1])) < p
+
+
+def rademacher(
+    lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Independent signs +1 (lit) and -1 (dark), each with probability 1/2 (paper, section 3.2).
+
+    A goal of signed codes shows each code and its negative, in two photos of which the difference
+    is taken (eq. 10); the variance is then Q / K (eq. 7). In goals of unsigned codes the bits are
+    those of fair coins, and the variance is that of `bernoulli` with p = 1/2.
+
+    Returns
+    -------
+    (K, L) bool
+        True for +1.
+
+    Raises
+    ------
+    RequestError
+        p is not 1/2.
+    """
+    if p != 0.5:
+        raise RequestError(
+            f"rademacher codes are +1 and -1 equally often, not lit with p = {p:g}",
+            hint="take the family 'bernoulli' for other p",
+        )
+    signs = rng.integers(0, 2, size=(count, lattice[0] * lattice[1]), dtype=np.uint8)
+    return signs.view(np.bool_)
+
+
+_MAX_COUNT = 65536
+"""Largest number of codes that a hint proposes; requests allow no more."""
+
+
+def balanced(
+    lattice: tuple[int, int], count: int, p: float, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Independent random permutations of pK ones and (1-p)K zeros, one permutation a cell.
+
+    Equal on-counts make the diagonal of the probing matrix exact and take the S^2 term out of the
+    variance of `bernoulli`: at p = 1/2 with the complement as dual, Q / (K - 1) is left.
+
+    Returns
+    -------
+    (K, L) bool
+
+    Raises
+    ------
+    RequestError
+        p * K is not a whole number between 1 and K - 1.
+    """
+    if not _fits(p, count):
+        raise RequestError(
+            f"balanced codes cannot light a cell in p*K = {p:g} * {count} = {p * count:g} codes",
+            hint=_advice(p, count),
+        )
+    ordered = np.zeros((count, lattice[0] * lattice[1]), dtype=np.bool_)
+    ordered[: round(p * count)] = True
+    return rng.permuted(ordered, axis=0)
+
+
+def _fits(p: float, count: int) -> bool:
+    """Whether p * count is whole to rounding, with at least one code on and one off."""
+    on = round(p * count)
+    return abs(p * count - on) <= 1e-9 * count and 1 <= on < count
+
+
+def _advice(p: float, count: int) -> str:
+    """Hint that names the nearest numbers of codes that work, below and above `count`."""
+    below = next((k for k in range(count - 1, 1, -1) if _fits(p, k)), None)
+    above = next((k for k in range(count + 1, _MAX_COUNT + 1) if _fits(p, k)), None)
+    near = [str(k) for k in (below, above) if k is not None]
+    if not near:
+        return "no number of codes fits this p; take a simple fraction such as 0.0625"
+    return f"take {' or '.join(near)} codes"
+
 
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]

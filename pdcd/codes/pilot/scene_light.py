@@ -1,0 +1,148 @@
+"""What the photos of a pilot tell of the light of each cell: that of single codes as random
+projections of each row of the transport, how strong its sharp light is, and how much comes from the
+cells right beside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pdcd.errors import ConfigError
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+def signs(codes: Bools) -> Floats:
+    """+1 where a cell is lit, -1 where it is dark."""
+    found: Floats = np.where(codes, 1.0, -1.0)
+    return found
+
+
+def projections(photos: Floats) -> Floats:
+    """``T h_k`` (K0, N): the mean photo is ``T 1 / 2``, as every cell is lit half of the time."""
+    found: Floats = 2.0 * (photos - photos.mean(axis=0))
+    return found
+
+
+def direct_light(codes: Bools, photos: Floats) -> Floats:
+    """Estimate the direct image (N,) from balanced signs: the mean of ``h_k (T h_k)``."""
+    estimate: Floats = np.mean(signs(codes) * projections(photos), axis=0)
+    return estimate
+
+
+def check_photos(codes: Bools, photos: Floats, cells: int) -> None:
+    """Raise ConfigError unless there is a photo of all cells for each code, lit half of the
+    time."""
+    if codes.ndim != 2 or codes.shape != photos.shape or codes.shape[1] != cells:
+        raise ConfigError(
+            f"pilot codes {codes.shape} and photos {photos.shape} do not fit {cells} cells",
+            hint="give one photo of all cells for each code",
+        )
+    if np.any(2 * np.count_nonzero(codes, axis=0) != codes.shape[0]):
+        raise ConfigError(
+            "a cell is not lit in half of the pilot codes", hint="use the codes of `pilot_codes`"
+        )
+
+
+AROUND = 3
+"""Side, in cells, of the square over which squares are averaged: four photos say little of one
+cell."""
+
+
+def sharp_squares(
+    codes: Bools, photos: Floats, grid: tuple[int, int], *, sigma: Floats, paths: Floats
+) -> Floats:
+    """Sum of the squares of each cell's sharp paths, (N, C), >= 0, beside those that are known.
+
+    The sum over a row that `pdcd.codes.pilot.links.sharpness` takes the mean of. Smooth light makes
+    the photos alike, and does not count.
+
+    Parameters
+    ----------
+    codes : (K0, N) bool, the `SCOUTS` first of `pilot_codes`.
+    photos, sigma : (K0, N, C) float64, photos of single codes and their noise, in scene units.
+    paths : (K0, N, C) float64
+        Light of the paths known in these photos.
+
+    Raises
+    ------
+    ConfigError
+        The arrays do not fit each other, or a cell is not lit in half of the codes.
+    """
+    count, cells = codes.shape
+    found = np.empty((cells, photos.shape[2]))
+    for channel in range(photos.shape[2]):
+        series = photos[..., channel] - paths[..., channel]
+        check_photos(codes, series, cells)
+        rest = projections(series) - signs(codes) * direct_light(codes, series)
+        noise = 4.0 * np.mean(sigma[..., channel] ** 2, axis=0)
+        # The mean photo and the direct light take a dimension each; of all other light the share
+        # 1 / (count - 1) went into the direct light.
+        square = np.sum(rest**2, axis=0) / (count - 2) - noise
+        around = scipy.ndimage.uniform_filter(square.reshape(grid), AROUND, mode="nearest")
+        found[:, channel] = (count - 1) / count * np.maximum(around, 0.0).ravel()
+    return found
+
+
+REACH = 3
+"""Cells around that are taken to send light, less with the square of their distance. Without those
+further off, which codes of a few photos light just when the nearest are dark, half of the light of
+smooth scenes would not be found."""
+NEAR_AROUND = 5
+"""Side, in cells, of the square over which a share is told: a few photos say little of one cell."""
+
+
+def near_light(codes: Bools, photos: Floats, grid: tuple[int, int]) -> Floats:
+    """Light that each cell gets from one of the eight around it, on average, (N, C) float64, >= 0,
+    in the unit of the photos.
+
+    It is the root of what its square is likely to be, so that chance, as sharp paths from afar
+    bring it in, adds nothing on average.
+
+    Parameters
+    ----------
+    codes : (K, N) bool, what was lit in the photos of a pilot.
+    photos : (K, N, C) float64, without the light of paths that are known.
+    """
+    own = signs(codes)
+    own -= own.mean(axis=0)
+    around = _spread(own, grid)
+    power = np.sum(own**2, axis=0)
+    safe = np.where(power > 0.0, power, 1.0)
+    # A cell's own code tells of its direct light; what of it is in those around tells nothing.
+    around -= own * (np.sum(own * around, axis=0) / safe)
+    told = _sums(np.sum(around**2, axis=0), grid)
+    found = np.zeros(photos.shape[1:])
+    if not told.any():
+        return found
+    for channel in range(photos.shape[2]):
+        light = 2.0 * (photos[..., channel] - photos[..., channel].mean(axis=0))
+        along = np.sum(around * light, axis=0)
+        # Products of two cells: those of one with itself are chance as well.
+        pairs = _sums(along, grid) ** 2 - _sums(along**2, grid)
+        square = np.divide(pairs, told**2, out=np.zeros(grid), where=told > 0.0)
+        likely = scipy.ndimage.uniform_filter(square, NEAR_AROUND, mode="nearest")
+        found[:, channel] = np.sqrt(np.maximum(likely, 0.0)).ravel()
+    return found
+
+
+def _spread(values: Floats, grid: tuple[int, int]) -> Floats:
+    """Sums over the cells around each, (K, N), those beside it counting 1 on average."""
+    down, right = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1]
+    kernel = 1.0 / (1.0 + down**2 + right**2)
+    kernel[REACH, REACH] = 0.0
+    beside = kernel[REACH - 1 : REACH + 2, REACH - 1 : REACH + 2]
+    kernel *= 8.0 / beside.sum()
+    images = [
+        scipy.ndimage.convolve(one.reshape(grid), kernel, mode="constant").ravel() for one in values
+    ]
+    return np.stack(images)
+
+
+def _sums(values: Floats, grid: tuple[int, int]) -> Floats:
+    """Sums of values of cells (N,) over the square around each, (rows, cols)."""
+    mean = scipy.ndimage.uniform_filter(values.reshape(grid), NEAR_AROUND, mode="constant")
+    return np.asarray(mean * NEAR_AROUND**2)
