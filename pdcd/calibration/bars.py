@@ -141,14 +141,30 @@ def read_bar(
             device="camera",
             hint="close the aperture, or use a lower ISO",
         )
-    where = cell[used]
+    if (quads < FEWEST_QUADS).any():
+        raise _unseen(f"{np.count_nonzero(quads < FEWEST_QUADS)} cells of the bar are not seen")
+    value, sigma = _over_white(photo, white, used, cell[used], size)
+    middle = (first + (np.arange(bands) + 0.5) * (end - first) / bands) / len(seen)
+    shape = bands, cells
+    return CellLight(value.reshape(shape), sigma.reshape(shape), middle)
+
+
+def _over_white(
+    photo: Photo,
+    white: Photo,
+    used: NDArray[np.bool_],
+    cell: NDArray[np.int64],
+    cells: int,
+) -> tuple[Floats, Floats]:
+    """Light of each cell (cells,) over that of the white photo, and its standard deviation.
+
+    cell : number of the cell of each quad that is `used`. Raises CalibrationError: too dark.
+    """
     sums = []
     for taken in (photo, white):
         for values, weights in ((taken.light, COLOURS), (taken.variance, COLOURS**2)):
-            sums.append(np.bincount(where, values[used] @ weights, minlength=size))
+            sums.append(np.bincount(cell, values[used] @ weights, minlength=cells))
     light, var, full, full_var = (np.asarray(one, dtype=np.float64) for one in sums)
-    if (quads < FEWEST_QUADS).any():
-        raise _unseen(f"{np.count_nonzero(quads < FEWEST_QUADS)} cells of the bar are not seen")
     if (full < FAINTEST_SIGMAS * np.sqrt(np.maximum(full_var, 0.0))).any():
         raise CalibrationError(
             "the white photo is dark where the bar runs",
@@ -156,10 +172,7 @@ def read_bar(
             hint="take off the lens cap, switch the projector on, and put the card before it",
         )
     value = light / full
-    sigma = np.sqrt(var + value**2 * full_var) / full
-    middle = (first + (np.arange(bands) + 0.5) * (end - first) / bands) / len(seen)
-    shape = bands, cells
-    return CellLight(value.reshape(shape), sigma.reshape(shape), middle)
+    return value, np.sqrt(var + value**2 * full_var) / full
 
 
 def _unseen(what: str) -> CalibrationError:

@@ -226,6 +226,25 @@ def transfer_of(
             device="camera",
             hint='of a mock bench set camera.noise = "full"; see that two photos were taken',
         )
+    fit, covariance, chi2 = _settled_line(plane, mean, variance, samples, good)
+    level = max(float(np.median(pair.mean[pair.samples > 0])) for pair in lit)
+    if fit[1] * level < DIM * fit[0]:
+        raise CalibrationError(
+            f"plane {plane}: the flat photos are too dim: {level:.3g} DN, of whose noise half is "
+            "the camera's own",
+            device="camera",
+            hint="open the aperture, or show more refreshes",
+        )
+    gain = float(1.0 / fit[1])
+    read_dn2 = fit[0] - ROUNDING_DN2 - dark_e / gain**2 - leaked_dn / gain
+    return _transfer(fit, covariance, chi2, read_dn2, dark)
+
+
+def _settled_line(
+    plane: str, mean: Floats, variance: Floats, samples: Floats, good: NDArray[np.bool_]
+) -> tuple[Floats, Floats, float]:
+    """The line through the `good` blocks but for a few far from it: its two numbers, their
+    covariance, and chi squared. Raises CalibrationError where too many are far."""
     for _ in range(2):
         fit, covariance = _line(mean[good], variance[good], samples[good])
         model = fit[0] + fit[1] * mean
@@ -239,19 +258,17 @@ def transfer_of(
     chi2 = float(np.mean(away[good] ** 2))
     if chi2 > 1.0 + max(EXCESS_CHI2, 5.0 * float(np.sqrt(2.0 / good.sum()))):
         raise _moved(plane, chi2)
-    level = max(float(np.median(pair.mean[pair.samples > 0])) for pair in lit)
-    if fit[1] * level < DIM * fit[0]:
-        raise CalibrationError(
-            f"plane {plane}: the flat photos are too dim: {level:.3g} DN, of whose noise half is "
-            "the camera's own",
-            device="camera",
-            hint="open the aperture, or show more refreshes",
-        )
+    return fit, covariance, chi2
+
+
+def _transfer(
+    fit: Floats, covariance: Floats, chi2: float, read_dn2: float, dark: Pair
+) -> Transfer:
+    """What the line says of the camera. read_dn2 : variance of a dark photo that is read noise."""
     gain = float(1.0 / fit[1])
     gain_sigma = gain**2 * float(np.sqrt(covariance[1, 1]))
     rounded = fit[0] < LEAST_DARK_DN2
-    read_dn2 = max(fit[0] - ROUNDING_DN2 - dark_e / gain**2 - leaked_dn / gain, 1e-6)
-    read_dn = float(np.sqrt(read_dn2))
+    read_dn = float(np.sqrt(max(read_dn2, 1e-6)))
     band_dn = float(np.sqrt(dark.banding_dn2))
     # read = sqrt(v0 - 1/12) / K: how it moves with either number of the line.
     slope = np.array([0.5 / (read_dn * fit[1]), -read_dn / fit[1] ** 2])

@@ -76,10 +76,8 @@ def colour_lattice(
     cells = lattice[0] * lattice[1]
     known = _Links(links, cells)
     order, along = _front(lattice, rng)
-    weight = known.weight
-    if apart:
-        weight = weight * LOOSE ** rng.uniform(-1.0, 1.0, cells)
-    order = order[np.argsort(-weight[order], kind="stable")]
+    loosened = LOOSE ** rng.uniform(-1.0, 1.0, cells) if apart else 1.0
+    order = order[np.argsort(-(known.weight * loosened)[order], kind="stable")]
     sign = rng.choice(np.array([-1, 1], dtype=np.int8), cells)
     # No colour yet: bins of their own, that are never chosen. They are several, because adding to
     # one bin again and again waits each time for the sum before.

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
@@ -161,8 +162,15 @@ def pixel_factors(
     weights, opens = span_weights(
         primal, dual, p_start_ns, d_start_ns, exposure_ns=close_ns - open_ns
     )
+    yield from _chunks(places, p_track, d_track, weights, opens, spans=len(p_rows))
+
+
+def _chunks(
+    places: _Places, p_track: Trajectory, d_track: Trajectory, weights: Any, opens: Any, spans: int
+) -> Iterator[Factors]:
+    """The factors of each span of the projector that the shutter was open for."""
     reached = 0  # spans of the mask come in order, none left out, the last one perhaps twice
-    for span in range(len(p_rows)):
+    for span in range(spans):
         lights = p_track.take(span, span + 1)[0]
         rows = weights[span * p_track.fields : (span + 1) * p_track.fields]
         used = np.unique(opens[[span]].indices) // d_track.fields

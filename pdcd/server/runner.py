@@ -200,24 +200,7 @@ class Runner:
         loop: asyncio.AbstractEventLoop,
     ) -> tuple[CaptureResult, Answer | None]:
         """In the worker's thread: the engine call, with events thinned and sent to the loop."""
-        thinned = Coalescer()
-        late_s = PROGRESS_INTERVAL_NS * 1e-9
-
-        def tell(t_ns: int, event: Event) -> None:
-            loop.call_soon_threadsafe(self._tell, job, t_ns, event)
-
-        def flush() -> None:
-            held = thinned.flush()
-            if held is not None:
-                tell(*held)
-
-        def told_late() -> None:
-            """In the loop: nothing followed what was held, for the rig waits, or hangs."""
-            held = thinned.due(time.monotonic_ns())
-            if held is not None:
-                self._tell(job, *held)
-            elif thinned.timed:
-                loop.call_later(late_s, told_late)
+        thinned = _EventsToLoop(loop, lambda t_ns, event: self._tell(job, t_ns, event))
 
         def emit(event: Event) -> None:
             self._worker.beat()
@@ -226,14 +209,7 @@ class Runner:
             event = events.read(plain(event))
             if isinstance(event, events.Attention):
                 job.proceed_flag.clear()  # before anybody can have heard of it
-            now_ns = time.monotonic_ns()
-            if not isinstance(event, events.THINNED):
-                flush()
-                tell(now_ns, event)
-            elif thinned.offer(now_ns, event) is not None:
-                tell(now_ns, event)
-            elif thinned.wants_timer():
-                loop.call_soon_threadsafe(loop.call_later, late_s, told_late)
+            thinned.emit(event)
 
         def cancelled() -> bool:
             self._worker.beat()
@@ -267,7 +243,7 @@ class Runner:
                     report=True,
                 )
         finally:
-            flush()
+            thinned.flush()
         if result.state not in ENDED:
             raise PdcdError(f"the engine returned in state {result.state}")
         # By way of JSON types, so that nothing unencodable gets as far as the socket.
@@ -288,3 +264,43 @@ class Runner:
 
     def _tell(self, job: Job, t_mono_ns: int, event: Event) -> None:
         self._publish(job, job.numbered(event, t_mono_ns))
+
+
+class _EventsToLoop:
+    """Events of one job on their way from the engine's thread to the loop, progress thinned.
+
+    tell : takes the time in ns and the event, in the loop.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, tell: Callable[[int, Event], None]) -> None:
+        self._loop, self._tell = loop, tell
+        self._thinned = Coalescer()
+        self._late_s = PROGRESS_INTERVAL_NS * 1e-9
+
+    def emit(self, event: Event) -> None:
+        """In the engine's thread: send it on, or hold it back for a while."""
+        now_ns = time.monotonic_ns()
+        if not isinstance(event, events.THINNED):
+            self.flush()
+            self._send(now_ns, event)
+        elif self._thinned.offer(now_ns, event) is not None:
+            self._send(now_ns, event)
+        elif self._thinned.wants_timer():
+            self._loop.call_soon_threadsafe(self._loop.call_later, self._late_s, self._tell_late)
+
+    def flush(self) -> None:
+        """In the engine's thread: send what was held back."""
+        held = self._thinned.flush()
+        if held is not None:
+            self._send(*held)
+
+    def _send(self, t_ns: int, event: Event) -> None:
+        self._loop.call_soon_threadsafe(self._tell, t_ns, event)
+
+    def _tell_late(self) -> None:
+        """In the loop: nothing followed what was held, for the rig waits, or hangs."""
+        held = self._thinned.due(time.monotonic_ns())
+        if held is not None:
+            self._tell(*held)
+        elif self._thinned.timed:
+            self._loop.call_later(self._late_s, self._tell_late)
