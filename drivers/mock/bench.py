@@ -126,7 +126,7 @@ class Bench:
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
-        return self.config.schedule.cells or self.scene.grid
+        return self.config.code_grid(self.scene.grid)
 
     @property
     def frame(self) -> tuple[int, int]:

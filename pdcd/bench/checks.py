@@ -15,7 +15,6 @@ from pdcd.bench.grey import curve_fault
 from pdcd.bench.placed import place_faults, small_cells
 from pdcd.bench.reading import Fault, number_faults
 from pdcd.bench.tables import (
-    DEFAULT_GRID,
     Config,
     DisplayConfig,
     FaultsConfig,
@@ -233,7 +232,7 @@ def _scene_faults(config: Config) -> Iterator[Fault]:
         yield Fault(("scene.path",), f"scene.path: there is no file {scene.path}")
     if config.schedule.cells is None and scene.grid is None and scene.kind == "matrix":
         return  # the cells are known only when the file is read
-    rows, cols = config.schedule.cells or scene.grid or DEFAULT_GRID
+    rows, cols = config.code_grid()
     window = config.schedule.window
     guard = windows(window).guard
     # Half-cell shifts of a half-cell opening fall between the pixels of a smaller cell.

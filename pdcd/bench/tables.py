@@ -226,7 +226,7 @@ class ScheduleConfig(_Table, frozen=True):
 
     @property
     def cells(self) -> tuple[int, int] | None:
-        """Rows and columns of code cells, where they are typed."""
+        """Rows and columns of code cells, where they are typed (`Config.code_grid`)."""
         return None if self.grid == "auto" else self.grid
 
 
@@ -325,6 +325,14 @@ class Config(_Table, frozen=True):
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     server: ServerConfig = field(default_factory=ServerConfig)
+
+    def code_grid(self, of_scene: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Rows and columns of code cells: those of the schedule, else of the scene, else the usual.
+
+        of_scene : grid of the mock scene once it is built, for a matrix file brings its own. Who
+        plans asks for the codes' cells here, who shows and who sees them, too.
+        """
+        return self.schedule.cells or of_scene or self.scene.grid or DEFAULT_GRID
 
     @property
     def row_hz(self) -> float:

@@ -18,7 +18,7 @@ from pdcd.bench.clock import RealClock, VirtualClock
 from pdcd.bench.devices import DriverContext
 from pdcd.bench.placed import dark_places, frame_of
 from pdcd.bench.registry import Role, load_driver
-from pdcd.bench.tables import DEFAULT_GRID, CameraConfig, Config, SceneConfig
+from pdcd.bench.tables import CameraConfig, Config, SceneConfig
 from pdcd.capture.sight import hold_against
 from pdcd.errors import PdcdError
 from pdcd.panels.placing import Placing
@@ -133,10 +133,9 @@ class _Check:
 
     def _code_grid(self) -> tuple[int, int] | None:
         """Rows and columns of code cells; None where they stand in a file that cannot be read."""
-        scene = self._config.scene
-        if self._grid is None and scene.kind == "matrix":
+        if self._grid is None and self._config.scene.kind == "matrix":
             return None
-        return self._config.schedule.cells or self._grid or scene.grid or DEFAULT_GRID
+        return self._config.code_grid(self._grid)
 
     def _plan(self) -> None:
         grid = self._code_grid()

@@ -26,7 +26,7 @@ from pdcd.bench.devices import (
 )
 from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
-from pdcd.bench.tables import DEFAULT_GRID, Config
+from pdcd.bench.tables import Config
 from pdcd.capture.moving import MovingShutter
 from pdcd.errors import Cancelled, ConfigError, SyncError, disk_errors
 from pdcd.panels.frames import FrameLog, Frames
@@ -117,11 +117,8 @@ class Rig:
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns of code cells."""
-        said = self.config.schedule.cells or self.config.scene.grid or DEFAULT_GRID
         scene = self._virtual_scene
-        if scene is None or self.config.schedule.cells is not None:
-            return said
-        return scene.grid
+        return self.config.code_grid(None if scene is None else scene.grid)
 
     @property
     def mock(self) -> bool:

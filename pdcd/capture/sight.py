@@ -14,7 +14,7 @@ from pathlib import Path
 from pdcd.bench.devices import CameraInfo
 from pdcd.bench.findings import Finding, fault
 from pdcd.bench.placed import camera_map
-from pdcd.bench.tables import DEFAULT_GRID, Config
+from pdcd.bench.tables import Config
 from pdcd.capture.job import Journal
 from pdcd.capture.same_bench import held_otherwise
 from pdcd.errors import ExposureError, PdcdError
@@ -114,7 +114,7 @@ def examine(config: Config, raw: Path | None) -> Iterator[Finding]:
             rows, columns = head.masked
             border = f"{rows} rows and {columns} columns beyond the picture"
             yield Finding("masked border", "good", border if rows + columns else "none")
-        what, grid = "view of the field", config.schedule.cells or config.scene.grid or DEFAULT_GRID
+        what, grid = "view of the field", config.code_grid()
         fit = fit_of(camera_map(config, frame), grid)
         seen = f"{100.0 * fit.seen:.3g} % of {grid[0]} x {grid[1]} cells"
         yield Finding("field seen", "good", seen)

@@ -76,7 +76,7 @@ def measure(config: Config, refreshes: int) -> Timing:
     presenter = DisplayProcess(opening(config))
     try:
         planes = config.display.planes_per_refresh
-        presenter.load(random_codes(config.scene.grid or (48, 64)))
+        presenter.load(random_codes(config.code_grid()))
         rows = np.arange(refreshes * planes, dtype=np.int32) % (3 * PATTERNS)
         sent = rows.reshape(refreshes, planes)
         log = presenter.play(sent, sent, lambda *_: None, lambda: False)

@@ -11,7 +11,6 @@ from pdcd.calibration.disparity import Disparities, disparities
 from pdcd.calibration.figures import Figure, Verdict
 from pdcd.calibration.script import Outcome, Script, Session
 from pdcd.calibration.steps.geometry import finer
-from pdcd.calibration.steps.registration import cells_of
 from pdcd.calibration.steps.striped import base_px, planes_of
 from pdcd.calibration.xor import XorCode
 from pdcd.errors import CalibrationError
@@ -34,7 +33,7 @@ def disparity(session: Session) -> Script:
     size = session.config.projector.size_px
     code = XorCode("projector", size, base_px(1.0 / finer(projector, camera)))
     planes = yield from planes_of(session, code)
-    found = disparities(planes.decoded(), camera, projector, cells_of(session.config))
+    found = disparities(planes.decoded(), camera, projector, session.config.code_grid())
     return Outcome(
         figures=_figures(found),
         arrays={

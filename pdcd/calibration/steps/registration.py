@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.tables import DEFAULT_GRID, Config
+from pdcd.bench.tables import Config
 from pdcd.calibration.arrows import arrows
 from pdcd.calibration.charts import sheet, write
 from pdcd.calibration.correction import Correction, corrected, fitted
@@ -101,14 +101,9 @@ def registration(session: Session) -> Script:
     )
 
 
-def cells_of(config: Config) -> tuple[int, int]:
-    """Rows and columns of cells."""
-    return config.schedule.cells or config.scene.grid or DEFAULT_GRID
-
-
 def cell_px(config: Config) -> float:
     """Side of the code's cells in projector pixels, along the side that has the smaller ones."""
-    rows, cols = cells_of(config)
+    rows, cols = config.code_grid()
     width, height = config.projector.size_px
     return min(width / cols, height / rows)
 

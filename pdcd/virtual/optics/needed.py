@@ -38,7 +38,7 @@ def optics_of(config: Config, scene: Scene, *, cut: bool = False) -> OpticalBenc
     As long as somebody holds a bench, who asks for one of the very same configuration and scene
     gets that: where the camera looks is found once for its photos and for their truth.
     """
-    camera, grid = config.camera, config.schedule.cells or scene.grid
+    camera, grid = config.camera, config.code_grid(scene.grid)
     placed = any(p.place != Placing() for p in (config.projector, config.mask, camera))
     fine = camera.quads_per_cell > 1 and (cut or scene.textures is not None)
     apart = camera.frame_quads is not None or grid != scene.grid

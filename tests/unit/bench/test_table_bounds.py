@@ -145,3 +145,11 @@ def test_cells_are_typed_or_left_open() -> None:
     assert ScheduleConfig(grid="auto").cells is None and ScheduleConfig().cells is None
     assert DEFAULT_GRID == (48, 64)
     assert CameraConfig().frame_quads is None and SceneConfig().grid is None
+
+
+def test_code_cells_are_those_of_the_schedule_then_of_the_scene_then_the_usual() -> None:
+    typed, scene = ScheduleConfig(grid=(2, 3)), SceneConfig(grid=(4, 5))
+    assert Config(schedule=typed, scene=scene).code_grid((6, 7)) == (2, 3)
+    assert Config(scene=scene).code_grid((6, 7)) == (6, 7)
+    assert Config(schedule=ScheduleConfig(grid="auto"), scene=scene).code_grid() == (4, 5)
+    assert Config().code_grid() == DEFAULT_GRID
