@@ -8,6 +8,10 @@ from collections.abc import Generator, Iterator
 
 import pytest
 
+from tests import world
+
+world.enter()  # before pdcd is imported, and whatever tests run while they are imported
+
 from tests import hastened, remembered
 from tests.hastened import full_previews
 from tests.heard import Heard
@@ -33,6 +37,13 @@ def pytest_collection() -> Generator[None, object, object]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+@pytest.fixture(autouse=True)
+def _own_world() -> Iterator[None]:
+    """Every test finds no configuration, runs or calibrations of another."""
+    yield
+    world.sweep()
 
 
 @pytest.fixture(autouse=True)

@@ -21,6 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests import world
+
 GRID = (12, 16)
 CELLS = GRID[0] * GRID[1]
 
@@ -162,6 +164,7 @@ def _arrays(one: Path, two: Path, name: str) -> list[str]:
 
 def main() -> None:
     """Take, or compare."""
+    world.enter()
     match sys.argv[1:]:
         case ["take", checkout, out]:
             take(Path(checkout).absolute(), Path(out).absolute())

@@ -10,6 +10,7 @@ from typing import Any
 import nbformat
 from nbclient import NotebookClient
 
+from tests import world
 from tests.places import ROOT
 
 PATH = ROOT / "docs" / "tutorial.ipynb"
@@ -30,6 +31,7 @@ def executed(folder: Path) -> Any:
 
 def main() -> None:
     """Write it back as it came out, without what differs from run to run and tells nothing."""
+    world.enter()
     with tempfile.TemporaryDirectory() as folder:
         notebook = executed(Path(folder))
     for number, cell in enumerate(notebook.cells):

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from tests import world
 from tests.bench import (
     alternatives,
     calibrating,
@@ -51,6 +52,7 @@ SECTIONS: tuple[Callable[..., Section], ...] = (
 
 def main() -> None:
     """Measure everything, print the tables, write the report and the plots."""
+    world.enter()
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer cases, below a minute")
     parser.add_argument(

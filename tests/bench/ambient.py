@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from tests import world
 from tests.bench.error_bars import SCENES, Found, bench, take
 
 
@@ -51,6 +52,7 @@ def row(name: str, grid: tuple[int, int], ambient: float, seeds: int, noise: str
 
 def main() -> None:
     """Print the table, row by row."""
+    world.enter()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--ambient", type=float, default=0.3)

@@ -20,6 +20,7 @@ import numpy as np
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CaptureRequest
+from tests import world
 from tests.places import DATA
 
 MATRICES = ("corner", "mirror")
@@ -100,6 +101,7 @@ def judge(name: str, grid: tuple[int, int], seeds: int, **camera: Any) -> str:
 
 def main() -> None:
     """Print the table, row by row."""
+    world.enter()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--cells", default="32x24", help="columns x rows of the presets")

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import CameraConfig, Config, LimitsConfig, SceneConfig, ServerConfig
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CaptureRequest
+from tests import world
 
 GRID = (12, 16)
 N = GRID[0] * GRID[1]
@@ -101,6 +102,7 @@ def error(fields: dict[str, Any], wanted: Floats, scene: str, gamma: float, seed
 
 def main() -> None:
     """Print the table, row by row."""
+    world.enter()
     say = sys.stdout.write
     heads = [f"{scene}: {panels}" for scene in SCENES for panels in ("gamma 1", "gamma 2.2")]
     say(f"| goal | {' | '.join(heads)} |\n|{'---|' * (1 + len(heads))}\n")

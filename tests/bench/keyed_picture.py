@@ -22,7 +22,7 @@ from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import Array
 from pdcd.virtual.scene.scene import Scene
 from pdcd.words import WindowName
-from tests import bench_rig
+from tests import bench_rig, world
 from tests.bench import plots
 
 GRID = (48, 64)
@@ -115,5 +115,6 @@ def draw(folder: Path, path: Path) -> None:
 
 
 if __name__ == "__main__":
+    world.enter()
     with tempfile.TemporaryDirectory() as name:
         draw(Path(name), Path(sys.argv[1]))

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from tests import world
 from tests.bench.error_bars import SCENES, bench, take
 
 OPTIONS: dict[str, dict[str, Any]] = {
@@ -58,6 +59,7 @@ def row(name: str, grid: tuple[int, int], seeds: int, noise: str) -> str:
 
 def main() -> None:
     """Print the table, row by row."""
+    world.enter()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--cells", default="32x24", help="columns x rows of the presets")

@@ -30,6 +30,7 @@ from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.truth import read_truth
 from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.verify import whole_manifest
+from tests import world
 from tests.bench.error_bars import SCENES as FEW
 from tests.bench.error_bars import bench
 from tests.bench.placed import anywhere
@@ -168,6 +169,7 @@ def _added(found: list[Found]) -> Found:
 
 def main() -> None:
     """Print the table, row by row."""
+    world.enter()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--seeds", type=int, default=1)

@@ -36,6 +36,7 @@ from pdcd.virtual.optics.products import Exposure
 from pdcd.virtual.scene.build import build_scene
 from pdcd.virtual.scene.effects import LowRank, coloured_direct
 from pdcd.virtual.scene.scene import Scene
+from tests import world
 
 Floats = NDArray[np.float64]
 
@@ -172,6 +173,7 @@ def say(line: str) -> None:
 
 def main() -> None:
     """Judge many benches and print their figures, for each grid beside the aligned one's."""
+    world.enter()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--codes", type=int, default=128)

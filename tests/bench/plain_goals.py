@@ -17,6 +17,7 @@ import numpy as np
 
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CaptureRequest
+from tests import world
 from tests.bench.error_bars import SCENES, bench
 
 GRID = (24, 32)
@@ -78,6 +79,7 @@ def row(scene: str, goal: str, seeds: int, **fields: Any) -> str:
 
 def main() -> None:
     """Print the table, row by row."""
+    world.enter()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--goal", choices=GOALS, action="append")

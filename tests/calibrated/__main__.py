@@ -26,6 +26,7 @@ from pdcd.bench.truth import truth_of
 from pdcd.capture.engine import Engine
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, new_job_id
 from pdcd.sensor.profile import load_profile
+from tests import world
 from tests.calibrated.compare import compared
 from tests.calibrated.draw import drawn
 
@@ -51,6 +52,7 @@ LIMITS = {
 
 def main() -> None:
     """Calibrate benches, print what each gave and a table of all."""
+    world.enter()
     parser = argparse.ArgumentParser(prog="python -m tests.calibrated", description=__doc__)
     parser.add_argument("--benches", type=int, default=20)
     parser.add_argument("--captures", type=int, default=5)

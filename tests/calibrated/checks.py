@@ -16,11 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from pdcd.calibration.figures import Verdict
+from tests import world
 from tests.e2e.calibration.check_rig import CHANGES, Change, Truth, calibrated, later, verdicts
 
 
 def main() -> None:
     """Check all of them."""
+    world.enter()
     parser = argparse.ArgumentParser(prog="python -m tests.calibrated.checks", description=__doc__)
     parser.add_argument("--benches", type=int, default=10)
     parser.add_argument("--unchanged", type=int, default=10, help="checks of each, unchanged")

@@ -11,12 +11,14 @@ import tempfile
 import time
 from pathlib import Path
 
+from tests import world
 from tests.hostile import web_trial
 from tests.hostile.trial import trial
 
 
 def main() -> int:
     """Print the outcome; 1 if a promise was broken."""
+    world.enter()
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)

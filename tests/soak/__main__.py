@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 
+from tests import world
 from tests.bench.report import write_soak
 from tests.soak.benches import BENCHES
 from tests.soak.episode import Episode
@@ -59,6 +60,7 @@ def _busy(cores: int) -> Iterator[None]:
 
 def main() -> int:
     """Soak; returns 1 when a promise broke."""
+    world.enter()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=1)

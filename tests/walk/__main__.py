@@ -34,6 +34,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from tests import world
 from tests.places import ROOT
 from tests.walk.route import Route, homes, room_of, route_of
 from tests.walk.trace import Notes, read_notes, traced_environment
@@ -48,13 +49,12 @@ SITES = 12
 
 
 def walk(goal: str, grid: str) -> Notes:
-    """Take a capture in a process of its own, with no configuration of this user."""
+    """Take a capture in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "notes"
         out.mkdir()
         environment = traced_environment(out, ROOT, PACKAGES, CLASSES)
-        environment |= {f"XDG_{kind}_HOME": folder for kind in ("CONFIG", "STATE", "CACHE")}
-        environment |= {"XDG_CONFIG_DIRS": folder, "OMP_NUM_THREADS": "1"}
+        environment["OMP_NUM_THREADS"] = "1"
         runs = f"{folder}/runs"
         command = [sys.executable, "-m", "tests.walk.take", goal, grid, runs]
         subprocess.run(command, env=environment, cwd=ROOT, check=True)
@@ -150,6 +150,7 @@ def in_figures(notes: Notes, routes: list[Route], weight: Weight, over: list[str
 
 def main() -> int:
     """The exit status: 1 where something is over its bound."""
+    world.enter()
     parser = argparse.ArgumentParser(prog="python -m tests.walk", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("goal", nargs="?", default="indirect")

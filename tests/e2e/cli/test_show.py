@@ -105,10 +105,6 @@ def test_the_loop_is_not_for_a_daemon(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_the_mock_bench_draws_what_would_be_on_its_panels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("CONFIGURATION_DIRECTORY", "RUNTIME_DIRECTORY", "XDG_CONFIG_HOME"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     # An endless wait before invisible panels would hang here.
     killer = threading.Timer(20, os.kill, (os.getpid(), signal.SIGINT))

@@ -21,8 +21,6 @@ from tests.bench_rig import GRID, config, transport
 def test_a_configuration_may_be_given_in_many_ways(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("CONFIGURATION_DIRECTORY", "XDG_CONFIG_HOME"):
-        monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
     text = '[scene]\nkind = "wax-disk"\ngrid = [6, 8]\n'
     (tmp_path / "a.toml").write_text(text)

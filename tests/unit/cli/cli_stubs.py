@@ -205,10 +205,8 @@ def last_object(text: str) -> dict[str, Any]:
     return found
 
 
-def no_configuration(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    """Hide the user's own configuration; the daemon's socket is looked for in `folder`."""
-    for name in ("CONFIGURATION_DIRECTORY", "RUNTIME_DIRECTORY", "XDG_CONFIG_HOME"):
-        monkeypatch.delenv(name, raising=False)
+def home_at(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """The user's home is `folder`; the daemon's socket is looked for there, too."""
     monkeypatch.setenv("HOME", str(folder))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
 

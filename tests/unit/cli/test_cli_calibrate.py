@@ -16,12 +16,12 @@ from pdcd.cli.main import main
 from pdcd.errors import Cancelled
 from pdcd.protocol.events import StepEnded
 from pdcd.protocol.request import CalibrateRequest, CaptureResult, Quality
-from tests.unit.cli.cli_stubs import JOB, StubClient, StubEngine, no_configuration, stub_engine
+from tests.unit.cli.cli_stubs import JOB, StubClient, StubEngine, home_at, stub_engine
 
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
 
 
 def record(name: str, value: float | None, sigma: float | None = None, unit: str = "") -> Any:

@@ -27,8 +27,8 @@ from tests.unit.cli.cli_stubs import (
     StubClient,
     StubEngine,
     ended,
+    home_at,
     last_object,
-    no_configuration,
     stub_daemon,
     stub_engine,
 )
@@ -36,7 +36,7 @@ from tests.unit.cli.cli_stubs import (
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from pdcd.protocol.request import CaptureRequest
 from tests.unit.cli.cli_stubs import (
     StubClient,
     ended,
+    home_at,
     last_object,
-    no_configuration,
     stub_daemon,
     stub_engine,
 )
@@ -21,7 +21,7 @@ from tests.unit.cli.cli_stubs import (
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
 
 
 def requests(asked: list[Any]) -> list[CaptureRequest]:

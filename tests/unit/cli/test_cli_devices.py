@@ -22,12 +22,12 @@ from pdcd.cli import virtual as virtual_cli
 from pdcd.cli.main import main
 from pdcd.cli.output import say
 from pdcd.client import Unreachable
-from tests.unit.cli.cli_stubs import JOB, no_configuration
+from tests.unit.cli.cli_stubs import JOB, home_at
 
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
 
 
 def noting(asked: list[Any], answer: Any) -> Callable[..., Any]:

@@ -21,12 +21,12 @@ from pdcd.errors import DecodeError, RequestError
 from pdcd.protocol.entry import Page, RunEntry, RunQuery
 from pdcd.protocol.request import Quality
 from pdcd.runs.prune import Unwanted
-from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, no_configuration, stub_daemon
+from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, home_at, stub_daemon
 
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
 
 
 def entry(number: int, **more: Any) -> RunEntry:

@@ -16,7 +16,7 @@ from pdcd.bench.tables import Config
 from pdcd.cli.main import main
 from pdcd.errors import Cancelled, DeviceLost
 from pdcd.panels.frames import Frames
-from tests.unit.cli.cli_stubs import no_configuration
+from tests.unit.cli.cli_stubs import home_at
 
 SIZE = "size_px = [128, 96]\n"
 PASS_S = 4.0
@@ -74,7 +74,7 @@ class Panels(VirtualClock):
 @pytest.fixture
 def panels(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type[Panels]:
     """Small panels of a configuration that names others than the mock's."""
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / ".config" / "pdcd"
     folder.mkdir(parents=True)

@@ -21,7 +21,7 @@ from pdcd.protocol.request import CaptureResult
 from pdcd.protocol.views import OwnerView
 from tests.places import ROOT
 from tests.unit.cli import cli_stubs
-from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, StubClient, no_configuration, stub_daemon
+from tests.unit.cli.cli_stubs import JOB_VIEW, STATUS, StubClient, home_at, stub_daemon
 
 EVIL = "x\npdcd: all is well\r\x1b[2J\x9b1m\u2028\u202e\x7f"
 RESULT = CaptureResult(
@@ -42,7 +42,7 @@ JOB = msgspec.structs.replace(
 
 @pytest.fixture
 def daemon(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type[StubClient]:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
     stub = stub_daemon(monkeypatch)
     monkeypatch.setattr(stub, "result", RESULT)
     monkeypatch.setattr(

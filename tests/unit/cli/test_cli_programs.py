@@ -24,12 +24,12 @@ from pdcd.cli.web import web
 from pdcd.client import Unreachable
 from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.server import log
-from tests.unit.cli.cli_stubs import JOB, no_configuration
+from tests.unit.cli.cli_stubs import JOB, home_at
 
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
 
 
 # --- demo -----------------------------------------------------------------------------------------

@@ -21,8 +21,8 @@ from pdcd.runs.index import runs
 from tests.run_folders import cut, finished, job
 from tests.unit.cli.cli_stubs import (
     StubClient,
+    home_at,
     last_object,
-    no_configuration,
     stub_daemon,
 )
 
@@ -34,7 +34,7 @@ FAILED = {
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
 
 
 @pytest.fixture

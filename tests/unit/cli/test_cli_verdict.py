@@ -12,7 +12,7 @@ from pdcd.cli.output import say_result
 from pdcd.cli.tables import WIDTH
 from pdcd.protocol import events
 from pdcd.protocol.request import CaptureResult, Quality
-from tests.unit.cli.cli_stubs import StubClient, no_configuration, stub_daemon
+from tests.unit.cli.cli_stubs import StubClient, home_at, stub_daemon
 
 LONG = "shot coded: 1.2 % of the field is saturated (limit 0.2 %); " + "close the aperture " * 8
 EVIL = "x\npdcd: all is well\x1b[2J"
@@ -52,7 +52,7 @@ def test_json_and_daemon(
     capsys: pytest.CaptureFixture[str],
     command: list[str],
 ) -> None:
-    no_configuration(monkeypatch, tmp_path)  # type: ignore[arg-type]
+    home_at(monkeypatch, tmp_path)  # type: ignore[arg-type]
     stub: type[StubClient] = stub_daemon(monkeypatch)
     monkeypatch.setattr(stub, "result", RESULT)
     assert main([*command, "--json"]) == 0

@@ -29,12 +29,12 @@ from pdcd.protocol.request import (
     Quality,
     ShotSummary,
 )
-from tests.unit.cli.cli_stubs import JOB, PLAN, no_configuration, stub_daemon
+from tests.unit.cli.cli_stubs import JOB, PLAN, home_at, stub_daemon
 
 
 @pytest.fixture(autouse=True)
 def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_configuration(monkeypatch, tmp_path)
+    home_at(monkeypatch, tmp_path)
 
 
 # --- plans ----------------------------------------------------------------------------------------
