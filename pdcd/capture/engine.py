@@ -19,7 +19,6 @@ from pdcd.capture.job import Job, planning
 from pdcd.capture.previews import forget_old
 from pdcd.capture.rig import Rig
 from pdcd.capture.run import Run
-from pdcd.capture.show import pattern_frames
 from pdcd.capture.worker.birth import Newborn
 from pdcd.capture.worker.desk import Desk, Facts
 from pdcd.capture.worker.hands import Hands, Here
@@ -206,6 +205,8 @@ class Engine:
                     "the panels may still be lit", device="display", hint="see the daemon's log"
                 )
             return
+        from pdcd.capture.show import pattern_frames  # no capture waits for pictures to look at
+
         self._rig.display.show(pattern_frames(pattern, index, self.grid, self._config))
 
     def preview(

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,6 @@ from pdcd.capture.worker.answers import (
     record_of,
     rms_sigma,
 )
-from pdcd.capture.worker.calibrating import Begin, Next, Study
 from pdcd.capture.worker.stray import Ambience, leaks_in
 from pdcd.errors import PdcdError, RequestError, disk_errors
 from pdcd.pages.report.material import cheap, gathered
@@ -58,6 +57,9 @@ from pdcd.sensor.profile import SensorProfile
 from pdcd.sensor.raw import RawHead, read_head, read_raw
 from pdcd.virtual.scene.scene import Scene
 from pdcd.watch import Watch
+
+if TYPE_CHECKING:
+    from pdcd.capture.worker.calibrating import Begin, Next, Study
 
 RUNNING = "preview/running.png"
 """What is known of the answer while a run with `until_error` goes on."""
@@ -102,6 +104,8 @@ class Desk:
     def calibrate(self, watch: Watch, begin: Begin, folder: Path) -> None:
         """Begin a calibration, whose photos will lie in `folder`; what was kept of the job before
         is forgotten. Raises ConfigError."""
+        from pdcd.capture.worker.calibrating import Study  # no capture waits for its steps
+
         self.forget(watch)
         self._study = Study.begun(begin, folder)
 
