@@ -35,42 +35,30 @@ def barred_pictures(
     shots : of the run, and sums of them. learned : of its pilot, if any. apart : of shots of whole
     cells, the share of the field in which both panels draw different cells.
     """
-    in_parts, by_cell = len(part_numbers(recipe)) >= FEWEST_PARTS, record.parts_by_cell
-    cells_apart = by_cell and record.parts_apart
+    in_parts = len(part_numbers(recipe)) >= FEWEST_PARTS
     coarse, coarse_cells = shots, cells
-    if in_parts and by_cell:
-        coarse, coarse_cells = averaged(used(recipe, shots), cells, apart=cells_apart)
-    new = record.how.told_by_parts
+    if in_parts:
+        coarse, coarse_cells = averaged(used(recipe, shots), cells)
     told = NOTHING_TOLD
-    if new and record.smooth:
+    if record.smooth:
         told = told_by_parts(
             recipe, coarse, learned, coarse_cells, seen=seen_of(cells),
-            normalise=record.normalise, unmix=record.unmixed, alive=alive,
+            normalise=record.normalise, alive=alive,
         )  # fmt: skip
 
     def photos(part: Recipe, shots: Mapping[str, Exposed], cells: CellMap) -> dict[str, Picture]:
         return corrected_photos(
             part, shots, learned, cells, normalise=record.normalise, smooth=record.smooth,
-            unmix=record.unmixed, alive=alive, told=told, unseen_tell=not new,
+            alive=alive, told=told,
         )  # fmt: skip
 
     scaled = photos(recipe, shots, cells)
-    whole, near = pictures_of(recipe, scaled), {}
-    if record.alike:
-        normalise = record.normalise
-        near = beside_errors(recipe, shots, scaled, learned, cells, normalise=normalise)
-    bars = record.how.bars
-    if not in_parts:
-        sharp = learned.sharp if learned is not None and record.scouted else None
-        barred = modelled(
-            recipe, shots, scaled, whole, cells, alive, sharp,
-            near=near, by_row=bars, shown=record.how.direct_bars,
-        )  # fmt: skip
+    whole = pictures_of(recipe, scaled)
+    near = beside_errors(recipe, shots, scaled, learned, cells, normalise=record.normalise)
+    if in_parts:
+        images = part_images(recipe, coarse, coarse_cells, photos, averaged_from=cells)
+        barred = barred_by_parts(whole, images, cells, pictures_beside(recipe, scaled, near))
     else:
-        whole_map = cells if by_cell else None
-        images = part_images(
-            recipe, coarse, coarse_cells, photos, averaged_from=whole_map, apart=cells_apart
-        )
-        alike = pictures_beside(recipe, scaled, near)
-        barred = barred_by_parts(whole, images, cells, alike, by_chance=bars, apart=cells_apart)
-    return with_border_light(barred, recipe, scaled, apart, cells) if record.alike else barred
+        sharp = None if learned is None else learned.sharp
+        barred = modelled(recipe, shots, scaled, whole, cells, alive, sharp, near=near)
+    return with_border_light(barred, recipe, scaled, apart, cells)

@@ -75,7 +75,6 @@ def combine(
     added: Mapping[str, Floats] | None = None,
     *,
     normalise: NormaliseName = "auto",
-    unmix: bool = True,
 ) -> dict[str, Picture]:
     """All pictures of a recipe, the answer first.
 
@@ -91,10 +90,10 @@ def combine(
     leave cells open unequally often, as the paper's random codes do. Either way each quad's weight
     is that of the windows that it saw (`pdcd.pictures.weights`).
 
-    With `unmix` direct light that is known to be in a photo of indirect light is taken out
+    Direct light that is known to be in a photo of indirect light is taken out
     (`pdcd.pictures.unmixed`), where there is a white photo.
     """
-    photos = scaled_photos(recipe, shots, cells, added, normalise=normalise, unmix=unmix)
+    photos = scaled_photos(recipe, shots, cells, added, normalise=normalise)
     return pictures_of(recipe, photos)
 
 
@@ -105,7 +104,6 @@ def scaled_photos(
     added: Mapping[str, Floats] | None = None,
     *,
     normalise: NormaliseName = "auto",
-    unmix: bool = True,
 ) -> dict[str, Picture]:
     """Every photo of a recipe divided by its weight; arguments as of `combine`."""
     scaled: dict[str, Picture] = {}
@@ -119,7 +117,7 @@ def scaled_photos(
         taken = [(sign, shots[name]) for sign, name in photo.shots]
         more = None if added is None else added.get(photo.name)
         scaled[photo.name] = _scaled(taken, weights, more, outside)
-        if unmix and _unmixes(photo, white):
+        if _unmixes(photo, white):
             share = direct_share(realised, weights, cells)
             if share is not None:
                 direct[photo.name] = share

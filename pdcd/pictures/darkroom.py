@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.bench.placed import panels_from
-from pdcd.bench.tables import Homography
 from pdcd.errors import DecodeError
 from pdcd.panels.patterns import Patterns, none
 from pdcd.panels.placing import placed
@@ -27,7 +26,6 @@ from pdcd.pictures.sigma import Barred
 from pdcd.pictures.software import software_sums, summed_matrices
 from pdcd.pictures.transport import Sliced, sliced
 from pdcd.pictures.upright import View
-from pdcd.pictures.written.develop import warp
 from pdcd.probing.borders import drawn_apart_share
 from pdcd.probing.deviation import Deviation, deviation
 from pdcd.probing.realised import Factors, bench_factors, collect, shared
@@ -152,12 +150,12 @@ class Darkroom:
         if not how.pilot:
             return None
         shots = self._shots(watch or Watch())
-        dark, apart = self._record.dark, self._record.pilot_apart
+        dark = self._record.dark
         key = sum(name in shots for name in self._recipe.stack), how.codes, dark is not None
         if self._learned is None or self._learned[0] != key:
             off = None if dark is None else self.ambient(dark)
             bits, cells = self._bits("pilot"), self._cells()
-            found = learn(self._recipe, shots, bits, how.codes, cells, apart=apart, ambient=off)
+            found = learn(self._recipe, shots, bits, how.codes, cells, ambient=off)
             self._learned = key, found
         return self._learned[1]
 
@@ -193,8 +191,6 @@ class Darkroom:
             pictures = barred_pictures(
                 self._record, recipe, {**shots, **sums}, learned, cells, self._apart(), alive
             )
-        if self._record.homography is not None:
-            pictures = {n: _warped(p, self._record.homography) for n, p in pictures.items()}
         view = View.of(self._record, cells)
         return Decoded(recipe, shots, pictures, cells, view, sums, self._apart(), self._side)
 
@@ -282,7 +278,7 @@ class Darkroom:
                 record.mask,
                 open_ns=shot.open_ns,
                 close_ns=shot.close_ns,
-                fine=record.camera_place is not None,
+                fine=True,
             )
             realised = collect(_watched(chunks, alive))
             if _level(shot) != 1.0:
@@ -345,8 +341,6 @@ class Darkroom:
     def _placed(self, frame: tuple[int, int]) -> CellMap:
         """Where the quads of the run's frames lie."""
         record = self._record
-        if record.camera_place is None:
-            return CellMap.block(record.grid, frame)
         size_px = record.projector.size_px
         return CellMap(
             grid=record.grid,
@@ -376,23 +370,3 @@ def _watched(chunks: Iterator[Factors], alive: Alive) -> Iterator[Factors]:
     for chunk in chunks:
         alive()
         yield chunk
-
-
-def _warped(picture: Barred, homography: Homography) -> Barred:
-    """Geometric correction: after all sums and differences, still linear and signed."""
-    matrix = np.array(homography).reshape(3, 3)
-    size_px = (picture.image.shape[1], picture.image.shape[0])
-    # Where a saturated pixel or the world outside the picture has a share, nothing is known.
-    known = np.isfinite(picture.sigma)
-    whole = warp(known.astype(np.float64), matrix, size_px) > 1.0 - 1e-9
-
-    def error(sigma: NDArray[np.floating]) -> NDArray[np.float64]:
-        return np.where(whole, warp(np.where(known, sigma, 0.0), matrix, size_px), np.inf)
-
-    return Barred(
-        image=warp(picture.image, matrix, size_px),
-        sigma=error(picture.sigma),
-        sensor=error(picture.sensor),
-        code=error(picture.code),
-        kind=picture.kind,
-    )

@@ -72,33 +72,32 @@ def stack_photos(
     bits: Bools,
     cells: CellMap,
     *,
-    apart: bool = True,
     ambient: Ambient | None = None,
 ) -> tuple[Floats, Floats, Floats | None]:
     """Single-code photos in scene units, ``T i_k``, and their standard deviation, (K, N, 3) each.
 
     Those not taken yet are left out; `bits` are of those that were. Each is divided by its
-    own time of open mask and lit projector; quads of a cell are averaged. With `apart` light of
-    cells is told from that of their neighbours where quads see both: else direct light of a
-    neighbour looks like a sharp path from there.
+    own time of open mask and lit projector; quads of a cell are averaged. Light of cells is told
+    from that of their neighbours where quads see both: else direct light of a neighbour looks like
+    a sharp path from there.
 
     `ambient` light is taken off for the time for which the mask was open. Its own noise is the same
     in all photos, and no part of their standard deviation: it comes third, as variance (N, 3).
     """
     taken = [shots[name] for name in recipe.stack if name in shots]
     weights = times_s([shot.realised for shot in taken], bits)[:, None, None]
-    photos, sigmas = _of_cells(taken, cells, apart=apart)
+    photos, sigmas = _of_cells(taken, cells)
     if ambient is None:
         return photos / weights, sigmas / weights, None
-    (dark,), (dark_sigma,) = _of_cells([ambient], cells, apart=apart)
+    (dark,), (dark_sigma,) = _of_cells([ambient], cells)
     opened = np.array([shot.realised.open_s for shot in taken])[:, :, None]
     common = (dark_sigma * np.mean(opened / weights, axis=0)) ** 2
     return (photos - opened * dark) / weights, sigmas / weights, common
 
 
-def _of_cells(taken: Sequence[Lit], cells: CellMap, *, apart: bool) -> tuple[Floats, Floats]:
+def _of_cells(taken: Sequence[Lit], cells: CellMap) -> tuple[Floats, Floats]:
     """Light of all cells in K photos and its standard deviation, (K, N, 3) each."""
-    if not apart or cells.blocks is not None:  # then no quad sees two
+    if cells.blocks is not None:  # then no quad sees two
         return (
             np.array([cells.mean(shot.light) for shot in taken]),
             np.array([cells.error_of_mean(shot.variance) for shot in taken]),
@@ -116,17 +115,16 @@ def learn(
     total: int,
     cells: CellMap,
     *,
-    apart: bool = True,
     ambient: Ambient | None = None,
 ) -> Learned:
     """Find the strong far paths in the pilot photos, `total` codes being spent in all.
 
-    apart, ambient : as in `stack_photos`. With the scouts alone among `shots`, only look whether
+    ambient : as in `stack_photos`. With the scouts alone among `shots`, only look whether
     there may be any.
     """
     taken = sum(name in shots for name in recipe.stack)
     bits = bits[:taken]
-    photos, sigma, common = stack_photos(recipe, shots, bits, cells, apart=apart, ambient=ambient)
+    photos, sigma, common = stack_photos(recipe, shots, bits, cells, ambient=ambient)
     grid = recipe.target.grid
     grey, grey_sigma = photos.mean(axis=2), np.sqrt(np.sum(sigma**2, axis=2)) / 3.0
     first = slice(0, SCOUTS)

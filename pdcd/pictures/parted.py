@@ -43,33 +43,26 @@ def part_images(
     cells: CellMap,
     photos: Photos,
     *,
-    averaged_from: CellMap | None,
-    apart: bool = True,
+    averaged_from: CellMap,
 ) -> dict[str, list[Floats]]:
     """Every picture as each part alone makes it, (rows, cols, 3) in scene units: of cells, or of
     their `pieces`.
 
-    averaged_from : the map of the camera, where shots and cells are those of `averaged`, with the
-        same `apart`. Without it every part is worked out on all quads, as in runs from before that
-        was done.
+    shots, cells : of `averaged`. averaged_from : the map of the camera.
     """
-    unseen = np.zeros(0, np.int64)
-    if averaged_from is not None:
-        unseen = np.flatnonzero(~pieces(averaged_from, apart=apart).seen())
+    unseen = np.flatnonzero(~pieces(averaged_from).seen())
     found: dict[str, list[Floats]] = {name: [] for name in recipe.pictures}
     for number in part_numbers(recipe):
         part = only_parts(recipe, {number})
         for name, picture in pictures_of(part, photos(part, shots, cells)).items():
-            whole = cells.map is None or averaged_from is None
+            whole = cells.map is None
             image = image_of_cells(picture, cells) if whole else picture.image.copy()
             image.reshape(-1, image.shape[2])[unseen] = 0.0
             found[name].append(image)
     return found
 
 
-def averaged(
-    shots: Mapping[str, Exposed], cells: CellMap, *, apart: bool = True
-) -> tuple[dict[str, Exposed], CellMap]:
+def averaged(shots: Mapping[str, Exposed], cells: CellMap) -> tuple[dict[str, Exposed], CellMap]:
     """Shots as a camera with one quad a cell would have taken them, or one with four where cells
     have `pieces`, and the map of that camera.
 
@@ -77,10 +70,10 @@ def averaged(
     of it does. Cells that no quad sees are as bright as the mean of the others. There is no
     variance: it is not asked for.
 
-    With `apart` the light of cells is told from that of their neighbours, where quads see both: the
-    codes err differently in both, and a mean of the two would err less than either.
+    The light of cells is told from that of their neighbours, where quads see both: the codes err
+    differently in both, and a mean of the two would err less than either.
     """
-    grid, cells = cells.grid, pieces(cells, apart=apart)
+    grid, cells = cells.grid, pieces(cells)
     alike = CellMap.block(grid, grid)
     if cells.grid != grid:
         height, width = cells.grid
@@ -90,7 +83,7 @@ def averaged(
     unseen = ~cells.seen()
     shape = *cells.grid, 3
     nothing, dark = np.zeros(shape), np.zeros(cells.grid, np.bool_)
-    parting = told_parts_apart(cells, known) if apart else None
+    parting = told_parts_apart(cells, known)
 
     def coarse(shot: Exposed) -> Print:
         whole = _whole(shot.light, cells)
@@ -104,7 +97,7 @@ def averaged(
     return {name: coarse(shot) for name, shot in shots.items()}, alike
 
 
-def pieces(cells: CellMap, *, apart: bool) -> CellMap:
+def pieces(cells: CellMap) -> CellMap:
     """The map of what parts are averaged over: of half cells each way where quads are so fine that
     many lie in one, and else of cells.
 
@@ -113,7 +106,7 @@ def pieces(cells: CellMap, *, apart: bool) -> CellMap:
     know nothing of either.
     """
     side = 0.5 * cells.quad_cells**-0.5 if cells.quad_cells else 0.0
-    if not apart or cells.blocks is not None or side - SMEARED * cells.blur_quads < FINE:
+    if cells.blocks is not None or side - SMEARED * cells.blur_quads < FINE:
         return cells
     rows, cols = cells.grid
     return msgspec.structs.replace(cells, grid=(2 * rows, 2 * cols))
@@ -135,28 +128,24 @@ def barred_by_parts(
     parts: Mapping[str, list[Floats]],
     cells: CellMap,
     alike: Mapping[str, Floats],
-    *,
-    by_chance: bool,
-    apart: bool,
 ) -> dict[str, Barred]:
     """Pictures whose sigma is the sensor's, with the code error that their parts show. It is told
     of cells, and lies on quads as light does.
 
-    parts : of `part_images`, with the same `apart`. alike : errors of the pictures' cells,
-    (rows, cols, 3) each, that all parts share, where there are any. by_chance : as of
-    `pdcd.pictures.sigma.measured`.
+    parts : of `part_images`. alike : errors of the pictures' cells, (rows, cols, 3) each, that all
+    parts share, where there are any.
     """
-    found, parted = {}, pieces(cells, apart=apart)
+    found, parted = {}, pieces(cells)
     for name, picture in pictures.items():
         coarse = of_cells(picture, parted)
-        seen = _with_noise(picture, coarse, parted) if apart else coarse
-        code = measured(seen, parts[name], by_chance=by_chance).code
+        seen = _with_noise(picture, coarse, parted)
+        code = measured(seen, parts[name]).code
         means_code = None
         if parted.grid != cells.grid:
             fours = [_of_halves(one) for one in parts[name]]
             sigma = np.sqrt(_of_halves(seen.sigma**2) / 4.0)
             whole = Picture(_of_halves(seen.image), sigma)
-            means_code = measured(whole, fours, by_chance=by_chance).code
+            means_code = measured(whole, fours).code
         if name in alike:
             times = parted.grid[0] // cells.grid[0]
             code = np.hypot(code, alike[name].repeat(times, axis=0).repeat(times, axis=1))

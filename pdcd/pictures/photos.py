@@ -27,32 +27,29 @@ def corrected_photos(
     *,
     normalise: NormaliseName,
     smooth: bool,
-    unmix: bool = True,
     alive: Callable[[], None] = lambda: None,
     told: Mapping[str, Told] = NOTHING_TOLD,
-    unseen_tell: bool = False,
 ) -> dict[str, Picture]:
     """Every photo divided by its weight, coded ones corrected for what their codes get wrong.
 
     Parameters
     ----------
-    recipe, shots, normalise, unmix : as of `pdcd.pictures.combine.scaled_photos`.
+    recipe, shots, normalise : as of `pdcd.pictures.combine.scaled_photos`.
     learned : paths that a pilot found, whose error in photos is known.
     smooth : correct the coded photo for its smooth light, too (`pdcd.pictures.smooth`), and photos
         of far light.
     alive : called now and then, and may raise to end the work.
     told : by the parts of photos, by their names (`told_by_parts`); others tell by themselves.
-    unseen_tell : as of `pdcd.pictures.smoothed.smoothed`.
     """
     missing = _missing(recipe, shots, learned, cells, normalise)
-    photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise, unmix=unmix)
+    photos = scaled_photos(recipe, shots, cells, missing, normalise=normalise)
     for photo in recipe.photos:
         if not smooth or not _holds_smooth_light(photo):
             continue
         before = photos[photo.name]
         after = smoothed(
             photo, shots, before, learned if photo.paths else None, cells,
-            normalise=normalise, alive=alive, told=told.get(photo.name), unseen_tell=unseen_tell,
+            normalise=normalise, alive=alive, told=told.get(photo.name),
         )  # fmt: skip
         photos[photo.name] = after
         if "direct" in photos and not photo.beyond:
@@ -71,7 +68,6 @@ def told_by_parts(
     *,
     seen: Bools | None = None,
     normalise: NormaliseName,
-    unmix: bool = True,
     alive: Callable[[], None] = lambda: None,
 ) -> Mapping[str, Told]:
     """What the parts of photos tell of the smooth light that `corrected_photos` corrects them for.
@@ -85,7 +81,7 @@ def told_by_parts(
         return NOTHING_TOLD
     recipes = [recipe, *(only_parts(recipe, {part}) for part in numbers)]
     pictures = [
-        corrected_photos(one, shots, learned, cells, normalise=normalise, smooth=False, unmix=unmix)
+        corrected_photos(one, shots, learned, cells, normalise=normalise, smooth=False)
         for one in recipes
     ]
     found = {}

@@ -47,7 +47,7 @@ class Barred(Picture):
     of_cells: Errors | None = None
 
 
-def measured(picture: Picture, parts: Sequence[Floats], *, by_chance: bool = False) -> Barred:
+def measured(picture: Picture, parts: Sequence[Floats]) -> Barred:
     """A picture with the code error that the spread of its parts, (h, w, 3) each, shows.
 
     The mean of B independent parts has 1/B of their variance. B is small, so that the variance of
@@ -56,8 +56,8 @@ def measured(picture: Picture, parts: Sequence[Floats], *, by_chance: bool = Fal
     sensor's noise explains of the spread is not counted twice.
 
     Parts may also agree by chance: where all of them count a single path equally often, or never,
-    it is wrong in all and none differs. With `by_chance` a pixel amid errors above the average has
-    no less than the share `LEAST` of their mean square; runs of earlier versions are without.
+    it is wrong in all and none differs. So a pixel amid errors above the average has no less than
+    the share `LEAST` of their mean square.
 
     A pixel saturated in any part keeps its infinite sigma.
     """
@@ -71,8 +71,7 @@ def measured(picture: Picture, parts: Sequence[Floats], *, by_chance: bool = Fal
         tail = (1.0 - CONFIDENCE) / 2.0
         wider = scipy.special.stdtrit(freedom, tail) / scipy.special.ndtri(tail)
         square = np.maximum(wider**2 * ratio * expected - least, 0.0)
-        if by_chance:
-            square = np.maximum(square, LEAST * _strong_around(square))
+        square = np.maximum(square, LEAST * _strong_around(square))
         code[..., channel] = np.sqrt(square)
     return barred(picture, code, "measured")
 

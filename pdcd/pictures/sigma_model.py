@@ -66,8 +66,6 @@ def modelled(
     sharp: Floats | None = None,
     *,
     near: Mapping[str, Floats] = NONE,
-    by_row: bool = False,
-    shown: bool = False,
 ) -> dict[str, Barred]:
     """The pictures of a recipe, with sensor noise so far, and the code error by the model above.
 
@@ -79,10 +77,9 @@ def modelled(
     independent. `alive` is called now and then, may raise. `sharp` (N, C) is what the first photos
     of a pilot tell of the sharp paths of each cell (`pdcd.codes.pilot.scene_light`): of photos in
     which paths are corrected it takes the place of N_eff. `near` are errors of photos by light from
-    right beside each cell (`pdcd.pictures.beside`). With `by_row` photos of far light, whose cells
-    are each divided by their own weight, are judged by these weights and by the roughness of all
-    their light; with `shown` the light straight back is what the photo shows over the share of it
-    that was wanted. Runs of earlier versions are not.
+    right beside each cell (`pdcd.pictures.beside`). Photos of far light, whose cells are each
+    divided by their own weight, are judged by these weights and by the roughness of all their
+    light. The light straight back is what the photo shows over the share of it that was wanted.
     """
     coarse = {name: of_cells(photo, cells) for name, photo in photos.items()}
     white = coarse["white"].image if "white" in coarse else None
@@ -90,14 +87,13 @@ def modelled(
     for photo in recipe.photos:
         picture = coarse[photo.name]
         realised = realised_photo(photo.shots, shots)
-        far = by_row and photo.beyond > 0
+        far = photo.beyond > 0
         weight = weight_s(realised, photo.wanted)
         if far:
             realised, weight = _by_row(photo, realised), 1.0
         rows = row_deviations(realised, photo.wanted, weight, alive)
         mean, variance, diagonal = (row.reshape(*cells.grid, 1) for row in rows)
-        if shown:
-            diagonal *= _straight(photo.wanted).reshape(diagonal.shape)
+        diagonal *= _straight(photo.wanted).reshape(diagonal.shape)
         if sharp is not None and photo.paths:
             light = _light(picture.image)
             squares = sharp.reshape(light.shape)

@@ -49,7 +49,6 @@ def smoothed(
     normalise: NormaliseName = "auto",
     alive: Callable[[], None] = lambda: None,
     told: Told | None = None,
-    unseen_tell: bool = False,
 ) -> Picture:
     """A picture of indirect or of far light corrected for its smooth light
     (`pdcd.pictures.smooth`).
@@ -58,11 +57,11 @@ def smoothed(
     correction is a small part of the picture. `normalise` is what the picture was made with
     (`pdcd.pictures.combine`). `alive` as of `smooth_correction`. `told` is what the parts of the
     photo, or of that of which it is a part, tell; else the picture tells by itself, where any quad
-    sees it: in runs from before that was done, everywhere (`unseen_tell`).
+    sees it.
     """
     realised, weight, image, rest = _of_cells(photo, shots, picture, learned, cells, normalise)
     light, shares = (rest, None) if told is None else (told.light, told.shares)
-    seen = None if unseen_tell else seen_of(cells)
+    seen = seen_of(cells)
     more = colour_correction(
         realised.left, realised.right, weight, light, cells.grid, alive, photo.beyond, shares, seen
     )

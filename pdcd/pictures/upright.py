@@ -47,10 +47,7 @@ class View:
     def of(cls, record: RunRecord, cells: CellMap) -> View:
         """The view of a run by the map of its photos."""
         width, height = record.projector.size_px
-        # Pictures of old runs that were straightened fill the field, as their quads do not.
-        rows, cols = cells.frame
-        seen = cells.filled if record.homography is None else Map.filling((cols, rows))
-        return cls(seen, width / height, record.white_patch)
+        return cls(cells.filled, width / height, record.white_patch)
 
     def size_px(self, least_px: int, most_px: int) -> tuple[int, int]:
         """(width, height) of a raster of the field about as fine as the camera sees its centre.

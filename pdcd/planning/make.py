@@ -46,8 +46,6 @@ RANGES = ("long-range", "short-range")
 """Goals of light by its range."""
 FAR = ("relit", *RANGES)
 """Goals that may take photos of far light."""
-BY_LIGHT = ("descattered", "filtered", "fraction", "off-diagonal", "relit", "split")
-"""Goals with photos that are not scaled by what fits the wanted matrix best, see `How.by_light`."""
 
 
 class ExposureLimitError(RequestError):
@@ -164,13 +162,6 @@ def _how(
         black_level=black_level,
         white=request.white,
         buckets=config.camera.buckets if request.method == "pairs" else 1,
-        structure=request.goal in FAR,
-        scattered=request.goal == "relit",
-        by_light=request.goal in BY_LIGHT,
-        bars=True,
-        direct_bars=True,
-        told_by_parts=True,
-        far_paths=True,
         grey_masks=grey,
         woven=woven,
     )

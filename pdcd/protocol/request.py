@@ -223,36 +223,11 @@ class How(msgspec.Struct, frozen=True, kw_only=True):
     white: bool = True
     buckets: int = 1
     """Planes of one exposure that are used: of a pair, 2 where the sensor has two buckets."""
-    structure: bool = False
-    """Whether the matrix of the goal "relit" is taken apart (`pdcd.recipes.structure`), and photos
-    of far light may be corrected for smooth light. Runs from before that have it in one piece, and
-    have these as they were taken."""
-    scattered: bool = False
-    """Whether of a matrix of scattered weights what they have in common is a photo of its own
-    (`pdcd.recipes.structure.mostly_even`). Earlier runs have it in one piece."""
-    by_light: bool = False
-    """Whether photos of matched cells with a share of the rest, and those under stripes, are scaled
-    by all the light they keep, and sums of direct and matched light by the direct light
-    (`pdcd.probing.deviation.weight_s`). Earlier runs are not."""
-    bars: bool = False
-    """Whether modelled error bars of far light go by the weight of each cell and by the roughness
-    of all light (`pdcd.pictures.sigma_model`), and measured ones know that parts may agree by
-    chance (`pdcd.pictures.sigma`). Earlier runs have theirs as they were."""
-    direct_bars: bool = False
-    """Whether modelled error bars know that a photo which keeps a share of direct light shows no
-    more than that of it (`pdcd.pictures.sigma_model`). Earlier runs have theirs as they were."""
-    told_by_parts: bool = False
-    """Whether the parts of a photo tell how much smooth light it holds, and cells that no quad sees
-    do not (`pdcd.pictures.shares`). In earlier runs the image alone does, everywhere."""
-    far_paths: bool = False
-    """Whether a pilot's paths are corrected in photos of far light, too, and guide their codes.
-    Earlier runs have these as they were taken."""
     grey_masks: bool = False
-    """Whether masks of far light may have grey levels (`pdcd.codes.greyed`). Earlier runs had
-    none."""
+    """Whether masks of far light may have grey levels (`pdcd.codes.greyed`)."""
     woven: bool = False
     """Whether codes of far light may have them, too, and are chosen together with the masks
-    (`pdcd.codes.woven`). Earlier runs had none."""
+    (`pdcd.codes.woven`)."""
     late: bool = False
     """Whether codes had been shown before the pilot went on: the shots of codes that count have
     names of their own (`pdcd.recipes.parts`)."""

@@ -47,9 +47,8 @@ EQUAL = 1e-6
 """Weights closer than that, over the larger, are equal."""
 
 
-def composed(maker: Maker, codes: int, *, scattered: bool = False) -> Combination:
-    """Photos of any matrix A, taken apart (`pdcd.recipes.structure`), and the sum that is A.
-    `scattered` as of `pdcd.protocol.request.How`."""
+def composed(maker: Maker, codes: int) -> Combination:
+    """Photos of any matrix A, taken apart (`pdcd.recipes.structure`), and the sum that is A."""
     matrix = maker.target.matrices["matrix"]
     if _blocks(maker, matrix, min(FEW_ROWS, codes)):
         return ((1.0, "relit"),)
@@ -59,7 +58,7 @@ def composed(maker: Maker, codes: int, *, scattered: bool = False) -> Combinatio
     if _blocks(maker, matrix, codes) or _product(maker, "relit", matrix, codes):
         return ((1.0, "relit"),)
     # With as many codes as cells signed ones count everything right.
-    if scattered and codes < maker.target.cells:
+    if codes < maker.target.cells:
         found = mostly_even(matrix, maker.target.grid)
     if found.found:
         return _Composition(maker, found, codes).terms()

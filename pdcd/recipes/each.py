@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 
 from pdcd.probing.convolved import Kernel
-from pdcd.probing.wanted import Full, Match, Outer, Uniform, Wanted, shifted
+from pdcd.probing.wanted import Match, Outer, Uniform, Wanted, shifted
 from pdcd.recipes import off_axis
-from pdcd.recipes.factored import distinct_rows, factors_of
 from pdcd.recipes.maker import Maker, itself
 from pdcd.recipes.partners import Partner, cells_of
 from pdcd.recipes.programs import (
@@ -18,8 +17,6 @@ from pdcd.recipes.programs import (
     Convolved,
     Floats,
     Signed,
-    SignedBlocks,
-    SignedMatrix,
 )
 from pdcd.recipes.recipe import Extremes, Rule
 
@@ -206,32 +203,6 @@ def _split(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
     }
 
 
-def _relit(maker: Maker, white: bool, codes: int) -> dict[str, Rule]:
-    """Any matrix A: exact blocks where A has few distinct rows or a low rank, else eq. 9."""
-    target = maker.target
-    matrix = target.matrices["matrix"]
-    light = np.ones(target.cells) if target.light is None else target.light
-    wanted = Wanted(target.grid, ((1.0, Full(matrix)),), target.light)
-    answer: dict[str, Rule] = {"relit": ((1.0, "relit"),)}
-    few = distinct_rows(matrix, codes) if matrix.min() >= 0.0 else None
-    if few is not None:
-        distinct, which = few
-        camera = [(which == d).astype(np.float64) for d in range(len(distinct))]
-        maker.exact("relit", wanted, camera, list(light * distinct / distinct.max()))
-        return answer
-    sides = factors_of(matrix, codes // 2)
-    if sides is not None:
-        camera_side, projector_side = sides[0], sides[1] * light
-        maker.signed(
-            "relit",
-            lambda positive: SignedBlocks(camera_side, projector_side, positive),
-            (1.0, Full(matrix)),
-        )
-        return answer
-    maker.signed("relit", lambda positive: SignedMatrix(matrix, positive), (1.0, Full(matrix)))
-    return answer
-
-
 RECIPES: dict[str, Callable[[Maker, bool, int], dict[str, Rule]]] = {
     "white": _white,
     "indirect": _indirect,
@@ -242,7 +213,6 @@ RECIPES: dict[str, Callable[[Maker, bool, int], dict[str, Rule]]] = {
     "off-diagonal": _off_diagonal,
     "warped": _warped,
     "two-samples": _two_samples,
-    "relit": _relit,
     "long-range": _long_range,
     "short-range": _short_range,
     "blocked": _blocked,

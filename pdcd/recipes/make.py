@@ -63,16 +63,15 @@ def _whole(target: Target, how: How) -> Recipe:
             return paired(maker, how.white, how.buckets)
         return _multi_image(maker, how.codes) if how.method == "multi-image" else _nayar(maker)
     pictures: dict[str, Rule]
-    if target.goal.name == "relit" and how.structure:
-        codes = how.coded // how.parts
-        pictures = {"relit": composed(maker, codes, scattered=how.scattered)}
+    if target.goal.name == "relit":
+        pictures = {"relit": composed(maker, how.coded // how.parts)}
     else:
         pictures = RECIPES[target.goal.name](maker, how.white, how.coded)
     recipe = Recipe(
         target,
         maker.programs,
         tuple(maker.shots),
-        tuple(_as_then(photo, how, target.goal.name) for photo in maker.photos),
+        tuple(maker.photos),
         pictures,
         split=tuple(maker.split),
     )
@@ -81,20 +80,9 @@ def _whole(target: Target, how: How) -> Recipe:
     return recipe if how.coded else _pilot_alone(recipe)
 
 
-def _as_then(photo: Photo, how: How, goal: str) -> Photo:
-    """A photo as runs of that time had it: see `How.structure` and `How.by_light`."""
-    if not how.structure:
-        photo = replace(photo, beyond=0)
-    if not how.by_light:
-        by_direct = photo.wanted.by_direct and goal not in ("descattered", "filtered")
-        wanted = replace(photo.wanted, by_light=False, by_direct=by_direct)
-        photo = replace(photo, wanted=wanted)
-    return photo
-
-
 def _with_pilot(recipe: Recipe, how: How) -> Recipe:
     """The same with photos of single codes through an open mask before the shots of all codes."""
-    helped = {"coded", "far"} if how.far_paths else {"coded"}
+    helped = {"coded", "far"}
     if not helped & recipe.programs.keys() or recipe.target.goal.name == "fraction":
         raise RequestError(
             f"goal {recipe.target.goal.name} takes no pilot",

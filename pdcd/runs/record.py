@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from pdcd.bench.tables import Homography, NonNegative, PanelConfig
+from pdcd.bench.tables import NonNegative, PanelConfig
 from pdcd.panels.placing import Placing
 from pdcd.protocol.request import Figure, Goal, How, Place
 from pdcd.sensor.cells import CellMap
@@ -90,9 +90,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     grid: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
     cells: CellMap | None = None
     """Where the camera's quads see which cell; None where no photo was taken yet."""
-    camera_place: Placing | None = None
-    """Where the camera's frame lies on the field, for `cells`; None in runs from before there were
-    maps, whose frames were cut evenly into cells."""
+    camera_place: Placing
+    """Where the camera's frame lies on the field, for `cells`."""
     blur_quads: NonNegative = 0.0
     """Of the camera, for `cells`."""
     projector: PanelConfig
@@ -100,36 +99,14 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     responsivity_e: tuple[Positive, Positive, Positive]
     profile: SensorProfile
     shots: tuple[ShotRecord, ...]
-    homography: Homography | None = None
-    """Geometric correction of the pictures of runs from before there were maps: 3 x 3, image to
-    image, in quads."""
     white_patch: Place | None = None
     """Of the previews; see `CaptureRequest`."""
-    scouted: bool = False
-    """Whether the first photos of a pilot tell how sharp the light is, for error bars that are
-    modelled. False in runs from before they did; at first only pilots that nobody asked for."""
-    unmixed: bool = False
-    """Whether direct light that is known to be in a photo of indirect light is taken out
-    (`pdcd.pictures.unmixed`). False in runs from before that was done."""
-    parts_by_cell: bool = False
-    """Whether the parts of a photo, which tell its error, are worked out on means of cells
-    (`pdcd.pictures.parted`). False in runs from before that was done."""
-    pilot_apart: bool = False
-    """Whether light of cells in the photos of a pilot was told from that of their neighbours
-    (`pdcd.pictures.cell_light`). False in runs from before that was done."""
     dark: DarkPhoto | None = None
     """The photo whose ambient light is taken off the photos of a pilot, which have no black
-    exposures. None on a dark bench, and in runs from before that was done."""
-    parts_apart: bool = False
-    """Whether light of cells in the parts of a photo, whose spread tells its error, was told from
-    that of their neighbours (`pdcd.pictures.parted`). False in runs from before that was done."""
-    alike: bool = False
-    """Whether error bars know of what all parts of a photo get wrong alike: light from right beside
-    each cell, and direct light along borders that the panels draw in two places
-    (`pdcd.pictures.beside`, `pdcd.pictures.border_light`). False in runs from before they did."""
+    exposures. None on a dark bench."""
     leak: NonNegative = 0.0
     """RMS error of the answer, relative to its RMS, by ambient light and leaks that a dark photo
-    showed and that were not taken off. 0 in runs from before that was noted."""
+    showed and that were not taken off."""
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):

@@ -175,7 +175,7 @@ def _errors(
     measured = decoded.answer.kind == "measured"
     alone = [] if isinstance(rule, Extremes) else [name for _, name in rule]
     far = any(p.beyond and alone == [p.name] for p in recipe.photos)
-    if measured or (far and record.how.bars):
+    if measured or far:
         yield from error_of(image, sigma, sensor, recipe.target.cells, measured)
     if recipe.target.goal.name in LIGHT:
         yield from negative_light(image, sensor)
@@ -261,7 +261,7 @@ def _direct_left(
     # What is left of it in this picture is missing in that of direct light.
     whole = there / max(1.0 - weight, LEAST_SHOWN)
     found = list(quality.direct_left(max(weight, drawn), whole, left, taken_out=False))
-    if found and record.unmixed and drawn == 0.0 and _taken_out(record, photo, decoded):
+    if found and drawn == 0.0 and _taken_out(record, photo, decoded):
         found = list(quality.direct_left(weight, there, left, taken_out=True))
     yield from found
 

@@ -3,7 +3,6 @@ do not divide by the cells, and where devices are turned?
 
     python -m tests.bench.own_quads                        # all benches, all scenes, seed 0
     python -m tests.bench.own_quads --bench turned --scene corner --seeds 3
-    python -m tests.bench.own_quads --before               # by the rules of runs from before
 
 Each capture runs through the mock bench with full sensor noise, 24 x 32 cells, as `pdcd capture
 indirect --seed N` would take it. The truth is seen through the same optics.
@@ -110,12 +109,9 @@ class Found:
         return f"{error:.2f} % | {sigma:.2f} % | {self.ratio:.2f} | {share:.1f}"
 
 
-def take(config: Config, *, before: bool = False, **fields: Any) -> tuple[Found, Found]:
+def take(config: Config, **fields: Any) -> tuple[Found, Found]:
     """Capture indirect light: all known quads, and those that see more than one cell. Raises
-    RuntimeError where it fails.
-
-    before : decode it as a run from before error bars were told of quads.
-    """
+    RuntimeError where it fails."""
     engine = Engine.from_config(config)
     engine.start()
     try:
@@ -126,10 +122,7 @@ def take(config: Config, *, before: bool = False, **fields: Any) -> tuple[Found,
     if result.state != "done" or result.folder is None:
         raise RuntimeError(str(result.error))
     folder = Path(result.folder)
-    record = whole_manifest(folder).run
-    if before:
-        record = msgspec.structs.replace(record, parts_apart=False, alike=False)
-    decoded = Darkroom(folder, record).decoded()
+    decoded = Darkroom(folder, whole_manifest(folder).run).decoded()
     truth, seen = read_truth(folder, decoded.cells).on_quads(decoded.cells)
     picture = decoded.answer
     known = seen & np.isfinite(picture.sigma).all(axis=-1)
@@ -146,16 +139,14 @@ def take(config: Config, *, before: bool = False, **fields: Any) -> tuple[Found,
     return over(known), over(known & ~decoded.cells.single)
 
 
-def judge(name: str, kind: str, seeds: range, *, before: bool = False) -> str:
+def judge(name: str, kind: str, seeds: range) -> str:
     """A row of the table."""
     found: list[tuple[Found, Found]] = []
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
             config = bench(name, (24, 32), seed, Path(folder), frame_quads=FRAME)
             one = BENCHES[kind]
-            found.append(
-                take(one.change(config), before=before, **{"seed": seed, **dict(one.fields)})
-            )
+            found.append(take(one.change(config), **{"seed": seed, **dict(one.fields)}))
     whole, edges = (_added([pair[at] for pair in found]) for at in (0, 1))
     truth = whole.truth / whole.count
     told = edges.told(truth) if edges.count else "| | | "
@@ -173,7 +164,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--before", action="store_true")
     parser.add_argument("--bench", choices=BENCHES, action="append")
     parser.add_argument("--scene", choices=SCENES, action="append")
     args = parser.parse_args()
@@ -183,7 +173,7 @@ def main() -> None:
     for kind in args.bench or BENCHES:
         for name in args.scene or SCENES:
             seeds = range(args.first, args.first + args.seeds)
-            say(judge(name, kind, seeds, before=args.before) + "\n")
+            say(judge(name, kind, seeds) + "\n")
             sys.stdout.flush()
 
 

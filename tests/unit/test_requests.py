@@ -131,8 +131,7 @@ def test_how_photos_are_taken_unless_said() -> None:
     how = How()
     assert (how.codes, how.pilot, how.parts, how.repeat, how.buckets) == (128, 0, 1, 1, 1)
     assert (how.method, how.family, how.black_level) == ("coded", "hadamard", "none")
-    assert how.white and not (how.structure or how.by_light or how.bars or how.late)
-    assert not how.scattered
+    assert how.white and not (how.grey_masks or how.woven or how.late)
     assert How(codes=64, pilot=16).coded == 48
 
 

@@ -141,13 +141,7 @@ def record_of(
         camera_place=config.camera.place,
         blur_quads=config.camera.blur_quads,
         white_patch=request.white_patch,
-        scouted=plan.how.pilot > 0,
-        unmixed=True,
-        parts_by_cell=True,
-        pilot_apart=True,
         dark=plan.dark,
-        parts_apart=True,
-        alike=True,
         leak=_left(plan),
     )
 

@@ -128,7 +128,7 @@ def enough_side(pictures: int, record: RunRecord) -> int:
     """Quads, each way, whose mean a page of so many pictures of a run can do with: nearly as many
     as make a pixel of it."""
     cells = record.cells
-    if cells is None or record.homography is not None:
+    if cells is None:
         return 1
     view = View.of(record, cells)
     across, down = view.quads()

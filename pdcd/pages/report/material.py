@@ -65,7 +65,7 @@ def gathered(folder: Path, record: RunRecord, decoded: Decoded, known: Known | N
     folder : where frames.csv lies. Raises DecodeError for a damaged one.
     """
     truth = None
-    if known is not None and record.homography is None:
+    if known is not None:
         truth = Truth(*known.binned(decoded.side).on_quads(decoded.cells))
     sliced = decoded.transport
     return Material(

@@ -1,5 +1,4 @@
-"""The image files of a run folder, PNG to look at and TIFF to compute with, and the geometric
-correction by a homography."""
+"""The image files of a run folder: PNG to look at and TIFF to compute with."""
 
 from __future__ import annotations
 
@@ -7,7 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DecodeError, disk_errors
 from pdcd.files.images.sixteen import png_of
@@ -24,38 +23,6 @@ def blocks(grey: NDArray[np.float64], min_width_px: int = 640) -> NDArray[np.uin
     picture = np.rint(255.0 * linear).astype(np.uint8)[..., None].repeat(3, axis=2)
     factor = max(-(-min_width_px // picture.shape[1]), 1)
     return picture.repeat(factor, axis=0).repeat(factor, axis=1)
-
-
-def warp(
-    image: NDArray[np.float64], matrix: ArrayLike, size_px: tuple[int, int]
-) -> NDArray[np.float64]:
-    """Geometric correction: rotation, flip, perspective.
-
-    Parameters
-    ----------
-    image : (h, w, C) or (h, w) float64
-        Linear values; C up to 4.
-    matrix : (3, 3) float
-        Homography from (column, row, 1) of the input to that of the output, in pixels whose
-        centres have whole coordinates.
-    size_px : (width, height)
-        Size of the output.
-
-    Returns
-    -------
-    (height, width, C) or (height, width) float64
-        Bilinear between input pixels (offsets are rounded to 1/32 pixel), 0 outside.
-    """
-    homography = np.asarray(matrix, dtype=np.float64)
-    usable = homography.shape == (3, 3) and bool(np.isfinite(homography).all())
-    if not usable or np.linalg.det(homography) == 0.0:
-        raise ConfigError(
-            "a warp needs an invertible 3x3 matrix", hint="repeat the geometric calibration"
-        )
-    warped = cv2.warpPerspective(
-        np.asarray(image, dtype=np.float64), homography, size_px, flags=cv2.INTER_LINEAR
-    )
-    return np.asarray(warped, dtype=np.float64)
 
 
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:

@@ -18,12 +18,10 @@ import pytest
 from pdcd.bench.tables import CameraConfig, Config, PanelConfig, RigConfig, SceneConfig
 from pdcd.capture.engine import Engine
 from pdcd.errors import DecodeError
-from pdcd.pictures.darkroom import Darkroom
 from pdcd.pictures.decode import decode_folder
 from pdcd.protocol.events import Event
 from pdcd.protocol.request import CaptureRequest, new_job_id
 from pdcd.runs.folder import read_manifest
-from pdcd.sensor.cells import CellMap
 from tests import bench_rig, tampered
 from tests.places import DATA
 from tests.sampled import sampled
@@ -253,25 +251,6 @@ def test_saturation_is_flagged(tmp_path: Path) -> None:
     with np.load(folder / "probe.npz") as data:
         assert np.isinf(data["sigma"]).any()
     assert any("saturated" in w for w in read_manifest(folder).warnings)
-
-
-def test_runs_from_before_there_were_maps_keep_their_homography(tmp_path: Path) -> None:
-    """It flips or shifts the pictures after all differences, as when they were taken."""
-    folder, _ = run(bench_rig.config(tmp_path), goal="direct", codes=8)
-    record = read_manifest(folder).run
-    old = msgspec.structs.replace(
-        record, camera_place=None, cells=CellMap.block(record.grid, record.grid)
-    )
-    plain = Darkroom(folder, old).decoded().answer
-    np.testing.assert_array_equal(plain.image, image_of(folder))
-    flip = msgspec.structs.replace(old, homography=(-1, 0, 3, 0, 1, 0, 0, 0, 1))
-    flipped = Darkroom(folder, flip).decoded()
-    np.testing.assert_allclose(flipped.answer.image, plain.image[:, ::-1], rtol=1e-6)
-    np.testing.assert_array_equal(flipped.cell_means.image, flipped.answer.image)
-    shift = msgspec.structs.replace(old, homography=(1, 0, 1.5, 0, 1, 0, 0, 0, 1))
-    shifted = Darkroom(folder, shift).decoded().cell_means
-    assert np.all(np.isinf(shifted.sigma[:, :2]))
-    assert np.all(np.isfinite(shifted.sigma[:, 2:]))
 
 
 @pytest.mark.parametrize(

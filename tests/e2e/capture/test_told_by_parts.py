@@ -17,7 +17,6 @@ from pdcd.pictures import bars
 from pdcd.pictures.decode import decode_folder
 from pdcd.pictures.photos import NOTHING_TOLD
 from pdcd.protocol.request import CaptureRequest
-from pdcd.runs.folder import read_manifest
 from tests import bench_rig
 
 GRID = (12, 16)
@@ -65,8 +64,6 @@ def test_smooth_light_is_corrected_by_what_parts_tell(
     most: float,
 ) -> None:
     folder, error, ratio = take(tmp_path, goal, **fields)
-    run = read_manifest(folder).run
-    assert run.how.told_by_parts
     assert decode_folder(folder).identical
     assert 0.6 < ratio < 2.0, ratio
     monkeypatch.setattr(bars, "told_by_parts", lambda *_, **__: NOTHING_TOLD)

@@ -135,22 +135,3 @@ def test_runs_decode_the_same_again(engines: tuple[Engine, Engine]) -> None:
     assert np.isfinite(found["sigma"]).any()
     unseen = ~CELLS.seen().reshape(wanted.GRID)
     assert np.isinf(found["sigma"][unseen]).all() and not found["image"][unseen].any()
-
-
-def test_the_error_that_parts_show_is_that_of_all_quads(engines: tuple[Engine, Engine]) -> None:
-    """Worked out on means of cells, or quad by quad as in runs from before that was done."""
-    request = CaptureRequest(goal="indirect", codes=32, parts=4, family="bernoulli", seed=2)
-    for number, engine in enumerate(engines):
-        folder = taken(engine, request, f"parts-{number}")
-        record = read_manifest(folder).run
-        assert record.parts_by_cell and record.parts_apart
-        record = msgspec.structs.replace(record, parts_apart=False)
-        before = msgspec.structs.replace(record, parts_by_cell=False)
-        found, wanted_ = (Darkroom(folder, run).decoded() for run in (record, before))
-        for name, picture in found.pictures.items():
-            other = wanted_.pictures[name]
-            assert np.array_equal(picture.image, other.image)
-            assert np.array_equal(picture.sensor, other.sensor)
-            scale = float(np.sqrt(np.mean(other.code**2)))
-            assert np.sqrt(np.mean((picture.code - other.code) ** 2)) <= 0.03 * scale
-        assert found.answer.code.any() and found.answer.kind == "measured"

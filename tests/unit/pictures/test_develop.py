@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from PIL import Image
 
 from pdcd.errors import ConfigError, DecodeError, NoSpaceError, PdcdError
-from pdcd.pictures.written.develop import blocks, read_tiff, warp, write_png, write_tiff
+from pdcd.pictures.written.develop import blocks, read_tiff, write_png, write_tiff
 from tests.tools import needs, program
 
 
@@ -86,8 +85,7 @@ def test_tiff_round_trip_is_exact(
     [(1, 1), (1, 9), (9, 1), (2, 682), (3, 342), (48, 64), (49, 65), (2, 5461), (2, 5462)],
 )
 def test_tiff_has_the_bytes_of_libtiff(tmp_path: Path, shape: tuple[int, int]) -> None:
-    """One strip, strips of several rows, of one row, and of more bytes than a short number holds:
-    runs of earlier versions, which libtiff wrote, are compared with decodings byte by byte."""
+    """One strip, strips of several rows and of one row, and more bytes than a short number has."""
     image = np.random.default_rng(6).standard_normal((*shape, 3)).astype(np.float32)
     image[0, 0] = (np.nan, -np.inf, 0.0)
     flags = [cv2.IMWRITE_TIFF_COMPRESSION, 1]
@@ -133,36 +131,3 @@ def test_unwritable_folder_is_reported(tmp_path: Path) -> None:
 def test_other_shapes_are_refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
     with pytest.raises(ConfigError, match="shape"):
         write_tiff(tmp_path / "a.tiff", np.zeros(shape, np.float32))
-
-
-def test_warp_by_whole_pixels_moves_them_exactly() -> None:
-    image = np.random.default_rng(4).standard_normal((6, 9, 3))
-    assert np.array_equal(warp(image, np.eye(3), (9, 6)), image)
-    moved = warp(image, [[1, 0, 2], [0, 1, 1], [0, 0, 1]], (9, 6))
-    assert np.array_equal(moved[1:, 2:], image[:-1, :-2])
-    assert not moved[0].any()
-    assert not moved[:, :2].any()
-
-
-def test_warp_rotates_and_flips() -> None:
-    image = np.random.default_rng(5).standard_normal((6, 9, 3))
-    turned = warp(image, [[0, 1, 0], [-1, 0, 8], [0, 0, 1]], (6, 9))
-    assert turned == pytest.approx(np.rot90(image), abs=1e-12)
-    flipped = warp(image, [[-1, 0, 8], [0, 1, 0], [0, 0, 1]], (9, 6))
-    assert flipped == pytest.approx(image[:, ::-1], abs=1e-12)
-
-
-def test_warp_of_a_plane_by_a_perspective() -> None:
-    """A linear brightness ramp follows the homography, up to its steps of 1/32 pixel."""
-    matrix = np.array([[1.1, 0.05, 3.0], [0.02, 0.95, 1.0], [2e-4, 1e-4, 1.0]])
-    rows, columns = np.mgrid[0:60, 0:80].astype(np.float64)
-    warped = warp(columns + 2.0 * rows, matrix, (80, 60))
-    for row, column in ((10, 20), (30, 40), (50, 70)):
-        x, y, scale = np.linalg.solve(matrix, (column, row, 1.0))
-        assert warped[row, column] == pytest.approx(x / scale + 2.0 * y / scale, abs=3 / 32)
-
-
-@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.eye(2), np.full((3, 3), np.nan)])
-def test_warp_refuses_what_cannot_be_inverted(matrix: NDArray[np.float64]) -> None:
-    with pytest.raises(ConfigError, match="invertible"):
-        warp(np.zeros((4, 4, 3)), matrix, (4, 4))

@@ -46,10 +46,11 @@ def test_cells_have_the_mean_of_quads_that_no_shot_has_saturated() -> None:
 def test_cells_that_no_quad_sees_are_as_bright_as_the_others() -> None:
     place = placed(Placing(scale=0.3), (FRAME[1], FRAME[0]), (40, 30), "camera")
     cells = CellMap(grid=GRID, frame=FRAME, map=place)
-    seen = cells.seen().reshape(GRID)
+    halves = pieces(cells)
+    seen = halves.seen().reshape(halves.grid)
     assert 0 < seen.sum() < seen.size
     light = np.random.default_rng(6).random((*FRAME, 3))
-    found = averaged({"one": shot(light)}, cells, apart=False)[0]["one"].light
+    found = averaged({"one": shot(light)}, cells)[0]["one"].light
     np.testing.assert_allclose(
         found[~seen], np.tile(found[seen].mean(axis=0), (sum(~seen.ravel()), 1))
     )
@@ -74,50 +75,39 @@ def test_a_camera_that_sees_halves_of_cells_averages_over_halves() -> None:
     frame = (31, 41)  # 10.3 quads a cell each way
     place = placed(Placing(), (frame[1], frame[0]), (40, 30), "camera")
     cells = CellMap(grid=GRID, frame=frame, map=place)
-    halves = pieces(cells, apart=True)
-    assert halves.grid == (6, 8) and pieces(cells, apart=False) is cells
+    halves = pieces(cells)
+    assert halves.grid == (6, 8)
     # Too few quads, or too much blur, for halves.
     few = msgspec.structs.replace(cells, frame=(9, 12), map=None)
-    assert pieces(few, apart=True) is few
+    assert pieces(few) is few
     few = CellMap(grid=GRID, frame=(8, 11), map=placed(Placing(), (11, 8), (40, 30), "camera"))
-    assert pieces(few, apart=True) is few
+    assert pieces(few) is few
     blurred = msgspec.structs.replace(cells, blur_quads=1.3)
-    assert pieces(blurred, apart=True) is blurred
+    assert pieces(blurred) is blurred
     values = np.random.default_rng(7).random((48, 3))
     found, alike = averaged({"one": shot(halves.spread(values))}, cells)
     assert alike.grid == GRID and alike.frame == (6, 8) and alike.map is not None
     np.testing.assert_allclose(found["one"].light.reshape(-1, 3), values, atol=1e-12)
-    whole, _ = averaged({"one": shot(halves.spread(values))}, cells, apart=False)
-    assert whole["one"].light.shape == (*GRID, 3)
 
 
 @pytest.mark.parametrize(("frame", "halves"), [((31, 41), True), ((8, 11), False)])
 def test_cells_whose_quads_see_others_too_have_an_error_of_their_own(
     frame: tuple[int, int], halves: bool
 ) -> None:
-    """Errors by chance of cells, seen by quads that see two and four of them: the spread of parts
-    that were averaged with their neighbours falls short of them, by a third where quads are large.
-    """
+    """Errors by chance of cells, seen by quads that see two and four of them."""
     grid, count = (16, 20), 8
     frame = (frame[0] * 16 // 3, frame[1] * 5)
     place = placed(Placing(), (frame[1], frame[0]), (400, 320), "camera")
     cells = CellMap(grid=grid, frame=frame, map=place)
-    assert (pieces(cells, apart=True).grid != grid) is halves
+    assert (pieces(cells).grid != grid) is halves
     rng = np.random.default_rng(8)
     errors = 0.05 * rng.standard_normal((count, grid[0] * grid[1], 3))
     shots = {f"{k}": shot(cells.spread(1.0 + one)) for k, one in enumerate(errors)}
     picture = Picture(cells.spread(1.0 + errors.mean(axis=0)), np.full((*frame, 3), 1e-6))
-    told = []
-    for apart in (False, True):
-        parts = [one.light for one in averaged(shots, cells, apart=apart)[0].values()]
-        made = barred_by_parts(
-            {"it": picture}, {"it": parts}, cells, {}, by_chance=False, apart=apart
-        )["it"]
-        alone = cells.single
-        told.append(float(np.sqrt(np.mean(made.sigma[alone] ** 2))))
-    true = 0.05 / np.sqrt(count)
-    assert told[1] == pytest.approx(true, rel=0.06)
-    assert told[0] < (0.96 if halves else 0.8) * true
+    parts = [one.light for one in averaged(shots, cells)[0].values()]
+    made = barred_by_parts({"it": picture}, {"it": parts}, cells, {})["it"]
+    found = float(np.sqrt(np.mean(made.sigma[cells.single] ** 2)))
+    assert found == pytest.approx(0.05 / np.sqrt(count), rel=0.06)
 
 
 def test_what_all_parts_share_is_added_to_their_spread() -> None:
@@ -127,8 +117,7 @@ def test_what_all_parts_share_is_added_to_their_spread() -> None:
     picture = Picture(image, np.full(image.shape, 0.01))
     alike = {"it": np.full(image.shape, 0.3)}
     without, made = (
-        barred_by_parts({"it": picture}, {"it": parts}, cells, one, by_chance=True, apart=True)
-        for one in ({}, alike)
+        barred_by_parts({"it": picture}, {"it": parts}, cells, one) for one in ({}, alike)
     )
     np.testing.assert_allclose(made["it"].code, np.hypot(without["it"].code, 0.3), rtol=1e-12)
 
@@ -139,7 +128,7 @@ def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -
     cells = CellMap(
         grid=grid, frame=frame, map=placed(Placing(), (frame[1], frame[0]), (400, 320), "camera")
     )
-    halves = pieces(cells, apart=True)
+    halves = pieces(cells)
     rng = np.random.default_rng(9)
     errors = 0.05 * rng.standard_normal((count, 4 * grid[0] * grid[1], 3))
     parts = [halves.spread(1.0 + one) for one in errors]
@@ -150,8 +139,6 @@ def test_what_halves_of_a_cell_get_wrong_by_chance_is_half_of_it_in_the_mean() -
         {"it": [one.light for one in light.values()]},
         cells,
         {},
-        by_chance=False,
-        apart=True,
     )["it"]
     true = 0.05 / np.sqrt(count)
     assert np.sqrt(np.mean(made.code**2)) == pytest.approx(true, rel=0.06)

@@ -97,8 +97,7 @@ def test_a_dark_photo_holds_the_light_of_a_second(run: Path, side: int) -> None:
         room.ambient(msgspec.structs.replace(dark, sha256="0" * 64))
 
 
-@pytest.mark.parametrize("apart", [True, False])
-def test_ambient_light_is_taken_off_the_photos_of_a_pilot(apart: bool) -> None:
+def test_ambient_light_is_taken_off_the_photos_of_a_pilot() -> None:
     """For the time for which the mask was open, as far as quads see a cell: what is left is what
     the codes made. Quads that do not divide the cells evenly see two of them."""
     grid, frame = (3, 4), (8, 11)
@@ -120,14 +119,14 @@ def test_ambient_light_is_taken_off_the_photos_of_a_pilot(apart: bool) -> None:
         clean[name] = one
         shots[name] = replace(one, light=own + seconds * cells.spread(around))
     dark = Ambient(cells.spread(around), np.full((*frame, 3), 4.0))
-    wanted = stack_photos(recipe, clean, bits, cells, apart=apart)
-    found = stack_photos(recipe, shots, bits, cells, apart=apart, ambient=dark)
+    wanted = stack_photos(recipe, clean, bits, cells)
+    found = stack_photos(recipe, shots, bits, cells, ambient=dark)
     np.testing.assert_allclose(found[0], wanted[0], atol=1e-12)
     np.testing.assert_array_equal(found[1], wanted[1])
     # Its noise is that of a second, which is the same in all photos.
     assert wanted[2] is None and found[2] is not None
     np.testing.assert_allclose(found[2], (2.0 * wanted[1][0] * 0.5) ** 2, rtol=1e-9)
-    assert not np.allclose(stack_photos(recipe, shots, bits, cells, apart=apart)[0], wanted[0])
+    assert not np.allclose(stack_photos(recipe, shots, bits, cells)[0], wanted[0])
 
 
 def test_the_dark_of_a_shot_goes_by_the_time_between_its_blades(run: Path) -> None:

@@ -69,10 +69,9 @@ def test_before_single_sharp_paths_little_is_done() -> None:
 
 
 @pytest.mark.parametrize("goal", ["long-range", "short-range"])
-def test_runs_from_before_keep_far_photos_as_they_were_taken(goal: str) -> None:
+def test_far_photos_are_corrected_under_full_light(goal: str) -> None:
     target = Target(Goal(name=goal, radius=2), GRID)  # type: ignore[arg-type]
-    assert all(photo.beyond == 0 for photo in recipe_of(target, How()).photos)
-    new = {photo.name: photo.beyond for photo in recipe_of(target, How(structure=True)).photos}
-    assert new["far"] == 2 and new.get("coded", 0) == 0
+    found = {photo.name: photo.beyond for photo in recipe_of(target, How()).photos}
+    assert found["far"] == 2 and found.get("coded", 0) == 0
     lit = Target(Goal(name=goal, radius=2), GRID, {"illumination": np.full(N, 0.5)})  # type: ignore[arg-type]
-    assert all(photo.beyond == 0 for photo in recipe_of(lit, How(structure=True)).photos)
+    assert all(photo.beyond == 0 for photo in recipe_of(lit, How()).photos)

@@ -103,7 +103,7 @@ def combined() -> Any:
                 made = combine(one, shots, cells, normalise=normalise)
                 told[f"{kind}, {normalise}, {goal}"] = pictures(made)
         one = recipe("direct", How())
-        told[f"{kind}, whole"] = pictures(combine(one, shots_of(one, cells), cells, unmix=False))
+        told[f"{kind}, whole"] = pictures(combine(one, shots_of(one, cells), cells))
     return told
 
 
@@ -111,11 +111,9 @@ def corrected() -> Any:
     told = {}
     for kind, cells in CELLS.items():
         for goal, numbers in (("indirect", {}), ("short-range", {"radius": 1})):
-            one = recipe(goal, How(structure=True), **numbers)
-            found = corrected_photos(
-                one, shots_of(one, cells, 1), None, cells, normalise="auto", smooth=True,
-                unseen_tell=True,  # as in runs from before
-            )  # fmt: skip
+            one = recipe(goal, How(), **numbers)
+            shots = shots_of(one, cells, 1)
+            found = corrected_photos(one, shots, None, cells, normalise="auto", smooth=True)
             told[f"{kind}, {goal}"] = pictures(found)
     return told
 
@@ -146,9 +144,8 @@ def bars() -> Any:
     told: dict[str, Any] = {}
     for count in (4, 8):
         parts = [image + 0.05 * rng.standard_normal(image.shape) * image for _ in range(count)]
-        for by_chance in (False, True):
-            made = measured(picture, parts, by_chance=by_chance)
-            told[f"{count} parts, {by_chance}"] = [made.sigma, made.sensor, made.code]
+        made = measured(picture, parts)
+        told[f"{count} parts"] = [made.sigma, made.sensor, made.code]
     white = image + rng.uniform(0.0, 1.0, image.shape)
     white[2, 2] = 0.0
     fixed, spread = 0.001 * rng.random((*GRID, 1)), 0.05 + rng.random((*GRID, 1))
@@ -162,15 +159,12 @@ def bars() -> Any:
     )
     told["single precision"] = [single.sigma, single.kind]
     for kind, cells in CELLS.items():
-        one = recipe("short-range", How(structure=True), radius=1)
+        one = recipe("short-range", How(), radius=1)
         shots = shots_of(one, cells, 4)
         photos = corrected_photos(one, shots, None, cells, normalise="auto", smooth=False)
         made_of = combine(one, shots, cells)
-        for by_row in (False, True):
-            found = modelled(one, shots, photos, made_of, cells, by_row=by_row)
-            told[f"modelled, {kind}, {by_row}"] = {
-                name: [made.sigma, made.code] for name, made in found.items()
-            }
+        found = modelled(one, shots, photos, made_of, cells)
+        told[f"modelled, {kind}"] = {name: [made.sigma, made.code] for name, made in found.items()}
         sharp = rng.random((N, 3))
         guided = tuple(replace(photo, paths=photo.name == "coded") for photo in one.photos)
         one = replace(one, photos=guided)
@@ -250,9 +244,8 @@ def software() -> Any:
             name: [m.realised.left, m.realised.right, m.realised.open_s, m.missed]
             for name, m in matrices.items()
         }
-        for name, apart in (("averaged", False), ("told apart", True)):
-            coarse, _ = averaged(shots_of(recipe("direct", How()), cells, 10), cells, apart=apart)
-            told[f"{kind}, {name}"] = {name: one.light for name, one in coarse.items()}
+        coarse, _ = averaged(shots_of(recipe("direct", How()), cells, 10), cells)
+        told[f"{kind}, told apart"] = {name: one.light for name, one in coarse.items()}
         ones = np.ones((1, N))
         share = direct_share(
             Factors(ones, ones, np.linspace(0.01, 0.2, N), ones[0]),

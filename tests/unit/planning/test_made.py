@@ -87,28 +87,6 @@ def test_why_there_are_that_many_codes_is_said_where_the_light_decides() -> None
     assert not any("codes:" in reason for reason in plain.reasons)
 
 
-@pytest.mark.parametrize(
-    ("goal", "fields", "by_light", "structure"),
-    [
-        ("fraction", {"p": 0.5}, True, False),
-        ("off-diagonal", {"shift": [1, 0], "p": 0.5}, True, False),
-        ("split", {"period": 8}, True, False),
-        ("descattered", {"shift": [1, 0]}, True, False),
-        ("filtered", {"kernel": [[1.0, -1.0, 0.5]]}, True, False),
-        ("relit", {"matrix": np.eye(48).tolist(), "codes": 48}, True, True),
-        ("long-range", {"radius": 1}, False, True),
-        ("short-range", {"radius": 1}, False, True),
-        ("indirect", {}, False, False),
-        ("direct", {}, False, False),
-    ],
-)
-def test_photos_are_scaled_as_their_goal_has_it(
-    goal: str, fields: dict[str, Any], by_light: bool, structure: bool
-) -> None:
-    how = plan_of(goal=goal, **fields).how
-    assert (how.by_light, how.structure, how.bars) == (by_light, structure, True)
-
-
 def test_buckets_are_those_of_the_camera_for_pairs_alone() -> None:
     two = config(camera={"buckets": 2})
     assert plan_of(two, goal="direct", method="pairs").how.buckets == 2

@@ -56,21 +56,15 @@ def test_filters_without_direct_light_are_scaled_by_what_fits() -> None:
     for centre, scaled in ((0.0, False), (-2.0, True)):
         kernel[1, 1] = centre
         target = dense_recipe.target(GRID, "filtered", {"kernel": kernel})
-        (photo,) = recipe_of(target, How(by_light=True)).photos
+        (photo,) = recipe_of(target, How()).photos
         assert photo.wanted.by_direct is scaled
 
 
-def test_runs_from_before_are_scaled_as_they_were() -> None:
-    kernel = np.array([[0.0, -1.0, 0.0], [-1.0, 5.0, -1.0], [0.0, -1.0, 0.0]])
-    for target in (
-        dense_recipe.target(GRID, "descattered", {}, shift=(0, 1)),
-        dense_recipe.target(GRID, "filtered", {"kernel": kernel}),
+def test_stripes_and_matched_cells_with_a_share_of_the_rest_are_scaled_by_all_their_light() -> None:
+    for goal, numbers, scaled in (
+        ("split", {"period": 4}, True),
+        ("fraction", {"p": 0.25, "shift": (0, 1)}, True),
+        ("fraction", {"p": 0.25}, False),
     ):
-        for how, scaled in ((How(), False), (How(by_light=True), True)):
-            assert {p.wanted.by_direct for p in recipe_of(target, how).photos} == {scaled}
-    for goal, more in (("split", {"period": 4}), ("fraction", {"p": 0.25, "shift": (0, 1)})):
-        target = dense_recipe.target(GRID, goal, {}, **more)
-        for how, scaled in ((How(), False), (How(by_light=True), True)):
-            assert {p.wanted.by_light for p in recipe_of(target, how).photos} == {scaled}
-    own = dense_recipe.target(GRID, "fraction", {}, p=0.25)
-    assert not recipe_of(own, How(by_light=True)).photos[0].wanted.by_light
+        target = dense_recipe.target(GRID, goal, {}, **numbers)
+        assert {p.wanted.by_light for p in recipe_of(target, How()).photos} == {scaled}

@@ -12,7 +12,6 @@ from pdcd.protocol.request import Goal, How
 from pdcd.recipes.alternatives import checkers, fitted_weights, masked_weights, shares
 from pdcd.recipes.goals import Target
 from pdcd.recipes.make import recipe_of
-from pdcd.recipes.programs import SignedBlocks, SignedMatrix
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -142,14 +141,3 @@ def test_what_methods_cannot_use_is_refused() -> None:
 
 def test_shares_of_a_goal() -> None:
     assert shares(Target(Goal(name="fraction", p=0.25), GRID), "nayar") == (1.0, 0.25)
-
-
-@pytest.mark.parametrize(("count", "exact"), [(3, False), (4, True), (5, True)])
-def test_a_matrix_of_rank_two_is_exact_from_four_codes_on(count: int, exact: bool) -> None:
-    """Each of its two parts takes a code for either sign of the camera side."""
-    rng = np.random.default_rng(2)
-    matrix = rng.normal(size=(N, 2)) @ rng.normal(size=(2, N))
-    target = Target(Goal(name="relit"), GRID, matrices={"matrix": matrix})
-    recipe = recipe_of(target, How(codes=count, white=False))
-    kinds = {type(program) for program in recipe.programs.values()}
-    assert kinds == {SignedBlocks if exact else SignedMatrix}

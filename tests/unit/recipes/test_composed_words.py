@@ -32,7 +32,7 @@ def by_warp(partner: NDArray[np.int64]) -> Floats:
 
 def recipe(matrix: Floats, codes: int = 128) -> Recipe:
     target = Target(Goal(name="relit"), GRID, matrices={"matrix": matrix})
-    return recipe_of(target, How(structure=True, codes=codes))
+    return recipe_of(target, How(codes=codes))
 
 
 def terms(found: Recipe) -> dict[str, Any]:

@@ -105,23 +105,11 @@ def flags(recipe: Recipe) -> dict[str, tuple[bool, bool, bool, int]]:
 def test_by_what_light_photos_are_scaled(
     name: str, given: dict[str, Any], wanted: dict[str, Any]
 ) -> None:
-    assert flags(recipe_of(target(name, **given), How(structure=True, by_light=True))) == wanted
-
-
-def test_runs_from_before_keep_their_ways() -> None:
-    old = How(structure=False, by_light=False)
-    for name, given, kept in (
-        ("fraction", {"p": 0.25, "shift": (0, 1)}, (True, False, False, 0)),
-        ("descattered", {"shift": (0, 1)}, (False, False, False, 0)),
-        ("filtered", {"kernel": np.ones((3, 3))}, (False, False, False, 0)),
-        ("long-range", {"radius": 2}, (False, False, True, 0)),
-    ):
-        (found,) = flags(recipe_of(target(name, **given), old)).values()
-        assert found == kept
+    assert flags(recipe_of(target(name, **given), How())) == wanted
 
 
 def test_stripes_move_by_a_quarter_of_their_period() -> None:
-    recipe = recipe_of(target("split", period=8), How(by_light=True))
+    recipe = recipe_of(target("split", period=8), How())
     names = tuple(f"stripes-{k}" for k in range(4))
     assert recipe.pictures == {
         "high": Extremes(1.0, -1.0, names),

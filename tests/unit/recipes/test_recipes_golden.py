@@ -119,7 +119,7 @@ def goals() -> Any:
     for name, (goal, given) in GOALS.items():
         for black in ("none", "both"):
             if goal != "transport" or black == "none":
-                how = How(codes=64, black_level=black, structure=True, by_light=True)
+                how = How(codes=64, black_level=black)
                 made[f"{name}, {black}"] = told(recipe_of(target(goal, given), how))
     return made
 
@@ -212,7 +212,7 @@ def apart() -> Any:
             made[f"{grid}, {name}"] = [_coarse(side) for side in sides]
             if grid == (9, 12) and "noisy" not in name:
                 goal = Target(Goal(name="relit"), grid, {}, {"matrix": matrix})
-                recipe = recipe_of(goal, How(codes=64, structure=True))
+                recipe = recipe_of(goal, How(codes=64))
                 made[f"{grid}, {name}, said"] = [
                     recipe.split, [shot.name for shot in recipe.shots],
                     [[n, _coarse(float(w))] for w, n in recipe.pictures["relit"]],  # type: ignore[union-attr]

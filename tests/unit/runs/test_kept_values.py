@@ -77,16 +77,13 @@ def test_bounds_of_a_query() -> None:
 
 
 def test_what_a_run_says_of_itself_unless_it_is_told_otherwise() -> None:
-    """As of runs from before these fields."""
     fields = {"p": None}
     defaults = dict(zip(
         record.RunRecord.__struct_fields__[-len(record.RunRecord.__struct_defaults__):],
         record.RunRecord.__struct_defaults__, strict=True,
     )) | fields  # fmt: skip
     assert defaults["blur_quads"] == 0.0
-    later = ("scouted", "unmixed", "parts_by_cell", "pilot_apart", "parts_apart", "alike")
-    assert [defaults[name] for name in later] == [False] * 6
-    assert defaults["dark"] is None
+    assert defaults["dark"] is None and defaults["leak"] == 0.0
 
 
 def test_files_that_are_made_later_have_these_names_only() -> None:
