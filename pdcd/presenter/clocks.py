@@ -9,7 +9,6 @@ taken when 30 frames come back from it as they should.
 
 from __future__ import annotations
 
-import ctypes
 import time
 from collections.abc import Callable
 from typing import Protocol
@@ -38,24 +37,6 @@ SETTLED_S = 0.05
 """Three refreshes: no swap is under way when none was shown for so long."""
 
 Swap = Callable[[], None]
-
-
-class VblankEvents(Protocol):
-    """What reports vblanks: the X server's Present extension, or the kernel.
-
-    After `wait` returns True, `ns` (CLOCK_MONOTONIC) and `msc` are those of the vblank.
-    """
-
-    ns: int
-    msc: int
-
-    def ask(self, msc: int) -> None:
-        """Ask for an event at vblank `msc`, at once when that has passed."""
-        ...
-
-    def wait(self, kind: int, timeout_s: float) -> bool:
-        """Take the event; False when it does not come in time. Raises DeviceLost."""
-        ...
 
 
 class Source(Protocol):
@@ -113,43 +94,6 @@ class Completions:
         self.flipped = self._events.flipped
 
 
-class SyncValues:
-    """GLX_OML_sync_control: after a swap, wait until its count is reached; no flips reported."""
-
-    name = "oml"
-    queues = False
-
-    def __init__(self, handles: tuple[int, int], swap: Swap) -> None:
-        self._display, self._drawable = handles
-        gl = ctypes.CDLL("libGL.so.1")
-        gl.glXGetProcAddressARB.restype = ctypes.c_void_p
-        address = gl.glXGetProcAddressARB(b"glXWaitForSbcOML")
-        i64, pointer = ctypes.c_int64, ctypes.c_void_p
-        out = ctypes.POINTER(i64)
-        kind = ctypes.CFUNCTYPE(ctypes.c_int, pointer, ctypes.c_ulong, i64, out, out, out)
-        self._wait_for_sbc = kind(address) if address else None
-        self._values = (i64(), i64(), i64())
-        self._swap = swap
-        self.ns = self.msc = self.flipped = 0
-
-    def sync(self) -> None:
-        """Nothing to do: each frame brings its own time."""
-
-    def put(self) -> None:
-        """Swap."""
-        self._swap()
-
-    def shown(self) -> None:
-        """Wait for the last swap; servers that cannot return at once without a time."""
-        ust, msc, _ = self._values
-        done = self._wait_for_sbc is not None and self._wait_for_sbc(
-            self._display, self._drawable, 0, *map(ctypes.byref, self._values)
-        )
-        if not done or not ust.value:
-            raise DeviceLost("swaps are not reported as shown", device="display", hint=_OTHER)
-        self.ns, self.msc = ust.value * 1000, msc.value
-
-
 class Vblanks:
     """Present NotifyMSC: swaps right after a vblank that the server reports.
 
@@ -160,7 +104,7 @@ class Vblanks:
     name = "present-msc"
     queues = False
 
-    def __init__(self, events: VblankEvents, swap: Swap, finish: Swap, period_ns: float) -> None:
+    def __init__(self, events: PresentEvents, swap: Swap, finish: Swap, period_ns: float) -> None:
         self._events = events
         self._swap = swap
         self._finish = finish
@@ -205,15 +149,6 @@ class Vblanks:
         self._events.ask(msc)
         if not self._events.wait(KIND_MSC, EVENT_TIMEOUT_S):
             raise DeviceLost("no vblanks are reported", device="display", hint=_OTHER)
-
-
-class KernelVblanks(Vblanks):
-    """The same by the kernel's own counter of one output's CRTC (`pdcd.presenter.drm`).
-
-    Stamps have nanoseconds and no server in between; the swap is not reported here either.
-    """
-
-    name = "drm"
 
 
 class SwapReturns:

@@ -1,4 +1,4 @@
-"""Who a panel says it is: the identity fields of an EDID block.
+"""Who a panel says it is: the identity fields of an EDID block, as a RandR output has it.
 
 Source: VESA E-EDID standard, release A revision 2 (EDID 1.4), section 3: the 128-byte base block.
 Timings, colours and extension blocks are not read; the server has done that.
@@ -8,10 +8,17 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Any
+
+from Xlib import X
+from Xlib.ext import randr
+from Xlib.protocol import rq
 
 BLOCK = 128
 """Bytes of the base block."""
 
+_WORDS = 256
+"""Longest EDID that is asked for, in units of 4 bytes: base block and seven extensions."""
 _HEADER = b"\x00\xff\xff\xff\xff\xff\xff\x00"
 _DESCRIPTORS = (54, 72, 90, 108)
 _TAG_SERIAL, _TAG_NAME = 0xFF, 0xFC
@@ -59,6 +66,45 @@ def parse_edid(data: bytes) -> Edid | None:
     product, number = struct.unpack_from("<HI", data, 10)
     vendor = "".join(chr(ord("@") + (letters >> shift & 31)) for shift in (10, 5, 0))
     return Edid(vendor, product, number, _text(data, _TAG_NAME), _text(data, _TAG_SERIAL))
+
+
+def read_edid(display: Any, output: int) -> Edid | None:
+    """Ask an X server who the panel at a RandR output is; None when it says nothing of use.
+
+    Raises what python-xlib raises.
+    """
+    atom = display.intern_atom("EDID", True)
+    if atom == X.NONE:
+        return None
+    reply = _GetOutputProperty(
+        display=display.display,
+        opcode=display.display.get_extension_major(randr.extname),
+        output=output,
+        property=atom,
+        type=X.AnyPropertyType,
+        long_offset=0,
+        long_length=_WORDS,
+        delete=False,
+        pending=False,
+    )
+    bits, data = reply.value or (0, b"")
+    return parse_edid(data) if bits == 8 else None
+
+
+class _GetOutputProperty(randr.GetOutputProperty):  # type: ignore[misc]
+    """python-xlib's own takes the number of items for that of bytes."""
+
+    _reply = rq.Struct(
+        rq.ReplyCode(),
+        rq.Format("value", 1),
+        rq.Card16("sequence_number"),
+        rq.ReplyLength(),
+        rq.Card32("property_type"),
+        rq.Card32("bytes_after"),
+        rq.LengthOf("value", 4),
+        rq.Pad(12),
+        rq.PropertyData("value"),
+    )
 
 
 def _text(data: bytes, tag: int) -> str:

@@ -18,7 +18,7 @@ from pdcd.bench.findings import Finding, fault
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError, PdcdError
 from pdcd.panels.map import Map
-from pdcd.presenter import desktop, drm
+from pdcd.presenter import desktop
 from pdcd.presenter.client import DisplayProcess
 from pdcd.presenter.messages import Mode, Open, Ready
 from pdcd.presenter.opening import options_of
@@ -236,9 +236,7 @@ def _open(options: Options, pair: Pair, config: Config) -> Ready:
 
 
 def _permissions(ready: Ready | None) -> Iterator[Finding]:
-    """Cards' nodes, real-time scheduling and locked memory: the last two as found by the process,
-    or by this one's limits."""
-    yield _nodes()
+    """Real-time scheduling and locked memory, as found by the process or by this one's limits."""
     if ready is None:
         root = os.geteuid() == 0
         priority, memory = resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK
@@ -258,18 +256,6 @@ def _permissions(ready: Ready | None) -> Iterator[Finding]:
         found = ready.identity[key]
         denied = found.startswith("no")
         yield Finding(what, "warning" if denied else "good", found)
-
-
-def _nodes() -> Finding:
-    """Whether the kernel's vblank counters may be read."""
-    nodes = drm.LINUX.nodes()
-    if not nodes:
-        return _unknown("vblank counters", "the kernel drives no graphics card")
-    denied = [node for node in nodes if not os.access(node, os.R_OK | os.W_OK)]
-    if denied:
-        found = f"not permitted: {', '.join(denied)}"
-        return Finding("vblank counters", "warning", found, drm.PERMISSION_HINT)
-    return Finding("vblank counters", "good", f"may be read: {', '.join(nodes)}")
 
 
 def _fault(what: str, err: PdcdError) -> Finding:

@@ -7,9 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta, field
 
-SourceName = Literal[
-    "auto", "present-complete", "oml", "drm", "present-msc", "swap", "clock", "free"
-]
+SourceName = Literal["auto", "present-complete", "present-msc", "swap", "clock", "free"]
 VERIFIED: tuple[SourceName, ...] = ("present-complete",)
 """Sources that prove presentation, frame by frame, where every frame was a page flip."""
 LayoutName = Literal["span", "windows"]

@@ -16,17 +16,14 @@ from Xlib.ext import randr
 
 from pdcd.bench.checks import RATE_TOLERANCE
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter.edid import Edid, parse_edid
+from pdcd.presenter.edid import Edid, read_edid
 from pdcd.presenter.xconnection import answering
-from pdcd.presenter.xproperty import read_property
 
 Size = tuple[int, int]
 """(width, height) in pixels."""
 
 NOMINAL_TOLERANCE = 0.02
 """Largest relative error of a mode's rate against the configured one: 59.94 passes for 60."""
-_EDID_WORDS = 256
-"""Longest EDID that is asked for, in units of 4 bytes: base block and seven extensions."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +47,6 @@ class Output:
     """In words how the server rotates or mirrors it; x, y, width and height are those of the
     screen, as drawing is."""
     edid: Edid | None = None
-    connector: int | None = None
-    """The kernel's number of the connector, where the X driver tells it (CONNECTOR_ID)."""
 
     @property
     def on(self) -> bool:
@@ -128,10 +123,10 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
     """Describe one connector."""
     info = display.xrandr_get_output_info(number, stamp)
     connected = info.connection == randr.Connected
-    edid, connector = _edid(display, number), _connector(display, number)
+    edid = read_edid(display, number)
     crtc = display.xrandr_get_crtc_info(info.crtc, stamp) if info.crtc else None
     if crtc is None or not crtc.mode:
-        return Output(info.name, connected, edid=edid, connector=connector)
+        return Output(info.name, connected, edid=edid)
     mode, name = modes[crtc.mode]
     return Output(
         info.name,
@@ -144,7 +139,6 @@ def _output(display: Any, number: int, stamp: int, modes: dict[int, tuple[Any, s
         mode_hz(mode["dot_clock"], mode["h_total"], mode["v_total"], mode["flags"]),
         turned(crtc.rotation),
         edid,
-        connector,
     )
 
 
@@ -170,16 +164,6 @@ def mode_hz(clock_hz: int, htotal_px: int, vtotal_px: int, flags: int = 0) -> fl
     if flags & randr.DoubleScan:
         rate /= 2.0
     return rate
-
-
-def _edid(display: Any, number: int) -> Edid | None:
-    found = read_property(display, number, "EDID", _EDID_WORDS)
-    return parse_edid(found[1]) if found and found[0] == 8 else None
-
-
-def _connector(display: Any, number: int) -> int | None:
-    found = read_property(display, number, "CONNECTOR_ID", 1)
-    return found[1][0] if found and found[0] == 32 and len(found[1]) == 1 else None
 
 
 def find_output(outputs: Sequence[Output], wanted: str, role: str) -> Output:

@@ -1,21 +1,18 @@
 """How the vblanks of two outputs lie to each other: periods, phase, and how fast that slips.
 
-The kernel's own counters are asked where they are known, or else the X server: each output by a
-small window that lies on it and is never shown. A server without screens counts one clock for all
-windows; that is told from a screen's, and nothing is claimed then. Never run on two real outputs.
+The X server is asked for each output's by a small window that lies on it and is never shown. A
+server without screens counts one clock for all windows; that is told from a screen's, and nothing
+is claimed then. Never run on two real outputs.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.errors import DeviceLost
-from pdcd.presenter.clocks import VblankEvents
 from pdcd.presenter.messages import Rect
 from pdcd.presenter.xconnection import answering, connect, disconnect
 from pdcd.presenter.xpresent import KIND_MSC, PresentEvents
@@ -73,19 +70,12 @@ def compare(projector: Stamps, mask: Stamps) -> Phase | None:
     return Phase((first * 1e-9, second * 1e-9), lag * 1e-9, slip_s)
 
 
-def measure(
-    name: str, panels: tuple[Rect, Rect], counters: tuple[VblankEvents, VblankEvents] | None = None
-) -> Phase | None:
-    """Ask the kernel's counters of both outputs, or a server; takes a second.
+def measure(name: str, panels: tuple[Rect, Rect]) -> Phase | None:
+    """Ask an X server about both outputs; takes a second.
 
-    None where neither can tell. Raises DeviceLost when the server goes away.
+    None where it cannot tell. Raises DeviceLost when the server goes away.
     """
-    found = None
-    if counters is not None:
-        with suppress(DeviceLost):
-            found = _sample(counters)
-    if found is None:
-        found = _sample_windows(name, panels)
+    found = _sample_windows(name, panels)
     return None if found is None else compare(*found)
 
 
@@ -120,7 +110,7 @@ def _window(display: Any, place: Rect) -> Any:
     )
 
 
-def _sample(both: tuple[VblankEvents, VblankEvents]) -> tuple[Stamps, Stamps] | None:
+def _sample(both: tuple[PresentEvents, PresentEvents]) -> tuple[Stamps, Stamps] | None:
     """Vblanks of both outputs, one after the other; None where none come."""
     stamps: tuple[list[tuple[int, int]], ...] = ([], [])
     for number in range(SAMPLES + 1):

@@ -17,15 +17,13 @@ from numpy.typing import NDArray
 from pdcd.errors import ConfigError, DeviceLost, PdcdError
 from pdcd.panels.frames import BLACK, Frames
 from pdcd.panels.map import PanelView
-from pdcd.presenter import desktop, drm, realtime
+from pdcd.presenter import desktop, realtime
 from pdcd.presenter.clocks import (
     Completions,
     FreeRunning,
-    KernelVblanks,
     ProcessorClock,
     Source,
     SwapReturns,
-    SyncValues,
     Vblanks,
     probe,
 )
@@ -60,7 +58,7 @@ IDLE_S = 0.25
 """How often the process looks at its windows while it waits."""
 HEADS = int(Head.SHOWN), int(Head.STOP), int(Head.SPOILT)
 """As plain numbers, for what is looked at after every refresh."""
-SOURCES = ("present-complete", "oml", "drm", "present-msc", "swap", "clock")
+SOURCES = ("present-complete", "present-msc", "swap", "clock")
 """From best to worst."""
 
 
@@ -92,15 +90,12 @@ class Presenter:
             )
         realtime_note = realtime.raise_priority(options.realtime_priority)
         self._events = PresentEvents(name, self._windows.timed_window)
-        self._counters = _kernel_counters(places)
         nominal_ns = 1e9 / min(request.projector.refresh_hz, request.mask.refresh_hz)
         self._source, self._period_ns = self._find_source(nominal_ns)
         self._frames: Frames | None = None
         self._grabs = self._grabber(name, request)
         self._windows.black()
-        counters = self._counters
-        known = None if isinstance(counters, ConfigError) else counters
-        phase = measure(name, places.panels, known)
+        phase = measure(name, places.panels)
         self.ready = Ready(
             lag_s=None if phase is None or places.drifts else phase.lag_s,
             source=self._source.name,
@@ -110,7 +105,6 @@ class Presenter:
                 "layout": options.layout,
                 "renderer": self._windows.renderer,
                 "time source": self._source.name,
-                "vblank counters": _counters_text(counters),
                 "phase": _phase_text(phase),
                 "realtime": realtime_note,
                 "memory locked": realtime.lock_memory(),
@@ -192,9 +186,6 @@ class Presenter:
         """Black, then close everything."""
         self._windows.black()
         self._events.close()
-        if not isinstance(self._counters, ConfigError):
-            for counter in self._counters:
-                counter.close()
         self._windows.close()
         glfw.terminate()
 
@@ -218,20 +209,13 @@ class Presenter:
         """The best time source that delivers, and its period in ns.
 
         Where none does, a machine that is busy for a moment may be why: they are asked again.
-        Raises DeviceLost when the one asked for does not, ConfigError when there is none of it.
+        Raises DeviceLost when the one asked for does not.
         """
-        windows, events, counters = self._windows, self._events, self._counters
+        windows, events = self._windows, self._events
 
         def make(name: str) -> Source:
             if name == "present-complete":
                 return Completions(events, windows.swap)
-            if name == "oml":
-                return SyncValues(windows.glx_handles, windows.swap)
-            if name == "drm":
-                if isinstance(counters, ConfigError):
-                    raise counters
-                # The mask's: what opens and closes it is what makes a code.
-                return KernelVblanks(counters[1], windows.swap, windows.finish, nominal_ns)
             if name == "present-msc":
                 return Vblanks(events, windows.swap, windows.finish, nominal_ns)
             if name == "swap":
@@ -243,8 +227,6 @@ class Presenter:
         asked = self._options.time_source
         names = SOURCES if asked == "auto" else (asked,)
         for name in names * PROBES:
-            if asked == "auto" and name == "drm" and isinstance(counters, ConfigError):
-                continue
             source = make(name)
             if name == "free":
                 return source, nominal_ns
@@ -343,21 +325,6 @@ def _report(channel: Channel[Request], message: Reply) -> int:
     except OSError:
         logger.warning("nobody is left to be told: %s", message)
     return 1
-
-
-def _kernel_counters(places: Places) -> drm.Counters | ConfigError:
-    """The kernel's vblank counters of both outputs, or why there are none."""
-    try:
-        return drm.find(places.outputs)
-    except ConfigError as err:
-        return err
-
-
-def _counters_text(counters: drm.Counters | ConfigError) -> str:
-    if isinstance(counters, ConfigError):
-        return counters.message
-    projector, mask = counters
-    return f"projector {projector.route}; mask {mask.route}"
 
 
 def _phase_text(phase: Phase | None) -> str:

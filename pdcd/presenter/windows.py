@@ -64,11 +64,6 @@ class Windows:
         return int(glfw.get_x11_window(self._handles[-1]))
 
     @property
-    def glx_handles(self) -> tuple[int, int]:
-        """Display and GLX drawable of that window."""
-        return _x_display(), int(glfw.get_glx_window(self._handles[-1]))
-
-    @property
     def renderer(self) -> str:
         """Name of what draws."""
         return str(self._contexts[0].info["GL_RENDERER"])

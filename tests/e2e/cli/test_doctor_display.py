@@ -61,12 +61,9 @@ def test_two_panels_that_can_be_driven(
     # The server makes its vblanks up from a clock, and reports no swap.
     assert found["time by present-msc"]["found"].endswith("proves no presentation")
     assert found["time by present-complete"]["found"] == "does not deliver"
-    assert found["time by oml"]["found"] == "does not deliver"
-    # That server's outputs are none of the kernel's.
-    assert found["time by drm"]["found"].startswith("no vblank counter: ")
     assert found["renderer"]["state"] == "warning"
     assert "llvmpipe" in found["renderer"]["found"]
-    assert {"real time", "memory lock", "vblank counters"} <= set(found)
+    assert {"real time", "memory lock"} <= set(found)
     if x_quarter.kind == "dummy":
         assert found["lockstep"]["found"] == "60.0000 and 60.0000 Hz by the modes: never slip"
 

@@ -272,7 +272,7 @@ def test_a_daemon_that_must_be_there_and_is_not_is_no_reason_to_show_it_here(
 def test_timing_prints_the_times_and_fails_for_what_was_missed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], missed: int
 ) -> None:
-    ready = SimpleNamespace(refresh_hz=59.94, source="drm", identity={"renderer": "a card"})
+    ready = SimpleNamespace(refresh_hz=59.94, source="swap", identity={"renderer": "a card"})
     found = SimpleNamespace(
         missed=np.array([0, missed, 0]), ready=ready, table=lambda: [("drawing", 1.0, 2.5, 3.25)]
     )
@@ -288,7 +288,7 @@ def test_timing_prints_the_times_and_fails_for_what_was_missed(
     ]  # fmt: skip
     assert main(["timing", "--json", "--out", "a.png"]) == code
     assert json.loads(capsys.readouterr().out) == {
-        "refreshes": 3000, "missed": missed, "refresh_hz": 59.94, "source": "drm",
+        "refreshes": 3000, "missed": missed, "refresh_hz": 59.94, "source": "swap",
         "times": {"drawing": {"p50_ms": 1.0, "p99_ms": 2.5, "max_ms": 3.25}},
         "identity": {"renderer": "a card"},
     }  # fmt: skip

@@ -59,7 +59,7 @@ def test_a_black_that_came_late_is_no_missed_row() -> None:
         ("present-complete", [1, 0, 1], False),  # one was copied
         ("present-complete", [0, 0, 0], False),
         ("clock", [1, 1, 1], False),
-        ("oml", [1, 1, 1], False),
+        ("swap", [1, 1, 1], False),
     ],
 )
 def test_a_log_is_proof_where_the_source_is_one_and_every_frame_was_a_flip(

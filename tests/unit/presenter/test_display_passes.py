@@ -20,7 +20,6 @@ from pdcd.presenter.options import Options
 from pdcd.presenter.process import Presenter
 
 PERIOD_NS = 10_000_000
-NONE = ConfigError("no card")
 
 
 class Rows:
@@ -244,9 +243,5 @@ def test_at_the_end_it_is_black_before_anything_is_closed(
 
     made._windows, made._events = closing("windows"), closing("events")
     monkeypatch.setattr(glfw, "terminate", lambda: done.append("glfw"))
-    for counters in (NONE, (closing("projector"), closing("mask"))):
-        done.clear()
-        made._counters = counters
-        made.close()
-        counted = [] if counters is NONE else ["projector", "mask"]
-        assert done == ["black", "events", *counted, "windows", "glfw"]
+    made.close()
+    assert done == ["black", "events", "windows", "glfw"]

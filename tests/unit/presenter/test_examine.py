@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import resource
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +14,6 @@ from Xlib import X, error
 from pdcd.bench.findings import Finding
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter import drm
 from pdcd.presenter import examine as examine_module
 from pdcd.presenter.desktop import Desktop
 from pdcd.presenter.edid import parse_edid
@@ -33,7 +31,7 @@ IDENTITY = {"renderer": "a card", "realtime": "SCHED_FIFO 20", "memory locked": 
 class Server:
     """A server, a display process and a system that are sound unless a test says otherwise."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.outputs: tuple[Output, ...] = (LEFT, RIGHT)
         self.desktop = Desktop()
         self.windows: list[Any] = []
@@ -52,10 +50,6 @@ class Server:
         ):  # fmt: skip
             monkeypatch.setattr(examine_module, name, made)
         monkeypatch.setattr("pdcd.presenter.desktop.look", lambda display: self.desktop)
-        node = folder / "card0"
-        node.touch()
-        self.nodes: tuple[str, ...] = (str(node),)
-        monkeypatch.setattr(drm, "LINUX", SimpleNamespace(nodes=lambda: self.nodes))
 
     def connect(self, name: str | None) -> Any:
         self.done.append(("connect", name))
@@ -94,8 +88,8 @@ class Server:
 
 
 @pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Server:
-    return Server(monkeypatch, tmp_path)
+def server(monkeypatch: pytest.MonkeyPatch) -> Server:
+    return Server(monkeypatch)
 
 
 def configured(options: dict[str, Any] | None = None, **tables: Any) -> Config:
@@ -112,7 +106,7 @@ def by(findings: list[Finding]) -> dict[str, Finding]:
     return {finding.what: finding for finding in findings}
 
 
-SOURCES = ("present-complete", "oml", "drm", "present-msc", "swap", "clock", "free")
+SOURCES = ("present-complete", "present-msc", "swap", "clock", "free")
 
 
 def test_two_sound_panels_are_opened_once_for_each_source_of_time(server: Server) -> None:
@@ -122,7 +116,7 @@ def test_two_sound_panels_are_opened_once_for_each_source_of_time(server: Server
         ("lockstep", "good"), ("desktop", "good"), ("renderer", "good"),
         ("time by present-complete", "good"),
         *((f"time by {name}", "warning") for name in SOURCES[1:]),
-        ("vblank counters", "good"), ("real time", "good"), ("memory lock", "good"),
+        ("real time", "good"), ("memory lock", "good"),
     ]  # fmt: skip
     told = by(found)
     assert told["X server"].found == ":7: X.Org 21, 656 x 300, depth 24"
@@ -132,8 +126,7 @@ def test_two_sound_panels_are_opened_once_for_each_source_of_time(server: Server
     assert told["desktop"].found == "no compositor, no window manager, no blanking"
     assert told["renderer"].found == "a card"
     assert told["time by present-complete"].found == "59.950 Hz"
-    assert told["time by drm"].found == "59.950 Hz, proves no presentation"
-    assert told["vblank counters"].found == f"may be read: {server.nodes[0]}"
+    assert told["time by swap"].found == "59.950 Hz, proves no presentation"
     assert (told["real time"].found, told["memory lock"].found) == ("SCHED_FIFO 20", "yes")
     assert server.done[0] == ("connect", ":9") and server.done[-1] == "left"
     opened = [what for what in server.done if isinstance(what, Open)]
@@ -258,19 +251,19 @@ def test_nothing_is_opened_over_a_window_that_shows_something(
     if not tried:
         assert found["renderer"].state == "unknown"
         assert found["renderer"].hint == "stop pdcd.service and ask again"
-        assert {"vblank counters", "real time", "memory lock"} <= set(found)
+        assert {"real time", "memory lock"} <= set(found)
 
 
 def test_sources_that_fail_say_why_and_the_others_are_tried(server: Server) -> None:
     server.failing = {
-        "present-complete": DeviceLost("late"), "drm": ConfigError("no card", hint="buy one"),
+        "present-complete": DeviceLost("late"), "swap": ConfigError("no pace", hint="keep it"),
     }  # fmt: skip
     found = by(server.found())
     assert found["time by present-complete"] == Finding(
         "time by present-complete", "warning", "does not deliver"
     )
-    assert found["time by drm"] == Finding("time by drm", "warning", "no card", "buy one")
-    assert found["time by oml"].found == "59.950 Hz, proves no presentation"
+    assert found["time by swap"] == Finding("time by swap", "warning", "no pace", "keep it")
+    assert found["time by clock"].found == "59.950 Hz, proves no presentation"
     server.failing = {name: ConfigError(f"no {name}", hint="h") for name in SOURCES}
     found = by(server.found())
     assert found["time"] == Finding("time", "fault", "no free", "h")
@@ -319,26 +312,6 @@ def test_without_a_process_this_ones_limits_say_what_is_permitted(
             Finding(what, "good", "permitted") if fits
             else Finding(what, "warning", "not permitted", hint)
         )  # fmt: skip
-
-
-def test_cards_that_may_not_be_read_are_named(
-    server: Server, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    both = (server.nodes[0], "/dev/dri/card7")
-    server.nodes = both
-    asked: list[int] = []
-
-    def access(node: str, mode: int) -> bool:
-        asked.append(mode)
-        return node == both[0]
-
-    monkeypatch.setattr(os, "access", access)
-    found = by(server.found())["vblank counters"]
-    assert (found.state, found.found) == ("warning", "not permitted: /dev/dri/card7")
-    assert found.hint == drm.PERMISSION_HINT and set(asked) == {os.R_OK | os.W_OK}
-    server.nodes = ()
-    found = by(server.found())["vblank counters"]
-    assert (found.state, found.found) == ("unknown", "the kernel drives no graphics card")
 
 
 def test_options_that_are_wrong_are_a_fault_and_the_server_is_asked_all_the_same(

@@ -13,7 +13,7 @@ from Xlib.ext import randr
 
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.presenter import outputs as outputs_module
-from pdcd.presenter.edid import parse_edid
+from pdcd.presenter.edid import Edid, parse_edid
 from pdcd.presenter.outputs import (
     Output,
     Pair,
@@ -33,7 +33,7 @@ from tests.edid_block import block
 
 EPSON = block(serial="X4K700123", name="EPSON PJ")
 LEFT = Output("HDMI-1", True, 0, 0, 256, 192, "left", 60.0)
-RIGHT = Output("DP-1", True, 256, 10, 400, 300, "right", 60.0, connector=77)
+RIGHT = Output("DP-1", True, 256, 10, 400, 300, "right", 60.0)
 DARK = Output("VGA-1", True)
 GONE = Output("DVI-1", False)
 EVERY = (LEFT, RIGHT, DARK, GONE)
@@ -47,11 +47,7 @@ class Server:
 
     def __init__(self) -> None:
         self.asked: list[Any] = []
-        self.properties: dict[tuple[int, str], tuple[int, Any]] = {
-            (41, "EDID"): (8, EPSON), (41, "CONNECTOR_ID"): (32, [301]),
-            (42, "EDID"): (32, EPSON), (42, "CONNECTOR_ID"): (8, [5]),
-            (43, "CONNECTOR_ID"): (32, [1, 2]),
-        }  # fmt: skip
+        self.panels = {41: parse_edid(EPSON)}
         self.has_randr = True
         self.fault: Exception | None = None
 
@@ -99,31 +95,28 @@ class Server:
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     made = Server()
 
-    def read(display: object, output: int, name: str, words: int) -> tuple[int, Any] | None:
+    def read(display: object, output: int) -> Edid | None:
         assert display is made
-        assert words == {"EDID": 256, "CONNECTOR_ID": 1}[name]
-        return made.properties.get((output, name))
+        return made.panels.get(output)
 
-    monkeypatch.setattr(outputs_module, "read_property", read)
+    monkeypatch.setattr(outputs_module, "read_edid", read)
     return made
 
 
-def test_every_connector_is_read_with_its_mode_its_panel_and_its_number(server: Server) -> None:
+def test_every_connector_is_read_with_its_mode_and_its_panel(server: Server) -> None:
     first, second, third, fourth = read_outputs(server)
-    assert first == Output("HDMI-1", True, 3, 5, 40, 30, "left", 60.0, "", parse_edid(EPSON), 301)
-    # Properties of another form, or of several items, are none.
+    assert first == Output("HDMI-1", True, 3, 5, 40, 30, "left", 60.0, "", parse_edid(EPSON))
     assert second == Output(
-        "DP-1", True, 43, 6, 30, 50, "right", 50.0, "rotated by 90 degrees", None, None
+        "DP-1", True, 43, 6, 30, 50, "right", 50.0, "rotated by 90 degrees", None
     )
     assert third == Output("VGA-1", True)
     assert fourth == Output("DVI-1", False)
 
 
-def test_a_panel_that_is_off_or_unplugged_keeps_its_name_and_number(server: Server) -> None:
-    server.properties[43, "CONNECTOR_ID"] = (32, [303])
-    server.properties[44, "EDID"] = (8, EPSON)
+def test_a_panel_that_is_off_or_unplugged_keeps_its_name(server: Server) -> None:
+    server.panels[44] = parse_edid(EPSON)
     *_, third, fourth = read_outputs(server)
-    assert third == Output("VGA-1", True, connector=303)
+    assert third == Output("VGA-1", True)
     assert fourth == Output("DVI-1", False, edid=parse_edid(EPSON))
 
 
@@ -336,7 +329,7 @@ def test_outputs_that_only_touch_have_no_pixel_in_common(x: int, y: int, common:
     assert overlap(first, second) is overlap(second, first) is common
 
 
-WHOLE = Output("screen", True, 2, 3, 700, 400, "all", 75.0, connector=5)
+WHOLE = Output("screen", True, 2, 3, 700, 400, "all", 75.0)
 SIZES: dict[str, Any] = {"projector": ("screen", (256, 192)), "mask": ("screen", (400, 300))}
 
 

@@ -37,7 +37,7 @@ class Desk:
         for name in (
             "window_hint", "create_window", "set_input_mode", "make_context_current",
             "swap_interval", "swap_buffers", "show_window", "poll_events", "get_window_pos",
-            "get_framebuffer_size", "destroy_window", "get_x11_window", "get_glx_window",
+            "get_framebuffer_size", "destroy_window", "get_x11_window",
             "get_x11_display",
         ):  # fmt: skip
             monkeypatch.setattr(glfw, name, getattr(self, name, None) or self._noting(name))
@@ -65,9 +65,6 @@ class Desk:
 
     def get_x11_window(self, handle: str) -> int:
         return 100 + int(handle[1:])
-
-    def get_glx_window(self, handle: str) -> int:
-        return 200 + int(handle[1:])
 
     def get_x11_display(self) -> int:
         return 0x7F00
@@ -140,7 +137,7 @@ def test_one_window_covers_the_screen_and_has_both_panels_counted_from_its_botto
     assert desk.panels == [
         ("c1", VIEWS[0], (0, 108), 0, None), ("c1", VIEWS[1], (256, 3), 3, None),
     ]  # fmt: skip
-    assert made.planes == 1 and made.timed_window == 101 and made.glx_handles == (0x7F00, 201)
+    assert made.planes == 1 and made.timed_window == 101
     assert made.renderer == "renderer c1"
 
 
@@ -151,7 +148,7 @@ def test_windows_of_their_own_wait_for_the_masks_vblank_alone(desk: Desk) -> Non
     assert desk.panels == [
         ("c1", VIEWS[0], (0, 0), 0, "RGB"), ("c2", VIEWS[1], (0, 0), 0, "RGB"),
     ]  # fmt: skip
-    assert made.planes == 24 and made.timed_window == 102 and made.glx_handles == (0x7F00, 202)
+    assert made.planes == 24 and made.timed_window == 102
     assert made.renderer == "renderer c1"
 
 

@@ -13,7 +13,7 @@ import pytest
 from pdcd.bench.tables import Config, DisplayConfig, PanelConfig, RigConfig
 from pdcd.errors import ConfigError, DeviceLost
 from pdcd.panels.map import Map
-from pdcd.presenter import drm, process, realtime
+from pdcd.presenter import process, realtime
 from pdcd.presenter.messages import Black, Load, Mode, Open, Play, Quit, Rect, Show
 from pdcd.presenter.opening import opening, options_of
 from pdcd.presenter.options import Options
@@ -23,8 +23,6 @@ from pdcd.presenter.process import Presenter
 SIZES = (256, 192), (400, 300)
 PANELS = Rect(0, 0, 256, 192), Rect(256, 0, 400, 300)
 PHASE = Phase((1 / 60, 1 / 59.5), 0.0025, 2.0)
-COUNTERS = tuple(SimpleNamespace(route=name) for name in ("card0, CRTC 41", "card0, CRTC 45"))
-NONE = ConfigError("no vblank counter: no card")
 
 
 class Parts:
@@ -33,7 +31,6 @@ class Parts:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.done: list[Any] = []
         self.renderer, self.drifts, self.queues = "NVIDIA H200", False, False
-        self.counters: Any = COUNTERS
         self.phase: Phase | None = PHASE
         self.registered: list[tuple[int, int]] = []
         for name, made in (
@@ -42,7 +39,6 @@ class Parts:
             ("probe", self._probe), ("Grabs", lambda *words: self.note("grabs", *words)),
         ):  # fmt: skip
             monkeypatch.setattr(process, name, made)
-        monkeypatch.setattr(drm, "find", self._find)
         system = {"raise_priority": "SCHED_FIFO 20", "lock_memory": "yes", "freeze_garbage": None}
         for name, said in system.items():
             monkeypatch.setattr(
@@ -63,14 +59,14 @@ class Parts:
         self.note("places", name)
         return SimpleNamespace(
             name=":7.0", fileno=lambda: 9, screen_px=(656, 300), panels=PANELS, drifts=self.drifts,
-            outputs=("the projector's", "the mask's"), identity={"projector": "P", "mask": "M"},
+            identity={"projector": "P", "mask": "M"},
         )  # fmt: skip
 
     def _windows(self, *words: Any) -> Any:
         self.note("windows", *words)
         names = ("black", "swap", "finish", "draw_black", "settle")
         return SimpleNamespace(
-            renderer=self.renderer, timed_window=42, glx_handles=(1, 2),
+            renderer=self.renderer, timed_window=42,
             **{name: lambda name=name: self.note(name) for name in names},
         )  # fmt: skip
 
@@ -78,14 +74,8 @@ class Parts:
         self.note("events", name, window)
         return "events"
 
-    def _find(self, outputs: Any) -> Any:
-        assert outputs == ("the projector's", "the mask's")
-        if isinstance(self.counters, ConfigError):
-            raise self.counters
-        return self.counters
-
-    def _measure(self, name: str, panels: Any, known: Any) -> Phase | None:
-        self.note("phase", name, panels, known)
+    def _measure(self, name: str, panels: Any) -> Phase | None:
+        self.note("phase", name, panels)
         return self.phase
 
     def _probe(self, source: Any, frame: Any, nominal_ns: float) -> float:
@@ -123,13 +113,12 @@ def test_panels_are_opened_in_order_and_black_before_they_are_called_ready(parts
     assert told["raise_priority"] == (7,) and told["events"] == (":7.0", 42)
     # A source is judged by the slower of both rates.
     assert told["probe"] == ("clock", 20_000_000)
-    assert told["phase"] == (":7.0", PANELS, COUNTERS)
+    assert told["phase"] == (":7.0", PANELS)
     assert parts.registered == [(5, select.POLLHUP), (9, select.POLLIN)]
     assert (ready.source, ready.refresh_hz, ready.lag_s) == ("clock", 62.5, 0.0025)
     assert ready.identity == {
         "projector": "P", "mask": "M", "layout": "windows", "renderer": "NVIDIA H200",
         "time source": "clock",
-        "vblank counters": "projector card0, CRTC 41; mask card0, CRTC 45",
         "phase": "projector 60.000 Hz, mask 59.500 Hz, mask later by 2.50 ms",
         "realtime": "SCHED_FIFO 20", "memory locked": "yes",
     }  # fmt: skip
@@ -139,12 +128,10 @@ def test_a_lag_that_drifts_or_was_not_measured_is_none(parts: Parts) -> None:
     parts.drifts = True
     ready = parts.open().ready
     assert ready.lag_s is None and "later by 2.50 ms" in ready.identity["phase"]
-    parts.drifts, parts.phase, parts.counters = False, None, NONE
+    parts.drifts, parts.phase = False, None
     ready = parts.open().ready
     assert ready.lag_s is None
     assert ready.identity["phase"] == "not measured: no vblanks of two screens"
-    assert ready.identity["vblank counters"] == "no vblank counter: no card"
-    assert parts.done[-3] == ("phase", ":7.0", PANELS, None)
 
 
 @pytest.mark.parametrize("allowed", [True, False])
@@ -184,8 +171,7 @@ def test_sources_of_time_are_made_with_what_they_need(
         made.append(words)
         return SimpleNamespace(name=words[0], queues=False)
 
-    for name in ("Completions", "SyncValues", "KernelVblanks", "Vblanks", "SwapReturns",
-                 "FreeRunning", "ProcessorClock"):  # fmt: skip
+    for name in ("Completions", "Vblanks", "SwapReturns", "FreeRunning", "ProcessorClock"):
         monkeypatch.setattr(
             process,
             name,
@@ -196,8 +182,7 @@ def test_sources_of_time_are_made_with_what_they_need(
     shown = [tuple("call" if callable(word) else word for word in words) for words in made]
     period_ns = 1e7
     assert shown == [
-        ("Completions", "events", "call"), ("SyncValues", (1, 2), "call"),
-        ("KernelVblanks", COUNTERS[1], "call", "call", period_ns),
+        ("Completions", "events", "call"),
         ("Vblanks", "events", "call", "call", period_ns),
         ("SwapReturns", "call", "call", period_ns), ("ProcessorClock", "call", "call", period_ns),
         ("FreeRunning", "call", "call"),
@@ -209,8 +194,7 @@ def test_sources_of_time_are_made_with_what_they_need(
                 word()
     assert parts.done == [
         "swap",
-        "swap",
-        *["swap", "finish"] * 5,
+        *["swap", "finish"] * 4,
     ]  # each swaps by the one and finishes by the other
 
 

@@ -15,7 +15,8 @@ from Xlib import X, error
 from Xlib.ext import randr
 
 from pdcd.errors import ConfigError, DeviceLost
-from pdcd.presenter import phase, xconnection, xproperty
+from pdcd.presenter import edid, phase, xconnection
+from pdcd.presenter.edid import parse_edid
 from pdcd.presenter.memory import Slot, attach, layout, share
 from pdcd.presenter.messages import (
     LOG_COLUMNS,
@@ -27,6 +28,7 @@ from pdcd.presenter.messages import (
     Head,
     Play,
     Ready,
+    Rect,
     Reply,
     Request,
     pair,
@@ -34,6 +36,7 @@ from pdcd.presenter.messages import (
 from pdcd.presenter.phase import compare, made_up
 from pdcd.presenter.xconnection import ServerLost, answering, connect, disconnect, lost
 from pdcd.presenter.xpresent import KIND_MSC
+from tests.edid_block import block
 
 # Shared memory.
 
@@ -276,29 +279,42 @@ def test_a_lost_server_is_a_lost_display() -> None:
     assert told.message == "the X server :7 does not answer: it went"
 
 
-def test_a_property_is_asked_for_by_its_atom_in_any_format(
+EPSON = block(name="EPSON PJ")
+
+
+def test_a_panel_is_asked_for_by_the_atom_of_its_property(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked: list[Any] = []
+    known = ["EDID"]
+    answer: tuple[int, bytes] | None = None
 
     def request(**words: Any) -> Any:
         asked.append(words)
-        return SimpleNamespace(value=(8, b"edid"))
+        return SimpleNamespace(value=answer)
 
-    monkeypatch.setattr(xproperty, "_GetOutputProperty", request)
+    monkeypatch.setattr(edid, "_GetOutputProperty", request)
     inner = SimpleNamespace(get_extension_major=lambda name: {randr.extname: 140}[name])
 
     def atom(name: str, only_if_exists: bool) -> int:
         assert only_if_exists
-        return 55 if name == "EDID" else int(X.NONE)
+        return 55 if name in known else int(X.NONE)
 
     display = SimpleNamespace(intern_atom=atom, display=inner)
-    assert xproperty.read_property(display, 41, "EDID", 256) == (8, b"edid")
+    for answered, found in (
+        ((8, EPSON), parse_edid(EPSON)),
+        ((32, EPSON), None),  # of another form
+        ((8, b"edid"), None),
+        (None, None),
+    ):
+        answer = answered
+        assert edid.read_edid(display, 41) == found
     assert asked == [{
         "display": inner, "opcode": 140, "output": 41, "property": 55, "type": X.AnyPropertyType,
         "long_offset": 0, "long_length": 256, "delete": False, "pending": False,
-    }]  # fmt: skip
-    assert xproperty.read_property(display, 41, "CONNECTOR_ID", 1) is None and len(asked) == 1
+    }] * 4  # fmt: skip
+    known.clear()  # a server that knows no such property is not asked for it
+    assert edid.read_edid(display, 41) is None and len(asked) == 4
 
 
 # The phase of two outputs.
@@ -331,9 +347,24 @@ class Vblanks:
         self.closed += 1
 
 
-def test_both_outputs_are_asked_for_every_second_vblank_after_the_first() -> None:
+def measured(monkeypatch: pytest.MonkeyPatch, *sources: Vblanks) -> phase.Phase | None:
+    """The phase of two outputs, by windows of which nothing else is looked at."""
+    waiting = list(sources)
+    root = SimpleNamespace(create_window=lambda *place, **how: SimpleNamespace(id=1))
+    screen = SimpleNamespace(root=root, root_depth=24)
+    display = SimpleNamespace(screen=lambda: screen, sync=lambda: None)
+    monkeypatch.setattr(phase, "connect", lambda name: display)
+    monkeypatch.setattr(phase, "disconnect", lambda display: None)
+    monkeypatch.setattr(phase, "PresentEvents", lambda name, number: waiting.pop(0))
+    place = Rect(0, 0, 4, 3)
+    return phase.measure(":7", (place, place))
+
+
+def test_both_outputs_are_asked_for_every_second_vblank_after_the_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     projector, mask = Vblanks(), Vblanks(3_000_000)
-    found = phase.measure(":nowhere", (), (projector, mask))  # type: ignore[arg-type]
+    found = measured(monkeypatch, projector, mask)
     assert found is not None
     assert found.lag_s == pytest.approx(0.003)
     assert found.period_s == pytest.approx((0.016, 0.016))
@@ -345,12 +376,11 @@ def test_both_outputs_are_asked_for_every_second_vblank_after_the_first() -> Non
 def test_a_timer_is_told_after_eight_samples_and_silence_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(phase, "_sample_windows", lambda name, panels: None)
     timer, mask = Vblanks(scatter_ns=400_000), Vblanks()
-    assert phase.measure(":7", (), (timer, mask)) is None  # type: ignore[arg-type]
+    assert measured(monkeypatch, timer, mask) is None
     assert len(timer.asked) == 9
     silent = Vblanks(last=3)
-    assert phase.measure(":7", (), (Vblanks(), silent)) is None  # type: ignore[arg-type]
+    assert measured(monkeypatch, Vblanks(), silent) is None
     assert len(silent.waits) == 4
 
 
@@ -367,7 +397,7 @@ def test_a_screens_stamps_scatter_by_less_than_a_tenth_of_a_millisecond(
         assert (compare(*both) is not None) is screen
 
 
-def test_windows_that_are_never_shown_are_asked_where_no_counter_is_known(
+def test_windows_that_are_never_shown_are_asked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     done: list[Any] = []

@@ -5,10 +5,8 @@ Time is simulated: it moves by what a test takes from it, and by what is slept.
 
 from __future__ import annotations
 
-import ctypes
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,10 +16,8 @@ from pdcd.presenter import clocks
 from pdcd.presenter.clocks import (
     Completions,
     FreeRunning,
-    KernelVblanks,
     ProcessorClock,
     SwapReturns,
-    SyncValues,
     Vblanks,
 )
 from tests.own_clock import keep_time
@@ -57,7 +53,7 @@ def desk(monkeypatch: pytest.MonkeyPatch) -> Desk:
 
 def test_two_frames_are_handed_over_only_where_each_is_reported() -> None:
     """Elsewhere the second would take the place of the first."""
-    every = (Completions, SyncValues, Vblanks, KernelVblanks, SwapReturns, ProcessorClock)
+    every = (Completions, Vblanks, SwapReturns, ProcessorClock)
     assert [source for source in (*every, FreeRunning) if source.queues] == [Completions]
 
 
@@ -157,9 +153,8 @@ def test_who_hears_nothing_of_a_swap_or_a_vblank_gives_up(desk: Desk) -> None:
     reported.sync()
     with pytest.raises(DeviceLost, match=r"not reported as shown \(choose another time_source"):
         reported.shown()
-    for kind in (Vblanks, KernelVblanks):
-        with pytest.raises(DeviceLost, match=r"no vblanks are reported \(choose another time_sou"):
-            kind(mute, desk.swap, desk.finish, float(PERIOD_NS)).sync()
+    with pytest.raises(DeviceLost, match=r"no vblanks are reported \(choose another time_source"):
+        Vblanks(mute, desk.swap, desk.finish, float(PERIOD_NS)).sync()
     assert max(mute.waits_s) < 2.0  # well before anybody calls the process hung
     settled_s, *others_s = mute.waits_s
     # Three refreshes are waited for where nothing need come, thirty where something must.
@@ -186,87 +181,6 @@ def test_a_vblank_source_finishes_the_drawing_before_it_waits(desk: Desk) -> Non
     source.shown()
     assert source.msc == last + 1
     assert desk.done[1:] == [("swap", source.ns)]
-
-
-# GLX_OML_sync_control, in a library that stands in for libGL.
-
-WAIT = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_int64,
-    *[ctypes.POINTER(ctypes.c_int64)] * 3,
-)  # fmt: skip
-
-
-class Gl:
-    """Answers `glXWaitForSbcOML` with `done`, and with `ust_us` and `msc` where it has them."""
-
-    def __init__(self) -> None:
-        self.done, self.ust_us, self.msc = 1, 0, 0
-        self.asked: list[tuple[int, int, int]] = []
-        self.kept = WAIT(self._wait)
-        self.address: int | None = ctypes.cast(self.kept, ctypes.c_void_p).value
-
-    def _wait(self, display: int, drawable: int, target: int, *out: Any) -> int:
-        self.asked.append((display, drawable, target))
-        for place, value in zip(out, (self.ust_us, self.msc, 99), strict=True):
-            place[0] = value
-        return self.done
-
-    def library(self, name: str) -> SimpleNamespace:
-        def address(wanted: bytes) -> int | None:
-            if wanted != b"glXWaitForSbcOML" or self.address is None:
-                return None
-            whole = address.restype is ctypes.c_void_p  # type: ignore[attr-defined]
-            return self.address if whole else ctypes.c_int(self.address).value
-
-        address.restype = ctypes.c_int  # type: ignore[attr-defined]
-        return SimpleNamespace(glXGetProcAddressARB=address)
-
-
-@pytest.fixture
-def gl(monkeypatch: pytest.MonkeyPatch) -> Gl:
-    gl = Gl()
-    monkeypatch.setattr(ctypes, "CDLL", gl.library)
-    return gl
-
-
-HANDLES = (0x7F00_1234_5678, 41)
-
-
-def test_a_counted_swap_brings_the_time_of_its_vblank(gl: Gl, desk: Desk) -> None:
-    source = SyncValues(HANDLES, desk.swap)
-    assert (source.ns, source.msc, source.flipped) == (0, 0, 0)
-    source.sync()
-    assert gl.asked == []
-    for gl.ust_us, gl.msc in ((123_456_789, 7), (123_473_456, 8)):
-        source.put()
-        source.shown()
-        assert (source.ns, source.msc) == (gl.ust_us * 1000, gl.msc)
-    assert desk.words() == ["swap"] * 2
-    # Target 0 is the last swap, whichever number it has.
-    assert gl.asked == [(*HANDLES, 0)] * 2
-
-
-def break_address(gl: Gl) -> None:
-    gl.address = None
-
-
-def break_wait(gl: Gl) -> None:
-    gl.done = 0
-
-
-def break_time(gl: Gl) -> None:
-    gl.ust_us = 0
-
-
-@pytest.mark.parametrize("broken", [break_address, break_wait, break_time])
-def test_a_server_that_does_not_count_swaps_is_told_from_one_that_does(
-    gl: Gl, desk: Desk, broken: Callable[[Gl], None]
-) -> None:
-    gl.ust_us = gl.msc = 5
-    broken(gl)
-    source = SyncValues(HANDLES, desk.swap)
-    with pytest.raises(DeviceLost, match=r"not reported as shown \(choose another time_source"):
-        source.shown()
 
 
 # Waiting, and looking whether a source is to be believed.

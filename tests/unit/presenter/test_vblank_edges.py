@@ -106,7 +106,8 @@ def test_a_grid_begins_at_the_later_of_what_two_answers_say(
     events: Events, early_ns: int, ns: int
 ) -> None:
     """One that came before its time is put right by the one before it."""
-    source = Vblanks(events, events.swap, lambda: None, float(PERIOD_NS))
+    made: Any = events
+    source = Vblanks(made, events.swap, lambda: None, float(PERIOD_NS))
     events.answers = [(0, 0), (0, 0), (-early_ns, 0)]
     source.sync()
     assert (source.msc, source.ns) == (103, 103 * PERIOD_NS + ns)

@@ -31,7 +31,7 @@ def shot(name: str = "coded", **changed: object) -> ShotRecord:
     fields: dict[str, object] = {
         "name": name, "window": "whole", "raw": "raw/coded.dng", "sha256": "0" * 64,
         "size_bytes": 1, "iso": 100, "f_number": 8.0, "open_ns": 0, "close_ns": 2 * 10**9,
-        "end_ns": (10**9, 10**9), "refreshes": 60, "missed": 0, "source": "drm",
+        "end_ns": (10**9, 10**9), "refreshes": 60, "missed": 0, "source": "swap",
         "verified": True, "level": 1.0, **changed,
     }  # fmt: skip
     return ShotRecord(**fields)  # type: ignore[arg-type]
