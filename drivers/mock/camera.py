@@ -15,10 +15,10 @@ from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext,
 from pdcd.bench.tables import CameraConfig
 from pdcd.bench.truth import TrueSensor
 from pdcd.errors import ConfigError, ExposureError
+from pdcd.sensor.dng import dng_bytes
 from pdcd.sensor.profile import IsoRow, SensorProfile, expose, load_profile, responsivity_e
 
 from .bench import Bench
-from .dng import dng_bytes
 from .options import refuse_options
 
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))
