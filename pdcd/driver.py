@@ -26,6 +26,7 @@ Tools for displays
     `panels_of`          both panels as the configuration places them
     `draw`               the exact pixels that a panel must show at a row
     `draw_planes`        the RGB picture that carries 24 rows, for DLPs
+    `check_fit`, `check_binary`   for `load`: refuse what a panel, or a bit plane, cannot show
     `streams`            what each panel is sent where the mask is delayed
     `play_all`           plays frames, and again what was missed, as the rig wants it
 
@@ -92,7 +93,8 @@ if TYPE_CHECKING:
         disk_errors,
     )
     from pdcd.panels.balance import play_all, streams
-    from pdcd.panels.draw import draw, draw_planes
+    from pdcd.panels.bitplanes import check_binary
+    from pdcd.panels.draw import check_fit, draw, draw_planes
     from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
     from pdcd.sensor.dng import write_dng
     from pdcd.sensor.profile import load_profile, responsivity_e
@@ -129,6 +131,8 @@ __all__ = [
     "Shutter",
     "SyncError",
     "TriggerConfig",
+    "check_binary",
+    "check_fit",
     "disk_errors",
     "draw",
     "draw_planes",
@@ -175,7 +179,8 @@ _ROOMS = {
         "disk_errors",
     ),
     "pdcd.panels.balance": ("play_all", "streams"),
-    "pdcd.panels.draw": ("draw", "draw_planes"),
+    "pdcd.panels.bitplanes": ("check_binary",),
+    "pdcd.panels.draw": ("check_fit", "draw", "draw_planes"),
     "pdcd.panels.frames": ("BLACK", "WHITE", "FrameLog", "Frames"),
     "pdcd.sensor.dng": ("write_dng",),
     "pdcd.sensor.profile": ("load_profile", "responsivity_e"),

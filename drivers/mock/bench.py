@@ -18,13 +18,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import DriverContext, Shared
+from pdcd.bench.devices import Shared
 from pdcd.bench.placed import frame_of
-from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
-from pdcd.errors import ExposureError
+from pdcd.driver import Config, DriverContext, ExposureError, FrameLog, Frames
 from pdcd.panels.buckets import second_bucket
-from pdcd.panels.frames import FrameLog, Frames
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
 from pdcd.virtual.optics.bench import OpticalBench

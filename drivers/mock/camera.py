@@ -11,12 +11,21 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.bench.tables import CameraConfig
 from pdcd.bench.truth import TrueSensor
-from pdcd.errors import ConfigError, ExposureError
+from pdcd.driver import (
+    CameraConfig,
+    CameraInfo,
+    CameraSettings,
+    Clock,
+    ConfigError,
+    DriverContext,
+    ExposureError,
+    RawFile,
+    load_profile,
+    responsivity_e,
+)
 from pdcd.sensor.dng import dng_bytes
-from pdcd.sensor.profile import IsoRow, SensorProfile, expose, load_profile, responsivity_e
+from pdcd.sensor.profile import IsoRow, SensorProfile, expose
 
 from .bench import Bench
 from .options import refuse_options

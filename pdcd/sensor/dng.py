@@ -79,7 +79,8 @@ def write_dng(
     white : DN
         Level from which a sample is saturated.
     iso, exposure_s, f_number
-        What the photo was taken with; `f_number` None (a lens that tells none) is left out.
+        What the photo was taken with; ISO 0 is none, and `f_number` None (a lens that tells none)
+        is left out.
     model, make, serial
         Which camera it was; "" leaves a serial number out.
     cfa : "RGGB", "BGGR", "GRBG", "GBRG" or None
@@ -174,9 +175,11 @@ def _check(samples: NDArray[np.uint16], iso: int, cfa: str | None) -> None:
             f"a DNG needs {sides}, not {shape} {samples.dtype}",
             hint="give whole Bayer quads" if cfa else "give one plane of samples",
         )
-    if not 1 <= iso <= _MAX_ISO:
+    if not 0 <= iso <= _MAX_ISO:
         raise ConfigError(
-            f"ISO {iso} does not fit the tag", device="camera", hint=f"take 1 to {_MAX_ISO}"
+            f"ISO {iso} does not fit the tag",
+            device="camera",
+            hint=f"take 1 to {_MAX_ISO}, or 0 for none",
         )
 
 

@@ -241,7 +241,7 @@ def test_what_the_device_said_of_itself() -> None:
         ({"black": -1}, "black"),
         ({"cfa": None, "black": [1, 2, 3, 4]}, "black"),
         ({"iso": 65536}, "65536"),
-        ({"iso": 0}, "ISO 0"),
+        ({"iso": -1}, "ISO -1"),
     ],
 )
 def test_what_no_file_can_hold_is_refused(wrong: dict[str, Any], said: str) -> None:
