@@ -24,13 +24,25 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.bench.options import read_options
-from pdcd.bench.tables import CameraConfig
-from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
-from pdcd.sensor.profile import load_profile, responsivity_e
-from pdcd.sensor.raw import RAW_SUFFIXES, read_raw
-from pdcd.sensor.tiff import read_tags
+from pdcd.driver import (
+    RAW_SUFFIXES,
+    CameraConfig,
+    CameraInfo,
+    CameraSettings,
+    Clock,
+    ConfigError,
+    DecodeError,
+    DeviceLost,
+    DriverContext,
+    ExposureError,
+    NoSpaceError,
+    RawFile,
+    load_profile,
+    read_options,
+    read_raw,
+    read_tags,
+    responsivity_e,
+)
 
 _DATE_SLACK_S = 2.0
 """FAT stores dates to two seconds."""

@@ -21,7 +21,7 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from pdcd.errors import DeviceLost, PdcdError
+from pdcd.driver import DeviceLost, PdcdError
 
 logger = logging.getLogger(__name__)
 

@@ -11,12 +11,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from pdcd.bench.devices import Display, DisplayInfo, DriverContext, Shared
-from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError, DeviceLost
-from pdcd.panels.balance import play_all, streams
-from pdcd.panels.frames import BLACK, FrameLog, Frames
-from pdcd.panels.patterns import check_binary
+from pdcd.bench.devices import Shared
+from pdcd.driver import (
+    BLACK,
+    Config,
+    ConfigError,
+    DeviceLost,
+    Display,
+    DisplayInfo,
+    DriverContext,
+    FrameLog,
+    Frames,
+    check_binary,
+    play_all,
+    streams,
+)
 from pdcd.panels.pixels import Recorder
 from pdcd.presenter.client import DisplayProcess, Log, Rows
 from pdcd.presenter.messages import Column, Open, Ready

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.mock.dng import dng_bytes
+from pdcd.sensor.dng import dng_bytes
 
 
 def write_dng(path: Path, mosaic: NDArray[np.uint16], **fields: Any) -> int:

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.mock import Bench
-from drivers.mock.dng import dng_bytes
 from drivers.virtual_camera import BenchFilm, Exposure
 from pdcd.bench.devices import DriverContext
 from pdcd.panels.map import Map
+from pdcd.sensor.dng import dng_bytes
 from pdcd.sensor.profile import expose, load_profile, responsivity_e
 from tests.cr2 import LEFT_450D, SIZE_450D, TOP_450D, write_cr2
 from tests.masked_dng import write_masked_dng

@@ -14,19 +14,25 @@ import weakref
 from contextlib import suppress
 from pathlib import Path, PurePath
 
-from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.bench.tables import CameraConfig, TriggerConfig
-from pdcd.errors import (
+from pdcd.driver import (
+    RAW_SUFFIXES,
+    CameraConfig,
+    CameraInfo,
+    CameraSettings,
+    Clock,
     ConfigError,
     DecodeError,
     DeviceLost,
+    DriverContext,
     ExposureError,
     PdcdError,
+    RawFile,
+    TriggerConfig,
     disk_errors,
+    load_profile,
+    read_tags,
+    responsivity_e,
 )
-from pdcd.sensor.profile import load_profile, responsivity_e
-from pdcd.sensor.raw import RAW_SUFFIXES
-from pdcd.sensor.tiff import read_tags
 
 from .session import CameraFile, Session
 

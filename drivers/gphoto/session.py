@@ -18,10 +18,7 @@ from typing import Any, Literal, NamedTuple
 import gphoto2 as gp
 import msgspec
 
-from pdcd.bench.devices import Clock, DriverContext
-from pdcd.bench.options import read_options
-from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError, DeviceLost
+from pdcd.driver import Clock, Config, ConfigError, DeviceLost, DriverContext, read_options
 
 logger = logging.getLogger(__name__)
 

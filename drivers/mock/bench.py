@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import DriverContext, Shared
+from pdcd.bench.devices import Shared
 from pdcd.bench.placed import frame_of
-from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
-from pdcd.errors import ExposureError
-from pdcd.panels.frames import FrameLog, Frames, second_bucket
+from pdcd.driver import Config, DriverContext, ExposureError, FrameLog, Frames
+from pdcd.panels.frames import second_bucket
 from pdcd.probing.pixel_matrix import pixel_factors
 from pdcd.probing.realised import bench_factors
 from pdcd.virtual.optics.needed import optics_of, windows_cut

@@ -11,14 +11,23 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.bench.tables import CameraConfig
 from pdcd.bench.truth import TrueSensor
-from pdcd.errors import ConfigError, ExposureError
-from pdcd.sensor.profile import IsoRow, SensorProfile, expose, load_profile, responsivity_e
+from pdcd.driver import (
+    CameraConfig,
+    CameraInfo,
+    CameraSettings,
+    Clock,
+    ConfigError,
+    DriverContext,
+    ExposureError,
+    RawFile,
+    load_profile,
+    responsivity_e,
+)
+from pdcd.sensor.dng import dng_bytes
+from pdcd.sensor.profile import IsoRow, SensorProfile, expose
 
 from .bench import Bench
-from .dng import dng_bytes
 from .options import refuse_options
 
 F_NUMBERS = tuple(round(2.0 ** (third / 6.0), 2) for third in range(49))

@@ -8,14 +8,23 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import Clock, DisplayInfo, DriverContext
-from pdcd.bench.placed import panels_of
-from pdcd.bench.tables import Config, FaultsConfig, PanelConfig
-from pdcd.errors import Cancelled, ConfigError
-from pdcd.panels.balance import play_all, streams
-from pdcd.panels.draw import check_fit
-from pdcd.panels.frames import BLACK, FrameLog, Frames
-from pdcd.panels.patterns import check_binary
+from pdcd.bench.tables import FaultsConfig, PanelConfig
+from pdcd.driver import (
+    BLACK,
+    Cancelled,
+    Clock,
+    Config,
+    ConfigError,
+    DisplayInfo,
+    DriverContext,
+    FrameLog,
+    Frames,
+    check_binary,
+    check_fit,
+    panels_of,
+    play_all,
+    streams,
+)
 from pdcd.probing.panel import apart_s
 
 from .bench import Bench

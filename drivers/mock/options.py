@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pdcd.errors import ConfigError
+from pdcd.driver import ConfigError
 
 
 def refuse_options(options: Mapping[str, Any], table: str, device: str) -> None:

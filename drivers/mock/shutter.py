@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdcd.bench.devices import Clock, DriverContext
-from pdcd.bench.tables import TriggerConfig
+from pdcd.driver import Clock, DriverContext, TriggerConfig
 
 from .bench import Bench
 from .options import refuse_options

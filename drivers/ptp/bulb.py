@@ -15,8 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from pdcd.bench.devices import Clock
-from pdcd.errors import ConfigError, DeviceLost, ExposureError
+from pdcd.driver import Clock, ConfigError, DeviceLost, ExposureError
 
 from .codes import Operation, Response, hex_name
 from .datasets import DeviceInfo

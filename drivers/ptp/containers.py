@@ -17,7 +17,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from pdcd.errors import DecodeError
+from pdcd.driver import DecodeError
 
 from .codes import ContainerType
 

@@ -9,12 +9,10 @@ import os
 from collections.abc import Iterator
 from typing import Any
 
-from pdcd.bench.devices import DriverContext
-from pdcd.bench.findings import Finding, State, fault
-from pdcd.errors import PdcdError
+from pdcd.driver import DriverContext, Finding, PdcdError, fault
 
 from .codes import CUSTOM_LONG_EXPOSURE_NR, SHUTTER_BULB, Property
-from .eos import EosCamera, backend_of
+from .eos import EosCamera
 from .faults import DEVICE
 from .holders import HINT, holders, in_words, node_of
 from .options import PtpOptions, options_of
@@ -23,11 +21,13 @@ from .values import f_numbers, isos
 
 _ASKED_S = 60.0
 _DIAL_HINT = "turn the mode dial to M"
-_REDUCTION: dict[int | None, tuple[State, str]] = {
-    None: ("unknown", "not told"),
-    0: ("good", "off"),
-    1: ("fault", "auto"),
-    2: ("fault", "on"),
+_NOISE = "long-exposure noise reduction"
+_NOISE_HINT = "switch it off in the custom functions"
+_REDUCTION = {
+    None: Finding(_NOISE, "unknown", "not told"),
+    0: Finding(_NOISE, "good", "off"),
+    1: Finding(_NOISE, "fault", "auto", _NOISE_HINT),
+    2: Finding(_NOISE, "fault", "on", _NOISE_HINT),
 }
 
 
@@ -50,7 +50,7 @@ def examine(context: DriverContext) -> Iterator[Finding]:
                 f"the camera's driver is {config.camera.driver}: any Canon is looked for",
                 "give --config with driver = 'ptp' in it",
             )
-        backend = backend_of(context, options)
+        backend = context.usb_backend(options.usb)
         chosen = [in_short(device) for device in find(backend, options.usb_id)]
         for device in still_images(backend):
             yield from _device(device, ours=in_short(device) in chosen)
@@ -97,9 +97,7 @@ def _camera(camera: EosCamera, identity: dict[str, str]) -> Iterator[Finding]:
     yield _listed("shutter speeds", f"{len(speeds)}" if speeds else "")
     yield _listed("bulb", "offered" if set(speeds) & set(SHUTTER_BULB) else "")
     reduction = camera.custom.get(CUSTOM_LONG_EXPOSURE_NR)
-    state, found = _REDUCTION.get(reduction, ("unknown", str(reduction)))
-    hint = "switch it off in the custom functions" if state == "fault" else None
-    yield Finding("long-exposure noise reduction", state, found, hint)
+    yield _REDUCTION.get(reduction, Finding(_NOISE, "unknown", str(reduction)))
 
 
 def _release(method: str, options: PtpOptions) -> Finding:

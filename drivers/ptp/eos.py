@@ -13,8 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
-from pdcd.bench.devices import Clock, DriverContext
-from pdcd.errors import ExposureError, PdcdError
+from pdcd.driver import Clock, DriverContext, ExposureError, PdcdError
 
 from .bulb import Bulb, choose_method
 from .codes import (
@@ -113,7 +112,7 @@ class EosCamera:
 
         def make() -> EosCamera:
             options = options_of(context.config)
-            backend = backend_of(context, options)
+            backend = context.usb_backend(options.usb)
             longest_s = context.config.limits.max_exposure_s
             return cls(options, context.clock, backend, longest_s, context.alive)
 
@@ -421,12 +420,3 @@ class EosCamera:
                 self.choices[event.prop] = event.values
             case Plain(code=EosEvent.WILL_SOON_SHUT_DOWN):
                 self.session.call(Operation.EOS_KEEP_DEVICE_ON)
-
-
-def backend_of(context: DriverContext, options: PtpOptions) -> object:
-    """The pyusb backend of this rig; None is the machine's libusb."""
-    if options.usb == "virtual" and context.shared.usb_backend is None:
-        from ..virtual_camera import bench_backend  # not needed by a real camera
-
-        context.shared.usb_backend = bench_backend(context)
-    return context.shared.usb_backend

@@ -9,7 +9,7 @@ import errno
 
 import usb.core
 
-from pdcd.errors import DeviceLost
+from pdcd.driver import DeviceLost
 
 DEVICE = "camera"
 POWER_CYCLE = "switch the camera off and on, check its battery and cable, and try again"

@@ -12,8 +12,7 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from pdcd.bench.devices import RawFile
-from pdcd.errors import ExposureError
+from pdcd.driver import ExposureError, RawFile
 
 from .codes import ObjectFormat, Operation, Response, hex_name
 from .eos import EosCamera

@@ -27,8 +27,7 @@ from contextlib import suppress
 
 import msgspec
 
-from pdcd.bench.clock import RealClock
-from pdcd.errors import PdcdError
+from pdcd.driver import PdcdError, RealClock
 
 from .eos import EosCamera
 from .options import PtpOptions

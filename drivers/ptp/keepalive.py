@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Callable
 
-from pdcd.errors import PdcdError
+from pdcd.driver import PdcdError
 
 logger = logging.getLogger(__name__)
 

@@ -7,9 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from pdcd.bench.options import read_options
-from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError
+from pdcd.driver import Config, ConfigError, read_options
 
 ReleaseName = Literal["auto", "remote", "bulb", "external"]
 
@@ -17,8 +15,9 @@ ReleaseName = Literal["auto", "remote", "bulb", "external"]
 class PtpOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Which camera, and how it is used; all may be left out where there is one camera."""
 
-    usb: Literal["libusb", "virtual"] = "libusb"
-    """"virtual" is a camera in this process that photographs the mock bench."""
+    usb: Annotated[str, Meta(min_length=1)] = "libusb"
+    """The machine's own, or the name of a driver of the role `usb`: "virtual" is a camera in this
+    process that photographs the mock bench."""
     id: Annotated[str, Meta(pattern="^[0-9a-fA-F]{4}:[0-9a-fA-F]{4}$")] | None = None
     """USB vendor and product, as "04a9:3145"; None: any of Canon's."""
     serial: str | None = None
@@ -29,6 +28,11 @@ class PtpOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """Where the camera puts its files before they are fetched; "card" leaves them there as well."""
     read_twice: bool = True
     """Read each photo a second time and compare; takes as long as the first time."""
+
+    @property
+    def in_process(self) -> bool:
+        """Whether the camera is a virtual one, which goes when this process does."""
+        return self.usb != "libusb"
 
     @property
     def usb_id(self) -> tuple[int, int] | None:

@@ -8,10 +8,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
-from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, RawFile
-from pdcd.bench.tables import CameraConfig
-from pdcd.errors import ConfigError, ExposureError, PdcdError
-from pdcd.sensor.profile import load_profile, responsivity_e
+from pdcd.driver import (
+    CameraConfig,
+    CameraInfo,
+    CameraSettings,
+    Clock,
+    ConfigError,
+    DriverContext,
+    ExposureError,
+    PdcdError,
+    RawFile,
+    load_profile,
+    responsivity_e,
+)
 
 from .codes import Property
 from .eos import EosCamera
@@ -58,7 +67,8 @@ class PtpReadout:
         """Open the session and tell what the camera says of itself."""
         identity = self._camera.open("readout")
         choices = self._camera.choices
-        virtual = self._camera.options.usb == "virtual"
+        # A body that is not there has films of any size, whatever sensor it says it has.
+        virtual = self._camera.options.in_process
         return CameraInfo(
             model=identity["model"],
             serial=identity["serial"],
@@ -66,7 +76,6 @@ class PtpReadout:
             responsivity_e=responsivity_e(self._config),
             isos=tuple(isos(choices.get(Property.ISO, ()))),
             f_numbers=tuple(f_numbers(choices.get(Property.APERTURE, ()))),
-            # A body that is not there has films of any size, whatever sensor it says it has.
             frame_quads=None if virtual else load_profile(self._config.profile).frame_quads,
         )
 

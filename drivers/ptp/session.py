@@ -24,8 +24,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 
-from pdcd.bench.devices import Clock
-from pdcd.errors import ConfigError, DeviceLost, PdcdError
+from pdcd.driver import Clock, ConfigError, DeviceLost, PdcdError
 
 from .codes import Operation, Response, hex_name
 from .containers import WireError

@@ -7,9 +7,7 @@ import weakref
 
 import msgspec
 
-from pdcd.bench.devices import Clock, DriverContext
-from pdcd.bench.tables import TriggerConfig
-from pdcd.errors import ConfigError
+from pdcd.driver import Clock, ConfigError, DriverContext, TriggerConfig
 
 from ..guard import Guard
 from .eos import SHUTTER, EosCamera
@@ -59,8 +57,8 @@ class PtpShutter:
         Raises DeviceLost, and ConfigError when this body cannot hold its shutter open over USB.
         """
         found = self._camera.open(SHUTTER)
-        # The virtual camera is in this process, and would go with it.
-        if self._camera.options.usb != "virtual":
+        # A virtual camera is in this process, and would go with it.
+        if not self._camera.options.in_process:
             self._be_guarded(found["serial"])
         return found
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import array
 from dataclasses import dataclass
 
-from pdcd.bench.devices import Clock
+from pdcd.driver import Clock
 
 from .codes import ContainerType, Response
 from .containers import (

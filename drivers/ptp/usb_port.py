@@ -15,7 +15,7 @@ from typing import Any
 import usb.core
 import usb.util
 
-from pdcd.errors import DeviceLost, DriverUnavailable
+from pdcd.driver import DeviceLost, DriverUnavailable
 
 from .faults import DEVICE, OutOfStep, Stalled, WireFault, wire_fault
 from .holders import HINT, holders, in_words, node_of

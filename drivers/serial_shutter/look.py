@@ -8,7 +8,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from pdcd.bench.findings import Finding
+from pdcd.driver import Finding
 
 PATTERNS = ("ttyUSB*", "ttyACM*", "ttyS[0-9]*", "serial/by-id/*")
 """Below /dev: ports that may be meant where the configured one is not there."""

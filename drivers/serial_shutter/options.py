@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from pdcd.bench.options import read_options
-from pdcd.bench.tables import TriggerConfig
+from pdcd.driver import TriggerConfig, read_options
 
 LONGEST_S = 1e6
 """Eleven days. Infinity, for one, is a time that no timer can be set to."""

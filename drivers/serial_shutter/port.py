@@ -26,7 +26,7 @@ from contextlib import contextmanager
 
 import serial
 
-from pdcd.errors import ConfigError, DeviceLost, ExposureError
+from pdcd.driver import ConfigError, DeviceLost, ExposureError
 
 from .options import Options
 

@@ -12,10 +12,16 @@ import weakref
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from pdcd.bench.devices import Clock, DriverContext
-from pdcd.bench.findings import Finding
-from pdcd.bench.tables import Config
-from pdcd.errors import ConfigError, DeviceLost, ExposureError, PdcdError
+from pdcd.driver import (
+    Clock,
+    Config,
+    ConfigError,
+    DeviceLost,
+    DriverContext,
+    ExposureError,
+    Finding,
+    PdcdError,
+)
 
 from .look import look
 from .options import LONGEST_S, Options, options_of

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from pdcd.errors import DeviceLost, PdcdError
+from pdcd.driver import DeviceLost, PdcdError
 
 from ..guard import Guard
 from .guardian import AGAIN_S, release

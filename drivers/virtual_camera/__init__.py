@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pdcd.bench.devices import DriverContext
+from pdcd.driver import DriverContext
 
 from ..ptp.codes import APERTURE_CODES, ISO_CODES
 from .body import Body
@@ -29,6 +29,7 @@ __all__ = [
     "CABLE_BODY",
     "RELEASE_BODY",
     "BenchFilm",
+    "BenchUsb",
     "Body",
     "Exposure",
     "Film",
@@ -58,3 +59,14 @@ def bench_backend(
         stops = ()
     fitted = replace(model, isos=isos, apertures=stops)
     return VirtualUsb(Body(context.clock, film, fitted, script))
+
+
+class BenchUsb:
+    """The USB that is called "virtual": with a camera on it that photographs the mock bench."""
+
+    maturity = "stable"
+
+    @classmethod
+    def create(cls, context: DriverContext) -> VirtualUsb:
+        """`bench_backend` of the rig. Raises ConfigError for a bench that cannot be."""
+        return bench_backend(context)

@@ -24,7 +24,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
-from pdcd.bench.devices import Clock
+from pdcd.driver import Clock
 
 from ..ptp.codes import EosEvent, ExposureMode, FocusMode, Operation, Property, Response
 from ..ptp.containers import WireError

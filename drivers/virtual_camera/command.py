@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from pdcd.bench.clock import RealClock
+from pdcd.driver import RealClock
 
 from .body import Body
 from .develop import Develop, meanwhile

@@ -8,14 +8,13 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import DriverContext
 from pdcd.bench.tables import SceneConfig
-from pdcd.sensor.profile import load_profile
+from pdcd.driver import DriverContext, load_profile
+from pdcd.sensor.dng import dng_bytes
 from pdcd.virtual.scene.build import build_scene
 
 from ..mock.bench import Bench
 from ..mock.camera import BenchSensor
-from ..mock.dng import dng_bytes
 from ..mock.shutter import Lag
 from .shutter import Exposure
 

@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 
-from pdcd.errors import DecodeError
+from pdcd.driver import DecodeError
 
 from ..ptp.datasets import Reader
 from .body import DATA_OUT, Body

@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Protocol
 
-from pdcd.bench.devices import Clock
+from pdcd.driver import Clock
 
 from ..ptp.codes import EosEvent, ObjectFormat
 from ..ptp.datasets import ObjectInfo

@@ -18,12 +18,10 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
 from pdcd.panels.frames import FrameLog, Frames
 from pdcd.panels.pixels import Shown
-
-Maturity = str
-"""One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
 
 
 class Clock(Protocol):
@@ -233,7 +231,12 @@ class Shared:
     """Whether a virtual projector's lens is covered: none of its light, leaked or not, comes out.
     """
     usb_backend: object | None = None
-    """The pyusb backend to use instead of libusb, which is None."""
+    """The pyusb backend to use instead of libusb, which is None; see `DriverContext.usb_backend`.
+    """
+
+
+LIBUSB = "libusb"
+"""Name of the machine's own USB."""
 
 
 def _nobody_listens() -> None:
@@ -266,3 +269,14 @@ class DriverContext:
         if not isinstance(found, kind):
             found = self._made[kind] = make()
         return found
+
+    def usb_backend(self, name: str = LIBUSB) -> object | None:
+        """The pyusb backend that all devices of this rig are on; None is the machine's libusb.
+
+        For drivers of devices on the USB, whose options name it: "libusb", or a driver of the role
+        `usb`, which brings a USB with virtual devices. The first that names one decides. Raises
+        DriverUnavailable where there is none of that name.
+        """
+        if self.shared.usb_backend is None and name != LIBUSB:
+            self.shared.usb_backend = load_driver("usb", name).create(self)
+        return self.shared.usb_backend

@@ -15,12 +15,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
-from pdcd.bench.devices import DriverContext, Maturity
 from pdcd.errors import DriverUnavailable
 
 logger = logging.getLogger(__name__)
 
-Role = Literal["display", "shutter", "readout"]
+Role = Literal["display", "shutter", "readout", "preview", "usb"]
+"""What a driver can be. The first three make a rig; a bench may have the others as well: `preview`
+is the camera's finder (`pdcd.bench.devices.Preview`), and `usb` a pyusb backend with devices on it
+that are not there, for drivers that ask for it (`DriverContext.usb_backend`)."""
 ROLES: tuple[Role, ...] = get_args(Role)
 GROUP = "pdcd.drivers"
 """Entry-point group of drivers that other packages bring."""
@@ -39,6 +41,7 @@ DRIVERS: Mapping[tuple[str, str], str] = {
     ("readout", "gphoto2"): f"{PACKAGE}.gphoto:GphotoReadout",
     ("readout", "mock"): f"{PACKAGE}.mock:MockReadout",
     ("readout", "ptp"): f"{PACKAGE}.ptp.readout:PtpReadout",
+    ("usb", "virtual"): f"{PACKAGE}.virtual_camera:BenchUsb",
 }
 """(role, name) -> "module:Class" of the drivers that come with pdcd."""
 
@@ -46,10 +49,12 @@ DRIVERS: Mapping[tuple[str, str], str] = {
 class DriverClass(Protocol):
     """What the registry asks of a driver's class, whatever its role."""
 
-    maturity: Maturity
+    maturity: str
+    """One of ``broken``, ``experimental``, ``beta``, ``stable``; stored with every run."""
 
-    def create(self, context: DriverContext) -> Any:
-        """Build the driver from the rig's context; in the class itself this is a classmethod."""
+    def create(self, context: Any) -> Any:
+        """Build the driver from the rig's `DriverContext`; in the class itself this is a
+        classmethod."""
         ...
 
 

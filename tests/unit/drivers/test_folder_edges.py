@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from drivers.folder import FolderReadout, Options
-from drivers.mock.dng import dng_bytes
 from pdcd.bench.clock import VirtualClock
 from pdcd.bench.devices import CameraSettings, DriverContext
 from pdcd.bench.tables import CameraConfig, Config
 from pdcd.errors import ConfigError, DecodeError, DeviceLost, ExposureError, NoSpaceError
+from pdcd.sensor.dng import dng_bytes
 from pdcd.sensor.profile import load_profile
 
 MS = 1_000_000

@@ -43,7 +43,7 @@ def test_photos_that_nobody_fetches_stay_on_the_card() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"id": "450D"}, {"release": "half"}, {"usb": "serial"}, {"fast": True}]
+    "wrong", [{"id": "450D"}, {"release": "half"}, {"usb": ""}, {"fast": True}]
 )
 def test_wrong_options_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=r"camera\.options"):

@@ -5,14 +5,20 @@ Numbers and types are those of TIFF 6.0, of the DNG specification 1.4 and of EXI
 
 from __future__ import annotations
 
+import errno
+import hashlib
+import json
 import struct
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers.mock.dng import MIN_SIDE, dng_bytes
+from pdcd.bench.devices import RawFile
+from pdcd.errors import ConfigError, DiskError, NoSpaceError
+from pdcd.sensor.dng import MIN_SIDE, dng_bytes, write_dng
 
 SIZES = {
     1: ("B", 1),
@@ -185,3 +191,87 @@ def test_letters_that_are_not_ascii_become_question_marks() -> None:
     data, _ = made(22, 22, model="Caméra")
     image, _ = directory(data, 8)
     assert image[272] == ("text", b"Cam?ra\0") == image[50708]
+
+
+@pytest.mark.parametrize(
+    ("cfa", "numbers"),
+    [
+        ("RGGB", (0, 1, 1, 2)),
+        ("BGGR", (2, 1, 1, 0)),
+        ("GRBG", (1, 0, 2, 1)),
+        ("GBRG", (1, 2, 0, 1)),
+    ],
+)
+def test_the_colours_of_the_quad(cfa: str, numbers: tuple[int, ...]) -> None:
+    image, _ = directory(made(48, 64, cfa=cfa)[0], 8)
+    assert image[33422] == ("byte", numbers)
+    assert image[262] == ("short", 32803)
+
+
+def test_a_grey_plane_has_no_colours() -> None:
+    data, samples = made(47, 63, cfa=None)
+    image, _ = directory(data, 8)
+    assert image[262] == ("short", 34892)
+    assert image[50713] == ("short", (1, 1)) and image[50714] == ("long", 512)
+    assert not {33421, 33422, 50711, 50721, 50728, 50778} & set(image)
+    stored = np.frombuffer(data, "<u2", offset=image[273][1]).reshape(47, 63)
+    np.testing.assert_array_equal(stored, samples)
+
+
+def test_each_place_of_the_quad_may_have_its_own_black() -> None:
+    data, _ = made(2, 2, black=[510, 511, 512, 513])
+    image, _ = directory(data, 8)
+    assert image[50714] == ("long", (510, 511, 512, 513))
+    border = np.frombuffer(data, "<u2", offset=image[273][1]).reshape(22, 22)[10:12, 10:12]
+    assert border.tolist() == [[510, 511], [512, 513]]
+
+
+def test_what_the_device_said_of_itself() -> None:
+    said = {"PixelFormat": "BayerRG12p", "Temperature": "41 °C"}
+    image, _ = directory(made(22, 22, make="Acme", serial="0815", record=said)[0], 8)
+    assert image[271] == ("text", b"Acme\0") and image[50735] == ("text", b"0815\0")
+    assert json.loads(image[270][1].rstrip(b"\0")) == said
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"cfa": "RGBW"}, "RGBW"),
+        ({"black": [1, 2]}, "black"),
+        ({"black": -1}, "black"),
+        ({"cfa": None, "black": [1, 2, 3, 4]}, "black"),
+        ({"iso": 65536}, "65536"),
+        ({"iso": -1}, "ISO -1"),
+    ],
+)
+def test_what_no_file_can_hold_is_refused(wrong: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        made(22, 22, **wrong)
+
+
+def test_a_file_of_ones_own(tmp_path: Path) -> None:
+    samples = np.full((24, 24), 700, np.uint16)
+    written: dict[str, Any] = {
+        "black": 64, "white": 4095, "iso": 200, "exposure_s": 0.5, "model": "M"
+    }  # fmt: skip
+    raw = write_dng(tmp_path / "a.dng", samples, **written, date=datetime(2024, 1, 1))
+    data = (tmp_path / "a.dng").read_bytes()
+    assert raw == RawFile(tmp_path / "a.dng", len(data), hashlib.sha256(data).hexdigest())
+    assert data == dng_bytes(samples, **written, f_number=None, date=datetime(2024, 1, 1))
+    with pytest.raises(DiskError):
+        write_dng(tmp_path / "nowhere" / "a.dng", samples, **written)
+
+
+def test_half_a_file_does_not_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill(path: Path, data: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(data[:100])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fill)
+    with pytest.raises(NoSpaceError):
+        write_dng(
+            tmp_path / "a.dng", np.zeros((24, 24), np.uint16), black=0, white=1, iso=100,
+            exposure_s=1.0, model="M",
+        )  # fmt: skip
+    assert not list(tmp_path.iterdir())

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.mock.dng import MIN_SIDE
 from pdcd.errors import ConfigError
+from pdcd.sensor.dng import MIN_SIDE
 from tests.dng_file import write_dng
 from tests.tools import needs, program
 

@@ -1,0 +1,204 @@
+"""What authors of drivers import from: the one module for them, whose names stay.
+
+::
+
+    from pdcd.driver import DriverContext, Frames, Shutter, read_options
+
+Whatever moves inside pdcd, these names are found here. Nothing inside pdcd imports from here; our
+own drivers do. docs/new-driver.md explains how a driver is written.
+
+Roles, each a Protocol that a class of yours answers (an entry point names it)
+    `Display`            shows frames on projector and mask, in step, and logs when
+    `Shutter`            opens and closes the exposure
+    `Readout`            sets the camera up and brings its photo home
+
+What crosses them
+    `DriverContext`      what `create` gets: configuration, clock, sign of life, the one camera
+    `Clock`              the only source of time; `RealClock` is the machine's
+    `DisplayInfo`        the two panels as found
+    `CameraInfo`         what the camera is, and how it answers to light
+    `CameraSettings`     settings of one exposure
+    `Frames`, `FrameLog` what both panels are asked to show row by row, and what they did
+    `BLACK`, `WHITE`     pattern indices of a panel that is black, or fully lit
+    `RawFile`            a photo on disk
+
+Tools for displays
+    `panels_of`          both panels as the configuration places them
+    `draw`               the exact pixels that a panel must show at a row
+    `draw_planes`        the RGB picture that carries 24 rows, for DLPs
+    `check_fit`, `check_binary`   for `load`: refuse what a panel, or a bit plane, cannot show
+    `streams`            what each panel is sent where the mask is delayed
+    `play_all`           plays frames, and again what was missed, as the rig wants it
+
+Tools for cameras
+    `write_dng`          samples -> a RAW file
+    `read_raw`           a RAW file -> samples; `RAW_SUFFIXES` says how such files are called
+    `read_tags`          the tags of a RAW file, and whether it is whole
+    `load_profile`       the sensor profile that [camera] names
+    `responsivity_e`     what `CameraInfo` says of the answer to light
+
+Options and what a doctor says
+    `read_options`       the `options` table of a role as a struct of yours
+    `Config`, `CameraConfig`, `TriggerConfig`    tables of the configuration
+    `Finding`, `fault`   one line of `pdcd doctor`; the line that an error makes
+
+Errors: a driver raises these and no others
+    `ConfigError`        a setting is wrong, or the device does not offer it
+    `DriverUnavailable`  what the driver needs is not installed
+    `DeviceLost`         the device does not answer
+    `SyncError`          the panels missed refreshes, or cannot be kept in step
+    `ExposureError`      the shutter or the exposure went wrong, or no photo came
+    `DecodeError`        a file that the camera sent cannot be read
+    `NoSpaceError`, `DiskError`                  the disk; `disk_errors` turns OSError into them
+    `Cancelled`          `cancelled()` was true while frames were shown
+    `PdcdError`          the base of all
+
+Each name brings what it needs when it is first used, so that a process that guards a shutter need
+not load what reads photos.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pdcd.bench.clock import RealClock
+    from pdcd.bench.devices import (
+        CameraInfo,
+        CameraSettings,
+        Clock,
+        Display,
+        DisplayInfo,
+        DriverContext,
+        RawFile,
+        Readout,
+        Shutter,
+    )
+    from pdcd.bench.findings import Finding, fault
+    from pdcd.bench.options import read_options
+    from pdcd.bench.placed import panels_of
+    from pdcd.bench.tables import CameraConfig, Config, TriggerConfig
+    from pdcd.errors import (
+        Cancelled,
+        ConfigError,
+        DecodeError,
+        DeviceLost,
+        DiskError,
+        DriverUnavailable,
+        ExposureError,
+        NoSpaceError,
+        PdcdError,
+        SyncError,
+        disk_errors,
+    )
+    from pdcd.panels.balance import play_all, streams
+    from pdcd.panels.bitplanes import check_binary
+    from pdcd.panels.draw import check_fit, draw, draw_planes
+    from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
+    from pdcd.sensor.dng import write_dng
+    from pdcd.sensor.profile import load_profile, responsivity_e
+    from pdcd.sensor.raw import RAW_SUFFIXES, read_raw
+    from pdcd.sensor.tiff import read_tags
+
+__all__ = [
+    "BLACK",
+    "RAW_SUFFIXES",
+    "WHITE",
+    "CameraConfig",
+    "CameraInfo",
+    "CameraSettings",
+    "Cancelled",
+    "Clock",
+    "Config",
+    "ConfigError",
+    "DecodeError",
+    "DeviceLost",
+    "DiskError",
+    "Display",
+    "DisplayInfo",
+    "DriverContext",
+    "DriverUnavailable",
+    "ExposureError",
+    "Finding",
+    "FrameLog",
+    "Frames",
+    "NoSpaceError",
+    "PdcdError",
+    "RawFile",
+    "Readout",
+    "RealClock",
+    "Shutter",
+    "SyncError",
+    "TriggerConfig",
+    "check_binary",
+    "check_fit",
+    "disk_errors",
+    "draw",
+    "draw_planes",
+    "fault",
+    "load_profile",
+    "panels_of",
+    "play_all",
+    "read_options",
+    "read_raw",
+    "read_tags",
+    "responsivity_e",
+    "streams",
+    "write_dng",
+]
+
+_ROOMS = {
+    "pdcd.bench.clock": ("RealClock",),
+    "pdcd.bench.devices": (
+        "CameraInfo",
+        "CameraSettings",
+        "Clock",
+        "Display",
+        "DisplayInfo",
+        "DriverContext",
+        "RawFile",
+        "Readout",
+        "Shutter",
+    ),
+    "pdcd.bench.findings": ("Finding", "fault"),
+    "pdcd.bench.options": ("read_options",),
+    "pdcd.bench.placed": ("panels_of",),
+    "pdcd.bench.tables": ("CameraConfig", "Config", "TriggerConfig"),
+    "pdcd.errors": (
+        "Cancelled",
+        "ConfigError",
+        "DecodeError",
+        "DeviceLost",
+        "DiskError",
+        "DriverUnavailable",
+        "ExposureError",
+        "NoSpaceError",
+        "PdcdError",
+        "SyncError",
+        "disk_errors",
+    ),
+    "pdcd.panels.balance": ("play_all", "streams"),
+    "pdcd.panels.bitplanes": ("check_binary",),
+    "pdcd.panels.draw": ("check_fit", "draw", "draw_planes"),
+    "pdcd.panels.frames": ("BLACK", "WHITE", "FrameLog", "Frames"),
+    "pdcd.sensor.dng": ("write_dng",),
+    "pdcd.sensor.profile": ("load_profile", "responsivity_e"),
+    "pdcd.sensor.raw": ("RAW_SUFFIXES", "read_raw"),
+    "pdcd.sensor.tiff": ("read_tags",),
+}
+"""Where each name is at home."""
+
+
+if not TYPE_CHECKING:  # so that a type checker knows which names there are not
+
+    def __getattr__(name: str) -> object:
+        for module, names in _ROOMS.items():
+            if name in names:
+                found = globals()[name] = getattr(importlib.import_module(module), name)
+                return found
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
