@@ -93,9 +93,9 @@ if TYPE_CHECKING:
         disk_errors,
     )
     from pdcd.panels.balance import play_all, streams
-    from pdcd.panels.bitplanes import check_binary
     from pdcd.panels.draw import check_fit, draw, draw_planes
     from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
+    from pdcd.panels.patterns import check_binary
     from pdcd.sensor.dng import write_dng
     from pdcd.sensor.profile import load_profile, responsivity_e
     from pdcd.sensor.raw import RAW_SUFFIXES, read_raw
@@ -179,7 +179,7 @@ _ROOMS = {
         "disk_errors",
     ),
     "pdcd.panels.balance": ("play_all", "streams"),
-    "pdcd.panels.bitplanes": ("check_binary",),
+    "pdcd.panels.patterns": ("check_binary",),
     "pdcd.panels.draw": ("check_fit", "draw", "draw_planes"),
     "pdcd.panels.frames": ("BLACK", "WHITE", "FrameLog", "Frames"),
     "pdcd.sensor.dng": ("write_dng",),
