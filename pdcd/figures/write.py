@@ -13,7 +13,7 @@ from pdcd.figures.figure import Drawn, Figure, Mode, Number, Photo, Row, Take
 from pdcd.figures.picture import drawn as drawn_row
 from pdcd.figures.plot import plotted
 from pdcd.figures.store import Captured, Made, Shown, ShownRow, Stated, Store
-from pdcd.files.images.sixteen import png_of
+from pdcd.files.images import png_of
 
 
 def write_figure(

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import ConfigError, DecodeError, disk_errors
-from pdcd.files.images.sixteen import png_of
-from pdcd.files.images.tiff import around
+from pdcd.files.images import around, png_of
 
 
 def blocks(grey: NDArray[np.float64], min_width_px: int = 640) -> NDArray[np.uint8]:

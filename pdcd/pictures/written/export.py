@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError, RequestError
-from pdcd.files.images.exr import exr_bytes
-from pdcd.files.images.sixteen import png_bytes, tiff_bytes
+from pdcd.files.images import exr_bytes, png_bytes, tiff_bytes
 from pdcd.files.inside import fault_of
 from pdcd.pictures.decode import record_errors
 from pdcd.pictures.upright import Sampler, View, all_known
