@@ -1,7 +1,9 @@
-# make demo: one capture on the mock bench. make test: all tests. Both install what is missing.
+# make demo: one capture on the mock bench. make test: all tests. Both install what is missing, as
+# all others do.
+# make web: the page for the bench, in a browser. make notebook: the tutorial, in Jupyter.
 # make test-slow: whole captures with photos of a 450D's size, by three drivers; minutes.
 # make test-systemd: the service under a systemd that runs, where there is root and systemd-nspawn.
-.PHONY: demo test test-long test-slow test-systemd lint bench soak mutants clean
+.PHONY: demo web notebook test test-long test-slow test-systemd lint bench soak mutants clean
 
 # Processes start often here; each would compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -9,6 +11,21 @@ unexport PYTHONDONTWRITEBYTECODE
 demo:
 	@.ci/setup
 	@.venv/bin/pdcd demo
+
+# Where no daemon runs yet, one that ends with the page. What is started in the background has
+# interrupts ignored, so the daemon is told to end.
+web:
+	@.ci/setup web
+	@if ! .venv/bin/pdcd status >/dev/null 2>&1; then \
+	    .venv/bin/pdcd serve & daemon=$$!; trap 'kill $$daemon; wait $$daemon' EXIT; trap : INT; \
+	fi; .venv/bin/pdcd web
+
+# A copy, which goes when Jupyter ends: what is tried out in it leaves docs/ as it is.
+notebook:
+	@.ci/setup notebook
+	@folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; trap : INT; \
+	cp docs/tutorial.ipynb "$$folder"; root=$$([ "$$(id -u)" != 0 ] || echo --allow-root); \
+	.venv/bin/jupyter lab $$root --notebook-dir "$$folder" "$$folder/tutorial.ipynb"
 
 # One thread for the linear algebra, here and below: more gain nothing on such small matrices, wait
 # for each other, and make times scatter.

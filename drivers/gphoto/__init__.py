@@ -1,4 +1,4 @@
-"""Cameras that libgphoto2 knows: shutter and readout, by the extra ``pdcd[gphoto2]``."""
+"""Cameras that libgphoto2 knows: shutter and readout, by the extra "gphoto2"."""
 
 from .camera import GphotoReadout, GphotoShutter
 

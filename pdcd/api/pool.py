@@ -20,6 +20,7 @@ from pdcd.api.task import Record, Task, failed, taken
 from pdcd.capture.worker.birth import Newborn, born
 from pdcd.capture.worker.pipe import PIECE_BYTES, Inbox, packed
 from pdcd.errors import ConfigError, PdcdError
+from pdcd.extras import install_hint
 
 
 class Cluster(Protocol):
@@ -162,7 +163,7 @@ def _client(address: str) -> Cluster:
         return client
     except ImportError as err:
         raise ConfigError(
-            "a sweep on a cluster needs dask.distributed", hint="pip install 'pdcd[cluster]'"
+            "a sweep on a cluster needs dask.distributed", hint=install_hint("distributed")
         ) from err
     except (OSError, ValueError) as err:
         raise ConfigError(f"no cluster answers at {address}: {err}") from err

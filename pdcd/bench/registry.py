@@ -141,7 +141,7 @@ def _import(role: str, name: str, target: str) -> DriverClass:
         raise DriverUnavailable(
             f"driver {name!r}: {module_name} does not import: {type(err).__name__}: {err}",
             device=role,
-            hint="install what it needs, or choose another driver",
+            hint=f"{_remedy(err)}, or choose another driver",
         ) from err
     found = getattr(module, class_name, None)
     missing = [part for part in ("create", "maturity") if not hasattr(found, part)]
@@ -157,3 +157,12 @@ def _import(role: str, name: str, target: str) -> DriverClass:
 
 def _distribution(point: EntryPoint) -> str:
     return point.dist.name if point.dist is not None else "unknown"
+
+
+def _remedy(error: Exception) -> str:
+    """What to do about a driver that does not import."""
+    # Most drivers do import, and need nothing of it.
+    from pdcd.extras import OPTIONAL, install_hint
+
+    package = error.name if isinstance(error, ModuleNotFoundError) else None
+    return install_hint(package) if package in OPTIONAL else "install what it needs"

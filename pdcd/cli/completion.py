@@ -10,6 +10,7 @@ from pdcd.cli.commands import commands, groups
 from pdcd.cli.exits import DONE
 from pdcd.cli.parser import build_parser
 from pdcd.errors import ConfigError
+from pdcd.extras import install_hint
 
 
 def completion(args: argparse.Namespace) -> int:
@@ -24,7 +25,7 @@ def script(shell: str) -> str:
         import shtab
     except ImportError as err:
         raise ConfigError(
-            "the Python package shtab is not installed", hint="pip install shtab"
+            "the Python package shtab is not installed", hint=install_hint("shtab")
         ) from err
     parser = build_parser()
     for of in (parser, *(command.parser for command in commands(parser))):

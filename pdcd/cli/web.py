@@ -13,6 +13,7 @@ from pdcd.cli.capture import daemon_socket
 from pdcd.cli.exits import DONE
 from pdcd.cli.output import say
 from pdcd.errors import ConfigError
+from pdcd.extras import install_hint
 from pdcd.server import log
 
 
@@ -22,7 +23,7 @@ def web(args: argparse.Namespace) -> int:
     try:
         from pdcd.web.serve import bound, run
     except ImportError as err:
-        raise ConfigError("pdcd web needs aiohttp", hint="pip install 'pdcd[web]'") from err
+        raise ConfigError("pdcd web needs aiohttp", hint=install_hint("aiohttp")) from err
     given: Path | None = args.state_dir
     state = state_dir(load(args.config)) if given is None else given
     socket = daemon_socket(args)

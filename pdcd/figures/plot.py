@@ -6,6 +6,7 @@ import io
 from typing import Any
 
 from pdcd.errors import ConfigError
+from pdcd.extras import install_hint
 from pdcd.figures.figure import Plot
 
 DPI = 110
@@ -20,7 +21,7 @@ def check_plots() -> None:
     except ImportError as err:
         raise ConfigError(
             "plots need matplotlib",
-            hint="pip install 'pdcd[plots]', or leave plots out: --no-plots",
+            hint=f"{install_hint('matplotlib')}, or leave plots out: --no-plots",
         ) from err
 
 

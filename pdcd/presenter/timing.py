@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
 from pdcd.errors import ConfigError
+from pdcd.extras import install_hint
 from pdcd.panels.frames import BLACK, Frames
 from pdcd.panels.patterns import pack
 from pdcd.presenter.client import DisplayProcess, Log
@@ -110,7 +111,7 @@ def histogram(timing: Timing, path: Path) -> None:
     try:
         from matplotlib.figure import Figure
     except ImportError as err:
-        raise ConfigError("a histogram needs matplotlib", hint="pip install 'pdcd[plots]'") from err
+        raise ConfigError("a histogram needs matplotlib", hint=install_hint("matplotlib")) from err
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     for axes, seconds, label in (

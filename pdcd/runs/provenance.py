@@ -8,6 +8,8 @@ from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
+from pdcd.version import __version__
+
 
 def utc_now() -> str:
     """The time of day, ISO 8601."""
@@ -24,9 +26,9 @@ def versions() -> dict[str, str]:
 
 @cache
 def _versions() -> dict[str, str]:
-    names = ("pdcd", "numpy", "scipy", "msgspec", "rawpy", "opencv-contrib-python-headless")
+    names = ("numpy", "scipy", "msgspec", "rawpy", "opencv-contrib-python-headless")
     found = {name: importlib.metadata.version(name) for name in names}
-    return {"python": platform.python_version(), **found}
+    return {"python": platform.python_version(), "pdcd": __version__, **found}
 
 
 def git_commit() -> str | None:

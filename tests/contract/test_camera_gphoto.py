@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import pytest
 
-pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: pip install pdcd[gphoto2]")
+pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log")
 
 from pdcd.bench.devices import CameraSettings
 from pdcd.bench.tables import CameraConfig, RigConfig, TriggerConfig

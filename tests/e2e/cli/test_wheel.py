@@ -81,7 +81,7 @@ def pdcd(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_it_holds_one_package_and_all_that_belongs_to_it(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.partition("/")[0] for name in names}
-    assert tops == {"pdcd", f"pdcd-{__version__}.dist-info"}
+    assert tops == {"pdcd", f"primal_dual_coding-{__version__}.dist-info"}
     # In an archive of the sources there is no list of them; a clone has one.
     git = find("git").path
     if git and (ROOT / ".git").exists():

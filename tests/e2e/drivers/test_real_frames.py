@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 import pytest
 
-pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: pip install pdcd[gphoto2]")
+pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log")
 
 from numpy.typing import NDArray
 

@@ -26,7 +26,7 @@ CLIENT_S = 60.0
 cli = needs("gphoto2")
 wheel = pytest.mark.skipif(
     importlib.util.find_spec("gphoto2") is None,
-    reason="no gphoto2 wheel: pip install gphoto2",
+    reason="gphoto2 IS MISSING: see .venv/gphoto2.log",
 )
 
 

@@ -10,6 +10,7 @@ from types import ModuleType
 
 import pytest
 
+from pdcd import extras
 from pdcd.bench import registry
 from pdcd.errors import DriverUnavailable
 from tests.places import ROOT
@@ -113,6 +114,28 @@ def test_module_that_does_not_import_tells_why(
     assert reason in caught.value.message
     assert caught.value.device == role
     assert isinstance(caught.value.__cause__, Exception)
+
+
+@pytest.mark.parametrize(
+    ("error", "remedy"),
+    [
+        (ModuleNotFoundError("", name="gphoto2"), "install gphoto2, or"),
+        (ModuleNotFoundError("", name="their_library"), "install what it needs, or"),
+        (ImportError("", name="gphoto2"), "install what it needs, or"),
+    ],
+)
+def test_a_package_of_an_extra_is_told_by_the_line_that_installs_it(
+    fakes: None, monkeypatch: pytest.MonkeyPatch, error: Exception, remedy: str
+) -> None:
+    def fails(name: str) -> None:
+        raise error
+
+    monkeypatch.setattr(registry.importlib, "import_module", fails)
+    monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(DriverUnavailable) as caught:
+        registry.load_driver("readout", "vendor")
+    assert remedy in str(caught.value.hint)
+    assert str(caught.value.hint).endswith(", or choose another driver")
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from pdcd.cli.main import main
 from pdcd.cli.parser import build_parser
 from pdcd.cli.web import web
 from pdcd.client import Unreachable
+from pdcd.extras import install_hint
 from pdcd.protocol.request import CaptureRequest, CaptureResult
 from pdcd.server import log
 from tests.unit.cli.cli_stubs import JOB, home_at
@@ -261,7 +262,7 @@ def test_a_library_that_is_missing_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["completion", "bash"]) == 2
-    assert "shtab is not installed (pip install shtab)" in capsys.readouterr().err
+    assert f"shtab is not installed ({install_hint('shtab')})" in capsys.readouterr().err
 
 
 # --- decoding, and the configuration as it is used ------------------------------------------------

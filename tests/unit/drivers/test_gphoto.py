@@ -14,7 +14,7 @@ from typing import IO, Any
 import numpy as np
 import pytest
 
-pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: pip install pdcd[gphoto2]")
+pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log")
 
 import gphoto2 as gp
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: pip install pdcd[gphoto2]")
+pytest.importorskip("gphoto2", reason="gphoto2 IS MISSING: see .venv/gphoto2.log")
 
 import gphoto2 as gp
 import msgspec

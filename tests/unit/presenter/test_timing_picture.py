@@ -78,5 +78,5 @@ def test_a_picture_has_both_times_in_milliseconds_and_says_what_was_missed(
 
 def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(ConfigError, match=r"a histogram needs matplotlib \(pip install 'pdcd\[pl"):
+    with pytest.raises(ConfigError, match=r"needs matplotlib \(.* install matplotlib\)"):
         histogram(timing(), Path("a.png"))

@@ -1,0 +1,126 @@
+"""What is said where a package is missing: a line that works, wherever pdcd runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from pdcd import extras
+from pdcd.extras import OPTIONAL, TARGETS, install_hint
+from tests.places import ROOT
+
+OTHERS = re.compile(r"pip install ['\"]?pdcd|['\"`]pdcd\[|pdcd\[(?:dev|web|plots|cluster|gphoto2)")
+"""Who follows that installs somebody else's program."""
+
+TOLD = ("pdcd", "drivers", "docs", "examples", "systemd", "config", ".ci", "README.md", "Makefile",
+        "pyproject.toml", "CITATION.cff")  # fmt: skip
+
+
+@pytest.fixture
+def elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """An environment that is none of a checkout's, with a pip of its own."""
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "an env"))
+    monkeypatch.setattr(sys, "base_prefix", "/usr")
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "an env/bin/python"))
+    monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: object())
+    return tmp_path / "an env"
+
+
+def without_pip(monkeypatch: pytest.MonkeyPatch, python3: str | None) -> None:
+    monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(extras.shutil, "which", lambda name: python3)
+
+
+def test_beside_a_checkout_make_does_it(
+    elsewhere: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(extras, "ROOT", tmp_path)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
+    monkeypatch.chdir(tmp_path)
+    assert "pip" in install_hint("aiohttp"), "there is no Makefile"
+    (tmp_path / "Makefile").write_text("# web: not yet\nnotebook:\n\ttrue\n")
+    assert "pip" in install_hint("aiohttp") and install_hint("jupyterlab") == "make notebook"
+    monkeypatch.chdir("/")
+    assert install_hint("jupyterlab") == f"make -C {tmp_path} notebook"
+    monkeypatch.setattr(sys, "prefix", str(elsewhere))
+    assert "pip" in install_hint("jupyterlab"), "make would fill another environment"
+
+
+def test_the_makefile_has_what_is_named() -> None:
+    for package, target in TARGETS.items():
+        done = subprocess.run(
+            ["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        assert f".ci/setup {target}" in done.stdout, package
+
+
+def test_with_a_pip_of_its_own(elsewhere: Path) -> None:
+    assert install_hint("aiohttp") == f"'{elsewhere}/bin/python' -m pip install aiohttp"
+
+
+def test_without_one_that_outside_does_it(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    without_pip(monkeypatch, "/usr/bin/python3")
+    ends = f"-m pip --python '{elsewhere}/bin/python' install aiohttp"
+    assert install_hint("aiohttp") == f"python3 {ends}"
+    # Active, it is python3 itself; nothing called so may be found, too.
+    monkeypatch.setattr(sys, "_base_executable", "/opt/python")
+    for found in (str(elsewhere / "bin/python3"), None):
+        without_pip(monkeypatch, found)
+        assert install_hint("aiohttp") == f"/opt/python {ends}"
+
+
+def test_every_package_that_may_be_missing_is_in_an_extra() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = project["optional-dependencies"]
+    wanted.pop("dev")
+    named = {re.split(r"[><=]", line)[0] for lines in wanted.values() for line in lines}
+    assert named == set(OPTIONAL) and set(TARGETS) <= named
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("own_pip", [False, True])
+def test_the_line_works_as_it_is_printed(tmp_path: Path, own_pip: bool) -> None:
+    base = getattr(sys, "_base_executable", sys.executable)
+    if subprocess.run(
+        [base, "-m", "pip", "--version"], capture_output=True, check=False
+    ).returncode:
+        pytest.skip(f"{base} has no pip")
+    environment = tmp_path / "an env"
+    words = [base, "-m", "venv", *([] if own_pip else ["--without-pip"]), str(environment)]
+    subprocess.run(words, check=True)
+    python = str(environment / "bin" / "python")
+    wheel = tmp_path / "smallest-1-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("smallest.py", "")
+        info = "smallest-1.dist-info"
+        archive.writestr(f"{info}/METADATA", "Metadata-Version: 2.1\nName: smallest\nVersion: 1\n")
+        archive.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nTag: py3-none-any\n")
+        archive.writestr(f"{info}/RECORD", "")
+    environ = {**os.environ, "PYTHONPATH": str(ROOT), "PATH": f"{environment}/bin:/usr/bin:/bin"}
+    say = f"from pdcd.extras import install_hint; print(install_hint({str(wheel)!r}))"
+    told = subprocess.run([python, "-c", say], env=environ, capture_output=True, text=True)
+    assert ("--python" in told.stdout) != own_pip, told.stderr
+    environ.pop("PYTHONPATH")
+    line = f"{told.stdout.strip()} --no-index --quiet"
+    subprocess.run(["/bin/sh", "-c", line], env=environ, check=True)
+    subprocess.run([python, "-c", "import smallest"], env=environ, check=True)
+
+
+def test_nothing_says_to_install_another_program() -> None:
+    found = []
+    for top in TOLD:
+        files = [ROOT / top] if (ROOT / top).is_file() else sorted((ROOT / top).rglob("*"))
+        for file in files:
+            if file.suffix in (".png", ".pyc", ".npz") or not file.is_file():
+                continue
+            for line in file.read_text(encoding="utf-8").splitlines():
+                if OTHERS.search(line):
+                    found.append(f"{file.relative_to(ROOT)}: {line.strip()}")
+    assert not found
