@@ -13,8 +13,8 @@ from typing import Any
 
 import msgspec
 
-from pdcd import __version__
 from pdcd.errors import ConfigError, DecodeError, PdcdError
+from pdcd.runs.provenance import versions
 from pdcd.runs.record import SCHEMA_VERSION, Manifest
 
 MANIFEST = "capture.json"
@@ -54,7 +54,7 @@ def _check_schema(schema: object) -> None:
     """Raises DecodeError for another schema than the one that is read here."""
     if type(schema) is not int or schema != SCHEMA_VERSION:
         raise DecodeError(
-            f"the manifest has schema {schema!r:.60}; pdcd {__version__} reads schema "
+            f"the manifest has schema {schema!r:.60}; pdcd {versions()['pdcd']} reads schema "
             f"{SCHEMA_VERSION}",
             hint="read the run with the version of pdcd that its manifest names under versions",
         )
