@@ -12,7 +12,7 @@ import msgspec
 from pdcd.runs.ledger import Begun
 
 HEAD: dict[str, Any] = {
-    "schema": 3,
+    "schema": 1,
     "state": "done",
     "mock": True,
     "request": {"goal": "indirect", "codes": 8, "name": None, "tags": [], "note": ""},

@@ -42,7 +42,7 @@ class RunCard:
     goal: str
     folder: Path
     summary: Mapping[str, Figure]
-    quality: Quality | None
+    quality: Quality
     warnings: Sequence[str]
     previews: Iterable[tuple[str, bytes]]
 
@@ -72,7 +72,7 @@ def _table(run: RunCard) -> str:
         if isinstance(share, float):
             rows.append([name, f"{100.0 * share:.3g} %"])
     rows.append(["folder", os.path.relpath(run.folder) if _near(run.folder) else str(run.folder)])
-    return table_html(["verdict", "" if run.quality is None else run.quality.verdict], rows)
+    return table_html(["verdict", run.quality.verdict], rows)
 
 
 def _near(folder: Path) -> bool:
@@ -80,9 +80,8 @@ def _near(folder: Path) -> bool:
 
 
 def _notes(run: RunCard) -> str:
-    quality = run.quality
-    told = [] if quality is None else [*quality.reasons, *quality.remarks]
-    items = "".join(f"<li>{as_html(note)}</li>" for note in (*told, *run.warnings))
+    told = (*run.quality.reasons, *run.quality.remarks, *run.warnings)
+    items = "".join(f"<li>{as_html(note)}</li>" for note in told)
     return f"<ul>{items}</ul>" if items else ""
 
 

@@ -16,7 +16,7 @@ from pdcd.api.progress import Shown, shown
 from pdcd.errors import DecodeError
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns, fit, levels_of
-from pdcd.protocol.request import Figure, Quality, quality_of
+from pdcd.protocol.request import Figure, Quality
 from pdcd.runs.folder import sha256_of
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.frame_table import read_columns
@@ -98,14 +98,14 @@ class Run:
         return self.manifest.summary
 
     @property
-    def quality(self) -> Quality | None:
-        """The verdict with its reasons; None in runs of early versions."""
-        return quality_of(self.summary)
+    def quality(self) -> Quality:
+        """The verdict with its reasons."""
+        return self.manifest.quality
 
     @property
-    def verdict(self) -> VerdictName | None:
-        """ "good", "doubtful" or "bad"; None in runs of early versions."""
-        return None if self.quality is None else self.quality.verdict
+    def verdict(self) -> VerdictName:
+        """ "good", "doubtful" or "bad"."""
+        return self.quality.verdict
 
     @property
     def rms_sigma(self) -> float | None:
@@ -236,8 +236,7 @@ class Run:
 
     def __repr__(self) -> str:
         told = [f"{self.summary['codes']} codes"] if self.summary.get("codes") else []
-        told += [self.quality.verdict] if self.quality is not None else []
-        return f"<Run {self.job}: {self.goal}, {', '.join(told)}>"
+        return f"<Run {self.job}: {self.goal}, {', '.join([*told, self.verdict])}>"
 
     def _repr_html_(self) -> str:
         from pdcd.api.html import RunCard, run_html

@@ -26,12 +26,6 @@ from pdcd.panels.map_file import load_map
 DEVICES = ("projector", "mask", "camera")
 """Tables with a place on the field."""
 
-GONE = {
-    "camera.homography": "is no more; pictures stay as the sensor has them, and [camera.place] "
-    "says where they lie on the field",
-}
-"""Keys of earlier versions, and what takes their place."""
-
 
 def load(path: Path | str | None = None) -> Config:
     """Read the configuration file that `find` names, or the mock bench when there is none.
@@ -78,7 +72,7 @@ def _of_table(
 ) -> tuple[Config, list[Fault]]:
     """The configuration in the tables of a file in `folder`, and all their faults."""
     faults: list[Fault] = []
-    config = overlay(base or Config(), table, "", faults, GONE)
+    config = overlay(base or Config(), table, "", faults)
     config = _resolve(config, folder)
     config = _with_maps(config, faults)
     config = _with_luts(config, folder, faults)

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
@@ -72,17 +71,10 @@ def faults_error(source: Path | str | None, lines: Sequence[str]) -> ConfigError
     return ConfigError(f"{count} in {source or 'the mock bench'}:\n  {listed}")
 
 
-def overlay(
-    base: _S,
-    given: Any,
-    where: str,
-    faults: list[Fault],
-    gone: Mapping[str, str] = MappingProxyType({}),
-) -> _S:
+def overlay(base: _S, given: Any, where: str, faults: list[Fault]) -> _S:
     """Copy of `base` with the keys of the table `given` put in, each checked against its type.
 
-    Keys that cannot be read are left as they are in `base` and reported in `faults`; `gone` says
-    what to tell of keys (dotted) of earlier versions.
+    Keys that cannot be read are left as they are in `base` and reported in `faults`.
     """
     if not isinstance(given, dict):
         faults.append(Fault((where,), f"{where}: must be a table, not {given!r}"))
@@ -92,12 +84,11 @@ def overlay(
     for key, value in given.items():
         name = f"{where}.{key}" if where else key
         if key not in fields:
-            told = f"{name}: {gone[name]}" if name in gone else unknown_key(name, key, fields)
-            faults.append(Fault((name,), told))
+            faults.append(Fault((name,), unknown_key(name, key, fields)))
             continue
         present = getattr(base, fields[key].name)
         if isinstance(present, msgspec.Struct):
-            values[key] = overlay(present, value, name, faults, gone)
+            values[key] = overlay(present, value, name, faults)
             continue
         try:
             values[key] = convert_field(value, fields[key], name)

@@ -297,7 +297,7 @@ class CalibrationRun:
 
     def _files(self) -> dict[str, kept.FileRecord]:
         return {
-            name: kept.FileRecord(found.sha256, found.size_bytes or 0)
+            name: kept.FileRecord(found.sha256, found.size_bytes)
             for name, found in self.folder.hashes(self._look_for_cancel).items()
         }
 

@@ -12,8 +12,8 @@ logger = logging.getLogger(__name__)
 KEPT = 8
 """Previews that stay on the disk."""
 
-_OWN = re.compile(r"(\d{8}T\d{6}Z-[0-9a-f]{4}|preview-\d+)(\.partial)?")
-"""How previews are called: by their job, which begins with the time; earlier ones by a number."""
+_OWN = re.compile(r"\d{8}T\d{6}Z-[0-9a-f]{4}(\.partial)?")
+"""How previews are called: by their job, which begins with the time."""
 
 
 def forget_old(folder: Path) -> None:
@@ -26,8 +26,7 @@ def forget_old(folder: Path) -> None:
     except OSError as err:
         logger.warning("cannot look for old previews folder=%s error=%s", folder, err)
         return
-    # Names that begin with a letter are those of earlier versions, hence older.
-    for old in sorted(found, key=lambda p: (p.name[0].isdigit(), p.name))[:-KEPT]:
+    for old in sorted(found, key=lambda p: p.name)[:-KEPT]:
         try:
             shutil.rmtree(old)  # does not follow links
         except OSError as err:

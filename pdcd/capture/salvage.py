@@ -145,7 +145,7 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
     if wrong is not None:
         raise DecodeError(f"{CODES}: {wrong}", hint="restore it from a copy")
     frames_bytes = _check_frames(source, kept, watch)
-    lost, shots, meter, size = [], [], [], frames_bytes + (kept.planned.codes.size_bytes or 0)
+    lost, shots, meter, size = [], [], [], frames_bytes + kept.planned.codes.size_bytes
     for shot in run.shots:
         wrong = _fault_in(source, shot.raw, FileRecord(shot.sha256, shot.size_bytes), watch)
         if wrong is None:
@@ -157,7 +157,7 @@ def _looked_at(source: int, watch: Callable[[], None]) -> _Sound:
         wrong = _fault_in(source, test.meter.raw, test.file, watch)
         if wrong is None:
             meter.append(test.meter)
-            size += test.file.size_bytes or 0
+            size += test.file.size_bytes
         else:
             lost.append(f"{one_line(test.meter.raw)}: {wrong}")
     with record_errors(path_of(source)):
@@ -192,7 +192,7 @@ def _check_frames(source: int, kept: Kept, watch: Callable[[], None]) -> int:
     try:
         with opened_file(source, FRAMES) as descriptor:
             for entry in kept.taken:
-                size = entry.frames.size_bytes or 0
+                size = entry.frames.size_bytes
                 if _digest(descriptor, size, watch) != entry.frames.sha256:
                     raise DecodeError("it is not as it was written")
                 at += size
@@ -214,7 +214,7 @@ def _fault_in(source: int, name: str, wanted: FileRecord, watch: Callable[[], No
         with opened_file(source, name) as descriptor:
             if os.fstat(descriptor).st_size != wanted.size_bytes:
                 return "it has another size"
-            same = _digest(descriptor, wanted.size_bytes or 0, watch) == wanted.sha256
+            same = _digest(descriptor, wanted.size_bytes, watch) == wanted.sha256
             return None if same else "it does not have the SHA-256 that it was stored with"
     except FileNotFoundError:
         return "it is missing"

@@ -12,7 +12,7 @@ from pdcd.client import Client
 from pdcd.errors import ConfigError
 from pdcd.protocol.entry import MOST_RUNS
 from pdcd.protocol.events import Event, fields, wire
-from pdcd.protocol.messages import JobList, JobView
+from pdcd.protocol.messages import JobView
 
 
 def status(args: argparse.Namespace) -> int:
@@ -40,9 +40,9 @@ def list_jobs(args: argparse.Namespace) -> int:
     if not 0 <= args.newest <= MOST_RUNS:
         raise ConfigError(f"--newest {args.newest} is not between 0 and {MOST_RUNS}")
     with Client(daemon_socket(args)) as client:
-        jobs, runs = client.list(), client.runs(args.newest) if args.newest else ()
+        jobs, runs = client.list(), client.runs(args.newest)
     if args.json:
-        say_json(JobList(jobs, list(runs)))
+        say_json({"jobs": jobs, "runs": runs})
         return DONE
     known = {j.job for j in jobs}
     rows = [

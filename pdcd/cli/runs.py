@@ -24,7 +24,7 @@ from pdcd.errors import ConfigError, DecodeError
 from pdcd.printable import one_line
 from pdcd.protocol.entry import MOST_RUNS, Page, RunEntry, RunQuery
 from pdcd.protocol.labels import LABELS
-from pdcd.protocol.request import CaptureRequest, quality_of
+from pdcd.protocol.request import CaptureRequest
 from pdcd.runs.folder import read_manifest
 from pdcd.runs.index import at, find, named, one
 from pdcd.runs.later import REPORT
@@ -82,7 +82,7 @@ def show(args: argparse.Namespace) -> int:
         return DONE
     say_table(_shown(run, manifest))
     if manifest is not None:
-        say_verdict(quality_of(manifest.summary), manifest.warnings)
+        say_verdict(manifest.quality, manifest.warnings)
     return DONE
 
 
@@ -268,7 +268,7 @@ def _shown(run: RunEntry, manifest: Manifest | None) -> list[list[str]]:
         ["folder", run.folder],
     ]
     if manifest is not None:
-        size = sum(record.size_bytes or 0 for record in manifest.files.values())
+        size = sum(record.size_bytes for record in manifest.files.values())
         rows.append(["files", f"{len(manifest.files)}, {size / 2**20:.1f} MiB"])
         report = Path(run.folder) / REPORT
         rows.append(["report", str(report) if report.is_file() else None])

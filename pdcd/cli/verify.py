@@ -43,5 +43,3 @@ def _say(run: Verified) -> None:
         say(f"  {finding.what:10}  {finding.path}: {finding.detail}")
     for name in run.later:
         say(f"  made later  {name}: to look at; nothing vouches for it")
-    for text in run.unchecked:
-        say(f"  not checked: {text}")

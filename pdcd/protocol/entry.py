@@ -92,18 +92,3 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     """Folders below the state folder that could not be looked at, up to ten of them."""
     cut: bool = False
     """Whether the state folder holds more names than are looked at."""
-
-
-StoredState = Literal["done", "failed", "cancelled", "unfinished", "damaged"]
-
-
-class StoredRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A run on disk. `state` "unfinished": it has no manifest, and what it has is kept;
-    "damaged": its manifest cannot be read. Goal and user are null where nobody can tell."""
-
-    job: str
-    state: StoredState
-    folder: str
-    goal: str | None = None
-    user: str | None = None
-    started_utc: str | None = None

@@ -20,13 +20,13 @@ from msgspec import Meta
 from pdcd.bench.tables import Config
 from pdcd.errors import KINDS, PdcdError
 from pdcd.protocol import events
-from pdcd.protocol.entry import MOST_RUNS, Page, RunQuery, StoredRun
+from pdcd.protocol.entry import Page, RunQuery
 from pdcd.protocol.request import CalibrateRequest, CaptureRequest, CaptureResult, PlanSummary
 from pdcd.protocol.roles import Role
 from pdcd.protocol.views import OwnerView, Preview, RigView
 from pdcd.words import JobKind, JobState, PatternName
 
-PROTOCOL = (1, 3)
+PROTOCOL = (1, 0)
 """Major and minor version: a major change breaks clients, a minor one only adds."""
 
 MAX_LINE = 2**20
@@ -120,9 +120,8 @@ class JobParams(_Params, frozen=True):
 
 
 class ListParams(_Params, frozen=True):
-    """`capture.list`: how many runs of the state folder to name, too; which ones to find there."""
+    """`capture.list`: which runs of the state folder to find, too."""
 
-    runs: Annotated[int, Meta(ge=0, le=MOST_RUNS)] = 0
     find: RunQuery | None = None
 
 
@@ -185,13 +184,11 @@ class JobView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class JobList(msgspec.Struct, frozen=True):
-    """Answer of `capture.list`: jobs oldest first, finished ones of each kind up to a bound; and
-    the runs of the state folder that were asked for, newest first, those of the jobs among them."""
+    """Answer of `capture.list`: jobs oldest first, finished ones of each kind up to a bound."""
 
     jobs: list[JobView]
-    runs: list[StoredRun] = []
     found: Page | None = None
-    """Of those that `find` asked for."""
+    """The runs of the state folder that `find` asked for, those of the jobs among them."""
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):

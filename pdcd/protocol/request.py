@@ -359,7 +359,7 @@ Figure = float | int | str | Quality | None
 
 
 def quality_of(summary: Mapping[str, Figure]) -> Quality | None:
-    """The verdict in the summary of a run; None in runs of versions without one."""
+    """The verdict in the summary of a run; None where it came to no picture."""
     found = summary.get("quality")
     return found if isinstance(found, Quality) else None
 

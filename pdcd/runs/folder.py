@@ -263,9 +263,9 @@ class RunFolder:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest of a finished run, one of an earlier schema in the words of the present one.
+    """The manifest of a finished run.
 
-    Raises DecodeError when there is none, when it is damaged, or of a schema not known here.
+    Raises DecodeError when there is none, when it is damaged, or of another schema.
     Whether it and the files are as they were is for `pdcd.runs.verify` to say.
     """
     try:

@@ -23,9 +23,6 @@ COLUMNS = (
     "row", "dual_row",
 )  # fmt: skip
 
-ADDED = ("row", "dual_row")
-"""Columns that the first runs did not have: each refresh was its own row of the frames."""
-
 
 def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
     """Append the refreshes of a shot to the table, which is made if need be. Raises OSError."""
@@ -57,10 +54,8 @@ def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
 
 
 def read_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str, NDArray[Any]]:
-    """A whole table by column, an entry for each refresh: "shot" str, all others int64.
-
-    Columns of `ADDED` are left out where the table has none. Raises DecodeError for a damaged one.
-    """
+    """A whole table by column, an entry for each refresh: "shot" str, all others int64. Raises
+    DecodeError for a damaged one."""
     try:
         with path.open(newline="") as file:
             head, *lines = csv.reader(file)
@@ -69,7 +64,6 @@ def read_columns(path: Path, wanted: Sequence[str] = COLUMNS) -> dict[str, NDArr
         return {
             name: np.array(columns[name], dtype=np.str_ if name == "shot" else np.int64)
             for name in wanted
-            if name in columns or name not in ADDED
         }
     except (OSError, KeyError, ValueError, OverflowError, csv.Error) as err:
         raise unreadable(path, err) from err
@@ -130,7 +124,6 @@ class FrameTable:
             return {
                 column: np.array([int(entry) for entry in columns[column]], dtype=np.int64)
                 for column in COLUMNS[1:]
-                if column in columns or column not in ADDED
             }
         except (OSError, OverflowError, IndexError, KeyError, ValueError, csv.Error) as err:
             raise unreadable(self._path, err) from err
@@ -207,4 +200,4 @@ def _log_of(
 
 def _asked(table: dict[str, NDArray[np.int64]]) -> list[NDArray[np.int32]]:
     """Rows of the frames that projector and mask were to carry."""
-    return [table.get(name, table["refresh"]).astype(np.int32) for name in ADDED]
+    return [table[name].astype(np.int32) for name in ("row", "dual_row")]

@@ -154,7 +154,7 @@ class Ledger:
         with opened_file(self._folder.fd, FRAMES) as descriptor:
             os.lseek(descriptor, self._frames_bytes, os.SEEK_SET)
             piece = FileRecord(*hashed(descriptor))
-        self._frames_bytes += piece.size_bytes or 0
+        self._frames_bytes += piece.size_bytes
         return piece
 
 
@@ -190,7 +190,7 @@ def read_ledger(folder: int) -> Kept:
         words = err.message if isinstance(err, DecodeError) else err.strerror
         raise DecodeError(
             f"the run has no readable {NAME}: {words}",
-            hint="its exposures began, if at all, before pdcd kept one; the RAW files are in raw/",
+            hint="it may have ended before its first exposure; RAW files, if any, are in raw/",
         ) from err
     entries = _entries(data.split(b"\n"))
     if not entries or not isinstance(entries[0], Begun):

@@ -61,7 +61,7 @@ class _Summary(msgspec.Struct):
 
 
 class _Head(msgspec.Struct):
-    """What is read of a manifest, of any schema."""
+    """What is read of a manifest."""
 
     job: str
     state: Literal["done", "partial", "failed", "cancelled"]
@@ -168,7 +168,7 @@ def _unfinished(folder: int, bare: RunEntry, *, decoding: bool) -> tuple[RunEntr
         begun, size = read_begun(folder)
         bare = _with(bare, **_begun(begun))
     except (OSError, DecodeError, msgspec.ValidationError):
-        pass  # runs of earlier versions have no ledger; others may have ended before the first line
+        pass  # it may have ended before the first line
     if being_filled(folder):
         return _with(bare, state="running"), size
     if decoding:

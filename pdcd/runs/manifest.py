@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 
 from pdcd.errors import ConfigError, DecodeError, PdcdError
-from pdcd.runs.older import upgraded
-from pdcd.runs.record import Manifest
+from pdcd.runs.provenance import versions
+from pdcd.runs.record import SCHEMA_VERSION, Manifest
 
 MANIFEST = "capture.json"
 DIGEST = "capture.json.sha256"
@@ -36,19 +36,28 @@ def written(manifest: Manifest) -> bytes:
 
 
 def parsed(data: bytes) -> Manifest:
-    """The manifest out of the bytes of capture.json, in the words of the present schema.
-
-    Raises DecodeError, whatever the bytes are.
-    """
+    """The manifest out of the bytes of capture.json. Raises DecodeError, whatever the bytes are:
+    for a manifest of another schema one that names both."""
     try:
         told = msgspec.json.decode(data, type=dict[str, Any])
         # Of two equal keys parsers take one or the other; a manifest has none.
         json.loads(data, object_pairs_hook=_once)
-        return msgspec.convert(upgraded(told), Manifest)
+        _check_schema(told.get("schema"))
+        return msgspec.convert(told, Manifest)
     except ConfigError as err:  # of a sensor profile
         raise _damaged(err.message) from err
     except (msgspec.MsgspecError, ValueError, TypeError, RecursionError, OverflowError) as err:
         raise _damaged(str(err)) from err
+
+
+def _check_schema(schema: object) -> None:
+    """Raises DecodeError for another schema than the one that is read here."""
+    if type(schema) is not int or schema != SCHEMA_VERSION:
+        raise DecodeError(
+            f"the manifest has schema {schema!r:.60}; pdcd {versions()['pdcd']} reads schema "
+            f"{SCHEMA_VERSION}",
+            hint="read the run with the version of pdcd that its manifest names under versions",
+        )
 
 
 def _once(pairs: list[tuple[str, Any]]) -> None:

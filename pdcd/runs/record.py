@@ -8,14 +8,15 @@ import msgspec
 from msgspec import Meta
 
 from pdcd.bench.tables import NonNegative, PanelConfig
+from pdcd.errors import DecodeError
 from pdcd.panels.placing import Placing
-from pdcd.protocol.request import Figure, Goal, How, Place
+from pdcd.protocol.request import Figure, Goal, How, Place, Quality, quality_of
 from pdcd.sensor.cells import CellMap
 from pdcd.sensor.profile import SensorProfile
 from pdcd.words import NormaliseName
 
-SCHEMA_VERSION = 3
-"""Of the manifest; `pdcd.runs.older` reads those before."""
+SCHEMA_VERSION = 1
+"""Of the manifest; no other is read."""
 
 Count = Annotated[int, Meta(ge=0, le=2**62)]
 Nanoseconds = Annotated[int, Meta(ge=-(2**62), le=2**62)]
@@ -27,8 +28,7 @@ class FileRecord(msgspec.Struct, frozen=True):
     """A file of a run folder as it was when the run ended."""
 
     sha256: Sha256
-    size_bytes: Count | None
-    """None in runs of schema 1 and 2, which did not keep it."""
+    size_bytes: Count
 
 
 class ShotRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -138,3 +138,11 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     """Every other file of the folder, but the manifest's digest."""
     missing: tuple[str, ...] = ()
     """Shots that were planned and are not there, of a run whose `state` is "partial"."""
+
+    @property
+    def quality(self) -> Quality:
+        """The verdict on the run. Raises DecodeError where `summary` has none."""
+        found = quality_of(self.summary)
+        if found is None:
+            raise DecodeError("the manifest has no verdict", hint="restore it from a copy")
+        return found

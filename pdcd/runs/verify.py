@@ -20,6 +20,7 @@ from pdcd.bench.calibration import digest_line
 from pdcd.errors import DecodeError
 from pdcd.files.inside import fault_of, hashed, listing, opened, opened_file, read_file
 from pdcd.printable import one_line
+from pdcd.protocol.request import quality_of
 from pdcd.runs.folder import LOG
 from pdcd.runs.frame_table import NAME as FRAMES
 from pdcd.runs.later import made_later
@@ -35,8 +36,6 @@ MAX_FINDINGS, MAX_WORDS = 1000, 300
 """Most findings that are told of one folder, and most letters of each."""
 MAX_CELLS = 2**24
 """Most code cells of a run: more than any panel has pixels."""
-MAX_UNSIZED_BYTES = 2**32
-"""Longest file that is read of a run that did not keep its size."""
 
 What = Literal["missing", "changed", "unknown", "manifest", "unreadable", "partial"]
 Alive = Callable[[], object]
@@ -69,8 +68,6 @@ class Verified(msgspec.Struct, frozen=True, kw_only=True):
     size_bytes: int
     """Of those, together."""
     findings: tuple[Finding, ...]
-    unchecked: tuple[str, ...]
-    """What a run of an earlier schema did not keep, so that it cannot be checked; in words."""
     later: tuple[str, ...] = ()
     """Files that were made after the run had ended, to look at (`pdcd.runs.later`). Nothing vouches
     for them, and nothing rests on them."""
@@ -93,7 +90,6 @@ def verify(folder: Path, *, manifest_sha256: str | None = None) -> Verified:
         files=check.sound,
         size_bytes=check.size_bytes,
         findings=tuple(found),
-        unchecked=() if check.read is None else tuple(_unchecked(check.read.schema)),
         later=tuple(check.later),
     )
 
@@ -191,10 +187,8 @@ class Check:
         except DecodeError as err:
             self.find(MANIFEST, "manifest", err.message)
             return
-        if not vouched and self.read.schema >= 3:
+        if not vouched:
             self.find(DIGEST, "missing", "nothing vouches for the manifest")
-        if vouched and self.read.schema < 3:
-            self.find(DIGEST, "unknown", f"runs of schema {self.read.schema} have none")
         if self.read.state == "partial":
             missing = [one_line(name) for name in self.read.missing]
             self.find(".", "partial", f"not all shots are there, missing: {', '.join(missing)}")
@@ -260,9 +254,7 @@ class Check:
     def _content(self, descriptor: int, name: str, wanted: FileRecord) -> None:
         # Before the file is read: a wrong one may be of any length.
         size = os.fstat(descriptor).st_size
-        if wanted.size_bytes is None and size > MAX_UNSIZED_BYTES:
-            self.find(name, "changed", f"it has {size} bytes, more than {MAX_UNSIZED_BYTES}")
-        elif wanted.size_bytes is not None and size != wanted.size_bytes:
+        if size != wanted.size_bytes:
             self.find(name, "changed", f"it has {size} bytes, not {wanted.size_bytes}")
         elif hashed(descriptor, self._alive)[0] != wanted.sha256:
             self.find(name, "changed", "it does not have the SHA-256 that the manifest names")
@@ -291,6 +283,8 @@ def _contradictions(manifest: Manifest) -> Iterator[str]:
         other = folded.setdefault(name.casefold(), name)
         if other != name:
             yield f"{one_line(name)!r} and {one_line(other)!r} differ in case only"
+    if quality_of(manifest.summary) is None:
+        yield "it has no verdict"
     shots = [shot.name for shot in run.shots]
     if len(set(shots)) != len(shots):
         yield "it has two shots of one name"
@@ -305,11 +299,6 @@ def _contradictions(manifest: Manifest) -> Iterator[str]:
             yield f"shot {one_line(shot.name)!r} and the list of files name another RAW file"
         if not shot.open_ns < shot.close_ns:
             yield f"shot {one_line(shot.name)!r} closed before it opened"
-
-
-def _unchecked(schema: int) -> Iterator[str]:
-    if schema < 3:
-        yield f"the manifest: a run of schema {schema} has no digest of it"
 
 
 def _what(err: Exception) -> What:

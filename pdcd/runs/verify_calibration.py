@@ -32,7 +32,6 @@ def verify_calibration(folder: Path, *, manifest_sha256: str | None = None) -> V
         files=check.sound,
         size_bytes=check.size_bytes,
         findings=tuple(check.found),
-        unchecked=(),
     )
 
 

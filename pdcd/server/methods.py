@@ -43,7 +43,6 @@ from pdcd.recipes.arrays import NOTHING, Given
 from pdcd.recipes.goals import GOALS, MATRICES, PLANES, may_take
 from pdcd.runs.index import search
 from pdcd.runs.place import Place
-from pdcd.runs.stored import stored_runs
 from pdcd.server.aside import aside
 from pdcd.server.callers import Caller
 from pdcd.server.intake import Intake
@@ -258,12 +257,10 @@ class Methods:
         return Admitted(job=job.name, state=job.state)
 
     async def _list(self, caller: Caller, params: ListParams) -> JobList:
-        runs, found = [], None
-        if params.runs:
-            runs = await self._from_disk(stored_runs, self._state_dir, params.runs)
+        found = None
         if params.find is not None:
             found = await self._from_disk(search, self._state_dir, params.find)
-        return JobList([job.view() for job in self._runner.table.all()], runs, found)
+        return JobList([job.view() for job in self._runner.table.all()], found)
 
     async def _from_disk(self, look: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """What a look at the disk returns or raises.

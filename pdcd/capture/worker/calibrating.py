@@ -44,8 +44,6 @@ MAX_ARRAY_VALUES = 2**24
 """Most numbers of one array that is kept for later steps."""
 FILES = {"disparity.right": "disparities.npy"}
 """Arrays that a request takes, by the step that finds them: files of their own, too."""
-NO_ARRAYS = b"PK\5\6" + bytes(18)
-"""What `numpy.savez` makes of no arrays."""
 VERDICTS: Mapping[Verdict, VerdictName] = {
     Verdict.GOOD: "good",
     Verdict.DOUBTFUL: "doubtful",
@@ -263,16 +261,13 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an earlier calibration; none where it kept none, in no file or, as pdcd once
-    wrote it, in an empty one. Raises CalibrationError."""
+    """The arrays of a calibration; none where it kept none. Raises CalibrationError."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
         return {}
     except OSError as err:
         raise CalibrationError(f"{path} cannot be read: {err.strerror}") from err
-    if data == NO_ARRAYS:
-        return {}
     try:
         return dict(read_npz(data, dict.fromkeys(members(data), Limits(MAX_ARRAY_VALUES))))
     except Unsound as err:

@@ -20,7 +20,6 @@ from typing import Any
 from pdcd.pages.report.facts import MOST_ROWS, Table, figures, tables
 from pdcd.pages.report.material import Material
 from pdcd.printable import as_html, one_line
-from pdcd.protocol.request import quality_of
 from pdcd.runs.record import Manifest
 from pdcd.version import __version__
 
@@ -89,12 +88,11 @@ def _head(manifest: Manifest, material: Material) -> str:
 
 
 def _verdict(manifest: Manifest) -> str:
-    found = quality_of(manifest.summary)
-    verdict = "unknown" if found is None else found.verdict
-    sides = [] if found is None else [("reason", r) for r in found.reasons]
+    found = manifest.quality
+    sides = [("reason", r) for r in found.reasons]
     told = manifest.summary
     sides += [(name, str(told[name])) for name in ("decided", "taken") if told.get(name)]
-    sides += [] if found is None else [("remark", r) for r in found.remarks]
+    sides += [("remark", r) for r in found.remarks]
     sides += [("warning", w) for w in manifest.warnings[:MOST_ROWS]]
     if manifest.state == "partial":
         sides.insert(0, ("partial", f"missing shots: {', '.join(manifest.missing)}"))
@@ -102,7 +100,7 @@ def _verdict(manifest: Manifest) -> str:
     more = len(manifest.warnings) - MOST_ROWS
     tail = f"<p>and {more} more warnings, see capture.json</p>" if more > 0 else ""
     return (
-        f'<p id="verdict" class="verdict {as_html(verdict)}">{as_html(verdict)}</p>'
+        f'<p id="verdict" class="verdict {found.verdict}">{found.verdict}</p>'
         f'<ul class="reasons">{items}</ul>{tail}'
     )
 

@@ -23,12 +23,11 @@ def test_the_server_speaks_first(tmp_path: Path) -> None:
         async with daemon(tmp_path) as running, running.wire() as wire:
             assert wire.hello["method"] == "hello" and "id" not in wire.hello
             said = wire.hello["params"]
-            assert said["server"] == "pdcd" and said["protocol"] == [1, 3]
+            assert said["server"] == "pdcd" and said["protocol"] == [1, 0]
             assert said["max_line"] == 2**20 and said["state"] == "idle"
             assert said["drivers"] == {"display": "mock", "shutter": "mock", "readout": "mock"}
             assert said["clock"]["mono_ns"] > 0 and said["clock"]["utc"].endswith("+00:00")
-            for spoken in ([1, 0], [1, 3]):
-                assert await wire.result("hello", protocol=spoken) == {"protocol": [1, 3]}
+            assert await wire.result("hello", protocol=[1, 0]) == {"protocol": [1, 0]}
 
     asyncio.run(scenario())
 
@@ -102,7 +101,7 @@ def test_another_major_version_is_refused_and_ends_the_connection(tmp_path: Path
     async def scenario() -> None:
         async with daemon(tmp_path) as running, running.wire() as wire:
             error = await wire.error("hello", protocol=[2, 0])
-            assert error["data"]["kind"] == "protocol" and "1.3" in error["data"]["hint"]
+            assert error["data"]["kind"] == "protocol" and "1.0" in error["data"]["hint"]
             assert await wire.ended()
 
     asyncio.run(scenario())

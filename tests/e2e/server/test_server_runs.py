@@ -1,4 +1,4 @@
-"""`capture.list` finds runs on disk, page after page, and answers clients of 1.2 as ever."""
+"""`capture.list` finds runs on disk, page after page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pdcd.client import Client
-from pdcd.protocol.entry import Page, RunQuery, StoredRun
+from pdcd.protocol.entry import Page, RunEntry, RunQuery
 from pdcd.protocol.messages import MAX_LINE
 from pdcd.runs.index import runs
 from pdcd.server import connections, methods
@@ -25,7 +25,7 @@ def _nothing_left() -> Iterator[None]:
         yield
 
 
-def test_runs_are_found_and_old_clients_hear_what_they_know(tmp_path: Path) -> None:
+def test_runs_are_found_by_what_is_said_of_them(tmp_path: Path) -> None:
     captures = tmp_path / "state" / "captures"
     finished(captures, job(1), request={"name": "vase", "tags": ["glass"], "note": "n"})
     finished(captures, job(2), "-partial", state="partial")
@@ -33,11 +33,7 @@ def test_runs_are_found_and_old_clients_hear_what_they_know(tmp_path: Path) -> N
 
     async def scenario() -> None:
         async with daemon(tmp_path) as running, running.wire() as wire:
-            old = await wire.result("capture.list", runs=10)
-            assert [(run["job"], run["state"]) for run in old["runs"]] == [
-                (job(3), "unfinished"), (job(1), "done"),
-            ]  # fmt: skip
-            assert old["found"] is None and (await wire.result("capture.list"))["found"] is None
+            assert (await wire.result("capture.list"))["found"] is None
             found = (await wire.result("capture.list", find={}))["found"]
             assert [(run["job"], run["state"], run["reason"]) for run in found["runs"]] == [
                 (job(3), "failed", "late"),
@@ -70,6 +66,8 @@ def test_a_thousand_runs_with_long_notes_come_in_lines_that_may_be_sent(tmp_path
             if page.more is None:
                 break
             query = RunQuery(newest=1000, before=page.more)
+        assert [run.job for run in client.runs(5)] == [run.job for run in told[:5]]
+        assert list(client.runs(1000)) == told and client.runs(0) == ()
     assert told == runs(state) and len(told) == 360
     assert pages > 360 * 4000 / MAX_LINE
 
@@ -115,10 +113,12 @@ def test_a_disk_that_hangs_holds_up_lists_of_runs_alone(
 def test_a_list_of_runs_may_take_longer_than_what_needs_no_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def slow(state: Path, newest: int) -> list[StoredRun]:
+    def slow(state: Path, query: RunQuery) -> Page:
         time.sleep(0.5)
-        return [StoredRun(job="j", state="done", folder=f"{state}/j")]
+        return Page(
+            state_folder=str(state), runs=[RunEntry(job="j", state="done", folder=f"{state}/j")]
+        )
 
-    monkeypatch.setattr(methods, "stored_runs", slow)
+    monkeypatch.setattr(methods, "search", slow)
     with threaded_daemon(tmp_path) as running, Client(running.path, timeout_s=0.2) as client:
         assert [run.job for run in client.runs()] == ["j"]

@@ -167,4 +167,4 @@ def test_what_is_to_be_known_of_a_run_is_listed_in_order() -> None:
     assert f"<th>verdict</th><th>doubtful</th></tr></thead><tbody>{body}</tbody>" in shown
     bare: Any = run_of(folder=Path("/elsewhere/j"))
     bare.manifest.warnings = ()
-    assert "<ul>" not in bare._repr_html_() and "<th></th>" in bare._repr_html_()
+    assert "<ul>" not in bare._repr_html_() and "<th>good</th>" in bare._repr_html_()

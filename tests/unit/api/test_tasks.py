@@ -381,10 +381,11 @@ def test_a_user_whom_no_table_names_is_told_by_number(monkeypatch: pytest.Monkey
 def run_of(**fields: Any) -> Run:
     told: Any = Run.__new__(Run)
     summary = fields.pop("summary", {})
+    quality = summary.get("quality", Quality(verdict="good"))
     told.folder = fields.pop("folder", Path("/x"))
     told.manifest = SimpleNamespace(
         job="j", run=SimpleNamespace(goal=SimpleNamespace(name="white"), grid=(2, 3), cells=None),
-        summary=summary, warnings=("<w>",), files=fields.pop("files", {}),
+        summary=summary, quality=quality, warnings=("<w>",), files=fields.pop("files", {}),
     )  # fmt: skip
     made: Run = told
     return made
@@ -394,9 +395,10 @@ def test_a_run_tells_its_figures_as_far_as_they_are_known() -> None:
     known = run_of(summary={"rms_sigma": 1, "rms_error": "x", "quality": Quality(verdict="bad")})
     assert (known.rms_sigma, known.rms_error, known.verdict) == (1.0, None, "bad")
     assert repr(known) == "<Run j: white, bad>" and known.sigma_kind == "modelled"
-    bare = run_of(summary={"codes": 8, "sigma_kind": "measured"})
-    assert (bare.verdict, bare.quality, bare.sigma_kind) == (None, None, "measured")
-    assert repr(bare) == "<Run j: white, 8 codes>" and bare.codes == {} and bare.truth is None
+    good = Quality(verdict="good")
+    bare = run_of(summary={"codes": 8, "sigma_kind": "measured", "quality": good})
+    assert (bare.quality, bare.sigma_kind) == (good, "measured")
+    assert repr(bare) == "<Run j: white, 8 codes, good>" and bare.codes == {} and bare.truth is None
 
 
 def test_a_run_in_a_notebook_has_a_line_for_each_figure() -> None:

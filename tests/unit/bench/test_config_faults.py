@@ -239,10 +239,3 @@ def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     latin.write_bytes(b'[rig]\nname = "\xe9"')
     with pytest.raises(ConfigError, match="is not TOML"):
         config.load(latin)
-
-
-def test_the_homography_of_earlier_versions_names_what_takes_its_place(tmp_path: Path) -> None:
-    path = tmp_path / "pdcd.toml"
-    path.write_text("[camera]\nhomography = [1, 0, 0, 0, 1, 0, 0, 0, 1]\n")
-    with pytest.raises(ConfigError, match=r"camera\.homography.*\[camera\.place\]"):
-        config.load(path)

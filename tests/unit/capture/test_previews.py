@@ -19,7 +19,7 @@ def test_the_last_few_stay_and_strangers_are_left_alone(tmp_path: Path) -> None:
     elsewhere.mkdir()
     (elsewhere / "precious").write_text("a photo")
     own = [f"20260101T12{n:02d}00Z-00ff" for n in range(KEPT + 3)]
-    for name in ("preview-17", "20260101T115900Z-beef.partial", "notes", *own):
+    for name in ("20260101T115900Z-beef.partial", "notes", *own):
         (folder / name / "raw").mkdir(parents=True)
     (folder / "20250101T000000Z-0001").symlink_to(elsewhere)
     (folder / own[0] / "raw" / "link").symlink_to(elsewhere)

@@ -13,7 +13,7 @@ from pdcd import words
 from pdcd.bench.tables import Config
 from pdcd.client import OnEvent, Unreachable
 from pdcd.errors import PdcdError
-from pdcd.protocol.entry import StoredRun
+from pdcd.protocol.entry import RunEntry
 from pdcd.protocol.events import Armed, Emit, Event, read
 from pdcd.protocol.messages import ClockAnchor, JobView, Status
 from pdcd.protocol.request import CaptureRequest, CaptureResult, Figure, PlanSummary, ShotSummary
@@ -65,9 +65,9 @@ JOB_VIEW = JobView(
     created_utc="2026-01-01T12:03:01Z",
 )
 RUNS = [
-    StoredRun(job=JOB, state="unfinished", folder=f"/runs/{JOB}.partial"),
-    StoredRun(job="20251231T000000Z-beef", state="done", folder="/runs/b", goal="white", user="bo"),
-    StoredRun(job="20251230T000000Z-dead", state="damaged", folder="/runs/d"),
+    RunEntry(job=JOB, state="unfinished", folder=f"/runs/{JOB}.partial"),
+    RunEntry(job="20251231T000000Z-beef", state="done", folder="/runs/b", goal="white", user="bo"),
+    RunEntry(job="20251230T000000Z-dead", state="damaged", folder="/runs/d"),
 ]
 STATUS = Status(
     version="9.9",
@@ -149,9 +149,9 @@ class StubClient:
     def list(self) -> list[JobView]:
         return [JOB_VIEW]
 
-    def runs(self, newest: int) -> tuple[StoredRun, ...]:
+    def runs(self, newest: int) -> tuple[RunEntry, ...]:
         self.asked.append(("runs", newest))
-        return tuple(RUNS)
+        return tuple(RUNS[:newest])
 
     def events(self) -> Iterator[Event]:
         return iter(EVENTS)

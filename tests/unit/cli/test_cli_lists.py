@@ -171,10 +171,10 @@ def test_all_that_is_known_of_a_run_is_shown(
         reason="cut", folder=str(tmp_path),
     )  # fmt: skip
     (tmp_path / "report.html").touch()
-    files = {"a": SimpleNamespace(size_bytes=3 << 20), "b": SimpleNamespace(size_bytes=None)}
+    files = {"a": SimpleNamespace(size_bytes=3 << 20), "b": SimpleNamespace(size_bytes=0)}
     manifest = SimpleNamespace(
         request={"goal": "white", "codes": 8}, files=files, warnings=("dust",), versions={},
-        summary={"quality": Quality(verdict="doubtful", reasons=("dark",))},
+        summary={}, quality=Quality(verdict="doubtful", reasons=("dark",)),
     )  # fmt: skip
     monkeypatch.setattr(runs_cli, "read_manifest", lambda folder: manifest)
     finder.pages = [Page(state_folder="/srv", runs=[run])] * 9
@@ -397,6 +397,4 @@ def test_up_to_a_thousand_runs_are_listed(
 ) -> None:
     daemon = stub_daemon(monkeypatch)
     assert main(["list", "--newest", str(newest)]) == (0 if fits else 2)
-    assert [what for what in daemon.asked if isinstance(what, tuple)] == (
-        [("runs", newest)] * (fits and newest > 0)
-    )
+    assert [what for what in daemon.asked if isinstance(what, tuple)] == ([("runs", newest)] * fits)

@@ -16,7 +16,7 @@ from pdcd.cli.moment import moment
 from pdcd.client import Unreachable
 from pdcd.errors import ConfigError
 from pdcd.protocol.entry import Page, RunQuery
-from pdcd.protocol.request import CaptureRequest
+from pdcd.protocol.request import CaptureRequest, Quality
 from pdcd.runs.index import runs
 from tests.run_folders import cut, finished, job
 from tests.unit.cli.cli_stubs import (
@@ -169,8 +169,9 @@ def test_what_was_asked_for_is_shown_in_few_words(
     shown: str | None,
 ) -> None:
     request = {"goal": "keyed", "name": "n", "tags": ["t"], "note": "m", "out": "/x", **asked}
-    files = {name: SimpleNamespace(size_bytes=size) for name, size in (("a", 2**20), ("b", None))}
-    manifest = SimpleNamespace(request=request, files=files, summary={}, warnings=())
+    files = {name: SimpleNamespace(size_bytes=size) for name, size in (("a", 2**20), ("b", 0))}
+    good = Quality(verdict="good")
+    manifest = SimpleNamespace(request=request, files=files, quality=good, warnings=())
     monkeypatch.setattr(runs_cli, "read_manifest", lambda _: manifest)
     monkeypatch.setenv("COLUMNS", "200")
     rows = {line[:11].strip(): line[11:].strip() for line in told(capsys, "show", job(1))}

@@ -24,7 +24,6 @@ from pdcd.runs.folder import RunFolder, read_manifest
 from pdcd.runs.index import at, named, runs
 from pdcd.runs.ledger import read_ledger
 from pdcd.runs.place import Place
-from pdcd.runs.stored import stored_runs
 from pdcd.runs.verify_calibration import verify_calibration
 from tests.run_folders import cut, finished, job
 
@@ -51,15 +50,11 @@ def of_put(folder: Path) -> None:
         put.put(descriptor, "a", b"1", replace=False, shown="x")
 
 
-def of_stored(folder: Path) -> object:
-    return stored_runs(folder, 3)
-
-
 @pytest.mark.parametrize(
     ("broken", "asked"),
     [
         ("pdcd.runs.folder.read_file", lambda folder: read_manifest(folder / job(1))),
-        ("pdcd.runs.manifest.upgraded", lambda _: manifest.parsed(b"{}")),
+        ("pdcd.runs.manifest._check_schema", lambda _: manifest.parsed(b"{}")),
         ("pdcd.runs.index.entry_of", runs),
         ("pdcd.runs.index.entry_of", lambda folder: at(folder / job(1))),
         ("pdcd.runs.look.read_file", runs),
@@ -70,7 +65,6 @@ def of_stored(folder: Path) -> object:
         ("pdcd.runs.walk.os.scandir", runs),
         ("pdcd.runs.ledger.read_file", of_ledger),
         ("pdcd.runs.ledger.msgspec.json.decode", of_ledger),
-        ("pdcd.runs.stored.find", of_stored),
         ("pdcd.runs.patterns.ZipFile", patterns.read_patterns),
         ("pdcd.runs.prune.shutil.rmtree", of_removal),
         ("pdcd.runs.prune.opened_state", of_removal),
@@ -157,7 +151,7 @@ def test_whatever_a_forged_manifest_raises_is_damage(
     def failing(*_: object) -> None:
         raise err
 
-    monkeypatch.setattr(manifest, "upgraded", failing)
+    monkeypatch.setattr(manifest, "_check_schema", failing)
     with pytest.raises(DecodeError, match=r"capture\.json is damaged: x"):
         manifest.parsed(b"{}")
 
@@ -210,11 +204,6 @@ def test_a_file_on_the_way_is_named_as_such_whatever_it_is_called(tmp_path: Path
     with pytest.raises(RequestError) as told:
         Place.at(tmp_path / "x.partial")
     assert told.value.message == "'x.partial' is another run, and nothing is written into it"
-
-
-def test_a_state_folder_that_is_none_has_no_stored_runs(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert stored_runs(tmp_path / "file", 3) == []
 
 
 def test_where_a_disk_has_no_locks_nobody_can_tell_whether_a_run_goes_on(

@@ -61,7 +61,7 @@ def test_columns_of_whole_tables(tmp_path: Path) -> None:
     found = read_columns(table, ("shot", "code"))
     assert [(name, column.size) for name, column in found.items()] == [("shot", 0), ("code", 0)]
     table.write_text("shot,refresh,code\r\na,0,-3\r\nb,0,4\r\n")
-    found = read_columns(table, ("code", "shot", "row"))
+    found = read_columns(table, ("code", "shot"))
     assert {name: column.tolist() for name, column in found.items()} == {
         "code": [-3, 4],
         "shot": ["a", "b"],

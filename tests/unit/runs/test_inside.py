@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import platform
 from datetime import UTC, datetime
@@ -151,7 +152,7 @@ def test_a_manifest_that_could_not_be_read_again_is_not_written(
         (b'{"a": {"b": 1, "b": 1}}', "'b' is there twice"),
         (b'{"a": 1, "c": 2, "a": 3}', "'a' is there twice"),
         (b"[1]", "Expected `object`"),
-        (b'{"schema": 3}', "missing required field"),
+        (b'{"schema": 1}', "missing required field"),
         (b"\xff", "damaged"),
         (b'{"a":' + b"[" * 10_000 + b"]" * 10_000 + b"}", "damaged"),
     ],
@@ -159,6 +160,14 @@ def test_a_manifest_that_could_not_be_read_again_is_not_written(
 def test_a_manifest_that_is_none_is_damaged(data: bytes, words: str) -> None:
     with pytest.raises(DecodeError, match=words):
         manifest.parsed(data)
+
+
+@pytest.mark.parametrize("schema", [0, 2, 99, None, "1", 1.0, True])
+def test_another_schema_is_refused_by_its_name(schema: object) -> None:
+    data = json.dumps({"schema": schema}).encode()
+    with pytest.raises(DecodeError, match=f"has schema {schema!r}; .* reads schema 1") as told:
+        manifest.parsed(data)
+    assert told.value.hint is not None and "versions" in told.value.hint
 
 
 def test_the_commit_is_that_of_the_checkout(

@@ -21,7 +21,7 @@ from pdcd.runs import folder as folder_module
 from pdcd.runs.folder import RunFolder, read_manifest, sha256_of, write_patterns
 from pdcd.runs.place import Place
 
-DATA = b'{"schema": 3}'
+DATA = b'{"schema": 1}'
 SHA = hashlib.sha256(DATA).hexdigest()
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from pdcd.errors import DecodeError
 from pdcd.files.inside import opened, read_file
+from pdcd.protocol.request import Quality
 from pdcd.runs import verify as module
 from pdcd.runs.record import FileRecord
 from pdcd.runs.verify import MAX_CELLS, MAX_FINDINGS, MAX_WORDS, Check, whole_manifest
@@ -32,7 +33,8 @@ def manifest(**said: Any) -> Any:
     )  # fmt: skip
     names = (*NEEDED, "raw/coded.dng")
     told = {
-        "schema": 3, "job": "job", "state": "done", "missing": (), "meter": (), "run": run,
+        "schema": 1, "job": "job", "state": "done", "missing": (), "meter": (), "run": run,
+        "summary": {"quality": Quality(verdict="good")},
         "files": {name: FileRecord(SHA, 1) for name in names},
     }  # fmt: skip
     return SimpleNamespace(**{**told, **said})
@@ -99,6 +101,7 @@ DARK = "its dark photo and the list of files name another RAW file"
             {"files": {**FILES, "/x": FileRecord(SHA, 1)}},
             ["file '/x': its name is absolute"],
         ),
+        ({"summary": {}}, ["it has no verdict"]),
         *(
             (
                 {"files": {key: one for key, one in FILES.items() if key != name}},
@@ -127,22 +130,10 @@ def test_shots_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> No
     ]
 
 
-@pytest.mark.parametrize(
-    ("schema", "vouched", "found"),
-    [
-        (3, True, []),
-        (4, True, []),
-        (3, False, [("capture.json.sha256", "missing", "nothing vouches for the manifest")]),
-        (4, False, [("capture.json.sha256", "missing", "nothing vouches for the manifest")]),
-        (2, False, []),
-        (1, False, []),
-        (2, True, [("capture.json.sha256", "unknown", "runs of schema 2 have none")]),
-    ],
-)
-def test_a_digest_is_there_since_schema_3(
-    schema: int, vouched: bool, found: list[object], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert understood(monkeypatch, manifest(schema=schema), vouched=vouched) == found
+def test_a_manifest_needs_a_digest_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert understood(monkeypatch, manifest(), vouched=True) == []
+    missing = ("capture.json.sha256", "missing", "nothing vouches for the manifest")
+    assert understood(monkeypatch, manifest(), vouched=False) == [missing]
 
 
 def test_only_so_many_findings_of_so_many_letters_are_told() -> None:
@@ -154,7 +145,7 @@ def test_only_so_many_findings_of_so_many_letters_are_told() -> None:
     assert (one.path, one.detail) == ("n" * MAX_WORDS, "d" * MAX_WORDS) and MAX_WORDS == 300
 
 
-def record(data: bytes, size: int | None = -1) -> FileRecord:
+def record(data: bytes, size: int = -1) -> FileRecord:
     length = len(data) if size == -1 else size
     return FileRecord(hashlib.sha256(data).hexdigest(), length)
 
@@ -169,14 +160,11 @@ def looked(folder: Path, files: dict[str, FileRecord], names: Any = None) -> tup
     return check, len(signs)
 
 
-def test_files_are_held_against_size_and_digest(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in "abcd":
+def test_files_are_held_against_size_and_digest(tmp_path: Path) -> None:
+    for name in "abc":
         (tmp_path / name).write_bytes(b"12345")
     files = {
-        "a": record(b"12345"), "b": record(b"12345", 6), "c": record(b"54321"),
-        "d": record(b"12345", None), "e": record(b""),
+        "a": record(b"12345"), "b": record(b"12345", 6), "c": record(b"54321"), "e": record(b""),
     }  # fmt: skip
     check, signs = looked(tmp_path, files)
     assert [(one.path, one.what, one.detail) for one in check.found] == [
@@ -184,14 +172,8 @@ def test_files_are_held_against_size_and_digest(
         ("c", "changed", "it does not have the SHA-256 that the manifest names"),
         ("e", "missing", "the manifest lists it"),
     ]
-    assert (check.sound, check.size_bytes, check.later) == (2, 10, [])
-    assert signs == 7  # at the end of each of four files, and for each piece that was read
-    for most, whole in ((5, True), (4, False)):
-        monkeypatch.setattr(module, "MAX_UNSIZED_BYTES", most)
-        check, _ = looked(tmp_path, files, ["d"])
-        assert [one.detail for one in check.found] == (
-            [] if whole else ["it has 5 bytes, more than 4"]
-        )
+    assert (check.sound, check.size_bytes, check.later) == (1, 5, [])
+    assert signs == 5  # at the end of each of three files, and for each piece that was read
 
 
 def test_of_names_given_only_those_are_looked_at(tmp_path: Path) -> None:
@@ -276,7 +258,7 @@ def test_only_what_the_disk_says_is_a_fault_of_the_digest(
         return read_file(folder, name, most)
 
     (tmp_path / "capture.json").write_bytes(b"{}")
-    monkeypatch.setattr(module, "parsed", lambda _: manifest(schema=2, files={}))
+    monkeypatch.setattr(module, "parsed", lambda _: manifest(files={}))
     monkeypatch.setattr(module, "read_file", failing)
     failures: list[tuple[Exception, str]] = [
         (PermissionError(13, "Permission denied"), "unreadable"),

@@ -10,7 +10,7 @@ import pytest
 
 from pdcd.errors import BusyError
 from pdcd.protocol import events, messages
-from pdcd.protocol.entry import MOST_RUNS
+from pdcd.protocol.entry import MOST_RUNS, RunQuery
 from pdcd.protocol.messages import METHODS, JobParams, ListParams, ShowParams, SubscribeParams
 from pdcd.protocol.roles import Role
 
@@ -57,7 +57,7 @@ def test_what_is_left_out_is_the_cautious_thing() -> None:
     assert (calibrate.queue, calibrate.detach) == (False, False)
     shown = taken(ShowParams, pattern="white")
     assert (shown.index, shown.detach) == (0, False)
-    assert (taken(ListParams).runs, taken(ListParams).find) == (0, None)
+    assert taken(ListParams).find is None
     assert taken(SubscribeParams).jobs == "own"
 
 
@@ -73,8 +73,7 @@ def test_a_calibration_is_passed_on_whole() -> None:
     ("kind", "good", "wrong"),
     [
         (JobParams, {"job": "x" * 64}, {"job": "x" * 65}),
-        (ListParams, {"runs": 0}, {"runs": -1}),
-        (ListParams, {"runs": MOST_RUNS}, {"runs": MOST_RUNS + 1}),
+        (RunQuery, {"newest": MOST_RUNS}, {"newest": MOST_RUNS + 1}),
         (ShowParams, {"pattern": "code", "index": 0}, {"pattern": "code", "index": -1}),
         (
             ShowParams,
@@ -93,7 +92,7 @@ def test_numbers_and_names_have_their_bounds(
 
 
 def test_the_numbers_of_the_wire_are_those_that_were_agreed_on() -> None:
-    assert messages.PROTOCOL == (1, 3)
+    assert messages.PROTOCOL == (1, 0)
     assert (messages.MAX_LINE, messages.MAX_FDS) == (1_048_576, 16)
     # JSON-RPC 2.0, section 5.1.
     assert messages.PARSE_ERROR == -32700 and messages.METHOD_NOT_FOUND == -32601

@@ -235,10 +235,7 @@ def test_the_hint_says_what_the_field_takes() -> None:
     ("wanted", "agreed"),
     [
         ([1, 0], True),
-        ([1, 1], True),
-        ([1, 2], True),
-        ([1, 3], True),
-        ([1, 4], False),
+        ([1, 1], False),
         ([0, 9], False),
         ([2, 0], False),
     ],

@@ -87,7 +87,7 @@ def test_hints_say_what_a_field_takes() -> None:
     assert '"string"' in told["out"] and "null" not in told["out"]
     assert told["more"] == ("fields are: pattern, index, detach; see rig.describe for their types")
     assert told["none"] == "fields are: none; see rig.describe for their types"
-    assert told["list"].startswith("fields are: runs, find;")
+    assert told["list"].startswith("fields are: find;")
 
 
 def test_of_a_clients_own_text_200_letters_are_echoed() -> None:

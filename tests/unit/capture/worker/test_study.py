@@ -248,8 +248,6 @@ def test_a_calibration_that_keeps_no_arrays_is_one_to_go_on_from(
     assert isinstance(one.answered(), Found)
     one.write()
     assert not (tmp_path / ARRAYS).exists() and read_arrays(tmp_path / ARRAYS) == {}
-    np.savez(tmp_path / "once.npz")  # as calibrations of earlier versions have it
-    assert read_arrays(tmp_path / "once.npz") == {}
 
 
 def test_arrays_that_are_none_are_refused(tmp_path: Path) -> None:

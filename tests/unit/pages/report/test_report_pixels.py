@@ -87,16 +87,14 @@ def test_room_for_pixels_is_shared_between_pictures_and_a_truth() -> None:
 
 
 def test_squares_of_quads_are_nearly_as_wide_as_a_pixel_of_the_page() -> None:
-    """4000 quads on 677 pixels: 5.9 to a pixel. Old pictures that were straightened stay whole."""
+    """4000 quads on 677 pixels: 5.9 to a pixel."""
     cells = SimpleNamespace(
         frame=(3000, 4000), filled=Map.filling((4000, 3000)), can_bin=lambda side: side != 6
     )
     any_side = SimpleNamespace(**(vars(cells) | {"can_bin": lambda side: True}))
     told: dict[str, Any] = {
-        "projector": PanelConfig(size_px=(1024, 768)), "homography": None, "white_patch": None,
+        "projector": PanelConfig(size_px=(1024, 768)), "white_patch": None,
     }  # fmt: skip
     for found, side in (({"cells": cells}, 5), ({"cells": any_side}, 6), ({"cells": None}, 1)):
         record: Any = SimpleNamespace(**(told | found))
         assert layers.enough_side(8, record) == side
-    straight: Any = SimpleNamespace(**(told | {"cells": cells, "homography": object()}))
-    assert layers.enough_side(8, straight) == 1

@@ -26,6 +26,7 @@ def manifest(**fields: Any) -> Any:
         "request": {}, "plan": {}, "realised": {}, "summary": {}, "warnings": (), "versions": {},
         "git_commit": None, "exif": {}, "drivers": {}, "config": {}, "files": {}, "missing": (),
         "run": SimpleNamespace(goal=SimpleNamespace(name="indirect")),
+        "quality": Quality(verdict="good"),
     }  # fmt: skip
     return SimpleNamespace(**(told | fields))
 
@@ -190,19 +191,17 @@ def test_what_has_no_room_on_a_page_is_counted(more: int, said: str | None) -> N
 
 def test_the_verdict_comes_with_all_that_speaks_for_and_against() -> None:
     quality = Quality(verdict="doubtful", reasons=("too dark",), remarks=("late",))
-    summary = {"quality": quality, "decided": "by the user", "taken": ""}
-    told = page._verdict(
-        manifest(summary=summary, warnings=("<w>",), state="partial", missing=("a", "b"))
-    )
+    summary = {"decided": "by the user", "taken": ""}
+    cut = {"state": "partial", "missing": ("a", "b")}
+    told = page._verdict(manifest(summary=summary, quality=quality, warnings=("<w>",), **cut))
     assert 'class="verdict doubtful">doubtful</p>' in told
     kinds = re.findall(r'<li class="(\w+)"><b>\w+</b> ([^<]*)</li>', told)
     assert kinds == [
         ("partial", "missing shots: a, b"), ("reason", "too dark"), ("decided", "by the user"),
         ("remark", "late"), ("warning", "&lt;w&gt;"),
     ]  # fmt: skip
-    assert 'class="verdict unknown">unknown</p><ul class="reasons"></ul>' in page._verdict(
-        manifest()
-    )
+    bare = page._verdict(manifest())
+    assert 'class="verdict good">good</p><ul class="reasons"></ul>' in bare
 
 
 def test_the_head_says_whose_photo_it_is() -> None:
