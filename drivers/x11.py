@@ -23,6 +23,7 @@ from pdcd.driver import (
     FrameLog,
     Frames,
     check_binary,
+    check_row_times,
     play_all,
     streams,
 )
@@ -92,6 +93,7 @@ class X11Display:
     def load(self, frames: Frames) -> None:
         """Hand all patterns to the graphics card; nothing is shown yet."""
         self._frames = None
+        check_row_times(frames)
         if self._planes > 1:
             check_binary(frames.primal_patterns, frames.dual_patterns)
         self._running().load(frames)

@@ -10,7 +10,9 @@ own drivers do. docs/new-driver.md explains how a driver is written.
 Roles, each a Protocol that a class of yours answers (an entry point names it)
     `Display`            shows frames on projector and mask, in step, and logs when
     `Shutter`            opens and closes the exposure
+    `TimedShutter`       the same, and wants to know how long the exposure will be
     `Readout`            sets the camera up and brings its photo home
+    `Preview`            the camera's finder; a bench may lack it
 
 What crosses them
     `DriverContext`      what `create` gets: configuration, clock, sign of life, the one camera
@@ -21,12 +23,15 @@ What crosses them
     `Frames`, `FrameLog` what both panels are asked to show row by row, and what they did
     `BLACK`, `WHITE`     pattern indices of a panel that is black, or fully lit
     `RawFile`            a photo on disk
+    `PhotoFrame`         a photo in memory, which the rig writes to disk
 
 Tools for displays
     `panels_of`          both panels as the configuration places them
     `draw`               the exact pixels that a panel must show at a row
     `draw_planes`        the RGB picture that carries 24 rows, for DLPs
-    `check_fit`, `check_binary`   for `load`: refuse what a panel, or a bit plane, cannot show
+    `check_fit`          for `load`: refuses what a panel cannot show,
+    `check_binary`       what bit planes cannot,
+    `check_row_times`    and rows with dark time or a delay of their own
     `streams`            what each panel is sent where the mask is delayed
     `play_all`           plays frames, and again what was missed, as the rig wants it
 
@@ -71,9 +76,12 @@ if TYPE_CHECKING:
         Display,
         DisplayInfo,
         DriverContext,
+        PhotoFrame,
+        Preview,
         RawFile,
         Readout,
         Shutter,
+        TimedShutter,
     )
     from pdcd.bench.findings import Finding, fault
     from pdcd.bench.options import read_options
@@ -94,7 +102,7 @@ if TYPE_CHECKING:
     )
     from pdcd.panels.balance import play_all, streams
     from pdcd.panels.draw import check_fit, draw, draw_planes
-    from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames
+    from pdcd.panels.frames import BLACK, WHITE, FrameLog, Frames, check_row_times
     from pdcd.panels.patterns import check_binary
     from pdcd.sensor.dng import write_dng
     from pdcd.sensor.profile import load_profile, responsivity_e
@@ -125,14 +133,18 @@ __all__ = [
     "Frames",
     "NoSpaceError",
     "PdcdError",
+    "PhotoFrame",
+    "Preview",
     "RawFile",
     "Readout",
     "RealClock",
     "Shutter",
     "SyncError",
+    "TimedShutter",
     "TriggerConfig",
     "check_binary",
     "check_fit",
+    "check_row_times",
     "disk_errors",
     "draw",
     "draw_planes",
@@ -157,9 +169,12 @@ _ROOMS = {
         "Display",
         "DisplayInfo",
         "DriverContext",
+        "PhotoFrame",
+        "Preview",
         "RawFile",
         "Readout",
         "Shutter",
+        "TimedShutter",
     ),
     "pdcd.bench.findings": ("Finding", "fault"),
     "pdcd.bench.options": ("read_options",),
@@ -181,7 +196,7 @@ _ROOMS = {
     "pdcd.panels.balance": ("play_all", "streams"),
     "pdcd.panels.patterns": ("check_binary",),
     "pdcd.panels.draw": ("check_fit", "draw", "draw_planes"),
-    "pdcd.panels.frames": ("BLACK", "WHITE", "FrameLog", "Frames"),
+    "pdcd.panels.frames": ("BLACK", "WHITE", "FrameLog", "Frames", "check_row_times"),
     "pdcd.sensor.dng": ("write_dng",),
     "pdcd.sensor.profile": ("load_profile", "responsivity_e"),
     "pdcd.sensor.raw": ("RAW_SUFFIXES", "read_raw"),

@@ -21,6 +21,7 @@ from pdcd.driver import (
     Frames,
     check_binary,
     check_fit,
+    check_row_times,
     panels_of,
     play_all,
     streams,
@@ -94,6 +95,7 @@ class MockDisplay:
 
     def load(self, frames: Frames) -> None:
         """Check that every code cell has pixels on both panels, and keep the frames."""
+        check_row_times(frames)
         if self._config.display.planes_per_refresh > 1:
             check_binary(frames.primal_patterns, frames.dual_patterns)
         check_fit(frames, self._panels.projector)

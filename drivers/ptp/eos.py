@@ -59,6 +59,7 @@ BUSY_S = 5.0
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8
 _MOST_POLLS = 64
 _MARGIN_S = 10.0
+LIMIT = "limits.max_exposure_s"
 _LONGEST_S = 1e6
 """Eleven days, also where limits.max_exposure_s is infinite."""
 _U32_B = 4
@@ -100,6 +101,8 @@ class EosCamera:
         self.bulb = Bulb(self.order, lambda: self.session.climbs, clock)
         self.clock = clock
         self._longest_ns = round((min(longest_s, _LONGEST_S) + _MARGIN_S) * 1e9)
+        self._due_ns = self._longest_ns
+        """For how long the present exposure may go on."""
         self.tell_alive = alive
         """One sign of life; see `DriverContext.alive`."""
         self._users: set[str] = set()
@@ -239,17 +242,24 @@ class EosCamera:
         try:
             if not self.session.is_open:
                 return
-            if self.bulb.overdue(self._longest_ns):
+            if self.bulb.overdue(self._due_ns):
                 logger.critical("shutter open for too long, closing camera=%s", self.session.name)
-                self.cut_short("it was open for longer than limits.max_exposure_s")
+                told = self._due_ns < self._longest_ns
+                limit = f"the {self._due_ns * 1e-9:.0f} s that it can take" if told else LIMIT
+                self.cut_short(f"it was open for longer than {limit}")
             self.session.call(Operation.EOS_KEEP_DEVICE_ON)
             self.poll()
         finally:
             self.lock.release()
 
-    def begin_exposure(self) -> None:
-        """Open the shutter. Raises ExposureError, with it closed, when that cannot be done."""
+    def begin_exposure(self, longest_s: float | None = None) -> None:
+        """Open the shutter. Raises ExposureError, with it closed, when that cannot be done.
+
+        longest_s : when it is closed at the latest, where that is sooner than the limit of all.
+        """
         with self.lock:
+            expected_ns = self._longest_ns if longest_s is None else round(longest_s * 1e9)
+            self._due_ns = min(expected_ns, self._longest_ns)
             self.session.open()
             self.set_bulb()
             self.poll()  # what waits to be heard makes the camera busy

@@ -37,6 +37,7 @@ class PtpShutter:
         self._clock = clock
         self._sure_ns = config.sure_ns
         self._guard: Guard | None = None
+        self._longest_s: float | None = None
         weakref.finalize(self, camera.let_go, SHUTTER)
 
     @classmethod
@@ -62,12 +63,17 @@ class PtpShutter:
             self._be_guarded(found["serial"])
         return found
 
+    def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
+        """Have the camera's keeper end the next exposure by then."""
+        self._longest_s = longest_s
+
     def open(self) -> int:
         """Start the exposure; returns the time by which the shutter is surely open."""
         if self._guard is not None:
             self._guard.arm(lambda: "arm")  # before it is open: a kill may come at any time
         try:
-            self._camera.begin_exposure()
+            longest_s, self._longest_s = self._longest_s, None
+            self._camera.begin_exposure(longest_s)
         finally:
             self._tell()
         return self._surely()

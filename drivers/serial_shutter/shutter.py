@@ -60,6 +60,7 @@ class SerialShutter:
         self._sure_ns = config.trigger.sure_ns
         limit_s = options.limit_s or config.limits.max_exposure_s + _MARGIN_S
         self._limit_s = min(limit_s, LONGEST_S)
+        self._longest_s = self._limit_s
         self._port: Port | None = None
         self._watchdog: Watchdog | None = None
         self._forgotten: weakref.finalize[..., SerialShutter] | None = None
@@ -107,6 +108,10 @@ class SerialShutter:
             "watchdog": type(self._watchdog).__name__.lower(),
         }
 
+    def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
+        """Let the watchdog end the next exposure by then, not only at the limit of all."""
+        self._longest_s = min(longest_s, self._limit_s)
+
     def open(self) -> int:
         """Start the exposure; the watchdog is armed first.
 
@@ -116,7 +121,8 @@ class SerialShutter:
         port, watchdog = self._port, self._watchdog
         if port is None or watchdog is None:
             raise DeviceLost("the port is not open", device="shutter", hint="connect first")
-        watchdog.arm(self._limit_s)
+        longest_s, self._longest_s = self._longest_s, self._limit_s
+        watchdog.arm(longest_s)
         self._open = True  # from here on it may be
         try:
             port.drive(opened=True)

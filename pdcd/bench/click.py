@@ -13,13 +13,24 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from pdcd.bench.clock import RealClock, VirtualClock
-from pdcd.bench.devices import CameraInfo, CameraSettings, Clock, DriverContext, Readout, Shutter
+from pdcd.bench.devices import (
+    CameraInfo,
+    CameraSettings,
+    Clock,
+    DriverContext,
+    PhotoFrame,
+    Readout,
+    Shutter,
+)
+from pdcd.bench.exposure_time import tell, with_open_time
 from pdcd.bench.findings import Finding, fault
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
 from pdcd.errors import PdcdError
 
 DEVICE = "shutter"
+NO_SETTINGS = CameraSettings(iso=0, f_number=None)
+"""Of a click without a camera, whose times alone count."""
 
 
 @runtime_checkable
@@ -68,8 +79,9 @@ def _click(
         if readout is not None:
             camera = readout.connect()
             yield Finding("camera", "good", camera.model)
-            readout.arm(_settings(config, camera))
+            readout.arm(with_open_time(_settings(config, camera), config, seconds))
         yield Finding("made ready", "good", f"closed, after {_ms(clock, begun_ns)}")
+        tell(shutter, with_open_time(NO_SETTINGS, config, seconds))
         begun_ns = clock.now_ns()
         open_ns = shutter.open()
         yield Finding("open", "good", f"surely open {_ms(clock, begun_ns)} after the order")
@@ -106,8 +118,9 @@ def _photo(config: Config, clock: Clock, readout: Readout) -> Finding:
     """Fetch the photo, and throw it away."""
     begun_ns = clock.now_ns()
     with tempfile.TemporaryDirectory(prefix="pdcd-click-") as folder:
-        raw = readout.fetch(Path(folder), "click", config.camera.fetch_timeout_s)
-    return Finding("photo", "good", f"{raw.size_bytes} bytes, after {_ms(clock, begun_ns)}")
+        photo = readout.fetch(Path(folder), "click", config.camera.fetch_timeout_s)
+    size = photo.samples.nbytes if isinstance(photo, PhotoFrame) else photo.size_bytes
+    return Finding("photo", "good", f"{size} bytes, after {_ms(clock, begun_ns)}")
 
 
 def _ms(clock: Clock, since_ns: int) -> str:

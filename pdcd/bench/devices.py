@@ -1,19 +1,25 @@
 """What a driver must offer: one Protocol a device, and the values that cross it.
 
+Authors of drivers import all of it from `pdcd.driver`.
+
 A driver is a class with a classmethod ``create(context) -> driver``; the registry calls it. All
 methods block and are called from one worker thread of the daemon, never from two at once, save
 `Display.black` and `Shutter.close`, which must also be safe from any state, twice, and after a
 failure: they are how everything fails closed. Every method may raise `DeviceLost`.
 
 Times are integer nanoseconds of the injected `Clock`; lengths in seconds end in `_s`.
+
+What was added after the first drivers were written is optional: fields have defaults, and a
+Protocol of its own (`TimedShutter`, `Preview`) is asked for only where a driver answers it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +49,9 @@ class DisplayInfo:
     `mask_lag_s` is by how much the mask's light of a row of `Frames` follows the projector's of the
     same row (negative: it leads), the display's own delay of either stream included; None where it
     was not measured or drifts.
+
+    `row_times` says that `load` takes rows with `Frames.dark_s` and `Frames.delay_s`, and that the
+    log tells of them. The rig gives such frames to no other display.
     """
 
     primal_size_px: tuple[int, int]
@@ -50,14 +59,23 @@ class DisplayInfo:
     refresh_hz: float
     identity: dict[str, str] = field(default_factory=dict)
     mask_lag_s: float | None = None
+    row_times: bool = False
 
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Settings of one exposure. `f_number` None means: leave the aperture as it is."""
+    """Settings of one exposure. `f_number` None means: leave the aperture as it is.
+
+    exposure_s : how long it is planned to be, from `Shutter.open` returning to `Shutter.close`
+        being called, with the time on black before and after the frames; None: nobody said.
+    longest_s : for how long it may go on, late refreshes and further passes included, with a
+        margin: whoever guards a shutter ends it then, and not before. None: nobody said.
+    """
 
     iso: int
     f_number: float | None
+    exposure_s: float | None = None
+    longest_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +99,11 @@ class CameraInfo:
     readout_s: float | None = None
     """Seconds that a photo costs beside its exposure: getting ready, and until its file is stored.
     None where that is not known; the rig then learns it from the first photos."""
+    cfa: str | None = "RGGB"
+    """Colours of the quad at the upper left corner of its photos, row by row: "RGGB", "BGGR",
+    "GRBG" or "GBRG"; None for a sensor without colours. Any other word is that of a mosaic that is
+    not known here. The rig refuses what cannot be read yet, None among it, before there is light.
+    """
 
 
 @dataclass(frozen=True)
@@ -104,6 +127,35 @@ class RawFile:
     size_bytes: int
     sha256: str
     second: RawFile | None = None
+
+
+@dataclass(frozen=True)
+class PhotoFrame:
+    """A photo in memory, from a camera that hands over samples: the rig writes it to disk as DNG.
+
+    samples : (H, W) uint16
+        In DN, as the sensor has them: black not taken off, nothing scaled, turned or mended.
+    black : DN without light: one number, or one for each place of the quad, row by row.
+    white : DN from which a sample is saturated.
+    iso, f_number : what it was taken with; 0 and None where the camera does not tell.
+    exposure_s : how long the camera says that it exposed.
+    cfa : colours of the quad at the upper left corner, as of `CameraInfo.cfa`.
+    date : when it was taken; None: just now.
+    record : what the device says of this photo in its own words, pixel format, gain, number and
+        temperature for example; kept in the file.
+    second : as of `RawFile`.
+    """
+
+    samples: NDArray[np.uint16]
+    black: int | Sequence[int]
+    white: int
+    iso: int
+    exposure_s: float
+    f_number: float | None = None
+    cfa: str | None = "RGGB"
+    date: datetime | None = None
+    record: Mapping[str, str] = field(default_factory=dict)
+    second: PhotoFrame | None = None
 
 
 class Display(Protocol):
@@ -163,8 +215,21 @@ class Shutter(Protocol):
         ...
 
 
+@runtime_checkable
+class TimedShutter(Shutter, Protocol):
+    """A shutter that wants to know how long it will be open. None need."""
+
+    def expect_exposure(self, exposure_s: float, longest_s: float) -> None:
+        """The next `open`, and that one alone, begins an exposure of so many seconds.
+
+        Both are as of `CameraSettings`. Called before each `open` of the rig, after
+        `Readout.arm`; an `open` without it means that nothing is known. Nothing moves.
+        """
+        ...
+
+
 class Readout(Protocol):
-    """Sets the camera up and brings the RAW file home."""
+    """Sets the camera up and brings its photo home."""
 
     def connect(self) -> CameraInfo:
         """Find the camera and ask what it is."""
@@ -175,15 +240,42 @@ class Readout(Protocol):
         allowed values when the camera does not offer one."""
         ...
 
-    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile:
-        """Wait for the file of the last exposure and store it as `folder/name.<suffix>`.
+    def fetch(self, folder: Path, name: str, timeout_s: float) -> RawFile | PhotoFrame:
+        """Wait for the photo of the last exposure and store it as `folder/name.<suffix>`.
 
-        Raises ExposureError when no file comes, NoSpaceError when it cannot be stored.
+        A camera that makes files gives them byte for byte. One that hands over samples returns
+        them (`PhotoFrame`), and the rig stores them under that name; or it calls `write_dng`.
+        Raises ExposureError when no photo comes, NoSpaceError when it cannot be stored.
         """
         ...
 
     def disconnect(self) -> None:
         """Release the camera. Idempotent."""
+        ...
+
+
+class Preview(Protocol):
+    """The camera's finder: small pictures, several a second, to aim and to focus by.
+
+    A role of its own (`preview`), which a bench may lack. Such pictures are looked at and never
+    measured. It is not used while a photo is armed, and shares one camera with shutter and readout
+    by `DriverContext.the`.
+    """
+
+    def connect(self) -> dict[str, str]:
+        """Make ready; returns identity strings. The shutter stays closed for photos."""
+        ...
+
+    def grab(self, timeout_s: float) -> NDArray[np.uint8]:
+        """The next picture, (H, W) grey or (H, W, 3) sRGB, upright as the sensor has it.
+
+        One that was taken after the call; what waited before is passed over. Raises ExposureError
+        when none comes in that time.
+        """
+        ...
+
+    def disconnect(self) -> None:
+        """Leave the finder, release the camera. Idempotent."""
         ...
 
 

@@ -19,18 +19,21 @@ from pdcd.bench.devices import (
     Display,
     DisplayInfo,
     DriverContext,
+    PhotoFrame,
     RawFile,
     Readout,
     Shutter,
     WhileShown,
 )
+from pdcd.bench.exposure_time import tell, with_open_time, with_times
 from pdcd.bench.placed import place_faults
 from pdcd.bench.registry import load_driver
 from pdcd.bench.tables import Config
 from pdcd.capture.moving import MovingShutter
 from pdcd.errors import Cancelled, ConfigError, SyncError, disk_errors
-from pdcd.panels.frames import FrameLog, Frames
+from pdcd.panels.frames import FrameLog, Frames, check_row_times
 from pdcd.protocol.events import Armed, Emit, ShutterClosed, ShutterOpen
+from pdcd.sensor.dng import CFAS, write_photo
 from pdcd.virtual.scene.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -157,7 +160,16 @@ class Rig:
 
     def _as_measured(self, camera: CameraInfo) -> CameraInfo:
         """What a driver says of its camera, with what the configuration knows of it: that was
-        measured, or typed by somebody, and a driver may only guess."""
+        measured, or typed by somebody, and a driver may only guess.
+
+        Raises ConfigError for a sensor whose photos cannot be read."""
+        if camera.cfa not in CFAS:
+            sensor = "no colours" if camera.cfa is None else f"a mosaic {camera.cfa}"
+            raise ConfigError(
+                f"{camera.model} has a sensor with {sensor}, which cannot be read yet",
+                device="camera",
+                hint=f"use a camera with a Bayer mosaic: {', '.join(CFAS)}",
+            )
         known = self.config.camera.responsivity_e
         return camera if known is None else replace(camera, responsivity_e=np.array(known))
 
@@ -232,15 +244,18 @@ class Rig:
         file of the spoilt exposure is fetched before that is raised.
 
         With `moving` the shutter opens and closes while the frames are shown: such a photo tells
-        when it did, and is good for nothing else. Raises ExposureError when the frames ended first.
+        when it did, and is good for nothing else. Raises ExposureError when the frames ended first,
+        and ConfigError for rows with times of their own that the display does not know.
         """
         settle_ns = round(self.config.rig.settle_s * 1e9)
+        settings = self._timed(settings, frames, moving)
         self.display.load(frames)
         self.display.black()
         black_ns = self.clock.now_ns()
         self.readout.arm(settings)
         self._arming_ns = self.clock.now_ns() - black_ns
         notify(Armed(shot=name, frames=len(frames)))
+        tell(self.shutter, settings)
         self.clock.sleep_until_ns(black_ns + settle_ns)
         shared = self._context.shared
         shared.exposed_ns = shared.played = None
@@ -259,6 +274,7 @@ class Rig:
         except SyncError:
             self._take_spoilt(open_ns, folder, name, notify)
             raise
+        check_row_times(log)
         shared.played = (frames, log)
         self.display.black()
         self.clock.sleep_until_ns(int(log.end_ns.max()) + settle_ns)
@@ -266,6 +282,18 @@ class Rig:
         shared.exposed_ns = (open_ns, close_ns)
         notify(ShutterClosed(shot=name, t_mono_ns=close_ns))
         return Exposure(open_ns, close_ns, log, self._fetched(folder, name), settings)
+
+    def _timed(
+        self, settings: CameraSettings, frames: Frames, moving: WhileShown | None
+    ) -> CameraSettings:
+        """The settings with the times of this exposure. Raises ConfigError for frames that the
+        display cannot show."""
+        info = self.display_info
+        if info is None or not info.row_times:
+            check_row_times(frames)
+        if moving is not None:
+            return with_open_time(settings, self.config, moving.open_s)
+        return with_times(settings, self.config, frames, None if info is None else info.refresh_hz)
 
     def _moved(
         self, mover: MovingShutter, frames: Frames, folder: Path
@@ -283,6 +311,7 @@ class Rig:
             if mover.open_ns is not None:
                 self._take_spoilt(mover.open_ns, folder, mover.shot, mover.notify)
             raise
+        check_row_times(log)
         self.display.black()
         shared.played = (frames, log)
         open_ns, close_ns = shared.exposed_ns = mover.ended()
@@ -300,6 +329,17 @@ class Rig:
     def _fetched(self, folder: Path, name: str) -> RawFile:
         closed_ns = self.clock.now_ns()
         with disk_errors("camera"):
-            raw = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
+            photo = self.readout.fetch(folder, name, self.config.camera.fetch_timeout_s)
+        raw = self.stored(photo, folder, name)
         self._readouts_ns.append(self._arming_ns + self.clock.now_ns() - closed_ns)
         return raw
+
+    def stored(self, photo: RawFile | PhotoFrame, folder: Path, name: str) -> RawFile:
+        """The file of a photo that the readout fetched: its own, or one written here of samples
+        in memory. Raises NoSpaceError, DiskError, and ConfigError for samples that no file holds.
+        """
+        if not isinstance(photo, PhotoFrame):
+            return photo
+        camera = self.camera_info
+        model, serial = ("unknown", "") if camera is None else (camera.model, camera.serial)
+        return write_photo(photo, folder / f"{name}.dng", model, serial)

@@ -24,9 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import SyncError
-from pdcd.panels.frames import BLACK, FrameLog, Frames
+from pdcd.panels.frames import BLACK, FrameLog, Frames, check_row_times
 
 Rows = NDArray[np.int32]
+Seconds = NDArray[np.float64]
 _Int = TypeVar("_Int", np.int32, np.int64)
 
 
@@ -85,7 +86,11 @@ def _short(weights: Weights, short: NDArray[np.int64]) -> list[tuple[Rows, int]]
 
 
 def lit_weights(frames: Frames, log: FrameLog, row_hz: float) -> Weights:
-    """Weights of all pairs of patterns, as `catch_up` compares them. Raises SyncError."""
+    """Weights of all pairs of patterns, as `catch_up` compares them.
+
+    Raises SyncError, and ConfigError for rows with times of their own.
+    """
+    check_row_times(frames, log)
     primal, dual = _contents(frames)
     lit = np.flatnonzero(frames.dual_index != BLACK)
     pairs, first, planned = np.unique(
@@ -161,8 +166,23 @@ def joined(logs: Sequence[FrameLog]) -> FrameLog:
             verified=whole.verified and log.verified,
             primal_asked=_with_gap(whole.asked[0], log.asked[0], BLACK),
             dual_asked=_with_gap(whole.asked[1], log.asked[1], BLACK),
+            dark_s=_times_with_gap(whole, log, whole.dark_s, log.dark_s),
+            delay_s=_times_with_gap(whole, log, whole.delay_s, log.delay_s),
         )
     return whole
+
+
+def _times_with_gap(
+    before: FrameLog, after: FrameLog, first: Seconds | None, second: Seconds | None
+) -> Seconds | None:
+    """Times of the rows of two passes, none for the row between them; None where there are none."""
+    if first is None and second is None:
+        return None
+    times = np.zeros(len(before) + 1 + len(after))
+    for seconds, rows in ((first, slice(len(before))), (second, slice(len(before) + 1, None))):
+        if seconds is not None:
+            times[rows] = seconds
+    return times
 
 
 def _with_gap(before: NDArray[_Int], after: NDArray[_Int], gap: int) -> NDArray[_Int]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pdcd.errors import ConfigError
 from pdcd.panels.patterns import Patterns
 
 BLACK = -1
@@ -45,6 +46,12 @@ class Frames:
         are no cells, and patterns are pictures of each panel's own pixels, L = width * height of
         that panel, row-major from its upper left corner. Then white is every pixel, nothing is
         shifted, and `grid` and `lattice` say nothing.
+    dark_s : (F,) float64, or None
+        Seconds for which both panels are black after each row, beyond the time of the row itself:
+        the dark time between two patterns of a DMD. None is none.
+    delay_s : (F,) float64, or None
+        Seconds by which the mask begins each row after the projector does, on purpose (negative:
+        before it). None is none.
     """
 
     primal_patterns: Patterns
@@ -57,6 +64,8 @@ class Frames:
     grid: tuple[int, int]
     lattice: tuple[int, int]
     window: str
+    dark_s: NDArray[np.float64] | None = None
+    delay_s: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return int(self.primal_index.size)
@@ -89,6 +98,9 @@ class FrameLog:
         Row of `Frames` that each panel was to carry, `BLACK` for none; None is 0, 1, 2 ...
     mask_delay : rows
         By how many rows the mask's stream was sent later than the projector's, on purpose.
+    dark_s, delay_s : (R,) float64, or None
+        As of `Frames`, of what was shown: for how long both panels were black before the next row,
+        and by how much the mask began after the projector on purpose. None is none.
     """
 
     primal_shown: NDArray[np.int32]
@@ -102,6 +114,8 @@ class FrameLog:
     primal_asked: NDArray[np.int32] | None = None
     dual_asked: NDArray[np.int32] | None = None
     mask_delay: int = 0
+    dark_s: NDArray[np.float64] | None = None
+    delay_s: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return int(self.primal_shown.size)
@@ -127,3 +141,19 @@ def second_bucket(frames: Frames) -> Frames:
         patterns = np.asarray(1.0 - frames.dual_patterns, np.float32)
     index = np.where(frames.dual_index == WHITE, BLACK, frames.dual_index).astype(np.int32)
     return replace(frames, dual_patterns=patterns, dual_index=index)
+
+
+def check_row_times(*shown: Frames | FrameLog) -> None:
+    """Refuse dark time and delays of single rows, for whoever takes rows as they are without.
+
+    Called by all that shows, stores or computes with rows and knows of no such times yet: they must
+    not be passed over. Raises ConfigError.
+    """
+    for part in shown:
+        for name, seconds in (("dark time", part.dark_s), ("a delay", part.delay_s)):
+            if seconds is not None and np.any(seconds):
+                raise ConfigError(
+                    f"rows with {name} of their own are not supported here",
+                    device="display",
+                    hint="use a display and a schedule that show one row right after the other",
+                )

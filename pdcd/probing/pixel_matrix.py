@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pdcd.bench.tables import PanelConfig
 from pdcd.errors import ConfigError
 from pdcd.panels.curve import Curve
-from pdcd.panels.frames import FrameLog
+from pdcd.panels.frames import FrameLog, check_row_times
 from pdcd.panels.pixels import BLACK_PICTURE, PanelPictures, Shown
 from pdcd.probing.panel import Panel, Trajectory, offset_cells
 from pdcd.probing.realised import Factors, Floats
@@ -137,8 +137,9 @@ def pixel_factors(
     open_ns, close_ns : the exposure, on the clock of the log.
 
     Raises ConfigError when pictures and log differ in number, or pictures and panels in size, and
-    for panels with `scan_s` or `blur_px`.
+    for panels with `scan_s` or `blur_px` and rows with times of their own.
     """
+    check_row_times(log)
     _check(shown, log, projector, mask)
     places = _Places(grid, projector.size_px, mask.size_px, offset_cells(projector, mask, grid))
     primal, dual = Panel.from_config(projector), Panel.from_config(mask)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdcd.errors import DecodeError
-from pdcd.panels.frames import BLACK, FrameLog, Frames
+from pdcd.panels.frames import BLACK, FrameLog, Frames, check_row_times
 from pdcd.panels.lattice import Lattice
 from pdcd.panels.patterns import Patterns, fit
 from pdcd.runs.record import ShotRecord
@@ -25,7 +25,11 @@ COLUMNS = (
 
 
 def append_frames(path: Path, shot: str, frames: Frames, log: FrameLog) -> None:
-    """Append the refreshes of a shot to the table, which is made if need be. Raises OSError."""
+    """Append the refreshes of a shot to the table, which is made if need be.
+
+    Raises OSError, and ConfigError for rows with times of their own, which it has no columns for.
+    """
+    check_row_times(frames, log)
     row, dual_row = log.asked
     columns: tuple[NDArray[np.generic], ...] = (
         np.arange(len(log)),

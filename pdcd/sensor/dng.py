@@ -16,6 +16,7 @@ import hashlib
 import json
 import struct
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from fractions import Fraction
 from pathlib import Path
@@ -24,7 +25,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from pdcd.bench.devices import RawFile
+from pdcd.bench.devices import PhotoFrame, RawFile
 from pdcd.errors import ConfigError, disk_errors
 
 MIN_SIDE = 22
@@ -115,6 +116,33 @@ def write_dng(
             path.unlink(missing_ok=True)
             raise
     return RawFile(path, len(data), hashlib.sha256(data).hexdigest())
+
+
+def write_photo(frame: PhotoFrame, path: Path, model: str, serial: str) -> RawFile:
+    """Write a photo that a camera of that name handed over; of a second bucket, beside it.
+
+    The rig calls it with what `Readout.fetch` returned, so that every run has its RAW files.
+    Raises what `write_dng` raises.
+    """
+    second = None
+    if frame.second is not None:
+        beside = path.with_name(f"{path.stem}-second{path.suffix}")
+        second = write_photo(frame.second, beside, model, serial)
+    raw = write_dng(
+        path,
+        frame.samples,
+        black=frame.black,
+        white=frame.white,
+        iso=frame.iso,
+        exposure_s=frame.exposure_s,
+        f_number=frame.f_number,
+        cfa=frame.cfa,
+        model=model,
+        serial=serial,
+        date=frame.date,
+        record=frame.record,
+    )
+    return replace(raw, second=second)
 
 
 def dng_bytes(

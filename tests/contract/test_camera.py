@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from drivers.mock import Bench
-from pdcd.bench.devices import CameraSettings
+from pdcd.bench.devices import CameraSettings, RawFile, TimedShutter
 from pdcd.capture.rig import Rig
 from pdcd.errors import ConfigError, ExposureError
+from pdcd.sensor.dng import CFAS
 from pdcd.sensor.profile import NOMINAL_RESPONSIVITY_E
 from pdcd.sensor.raw import read_raw
 from tests import bench_rig
@@ -33,8 +34,22 @@ def expose(rig: Rig, seconds: float = 0.5) -> None:
     rig.shutter.close()
 
 
+def fetched(rig: Rig, folder: Path, name: str, timeout_s: float = 5.0) -> RawFile:
+    """The photo's file, also where the camera hands over samples."""
+    return rig.stored(rig.readout.fetch(folder, name, timeout_s), folder, name)
+
+
 class ShutterContract:
     """Uses nothing but the Protocol."""
+
+    def test_it_may_be_told_how_long_the_exposure_will_be(self, rig: Rig) -> None:
+        if not isinstance(rig.shutter, TimedShutter):
+            pytest.skip("it does not want to know")
+        rig.shutter.expect_exposure(0.1, 30.0)
+        sure = rig.shutter.open()
+        assert rig.shutter.close() >= sure
+        rig.shutter.open()  # of this one nothing is known
+        rig.shutter.close()
 
     def test_open_returns_when_it_is_surely_open(self, rig: Rig) -> None:
         before = rig.clock.now_ns()
@@ -63,6 +78,7 @@ class ReadoutContract:
         assert info.responsivity_e.shape == (3,) and np.all(info.responsivity_e > 0)
         configured = rig.config.camera.responsivity_e
         assert tuple(info.responsivity_e) == (configured or NOMINAL_RESPONSIVITY_E)
+        assert info.cfa in CFAS
 
     def test_iso_that_is_not_offered_is_refused_with_the_list(self, rig: Rig) -> None:
         with pytest.raises(ConfigError) as caught:
@@ -71,7 +87,7 @@ class ReadoutContract:
 
     def test_a_file_comes_home_whole(self, rig: Rig, tmp_path: Path) -> None:
         expose(rig)
-        raw = rig.readout.fetch(tmp_path, "photo", 5.0)
+        raw = fetched(rig, tmp_path, "photo")
         assert raw.path.parent == tmp_path and raw.path.stem == "photo"
         assert raw.path.stat().st_size == raw.size_bytes
         frame = read_raw(raw.path, sha256=raw.sha256, size_bytes=raw.size_bytes)
@@ -115,7 +131,7 @@ class TestMockReadout(ReadoutContract):
 
 def test_panels_that_stay_black_leave_a_dark_frame(rig: Rig, tmp_path: Path) -> None:
     expose(rig)
-    frame = read_raw(rig.readout.fetch(tmp_path, "dark", 5.0).path)
+    frame = read_raw(fetched(rig, tmp_path, "dark").path)
     assert np.abs(frame.planes).max() == 0.0
 
 
@@ -124,5 +140,5 @@ def test_several_quads_per_cell_repeat_the_cell(tmp_path: Path) -> None:
     rig = Rig(bench_rig.config(tmp_path, camera=camera))
     rig.connect()
     expose(rig)
-    frame = read_raw(rig.readout.fetch(tmp_path, "photo", 5.0).path)
+    frame = read_raw(fetched(rig, tmp_path, "photo").path)
     assert frame.planes.shape == (4, 9, 12)

@@ -23,7 +23,7 @@ from pdcd.bench.tables import CameraConfig, TriggerConfig
 from pdcd.capture.rig import Rig
 from pdcd.sensor.raw import read_raw
 from tests import bench_rig
-from tests.contract.test_camera import ReadoutContract, ShutterContract, expose
+from tests.contract.test_camera import ReadoutContract, ShutterContract, expose, fetched
 from tests.dng_file import write_dng
 from tests.fake_serial import Edge, fake_line
 
@@ -92,7 +92,7 @@ class TestFolderReadout(ReadoutContract):
     def test_each_exposure_brings_its_own_file(self, rig: Rig, tmp_path: Path) -> None:
         for number in (1, 2, 3):
             expose(rig)
-            raw = rig.readout.fetch(tmp_path, f"photo-{number}", 5.0)
+            raw = fetched(rig, tmp_path, f"photo-{number}")
             assert np.all(read_raw(raw.path).planes == number)
 
 
@@ -127,7 +127,7 @@ class TestRealReadout(Hardware):
         opened = rig.shutter.open()
         rig.clock.sleep_until_ns(opened + 10**9)
         rig.shutter.close()
-        raw = rig.readout.fetch(tmp_path, "photo", rig.config.camera.fetch_timeout_s)
+        raw = fetched(rig, tmp_path, "photo", rig.config.camera.fetch_timeout_s)
         frame = read_raw(raw.path, sha256=raw.sha256, size_bytes=raw.size_bytes)
         assert frame.iso in (0, min(info.isos))
         assert frame.exposure_s == pytest.approx(1.0, abs=1.0)

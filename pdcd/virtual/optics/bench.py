@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pdcd.bench.tables import Config
 from pdcd.bench.truth import Truth, truth_of
-from pdcd.panels.frames import PIXELS, Frames
+from pdcd.panels.frames import PIXELS, Frames, check_row_times
 from pdcd.probing.wanted import Wanted
 from pdcd.virtual.optics.histories import Histories
 from pdcd.virtual.optics.lens import Lens
@@ -102,6 +102,7 @@ class OpticalBench:
     def photo(self, exposure: Exposure) -> Floats:
         """Light of one exposure at the quads, (rows, cols, 3) in scene units times seconds."""
         frames = exposure.frames
+        check_row_times(frames, exposure.log)
         lit, opened = (
             _kind(frames, bool(len(patterns)))
             for patterns in (frames.primal_patterns, frames.dual_patterns)

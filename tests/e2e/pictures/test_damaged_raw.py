@@ -51,6 +51,7 @@ def test_a_file_that_changes_after_it_was_fetched_fails_the_capture(
 
     def damaged(folder: Path, name: str, timeout_s: float) -> RawFile:
         raw = fetch(folder, name, timeout_s)
+        assert isinstance(raw, RawFile)
         if name.startswith("meter-") == first:
             flip(raw.path)
         return raw

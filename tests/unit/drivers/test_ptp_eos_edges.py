@@ -170,6 +170,35 @@ def test_an_exposure_is_overdue_ten_seconds_after_the_longest(rig: PtpRig) -> No
         rig.shutter.close()
 
 
+def test_an_exposure_that_was_told_of_is_ended_by_its_own_time(rig: PtpRig) -> None:
+    rig.shutter.expect_exposure(2.0, 34.0)
+    rig.shutter.open()
+    open_ns = rig.camera.bulb.since_ns
+    assert open_ns is not None
+    rig.clock.sleep_until_ns(open_ns + 34_000_000_000)
+    rig.camera.tick()
+    assert rig.body.shutter.is_open
+    rig.clock.sleep_until_ns(rig.clock.now_ns() + 1)
+    rig.camera.tick()
+    assert not rig.body.shutter.is_open
+    with pytest.raises(ExposureError, match="longer than the 34 s that it can take"):
+        rig.shutter.close()
+    rig.readout.arm(CameraSettings(100, None))
+    rig.shutter.open()  # of this one nothing is known
+    rig.clock.sleep_until_ns(rig.clock.now_ns() + 60_000_000_000)
+    rig.camera.tick()
+    assert rig.body.shutter.is_open
+    rig.shutter.close()
+
+
+def test_no_exposure_is_told_to_last_beyond_the_limit_of_all(rig: PtpRig) -> None:
+    rig.shutter.expect_exposure(2.0, 1e9)
+    rig.shutter.open()
+    rig.clock.sleep_until_ns(rig.clock.now_ns() + 611_000_000_000)
+    rig.camera.tick()
+    assert not rig.body.shutter.is_open
+
+
 def test_exposures_without_a_longest_one_are_not_overdue_after_a_day() -> None:
     longest = LimitsConfig(max_exposure_s=float("inf"))
     context = DriverContext(Config(limits=longest), VirtualClock())

@@ -303,6 +303,32 @@ def test_the_watchdog_leaves_an_exposure_in_time_alone(line: FakeLine, shutter: 
     assert line.levels("rts")[-2:] == [True, False]
 
 
+def test_the_watchdog_goes_by_the_time_of_the_exposure(line: FakeLine, shutter: Make) -> None:
+    box = shutter(limit_s=60.0)
+    box.connect()
+    released = threading.Event()
+    line.on_edge = lambda edge: None if edge.level else released.set()
+    box.expect_exposure(0.01, 0.02)
+    box.open()
+    assert released.wait(30.0)
+    with pytest.raises(ExposureError, match=r"it lasted 0\.02 s"):
+        box.close()
+    box.open()  # of this one nothing is known
+    (alarm,) = (t for t in threading.enumerate() if isinstance(t, threading.Timer))
+    assert alarm.interval == 60.0
+    box.close()
+
+
+def test_the_limit_bounds_what_is_told_of_an_exposure(line: FakeLine, shutter: Make) -> None:
+    box = shutter(limit_s=60.0)
+    box.connect()
+    box.expect_exposure(2.0, 1000.0)
+    box.open()
+    (alarm,) = (t for t in threading.enumerate() if isinstance(t, threading.Timer))
+    assert alarm.interval == 60.0
+    box.close()
+
+
 def test_the_limit_is_the_longest_exposure_and_half_a_minute() -> None:
     trigger = TriggerConfig(options={"port": "loop://"})
     config = Config(trigger=trigger, limits=LimitsConfig(max_exposure_s=100.0))

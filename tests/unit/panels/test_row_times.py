@@ -1,0 +1,163 @@
+"""Dark time and delays of single rows: carried where rows are, refused where they are not known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdcd.bench.devices import CameraSettings
+from pdcd.bench.exposure_time import with_times
+from pdcd.bench.tables import Config, PanelConfig
+from pdcd.capture.rig import Rig
+from pdcd.codes.make import make_codes
+from pdcd.errors import ConfigError
+from pdcd.panels.balance import joined, lit_weights
+from pdcd.panels.frames import FrameLog, Frames, check_row_times
+from pdcd.panels.pixels import PanelPictures, Shown
+from pdcd.panels.schedule import build_frames
+from pdcd.probing.pixel_matrix import pixel_factors
+from pdcd.probing.realised import bench_factors
+from pdcd.runs.frame_table import append_frames
+from pdcd.virtual.optics.bench import OpticalBench
+from pdcd.virtual.optics.products import Exposure
+from pdcd.virtual.scene.build import build_scene
+from tests import bench_rig
+
+GRID = bench_rig.GRID
+PANEL = PanelConfig(size_px=(40, 30))
+MS = 1_000_000
+
+
+def plain() -> tuple[Frames, FrameLog]:
+    codes = make_codes("balanced", GRID, 8, dual="complement")
+    frames = build_frames(bench_rig.pairs(codes), GRID, window="whole", schedule="both", passes=1)
+    rows = np.arange(len(frames), dtype=np.int32)
+    at = 16 * MS * np.arange(len(frames) + 1, dtype=np.int64)
+    none = np.zeros(len(frames), dtype=np.int32)
+    return frames, FrameLog(rows, rows, at[:-1], at[:-1], at[[-1, -1]], none, "test", True)
+
+
+def seconds(count: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.linspace(0.0, 1e-3, count)
+
+
+def having(part: Frames | FrameLog, name: str, value: object) -> Any:
+    """The same with one field changed."""
+    changed: Any = {name: value}
+    return replace(part, **changed)
+
+
+@pytest.mark.parametrize("name", ["dark_s", "delay_s"])
+def test_times_are_none_unless_somebody_gives_them(name: str) -> None:
+    frames, log = plain()
+    assert getattr(frames, name) is None and getattr(log, name) is None
+    check_row_times(frames, log)
+    for part in (frames, log):
+        check_row_times(having(part, name, np.zeros(len(part))))
+        with pytest.raises(ConfigError, match="of their own"):
+            check_row_times(having(part, name, -seconds(len(part))))
+
+
+def test_passes_that_are_joined_keep_them() -> None:
+    _, log = plain()
+    count = len(log)
+    dark = replace(log, dark_s=seconds(count))
+    whole = joined([log, dark, replace(log, delay_s=-seconds(count))])
+    assert whole.dark_s is not None and whole.delay_s is not None
+    none = np.zeros(count)
+    gap = np.zeros(1)
+    expected = [none, gap, seconds(count), gap, none]
+    np.testing.assert_array_equal(whole.dark_s, np.concatenate(expected))
+    expected = [none, gap, none, gap, -seconds(count)]
+    np.testing.assert_array_equal(whole.delay_s, np.concatenate(expected))
+    assert joined([log, log]).dark_s is None
+
+
+def weights(frames: Frames, log: FrameLog, folder: Path) -> object:
+    return lit_weights(frames, log, 60.0)
+
+
+def table(frames: Frames, log: FrameLog, folder: Path) -> object:
+    append_frames(folder / "frames.csv", "white", frames, log)
+    return None
+
+
+def matrix(frames: Frames, log: FrameLog, folder: Path) -> object:
+    return list(bench_factors(frames, log, PANEL, PANEL, open_ns=-MS, close_ns=10**9))
+
+
+def optics(frames: Frames, log: FrameLog, folder: Path) -> object:
+    config = bench_rig.config(folder, projector=PANEL, mask=PANEL)
+    bench = OpticalBench(config, build_scene(config.scene), GRID)
+    return bench.photo(Exposure(frames, log, -MS, 10**9))
+
+
+Use = Callable[[Frames, FrameLog, Path], object]
+
+
+@pytest.mark.parametrize("name", ["dark_s", "delay_s"])
+@pytest.mark.parametrize("use", [weights, table, matrix, optics])
+def test_nobody_passes_over_what_he_does_not_know(use: Use, name: str, tmp_path: Path) -> None:
+    frames, log = plain()
+    use(frames, log, tmp_path)
+    for some in (having(frames, name, seconds(len(frames))), frames):
+        other = log if some is not frames else having(log, name, seconds(len(log)))
+        with pytest.raises(ConfigError, match="of their own"):
+            use(some, other, tmp_path)
+
+
+def test_nor_do_pictures_of_pixels() -> None:
+    _, log = plain()
+    pictures = PanelPictures(
+        (40, 30), (np.zeros((30, 40), np.uint16),), np.zeros(len(log), np.int32)
+    )
+    given = {"grid": GRID, "open_ns": -MS, "close_ns": 10**9}
+    shown = Shown(pictures, pictures)
+    list(pixel_factors(shown, log, PANEL, PANEL, **given))  # type: ignore[arg-type]
+    dark = replace(log, dark_s=seconds(len(log)))
+    with pytest.raises(ConfigError, match="of their own"):
+        list(pixel_factors(shown, dark, PANEL, PANEL, **given))  # type: ignore[arg-type]
+
+
+def test_a_display_that_does_not_know_them_is_never_given_them(tmp_path: Path) -> None:
+    rig = Rig(bench_rig.config(tmp_path))
+    rig.connect()
+    frames = replace(plain()[0], dark_s=seconds(16))
+    with pytest.raises(ConfigError, match="of their own"):
+        rig.display.load(frames)
+    given: list[Frames] = []
+    rig.display.load = given.append  # type: ignore[method-assign,assignment]
+    settings = CameraSettings(100, 8.0)
+
+    def expose() -> None:
+        rig.expose(
+            frames, settings, tmp_path, "photo", notify=lambda _: None,
+            progress=lambda *_: None, cancelled=lambda: False,
+        )  # fmt: skip
+
+    with pytest.raises(ConfigError, match="of their own"):
+        expose()
+    assert given == []
+    assert rig.display_info is not None
+    rig.display_info = replace(rig.display_info, row_times=True)
+    with pytest.raises(ConfigError, match="no frames"):  # it goes on to play
+        expose()
+    assert given == [frames]
+    rig.disconnect()
+
+
+def test_dark_time_counts_in_the_planned_exposure() -> None:
+    frames, _ = plain()
+    config, settings = Config(), CameraSettings(100, 8.0)
+    bare = with_times(settings, config, frames, 60.0).exposure_s
+    dark = with_times(settings, config, replace(frames, dark_s=np.full(16, 0.25)), 60.0)
+    assert bare is not None and dark.exposure_s == pytest.approx(bare + 4.0)
+    slower = with_times(settings, config, frames, 30.0).exposure_s
+    settle_s = 2.0 * config.rig.settle_s
+    assert slower == pytest.approx(2.0 * (bare - settle_s) + settle_s)
+    assert bare == pytest.approx(len(frames) / 60.0 + settle_s)
